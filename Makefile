@@ -1,0 +1,55 @@
+# `make train` and `make test` need nothing before them: they make .venv first, once.
+SHELL := /bin/bash
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.setup-done
+PYTHON ?= $(shell for p in python3 python3.12 python3.11 python3.13; do \
+	"$$p" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null \
+	&& { echo "$$p"; break; }; done)
+
+TASK ?= pendulum
+ARGS ?=
+# Two workers share the kernel cache; a file stays on one worker, so that its kernels compile once.
+WORKERS ?= 2
+# One numerical thread per worker, or the workers fight over the cores.
+ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
+PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+CODE := $(wildcard setup.py simwarp tasks train tests scripts benchmarks examples)
+
+.PHONY: help setup train test test-slow lint format clean
+
+help:
+	@echo "make setup      virtual environment with everything in it (the others do this by themselves)"
+	@echo "make train      train a policy (TASK=$(TASK), ARGS='--num-envs 512')"
+	@echo "make test       tests (ARGS='-k name'); test-slow adds the slow ones"
+	@echo "make lint       ruff and mypy; format rewrites"
+
+setup: $(READY)
+
+$(READY): pyproject.toml setup.py constraints.txt scripts/setup_env.py
+	@test -n "$(PYTHON)" || { echo "setup: no Python 3.11 to 3.13 found; set PYTHON=/path/to/python" >&2; exit 1; }
+	@$(PYTHON) scripts/setup_env.py $(VENV)
+	@touch $@
+
+train: $(READY)
+	@$(BIN)/simwarp train $(TASK) $(ARGS)
+
+test: $(READY)
+	@$(PYTEST) -m "not slow" $(ARGS)
+
+test-slow: $(READY)
+	@$(PYTEST) $(ARGS)
+
+lint: $(READY)
+	@status=0; \
+	$(BIN)/ruff check $(CODE) || status=1; \
+	$(BIN)/ruff format --check $(CODE) || status=1; \
+	$(BIN)/python scripts/typecheck.py || status=1; \
+	exit $$status
+
+format: $(READY)
+	@$(BIN)/ruff check --fix $(CODE)
+	@$(BIN)/ruff format $(CODE)
+
+clean:
+	rm -rf build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache

@@ -1,0 +1,539 @@
+"""ModelBuilder: host-side lists of bodies, shafts, joints and couplings; `finalize` makes a Model of W worlds."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.elements import ELEMENTS
+from simwarp.rotation import frame_from_axis, frame_from_axes, quat_conjugate, quat_multiply, rotate
+from simwarp.types import (
+    WORLD,
+    Dof,
+    JointType,
+    ModelError,
+    Pose,
+    PositionDrive,
+    PrescribedPosition,
+    PrescribedSpeed,
+    Quat,
+    Table,
+    Vec3,
+    VelocityMotor,
+    finite_vector,
+    pose as make_pose,
+)
+
+if TYPE_CHECKING:
+    from simwarp.model import Model
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class BodySpec:
+    """One rigid body: mass [kg], inertia about its centre of mass in body axes [kg·m²], initial state (world)."""
+
+    name: str
+    mass: float
+    inertia: Array
+    pose: Pose
+    velocity: Array
+    omega: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """A frame on a body: origin [m] relative to the centre of mass and xyzw orientation, in body axes."""
+
+    position: Array
+    rotation: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class JointSpec:
+    """One element between frame 0 on body `parent` and frame 1 on body `child`.
+
+    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²].
+    """
+
+    name: str
+    type: JointType
+    parent: int
+    child: int
+    frame0: Frame
+    frame1: Frame
+    dofs: tuple[Dof, ...]
+    offset: float = 0.0
+    inertia: float = 0.0
+    initial_q: float = 0.0
+    initial_qd: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class CouplingSpec:
+    """sum of coefficient x coordinate = offset, over up to three degrees of freedom (public dof indices)."""
+
+    name: str
+    terms: tuple[tuple[int, float], ...]
+    offset: float | None
+
+
+MAX_COUPLING_TERMS = 3
+
+
+class ModelBuilder:
+    """Collects the bodies and joints of one world; every world of a Model shares this topology.
+
+    Poses, anchors and axes are given in world coordinates of the initial configuration [m, rad]. Joint frames
+    coincide in that configuration, so every joint coordinate starts at zero. Indices returned here are those
+    of the arrays of Model, State and Control.
+
+    Args:
+        gravity: acceleration [m/s²], world frame.
+    """
+
+    def __init__(self, gravity: Vec3 = (0.0, 0.0, -9.81)) -> None:
+        self.gravity = finite_vector("ModelBuilder", "gravity", gravity, 3)
+        self.bodies: list[BodySpec] = []
+        self.joints: list[JointSpec] = []
+        self.couplings: list[CouplingSpec] = []
+
+    # ---- nodes -------------------------------------------------------------------------------------------------
+
+    def add_body(
+        self,
+        name: str,
+        *,
+        mass: float,
+        inertia: Vec3 | Sequence[Sequence[float]] | Array,
+        pose: Pose | None = None,
+        velocity: Vec3 = (0.0, 0.0, 0.0),
+        omega: Vec3 = (0.0, 0.0, 0.0),
+    ) -> int:
+        """A rigid body; returns its index.
+
+        Args:
+            mass: [kg], > 0.
+            inertia: [kg·m²] about the centre of mass in body axes: three diagonal entries or a 3x3 matrix.
+            pose: of the centre of mass in the world; identity when None.
+            velocity: of the centre of mass [m/s], world frame.
+            omega: [rad/s], world frame.
+        """
+        thing = self._new_name("body", name, (body.name for body in self.bodies))
+        if not (math.isfinite(mass) and mass > 0.0):
+            raise ModelError(f"{thing}: mass must be > 0 kg, got {mass!r}; use WORLD for what never moves")
+        spec = BodySpec(
+            name,
+            float(mass),
+            _checked_inertia(thing, inertia),
+            pose if pose is not None else make_pose(),
+            finite_vector(thing, "velocity", velocity, 3),
+            finite_vector(thing, "omega", omega, 3),
+        )
+        self.bodies.append(spec)
+        return len(self.bodies) - 1
+
+    def add_shaft(
+        self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Any
+    ) -> int:
+        """A shaft: a node of one rotation, coupled to others by `add_coupling`; returns its joint index.
+
+        Args:
+            inertia: [kg·m²], > 0.
+            position: initial angle [rad].
+            speed: initial speed [rad/s].
+            options: the fields of `Dof`.
+        """
+        if not (math.isfinite(inertia) and inertia > 0.0):
+            raise ModelError(f"shaft '{name}': inertia must be > 0 kg·m², got {inertia!r}")
+        origin = Frame(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        dofs = (_dof_from_options(f"shaft '{name}'", options),)
+        return self._append(
+            JointSpec(
+                name, JointType.SHAFT, WORLD, WORLD, origin, origin, dofs,
+                inertia=float(inertia), initial_q=float(position), initial_qd=float(speed),
+            )
+        )  # fmt: skip
+
+    # ---- joints that can be eliminated ---------------------------------------------------------------------------
+
+    def add_joint_fixed(self, name: str, parent: int, child: int, *, anchor: Vec3 | None = None) -> int:
+        """No relative motion. `anchor` (default: the child's centre) is where the reaction is reported."""
+        return self._add(JointType.FIXED, name, parent, child, anchor, None, ())
+
+    def add_joint_revolute(
+        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, **options: Any
+    ) -> int:
+        """A hinge about `axis` through `anchor`; q [rad] turns the child positively about the axis.
+
+        Args:
+            axis: direction, world frame; any length but zero.
+            anchor: a point on the axis, world frame [m]; the child's centre when None.
+            options: the fields of `Dof` (limit, armature, stiffness, damping, friction, drive ...).
+        """
+        return self._add_single(JointType.REVOLUTE, name, parent, child, anchor, axis, options)
+
+    def add_joint_prismatic(
+        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, **options: Any
+    ) -> int:
+        """A slide along `axis`, fixed in the parent; q [m]. Arguments as for `add_joint_revolute`."""
+        return self._add_single(JointType.PRISMATIC, name, parent, child, anchor, axis, options)
+
+    def add_joint_spherical(
+        self, name: str, parent: int, child: int, *, anchor: Vec3, dofs: Sequence[Dof] = ()
+    ) -> int:
+        """A ball joint; q is the rotation vector [rad], qd the relative angular velocity, in axes of frame 0."""
+        return self._add(JointType.SPHERICAL, name, parent, child, anchor, None, dofs)
+
+    def add_joint_cylindrical(
+        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, dofs: Sequence[Dof] = ()
+    ) -> int:
+        """Slide along and turn about `axis`: q = (m, rad)."""
+        return self._add(JointType.CYLINDRICAL, name, parent, child, anchor, axis, dofs)
+
+    def add_joint_universal(
+        self, name: str, parent: int, child: int, *, anchor: Vec3, axis0: Vec3, axis1: Vec3, dofs: Sequence[Dof] = ()
+    ) -> int:
+        """A Cardan joint: `axis0` is fixed in the parent, `axis1` (perpendicular to it) in the child; q [rad, rad]."""
+        frame = frame_from_axes(f"joint '{name}'", axis0, axis1)
+        return self._add(JointType.UNIVERSAL, name, parent, child, anchor, None, dofs, rotation=frame)
+
+    def add_joint_planar(
+        self, name: str, parent: int, child: int, *, normal: Vec3, anchor: Vec3 | None = None, dofs: Sequence[Dof] = ()
+    ) -> int:
+        """Motion in the plane through `anchor` with `normal`: q = (m, m, rad); axes x, y of frame 0, then normal."""
+        return self._add(JointType.PLANAR, name, parent, child, anchor, normal, dofs)
+
+    def add_joint_free(self, name: str, child: int, *, anchor: Vec3 | None = None) -> int:
+        """Names the six coordinates of a floating body: q = (position of the frame in the world [m], rotation
+        vector [rad]), qd = (its velocity [m/s], angular velocity [rad/s]), all in world axes."""
+        position = make_pose().position if anchor is None else finite_vector(f"joint '{name}'", "anchor", anchor, 3)
+        identity = np.array([0.0, 0.0, 0.0, 1.0])
+        body = self._body(f"joint '{name}'", "child", child)
+        offset = rotate(quat_conjugate(body.pose.rotation), position - body.pose.position) if anchor is not None else 0.0
+        frame1 = Frame(np.zeros(3) + offset, identity)
+        return self._append(
+            JointSpec(name, JointType.FREE, WORLD, child, Frame(np.zeros(3), identity), frame1, (Dof(),) * 6)
+        )
+
+    # ---- elements that only add rows ------------------------------------------------------------------------------
+
+    def add_joint_point_on_plane(self, name: str, parent: int, child: int, *, anchor: Vec3, normal: Vec3) -> int:
+        """A point of the child stays in a plane of the parent."""
+        return self._add(JointType.POINT_ON_PLANE, name, parent, child, anchor, normal, ())
+
+    def add_joint_point_on_line(self, name: str, parent: int, child: int, *, anchor: Vec3, axis: Vec3) -> int:
+        """A point of the child stays on a line of the parent."""
+        return self._add(JointType.POINT_ON_LINE, name, parent, child, anchor, axis, ())
+
+    def add_joint_parallel(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
+        """An axis of the child stays parallel to one of the parent."""
+        return self._add(JointType.PARALLEL, name, parent, child, None, axis, ())
+
+    def add_joint_perpendicular(self, name: str, parent: int, child: int, *, axis0: Vec3, axis1: Vec3) -> int:
+        """`axis1` of the child stays perpendicular to `axis0` of the parent."""
+        thing = f"joint '{name}'"
+        frame_from_axes(thing, axis0, axis1)
+        return self._add(
+            JointType.PERPENDICULAR, name, parent, child, None, None, (),
+            rotation=frame_from_axis(thing, axis0), rotation1=frame_from_axis(thing, axis1),
+        )  # fmt: skip
+
+    def add_joint_oldham(self, name: str, parent: int, child: int, *, anchor: Vec3, normal: Vec3) -> int:
+        """Translation in a plane without relative rotation."""
+        return self._add(JointType.OLDHAM, name, parent, child, anchor, normal, ())
+
+    def add_joint_distance(
+        self,
+        name: str,
+        parent: int,
+        child: int,
+        *,
+        anchor0: Vec3,
+        anchor1: Vec3,
+        length: float | None = None,
+        limit: tuple[float, float] | None = None,
+    ) -> int:
+        """A massless rod between two points: its length is kept, or held within `limit` = (min, max) [m].
+
+        Args:
+            anchor0: the point of the parent, world frame.
+            anchor1: the point of the child, world frame.
+            length: [m]; the initial distance when None.
+        """
+        thing = f"joint '{name}'"
+        if limit is not None and length is not None:
+            raise ModelError(f"{thing}: give length (a rod) or limit (min, max), got both; drop one")
+        if limit is not None:
+            return self._add_line(name, parent, child, anchor0, anchor1, (Dof(limit=limit),))
+        distance = _distance(thing, anchor0, anchor1)
+        offset = distance if length is None else float(length)
+        if not offset > 0.0:
+            raise ModelError(f"{thing}: length must be > 0 m, got {offset}; use add_joint_spherical for length 0")
+        return self._add(
+            JointType.ROD, name, parent, child, anchor0, None, (), anchor1=anchor1, offset=offset
+        )
+
+    def add_joint_revolute_spherical(
+        self, name: str, parent: int, child: int, *, anchor0: Vec3, axis: Vec3, anchor1: Vec3
+    ) -> int:
+        """A massless link: hinged to the parent at `anchor0` about `axis`, a ball at `anchor1` of the child.
+        The link is perpendicular to the axis."""
+        offset = _distance(f"joint '{name}'", anchor0, anchor1)
+        return self._add(
+            JointType.REVOLUTE_SPHERICAL, name, parent, child, anchor0, axis, (), anchor1=anchor1, offset=offset
+        )
+
+    def add_joint_revolute_translational(
+        self, name: str, parent: int, child: int, *, anchor0: Vec3, axis: Vec3, anchor1: Vec3, direction: Vec3
+    ) -> int:
+        """A massless link: hinged to the parent at `anchor0` about `axis`; the child slides along the direction
+        perpendicular to both `axis` and `direction`, at the initial distance along `direction`."""
+        thing = f"joint '{name}'"
+        rotation1 = frame_from_axes(thing, direction, np.cross(axis, direction))
+        x1 = np.asarray(direction, float) / np.linalg.norm(direction)
+        offset = float(np.dot(np.subtract(anchor1, anchor0), x1))
+        return self._add(
+            JointType.REVOLUTE_TRANSLATIONAL, name, parent, child, anchor0, axis, (),
+            anchor1=anchor1, rotation1=rotation1, offset=offset,
+        )  # fmt: skip
+
+    def add_spring(
+        self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, **options: Any
+    ) -> int:
+        """A translational spring-damper-actuator: its coordinate is the length [m]; `rest` defaults to the
+        initial length, `joint_force` pushes the ends apart [N], `limit` are hard bump stops.
+
+        Args:
+            options: the fields of `Dof`.
+        """
+        options.setdefault("rest", _distance(f"spring '{name}'", anchor0, anchor1))
+        return self._add_line(name, parent, child, anchor0, anchor1, (_dof_from_options(f"spring '{name}'", options),))
+
+    def add_bushing(
+        self,
+        name: str,
+        parent: int,
+        child: int,
+        *,
+        anchor: Vec3,
+        rotation: Quat = (0.0, 0.0, 0.0, 1.0),
+        stiffness: Sequence[float],
+        damping: Sequence[float] = (0.0,) * 6,
+    ) -> int:
+        """Six compliant rows: stiffness [N/m x3, N·m/rad x3] and damping along and about the frame's axes."""
+        thing = f"bushing '{name}'"
+        k = finite_vector(thing, "stiffness", stiffness, 6)
+        d = finite_vector(thing, "damping", damping, 6)
+        dofs = tuple(Dof(stiffness=float(a), damping=float(b)) for a, b in zip(k, d, strict=True))
+        frame = make_pose(rotation=rotation).rotation
+        return self._add(JointType.BUSHING, name, parent, child, anchor, None, dofs, rotation=frame)
+
+    def add_coupling(
+        self, name: str, terms: Iterable[tuple[int, float] | tuple[int, int, float]], *, offset: float | None = None
+    ) -> int:
+        """One bilateral row on coordinates: sum of coefficient x q = offset (the initial value when None).
+
+        Gears, racks, screws, belts and planetary sets are couplings: see `add_gear`, `add_rack`, `add_screw`.
+
+        Args:
+            terms: (joint, coefficient) or (joint, local dof, coefficient), at most three.
+        """
+        thing = self._new_name("coupling", name, (coupling.name for coupling in self.couplings))
+        resolved = tuple(self._term(thing, term) for term in terms)
+        if not 1 <= len(resolved) <= MAX_COUPLING_TERMS:
+            raise ModelError(f"{thing}: needs 1 to {MAX_COUPLING_TERMS} terms, got {len(resolved)}; chain couplings")
+        self.couplings.append(CouplingSpec(name, resolved, None if offset is None else float(offset)))
+        return len(self.couplings) - 1
+
+    def add_gear(self, name: str, joint0: int, joint1: int, *, ratio: float) -> int:
+        """q1 = ratio · q0 (negative for external teeth)."""
+        return self.add_coupling(name, [(joint0, ratio), (joint1, -1.0)])
+
+    def add_rack(self, name: str, pinion: int, rack: int, *, radius: float) -> int:
+        """q_rack = radius · q_pinion [m per rad]."""
+        return self.add_coupling(name, [(pinion, radius), (rack, -1.0)])
+
+    def add_screw(self, name: str, cylindrical: int, *, lead: float) -> int:
+        """The slide of a cylindrical joint advances `lead` [m] per turn."""
+        return self.add_coupling(name, [(cylindrical, 0, -1.0), (cylindrical, 1, lead / (2.0 * math.pi))])
+
+    # ---- finish --------------------------------------------------------------------------------------------------
+
+    @property
+    def dof_count(self) -> int:
+        """Number of joint coordinates: the second axis of `joint_q`."""
+        return sum(len(ELEMENTS[joint.type].dofs) for joint in self.joints)
+
+    def dof_start(self, joint: int) -> int:
+        """First column of `joint_q` that belongs to `joint`."""
+        return sum(len(ELEMENTS[spec.type].dofs) for spec in self.joints[:joint])
+
+    def finalize(self, world_count: int, device: str | None = None, *, per_world: Iterable[str] = ()) -> Model:
+        """The Model of `world_count` worlds on `device` ("cpu", "cuda:0"; the best there is when None).
+
+        Args:
+            per_world: names of Model arrays that get a copy per world, to be randomised (`Model.PARAMETERS`).
+
+        Raises:
+            ModelError: the worlds, the device or the topology are not usable; says which and why.
+        """
+        from simwarp.model import Model
+
+        return Model.from_builder(self, world_count, device, per_world=per_world)
+
+    # ---- checks --------------------------------------------------------------------------------------------------
+
+    def _new_name(self, kind: str, name: str, taken: Iterable[str]) -> str:
+        if not isinstance(name, str) or not name:
+            raise ModelError(f"{kind}: name must be a non-empty string, got {name!r}")
+        if name in set(taken):
+            raise ModelError(f"{kind} '{name}': the name is taken by another {kind}; choose one of its own")
+        return f"{kind} '{name}'"
+
+    def _body(self, thing: str, role: str, index: int) -> BodySpec:
+        if not isinstance(index, (int, np.integer)) or isinstance(index, bool) or not 0 <= index < len(self.bodies):
+            raise ModelError(
+                f"{thing}: {role} must be a body index in 0..{len(self.bodies) - 1} or WORLD, got {index!r}; "
+                "pass what add_body returned"
+            )
+        return self.bodies[index]
+
+    def _pose_of(self, thing: str, role: str, index: int) -> Pose:
+        return make_pose() if index == WORLD else self._body(thing, role, index).pose
+
+    def _frame(self, thing: str, role: str, body: int, anchor: Array, rotation: Array) -> Frame:
+        body_pose = self._pose_of(thing, role, body)
+        inverse = quat_conjugate(body_pose.rotation)
+        return Frame(rotate(inverse, anchor - body_pose.position), quat_multiply(inverse, rotation))
+
+    def _add_single(
+        self, kind: JointType, name: str, parent: int, child: int, anchor: Vec3 | None, axis: Vec3,
+        options: Mapping[str, Any],
+    ) -> int:  # fmt: skip
+        return self._add(kind, name, parent, child, anchor, axis, (_dof_from_options(f"joint '{name}'", options),))
+
+    def _add_line(
+        self, name: str, parent: int, child: int, anchor0: Vec3, anchor1: Vec3, dofs: Sequence[Dof]
+    ) -> int:
+        _distance(f"joint '{name}'", anchor0, anchor1)
+        return self._add(JointType.LINE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
+
+    def _add(
+        self, kind: JointType, name: str, parent: int, child: int, anchor: Vec3 | None, axis: Vec3 | None,
+        dofs: Sequence[Dof], *, anchor1: Vec3 | None = None, rotation: Array | None = None,
+        rotation1: Array | None = None, offset: float = 0.0,
+    ) -> int:  # fmt: skip
+        thing = f"joint '{name}'"
+        child_pose = self._pose_of(thing, "child", child)
+        self._pose_of(thing, "parent", parent)
+        if parent == child:
+            raise ModelError(f"{thing}: parent and child must differ, got {parent} for both")
+        point = child_pose.position if anchor is None else finite_vector(thing, "anchor", anchor, 3)
+        point1 = point if anchor1 is None else finite_vector(thing, "anchor1", anchor1, 3)
+        if rotation is None:
+            rotation = np.array([0.0, 0.0, 0.0, 1.0]) if axis is None else frame_from_axis(thing, axis)
+        count = len(ELEMENTS[kind].dofs)
+        if len(dofs) not in (0, count):
+            raise ModelError(f"{thing}: dofs must have {count} entries for a {kind.name} joint, got {len(dofs)}")
+        checked = tuple(_checked_dof(thing, dof) for dof in dofs) or (Dof(),) * count
+        return self._append(
+            JointSpec(
+                name, kind, int(parent), int(child),
+                self._frame(thing, "parent", parent, point, rotation),
+                self._frame(thing, "child", child, point1, rotation if rotation1 is None else rotation1),
+                checked, offset=offset,
+            )
+        )  # fmt: skip
+
+    def _append(self, spec: JointSpec) -> int:
+        self._new_name("joint", spec.name, (joint.name for joint in self.joints))
+        self.joints.append(spec)
+        return len(self.joints) - 1
+
+    def _term(self, thing: str, term: tuple[int, float] | tuple[int, int, float]) -> tuple[int, float]:
+        joint, local, coefficient = (term[0], 0, term[1]) if len(term) == 2 else term
+        if not 0 <= joint < len(self.joints):
+            raise ModelError(f"{thing}: joint must be in 0..{len(self.joints) - 1}, got {joint!r}")
+        count = len(ELEMENTS[self.joints[joint].type].dofs)
+        if not 0 <= local < count:
+            raise ModelError(
+                f"{thing}: joint '{self.joints[joint].name}' has {count} coordinates, got index {local}; "
+                "couple joints that have coordinates"
+            )
+        return self.dof_start(joint) + int(local), float(coefficient)
+
+
+def _distance(thing: str, anchor0: Vec3, anchor1: Vec3) -> float:
+    p0, p1 = finite_vector(thing, "anchor0", anchor0, 3), finite_vector(thing, "anchor1", anchor1, 3)
+    distance = float(np.linalg.norm(p1 - p0))
+    if distance < 1e-9:
+        raise ModelError(f"{thing}: anchor0 and anchor1 must be apart, got {distance} m between them")
+    return distance
+
+
+def _checked_inertia(thing: str, inertia: Any) -> Array:
+    matrix = np.asarray(inertia, dtype=np.float64)
+    if matrix.shape == (3,):
+        matrix = np.diag(matrix)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise ModelError(f"{thing}: inertia must be 3 diagonal entries or a 3x3 matrix [kg·m²], got {inertia!r}")
+    if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-12):
+        raise ModelError(f"{thing}: inertia must be symmetric, got {inertia!r}; symmetrise it")
+    values = np.linalg.eigvalsh(matrix)
+    if values[0] <= 0.0:
+        raise ModelError(f"{thing}: inertia must be positive definite, got principal values {values.tolist()}")
+    # 1 % of slack: published tables are rounded
+    if values[2] > (values[0] + values[1]) * 1.01:
+        raise ModelError(
+            f"{thing}: principal inertias must obey a + b >= c, got {values.tolist()}; check units and axes"
+        )
+    return 0.5 * (matrix + matrix.T)
+
+
+def _dof_from_options(thing: str, options: Mapping[str, Any]) -> Dof:
+    known = [field.name for field in dataclasses.fields(Dof)]
+    for key in options:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
+            raise ModelError(f"{thing}: unknown option '{key}'; {hint}")
+    return _checked_dof(thing, Dof(**options))
+
+
+def _checked_dof(thing: str, dof: Dof) -> Dof:
+    for field in ("armature", "stiffness", "damping", "friction"):
+        value = getattr(dof, field)
+        if not (math.isfinite(value) and value >= 0.0):
+            raise ModelError(f"{thing}: {field} must be finite and >= 0, got {value!r}")
+    if dof.limit is not None:
+        lower, upper = dof.limit
+        if not lower < upper:
+            raise ModelError(f"{thing}: limit must be (lower, upper) with lower < upper, got {dof.limit!r}")
+    for field in ("spring_table", "damper_table"):
+        _check_table(f"{thing}: {field}", getattr(dof, field))
+    drive = dof.drive
+    if isinstance(drive, PositionDrive | VelocityMotor) and not drive.effort_limit > 0.0:
+        raise ModelError(f"{thing}: drive effort_limit must be > 0, got {drive.effort_limit!r}")
+    if isinstance(drive, VelocityMotor) and not math.isfinite(drive.effort_limit):
+        raise ModelError(f"{thing}: a VelocityMotor needs a finite effort_limit; use PrescribedSpeed for none")
+    if isinstance(drive, PositionDrive) and not (drive.stiffness >= 0.0 and drive.damping >= 0.0):
+        raise ModelError(f"{thing}: drive gains must be >= 0, got {drive!r}")
+    if isinstance(drive, PrescribedPosition | PrescribedSpeed):
+        _check_table(f"{thing}: drive table", drive.table)
+    return dof
+
+
+def _check_table(thing: str, table: Table | None) -> None:
+    if table is None:
+        return
+    x, y = np.asarray(table[0], float), np.asarray(table[1], float)
+    if x.ndim != 1 or x.shape != y.shape or len(x) < 2 or not (np.diff(x) > 0).all() or not np.isfinite(y).all():
+        raise ModelError(f"{thing} must be two equally long sequences with increasing abscissae, got {table!r}")

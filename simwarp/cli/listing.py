@@ -1,0 +1,57 @@
+"""``simwarp list``."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.util
+from typing import Any
+
+from simwarp.cli import DONE
+from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.tasks import task_class, task_names
+
+_CATALOGUES = {
+    "vehicles": "simwarp.vehicle.catalogue",
+    "sensors": "simwarp.sensors.catalogue",
+    "scenes": "simwarp.scenes",
+}
+"""Section -> module whose ``catalogue()`` returns name -> one line. A missing module is an empty section."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ListOptions(CommonOptions):
+    """What there is: tasks, vehicles, sensors and scenes."""
+
+
+def catalogue(module: str) -> dict[str, str]:
+    """Return the entries of a section; none where the module or its parent does not exist."""
+    try:
+        if importlib.util.find_spec(module) is None:
+            return {}
+    except ModuleNotFoundError:
+        return {}
+    entries: Any = getattr(importlib.import_module(module), "catalogue", None)
+    return dict(entries()) if callable(entries) else {}
+
+
+def run(arguments: list[str]) -> int:
+    """Print the catalogue."""
+    options = parse_options(ListOptions, arguments, "simwarp list")
+    options.check()
+    sections = {"tasks": {name: task_class(name).summary for name in task_names()}}
+    sections |= {section: catalogue(module) for section, module in _CATALOGUES.items()}
+    console = options.console()
+    width = max((len(name) for entries in sections.values() for name in entries), default=0)
+    for section, entries in sections.items():
+        if entries:
+            console.print(section, style="bold")
+        for name, line in entries.items():
+            console.print(f"  {name:<{width}}  {line}", highlight=False, markup=False, soft_wrap=True)
+    options.emit(
+        {
+            section: [{"name": name, "summary": line} for name, line in entries.items()]
+            for section, entries in sections.items()
+        }
+    )
+    return DONE

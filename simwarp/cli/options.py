@@ -1,0 +1,179 @@
+"""From command-line arguments to typed options, with one clear line for whatever is wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import difflib
+import io
+import json
+import math
+import sys
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import tyro
+from rich.console import Console
+
+from simwarp.cli import UsageError, one_line
+
+OptionsT = TypeVar("OptionsT")
+
+FLAT = tyro.conf.arg(name="")
+"""Marks a nested dataclass whose fields are options without a prefix."""
+
+
+@dataclasses.dataclass(frozen=True)
+class CommonOptions:
+    """Options that every command has."""
+
+    json: str | None = None
+    """Write machine-readable results to this file; - is standard output, and text then goes to standard error."""
+    debug: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Show tracebacks of errors."""
+
+    def console(self) -> Console:
+        """Return where text for people goes."""
+        return Console(stderr=self.json == "-")
+
+    def check(self) -> None:
+        """Refuse a JSON file that cannot be written, before any work is done."""
+        if self.json not in (None, "-"):
+            folder = Path(str(self.json)).parent
+            if not folder.is_dir():
+                raise UsageError(f"cannot write '{self.json}': folder {folder} does not exist")
+
+    def emit(self, content: Mapping[str, Any]) -> None:
+        """Write the results where ``--json`` asks for them."""
+        if self.json is None:
+            return
+        text = json.dumps(_finite(content), indent=2) + "\n"
+        if self.json == "-":
+            sys.stdout.write(text)
+            sys.stdout.flush()
+            return
+        try:
+            Path(self.json).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"cannot write '{self.json}': {error.strerror}") from error
+
+
+def _finite(value: Any) -> Any:
+    """Return ``value`` with NaN and infinity as null: JSON has no words for them."""
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def task_options(name: str, base: type[Any], **nested: Any) -> type[Any]:
+    """Return ``base`` with further fields whose defaults are configurations.
+
+    Args:
+        name: name of the new dataclass.
+        base: a frozen dataclass with defaults.
+        nested: field -> default configuration; a name that starts with ``flat_`` gets no option prefix.
+    """
+    fields: list[tuple[str, Any, Any]] = []
+    for field, default in nested.items():
+        kind: Any = type(default)
+        fields.append((field, Annotated[kind, FLAT] if field.startswith("flat_") else kind, _default(default)))
+    return dataclasses.make_dataclass(name, fields, bases=(base,), frozen=True)
+
+
+def _default(value: Any) -> Any:
+    return dataclasses.field(default=value)
+
+
+def take_task(arguments: list[str], command: str, known: Iterable[str]) -> tuple[str, list[str]]:
+    """Split the TASK off the arguments: the first one, or the first that names a known task.
+
+    Raises:
+        UsageError: there is none.
+    """
+    known = list(known)
+    if arguments and not arguments[0].startswith("-"):
+        return arguments[0], arguments[1:]
+    for index, argument in enumerate(arguments):
+        if argument in known:
+            return argument, arguments[:index] + arguments[index + 1 :]
+    if {"-h", "--help"} & set(arguments):
+        print(f"usage: simwarp {command} TASK [options]\n\ntasks: {', '.join(known)}")
+        print(f"\n`simwarp {command} TASK --help` lists the options, which depend on the task.")
+        raise SystemExit(0)
+    raise UsageError(f"which task? usage: simwarp {command} TASK [options]; tasks: {', '.join(known)}")
+
+
+def option_value(arguments: list[str], name: str) -> str | None:
+    """Return the value of one option before the others are parsed, since their defaults depend on it."""
+    for index, argument in enumerate(arguments):
+        if argument == name and index + 1 < len(arguments):
+            return arguments[index + 1]
+        if argument.startswith(f"{name}="):
+            return argument.partition("=")[2]
+    return None
+
+
+def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> OptionsT:
+    """Parse arguments into a dataclass.
+
+    Raises:
+        UsageError: an option is unknown, or its value is wrong.
+        SystemExit: help was asked for and printed.
+    """
+    errors = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(errors):
+            return tyro.cli(
+                kind, prog=program, args=arguments, config=(tyro.conf.EnumChoicesFromValues,), compact_help=False
+            )
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        raise UsageError(_explain(_message(errors.getvalue()), option_names(kind))) from None
+
+
+def _message(box: str) -> str:
+    """Return the first paragraph of tyro's framed error in one line."""
+    lines = []
+    for line in box.splitlines():
+        text = line.strip().strip("│╭╮╰╯").strip()
+        if not text or line.lstrip().startswith(("╭", "╰")):
+            continue
+        if set(text) <= {"─", "-"}:
+            break
+        lines.append(text)
+    return one_line(" ".join(lines)) or "wrong options"
+
+
+def _explain(message: str, names: list[str]) -> str:
+    """Return tyro's message; for an unknown option our own, with the names that come near."""
+    head, _, rest = message.partition(":")
+    if not head.lower().startswith("unrecognized"):
+        return message
+    words = [word.strip(",") for word in rest.split()]
+    unknown = [word.partition("=")[0] for word in words if word.startswith("-")]
+    if not unknown:
+        return f"unexpected argument '{words[0] if words else rest}'; see --help"
+    close = difflib.get_close_matches(unknown[0], names, n=3)
+    hint = f"did you mean {' or '.join(close)}?" if close else "see --help"
+    return f"unknown option {unknown[0]}; {hint}"
+
+
+def option_names(kind: type[Any], prefix: str = "") -> list[str]:
+    """Return the options a dataclass has on the command line."""
+    names = []
+    hints = typing.get_type_hints(kind, include_extras=True)
+    for field in dataclasses.fields(kind):
+        hint = hints[field.name]
+        flat = FLAT in getattr(hint, "__metadata__", ())
+        inner = typing.get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
+        word = field.name.replace("_", "-")
+        if dataclasses.is_dataclass(inner) and isinstance(inner, type):
+            names += option_names(inner, prefix if flat else f"{prefix}{word}.")
+        else:
+            names.append(f"--{prefix}{word}")
+    return names

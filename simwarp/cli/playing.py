@@ -1,0 +1,64 @@
+"""``simwarp play``."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from simwarp.cli import DONE, UsageError
+from simwarp.cli.evaluating import policy_defaults
+from simwarp.cli.options import CommonOptions, parse_options, take_task, task_options
+from simwarp.tasks import make, resolve_device, task_class, task_names
+
+
+@dataclasses.dataclass(frozen=True)
+class PlayOptions(CommonOptions):
+    """Show a policy at work: a picture, or a video where --video names one."""
+
+    video: Path | None = None
+    """File to write: .gif, .mp4 (needs imageio-ffmpeg) or .png; by default TASK.png in the working folder."""
+    checkpoint: Path | None = None
+    """Checkpoint file or run folder; by default the newest run of the task, else the shipped policy."""
+    num_envs: int = 4
+    """Worlds shown, at most 64."""
+    seconds: float = 5.0
+    """Time shown [s]."""
+    seed: int = 1_000_003
+    """Seed of the worlds."""
+    device: str = "auto"
+    """cpu, cuda, cuda:N or auto."""
+    runs: Path = Path("runs")
+    """Folder of the run folders."""
+
+
+def run(arguments: list[str]) -> int:
+    """Play as the arguments say."""
+    name, arguments = take_task(arguments, "play", task_names())
+    cls = task_class(name)
+    import torch
+
+    from simwarp.train.config import task_config_from_plain
+    from simwarp.train.play import VIDEO_SUFFIXES, check_video_path, record, write_picture, write_video
+    from simwarp.train.policies import find_policy, network_policy
+
+    torch.set_num_threads(1)
+    source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
+    options: Any = parse_options(
+        task_options("PlayCommand", PlayOptions, task=config or cls.config_type()), arguments, f"simwarp play {name}"
+    )
+    options.check()
+    if not 1 <= options.num_envs <= 64:
+        raise UsageError(f"num-envs must be from 1 to 64, got {options.num_envs}")
+    target = options.video or Path(f"{name}.png")
+    check_video_path(target)
+    task = make(name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task)
+    frames, drawing, total = record(task, network_policy(source.content, task), options.seconds, options.seed)
+    write = write_video if target.suffix.lower() in VIDEO_SUFFIXES else write_picture
+    write(target, task, drawing, frames, name)
+    console = options.console()
+    console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
+    console.print(f"mean return over {frames[-1].time:.1f} s: {total:.1f}", highlight=False)
+    console.print(f"wrote {target}", highlight=False, soft_wrap=True)
+    options.emit({"task": name, "video": str(target), "return": total, "checkpoint": str(source.path)})
+    return DONE

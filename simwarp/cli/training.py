@@ -1,0 +1,57 @@
+"""``simwarp train``."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from simwarp.cli import DONE, INTERRUPTED
+from simwarp.cli.options import CommonOptions, option_value, parse_options, take_task, task_options
+from simwarp.tasks import task_class, task_names
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainOptions(CommonOptions):
+    """Train a policy. The run folder gets checkpoints, TensorBoard events, progress.csv and a learning curve."""
+
+    resume: Path | None = None
+    """Run folder to go on with; its configuration is the default of all other options."""
+    runs: Path = Path("runs")
+    """Folder in which run folders are made, as TASK/TIME."""
+
+
+def run(arguments: list[str]) -> int:
+    """Train as the arguments say; 130 after an interruption."""
+    name, arguments = take_task(arguments, "train", task_names())
+    cls = task_class(name)
+    # Only now what takes seconds to import: an unknown task is known at once
+    from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
+    from simwarp.train.run_folder import open_run
+    from simwarp.train.training import train
+
+    config, task_config = default_config(cls), cls.config_type()
+    resume = option_value(arguments, "--resume")
+    if resume is not None:
+        saved = open_run(Path(resume)).load_config()
+        if saved["task"] == name:
+            config = train_config_from_plain(saved["train_config"])
+            task_config = task_config_from_plain(cls, saved["task_config"])
+    kind = task_options("TrainCommand", TrainOptions, flat_train=config, task=task_config)
+    options: Any = parse_options(kind, arguments, f"simwarp train {name}")
+    options.check()
+    console = options.console()
+    result = train(name, options.flat_train, options.task, root=options.runs, resume=options.resume, console=console)
+    options.emit(dataclasses.asdict(result))
+    state = "interrupted and saved" if result.interrupted else "done"
+    console.print(
+        f"{state} after {result.iterations} iterations, {result.env_steps:,} env steps, {result.wall_s:.0f} s",
+        highlight=False,
+    )
+    console.print(f"run folder      {result.run}", highlight=False, soft_wrap=True)
+    console.print(f"learning curve  {result.picture}", highlight=False, soft_wrap=True)
+    if result.interrupted:
+        console.print(f"go on with      simwarp train {name} --resume {result.run}", highlight=False, soft_wrap=True)
+        return INTERRUPTED
+    console.print(f"next            simwarp eval {name}  or  simwarp play {name}", highlight=False, soft_wrap=True)
+    return DONE

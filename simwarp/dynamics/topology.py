@@ -1,0 +1,263 @@
+"""Spanning tree and level-ordered tables of a model: computed once on the host, shared by all worlds.
+
+A maximum spanning tree over the joints, weighted by the rows that elimination saves, keeps the loop system small;
+joints whose coordinates carry laws or couplings are preferred, since a slot serves them for free.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.elements import ELEMENTS, Row
+from simwarp.types import (
+    WORLD,
+    BoundedKind,
+    Dof,
+    DriveMode,
+    JointType,
+    ModelError,
+    PositionDrive,
+    PrescribedPosition,
+    PrescribedSpeed,
+    Table,
+    VelocityMotor,
+)
+
+if TYPE_CHECKING:
+    from simwarp.builder import JointSpec, ModelBuilder
+
+IntArray = npt.NDArray[np.int32]
+NOT_COUPLABLE: Final = (JointType.FREE, JointType.SPHERICAL, JointType.BUSHING)
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """A node of the tree: a body or a shaft, with the joint that ties it to its parent link."""
+
+    body: int
+    parent: int
+    joint: int
+    type: JointType
+    sign: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Tables:
+    """The tables of `kernels.tables.Topology` as lists, before they go to a device."""
+
+    links: list[Link]
+    link_slot: list[int]
+    slot_dof: list[int]
+    slot_link: list[int]
+    dof_slot: list[int]
+    loop_joint: list[int]
+    loop_row: list[int]
+    rows: list[Row]
+    row_dof: list[int]
+    loop_dof: list[int]
+    bounded: list[tuple[int, BoundedKind]]
+
+    @property
+    def row_count(self) -> int:
+        """Rows of loop joints, compliant rows included, couplings not."""
+        return len(self.rows)
+
+
+def drive_mode(dof: Dof) -> DriveMode:
+    """The DriveMode of a degree of freedom's drive."""
+    match dof.drive:
+        case None:
+            return DriveMode.NONE
+        case PositionDrive():
+            return DriveMode.POSITION
+        case VelocityMotor():
+            return DriveMode.VELOCITY
+        case PrescribedPosition():
+            return DriveMode.PRESCRIBED_POSITION
+        case PrescribedSpeed():
+            return DriveMode.PRESCRIBED_SPEED
+
+
+def has_law(dof: Dof) -> bool:
+    """Whether the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
+    mode = drive_mode(dof)
+    passive = (dof.armature, dof.stiffness, dof.damping, dof.preload)
+    return (
+        any(value != 0.0 for value in passive)
+        or dof.spring_table is not None
+        or dof.damper_table is not None
+        or mode in (DriveMode.POSITION, DriveMode.PRESCRIBED_POSITION, DriveMode.PRESCRIBED_SPEED)
+    )
+
+
+def build_tables(builder: ModelBuilder, dropped_rows: frozenset[tuple[int, int]] = frozenset()) -> Tables:
+    """Tables of the builder's model.
+
+    Args:
+        dropped_rows: (joint, row of its element) pairs left out because they are redundant by structure.
+    """
+    dof_start = _dof_starts(builder)
+    coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
+    tree = _spanning_tree(builder, dof_start, coupled)
+    links = _ordered_links(builder, tree)
+    link_slot, slot_dof, slot_link = [0], [], []
+    dof_slot = [-1] * builder.dof_count
+    for index, link in enumerate(links):
+        count = len(ELEMENTS[link.type].dofs)
+        for local in range(count):
+            dof = -1 if link.joint < 0 else dof_start[link.joint] + local
+            if dof >= 0:
+                dof_slot[dof] = len(slot_dof)
+            slot_dof.append(dof)
+            slot_link.append(index)
+        link_slot.append(len(slot_dof))
+    _check_couplings(builder, dof_slot, dof_start)
+    in_tree = {link.joint for link in links}
+    loop_joint, loop_row, rows, row_dof, loop_dof = [], [0], [], [], []
+    for joint, spec in enumerate(builder.joints):
+        if spec.type == JointType.FREE:
+            loop_dof += range(dof_start[joint], dof_start[joint] + 6)
+        if joint in in_tree:
+            continue
+        before = len(rows)
+        for position, row in enumerate(ELEMENTS[spec.type].rows):
+            if (joint, position) not in dropped_rows:
+                rows.append(row)
+                row_dof.append(-1)
+        for local, (row, dof) in enumerate(zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)):
+            if has_law(dof) or spec.type in (JointType.LINE, JointType.BUSHING) and _passive(dof):
+                rows.append(row)
+                row_dof.append(dof_start[joint] + local)
+            else:
+                loop_dof.append(dof_start[joint] + local)
+        if len(rows) > before:
+            loop_joint.append(joint)
+            loop_row.append(len(rows))
+    bounded = _bounded_rows(builder, dof_start)
+    return Tables(
+        links, link_slot, slot_dof, slot_link, dof_slot, loop_joint, loop_row, rows, row_dof, loop_dof, bounded
+    )
+
+
+def collect_tables(builder: ModelBuilder) -> tuple[list[Table], IntArray]:
+    """All tables of the model, and their indices per degree of freedom (dofs, 3): spring, damper, motion."""
+    tables: list[Table] = []
+    index = np.full((builder.dof_count, 3), -1, np.int32)
+    dofs = [dof for joint in builder.joints for dof in joint.dofs]
+    for row, dof in enumerate(dofs):
+        motion = dof.drive.table if isinstance(dof.drive, PrescribedPosition | PrescribedSpeed) else None
+        for column, table in enumerate((dof.spring_table, dof.damper_table, motion)):
+            if table is not None:
+                index[row, column] = len(tables)
+                tables.append(table)
+    return tables, index
+
+
+def _passive(dof: Dof) -> bool:
+    return dof.spring_table is not None or dof.damper_table is not None or dof.stiffness > 0 or dof.damping > 0
+
+
+def _dof_starts(builder: ModelBuilder) -> list[int]:
+    starts, total = [], 0
+    for joint in builder.joints:
+        starts.append(total)
+        total += len(ELEMENTS[joint.type].dofs)
+    return starts
+
+
+def _spanning_tree(builder: ModelBuilder, dof_start: list[int], coupled: set[int]) -> set[int]:
+    """Joints of a maximum spanning forest (Kruskal); ties keep the order in which joints were added."""
+
+    def weight(joint: int) -> tuple[int, int]:
+        spec = builder.joints[joint]
+        count = len(spec.dofs)
+        is_coupled = any(dof_start[joint] + local in coupled for local in range(count))
+        laws = sum(has_law(dof) for dof in spec.dofs)
+        return (100 * is_coupled + len(ELEMENTS[spec.type].rows) + laws, -joint)
+
+    group = list(range(len(builder.bodies) + 1))  # the last is the world
+
+    def root(node: int) -> int:
+        while group[node] != node:
+            group[node] = group[group[node]]
+            node = group[node]
+        return node
+
+    eligible = [j for j, spec in enumerate(builder.joints) if ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT]
+    tree: set[int] = set()
+    for joint in sorted(eligible, key=weight, reverse=True):
+        a, b = root(builder.joints[joint].parent), root(builder.joints[joint].child)
+        if a != b:
+            group[a] = b
+            tree.add(joint)
+    return tree
+
+
+def _ordered_links(builder: ModelBuilder, tree: set[int]) -> list[Link]:
+    """Links in breadth-first order from the world, then from the heaviest body of every floating tree, shafts last."""
+    neighbours: dict[int, list[tuple[int, int, float]]] = {body: [] for body in range(-1, len(builder.bodies))}
+    for joint in sorted(tree):
+        spec = builder.joints[joint]
+        neighbours[spec.parent].append((joint, spec.child, 1.0))
+        neighbours[spec.child].append((joint, spec.parent, -1.0))
+    links: list[Link] = []
+    placed: dict[int, int] = {WORLD: -1}
+
+    def grow(frontier: list[int]) -> None:
+        while frontier:
+            following = []
+            for body in frontier:
+                for joint, other, sign in neighbours[body]:
+                    if other not in placed:
+                        placed[other] = len(links)
+                        links.append(Link(other, placed[body], joint, builder.joints[joint].type, sign))
+                        following.append(other)
+            frontier = following
+
+    grow([WORLD])
+    for body in sorted(range(len(builder.bodies)), key=lambda index: (-builder.bodies[index].mass, index)):
+        if body not in placed:
+            placed[body] = len(links)
+            links.append(Link(body, -1, -1, JointType.FREE, 1.0))
+            grow([body])
+    for joint, spec in enumerate(builder.joints):
+        if spec.type == JointType.SHAFT:
+            links.append(Link(-1, -1, joint, JointType.SHAFT, 1.0))
+    return links
+
+
+def _check_couplings(builder: ModelBuilder, dof_slot: list[int], dof_start: list[int]) -> None:
+    owner = [joint for joint, spec in enumerate(builder.joints) for _ in spec.dofs]
+    for coupling in builder.couplings:
+        for dof, _ in coupling.terms:
+            spec: JointSpec = builder.joints[owner[dof]]
+            if spec.type in NOT_COUPLABLE:
+                raise ModelError(
+                    f"coupling '{coupling.name}': joint '{spec.name}' is {spec.type.name}, whose angles are no "
+                    "integrable coordinates; couple revolute, prismatic, cylindrical, universal or planar joints"
+                )
+            if dof_slot[dof] < 0:
+                raise ModelError(
+                    f"coupling '{coupling.name}': joint '{spec.name}' closes a loop of coupled joints; "
+                    "couple another joint of that loop"
+                )
+
+
+def _bounded_rows(builder: ModelBuilder, dof_start: list[int]) -> list[tuple[int, BoundedKind]]:
+    rows = []
+    for joint, spec in enumerate(builder.joints):
+        for local, dof in enumerate(spec.dofs):
+            index = dof_start[joint] + local
+            if dof.limit is not None:
+                rows.append((index, BoundedKind.LIMIT))
+            if dof.friction > 0.0:
+                rows.append((index, BoundedKind.FRICTION))
+            if isinstance(dof.drive, VelocityMotor):
+                rows.append((index, BoundedKind.MOTOR))
+            if isinstance(dof.drive, PositionDrive) and np.isfinite(dof.drive.effort_limit):
+                rows.append((index, BoundedKind.DRIVE))
+    return rows

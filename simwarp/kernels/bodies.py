@@ -1,0 +1,200 @@
+"""Bodies: poses into scratch, momentum and free motion, pose update, published coordinates."""
+
+import warp as wp
+
+from simwarp.kernels.joints import FREE, SHAFT, joint_frames
+from simwarp.kernels.laws import PRESCRIBED_POSITION, dof_law, prescribed_rate
+from simwarp.kernels.rows import dof_rate, link_of, measured_coordinate, row_geometry
+from simwarp.kernels.spatial import matrix_to_float, turned
+from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.tree import Wrench
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def load_poses(world: int, topology: Topology, state: StateArrays, work: Work):
+    """Poses of record into `x`, `quat`, `rot`."""
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            work.x[body] = state.body_x[world, body]
+            q = state.body_rot[world, body]
+            work.quat[body] = q
+            work.rot[body] = wp.quat_to_matrix(q)
+
+
+@wp.func
+def advance_poses(world: int, dt: float, topology: Topology, state: StateArrays, work: Work):
+    """`x`, `quat`, `rot` <- poses of record moved by dt times the link velocities (exponential map)."""
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            v = work.v_lin[link]
+            h = wp.float64(dt)
+            work.x[body] = state.body_x[world, body] + wp.vec3d(
+                h * wp.float64(v[0]), h * wp.float64(v[1]), h * wp.float64(v[2])
+            )
+            q = turned(state.body_rot[world, body], work.v_ang[link] * dt)
+            work.quat[body] = q
+            work.rot[body] = wp.quat_to_matrix(q)
+
+
+@wp.func
+def spun(inertia: wp.mat33, omega: wp.vec3, dt: float) -> wp.vec3:
+    """Body rate [rad/s, body frame] after dt of free spin: implicit midpoint, which keeps energy and |momentum|.
+
+    I (w1 - w0) + dt/4 (w0 + w1) x I (w0 + w1) = 0 by Newton's method.
+    """
+    w1 = omega
+    scale = wp.length(inertia * omega)
+    for _iteration in range(4):
+        s = omega + w1
+        i_s = inertia * s
+        f = inertia * (w1 - omega) + (0.25 * dt) * wp.cross(s, i_s)
+        if wp.length(f) <= 1.0e-7 * scale:
+            return w1
+        jacobian = inertia + (0.25 * dt) * (wp.skew(s) * inertia - wp.skew(i_s))
+        w1 -= wp.inverse(jacobian) * f
+    return w1
+
+
+@wp.func
+def load_bodies(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
+    config: StepConfig, work: Work,
+):  # fmt: skip
+    """Rigid inertias about the centres of mass, and momentum plus the step's applied impulses, world axes."""
+    gravity = parameters.gravity[world % parameters.gravity.shape[0]]
+    wm = world % parameters.body_mass.shape[0]
+    wi = world % parameters.body_inertia_b.shape[0]
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            rot = matrix_to_float(work.rot[body])
+            mass = parameters.body_mass[wm, body]
+            inertia_b = parameters.body_inertia_b[wi, body]
+            omega_b = state.body_omega[world, body] * rot
+            if config.gyroscopic == 1:
+                omega_b = spun(inertia_b, omega_b, dt)
+            torque_b = inertia_b * omega_b + dt * control.body_torque_b[world, body]
+            work.inertia[link] = rot * inertia_b * wp.transpose(rot)
+            work.coupling[link] = wp.mat33()
+            work.mass[link] = wp.mat33(mass, 0.0, 0.0, 0.0, mass, 0.0, 0.0, 0.0, mass)
+            force = control.body_force[world, body] + rot * control.body_force_b[world, body]
+            work.p_ang[link] = rot * torque_b + dt * control.body_torque[world, body]
+            work.p_lin[link] = mass * (state.body_v[world, body] + dt * gravity) + dt * force
+
+
+@wp.func
+def load_slots(
+    world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
+):  # fmt: skip
+    """Gain, effort and prescribed rate of every tree degree of freedom."""
+    for slot in range(topology.slot_count):
+        dof = topology.slot_dof[slot]
+        work.gain[slot] = 0.0
+        work.effort[slot] = 0.0
+        work.rate[slot] = 0.0
+        if dof >= 0:
+            q = state.joint_x[world, dof]
+            if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
+                work.gain[slot] = -1.0
+                work.rate[slot] = prescribed_rate(
+                    dof, world, dt, time, q, config.recovery_rate, topology, control
+                )
+            elif topology.link_type[topology.slot_link[slot]] != FREE:
+                law = dof_law(dof, world, dt, float(q), state.joint_qd[world, dof], topology, parameters, control)
+                work.gain[slot] = law.gain
+                work.effort[slot] = law.effort
+
+
+@wp.func
+def push(link: int, wrench: Wrench, impulse: float, work: Work):
+    """Adds an applied impulse to a link."""
+    if link >= 0:
+        work.p_ang[link] = work.p_ang[link] + wrench.ang * impulse
+        work.p_lin[link] = work.p_lin[link] + wrench.lin * impulse
+
+
+@wp.func
+def apply_row_forces(
+    world: int, dt: float, topology: Topology, parameters: Parameters, control: ControlArrays, work: Work
+):
+    """`joint_force` on coordinates that neither a slot nor a compliant row holds: floating and loop joints."""
+    for index in range(topology.loop_dof_count):
+        dof = topology.loop_dof[index]
+        force = control.joint_force[world, dof]
+        if force != 0.0:
+            joint = topology.dof_joint[dof]
+            frames = joint_frames(joint, world, topology, parameters, work)
+            axis = topology.dof_axis[dof]
+            row = row_geometry(topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+            push(link_of(topology.joint_body0[joint], topology), row.w0, dt * force, work)
+            push(link_of(topology.joint_body1[joint], topology), row.w1, dt * force, work)
+
+
+@wp.func
+def publish(
+    world: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work
+) -> int:
+    """Rates at the old poses, then poses and coordinates of record; 0 if any value is not finite (nothing written)."""
+    finite = int(1)
+    for link in range(topology.link_count):
+        total = wp.length(work.v_ang[link]) + wp.length(work.v_lin[link])
+        if not wp.isfinite(total):
+            finite = 0
+    for slot in range(topology.slot_count):
+        if not wp.isfinite(work.xi[slot]):
+            finite = 0
+    if finite == 0:
+        return 0
+    load_poses(world, topology, state, work)
+    for dof in range(topology.dof_count):
+        slot = topology.dof_slot[dof]
+        rate = float(0.0)
+        if slot >= 0 and topology.link_type[topology.slot_link[slot]] != FREE:
+            rate = work.qd[slot]
+        else:
+            rate = dof_rate(dof, world, topology, parameters, work)
+        state.joint_qd[world, dof] = rate
+    advance_poses(world, dt, topology, state, work)
+    publish_poses(world, topology, state, work)
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            state.body_v[world, body] = work.v_lin[link]
+            state.body_omega[world, body] = work.v_ang[link]
+    publish_coordinates(world, dt, topology, parameters, state, work)
+    return 1
+
+
+@wp.func
+def publish_poses(world: int, topology: Topology, state: StateArrays, work: Work):
+    """Poses of record and their float32 view from `x` and `quat`."""
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            x = work.x[body]
+            q = work.quat[body]
+            state.body_x[world, body] = x
+            state.body_rot[world, body] = q
+            state.body_q[world, body] = wp.transform(
+                wp.vec3(float(x[0]), float(x[1]), float(x[2])),
+                wp.quat(float(q[0]), float(q[1]), float(q[2]), float(q[3])),
+            )
+
+
+@wp.func
+def publish_coordinates(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
+):
+    """joint_x and joint_q measured at the poses in `work`; shafts are integrated."""
+    for dof in range(topology.dof_count):
+        near = state.joint_x[world, dof] + wp.float64(dt * state.joint_qd[world, dof])
+        q = near
+        if topology.joint_type[topology.dof_joint[dof]] != SHAFT:
+            q = measured_coordinate(dof, near, world, topology, parameters, work)
+        state.joint_x[world, dof] = q
+        state.joint_q[world, dof] = float(q)

@@ -1,0 +1,108 @@
+"""Reaction force and torque of every joint, from the balance of impulses of the step."""
+
+import warp as wp
+
+from simwarp.kernels.bodies import spun
+from simwarp.kernels.joints import joint_frames
+from simwarp.kernels.rows import link_of, row_geometry
+from simwarp.kernels.spatial import matrix_to_float, to_float
+from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def take_wrench(link: int, ang: wp.vec3, lin: wp.vec3, scale: float, work: Work):
+    """Removes a row's impulse from what the link's tree joint must have transmitted."""
+    if link >= 0:
+        work.f_ang[link] = work.f_ang[link] - ang * scale
+        work.f_lin[link] = work.f_lin[link] - lin * scale
+
+
+@wp.func
+def unexplained_impulses(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
+    config: StepConfig, work: Work,
+):  # fmt: skip
+    """f <- change of momentum minus applied impulses of every body [N·s, N·m·s], about its centre."""
+    gravity = parameters.gravity[world % parameters.gravity.shape[0]]
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        work.f_ang[link] = wp.vec3()
+        work.f_lin[link] = wp.vec3()
+        if body >= 0:
+            rot = matrix_to_float(wp.quat_to_matrix(state.body_rot[world, body]))
+            mass = parameters.body_mass[world % parameters.body_mass.shape[0], body]
+            inertia_b = parameters.body_inertia_b[world % parameters.body_inertia_b.shape[0], body]
+            omega_b = state.body_omega[world, body] * rot
+            if config.gyroscopic == 1:
+                omega_b = spun(inertia_b, omega_b, dt)
+            change = inertia_b * (work.v_ang[link] * rot - omega_b) - dt * control.body_torque_b[world, body]
+            work.f_ang[link] = rot * change - dt * control.body_torque[world, body]
+            force = control.body_force[world, body] + rot * control.body_force_b[world, body]
+            work.f_lin[link] = mass * (work.v_lin[link] - state.body_v[world, body] - dt * gravity) - dt * force
+
+
+@wp.func
+def record_reactions(
+    world: int, dt: float, count: int, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work, reports: Reports,
+):  # fmt: skip
+    """What each joint applies to its second body, at anchor 1, world axes: drives and limits included."""
+    unexplained_impulses(world, dt, topology, parameters, state, control, config, work)
+    for joint in range(topology.joint_count):
+        reports.joint_reaction_force[world, joint] = wp.vec3()
+        reports.joint_reaction_torque[world, joint] = wp.vec3()
+    for index in range(topology.loop_joint_count):
+        joint = topology.loop_joint[index]
+        link0 = link_of(topology.joint_body0[joint], topology)
+        link1 = link_of(topology.joint_body1[joint], topology)
+        force = wp.vec3()
+        torque = wp.vec3()
+        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+            impulse = work.row_impulse[row]
+            take_wrench(link0, work.j0_ang[row], work.j0_lin[row], impulse, work)
+            take_wrench(link1, work.j1_ang[row], work.j1_lin[row], impulse, work)
+            force += work.j1_lin[row] * impulse
+            torque += work.j1_ang[row] * impulse
+        frames = joint_frames(joint, world, topology, parameters, work)
+        reports.joint_reaction_force[world, joint] = force / dt
+        reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
+    for index in range(count):
+        dof = topology.bounded_dof[work.active[index]]
+        if topology.dof_slot[dof] < 0:
+            joint = topology.dof_joint[dof]
+            frames = joint_frames(joint, world, topology, parameters, work)
+            axis = topology.dof_axis[dof]
+            geometry = row_geometry(topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+            impulse = work.b_sign[index] * work.gamma[index]
+            take_wrench(link_of(topology.joint_body0[joint], topology), geometry.w0.ang, geometry.w0.lin, impulse, work)
+            take_wrench(link_of(topology.joint_body1[joint], topology), geometry.w1.ang, geometry.w1.lin, impulse, work)
+    for index in range(topology.loop_dof_count):
+        dof = topology.loop_dof[index]
+        effort = control.joint_force[world, dof]
+        if effort != 0.0:
+            joint = topology.dof_joint[dof]
+            frames = joint_frames(joint, world, topology, parameters, work)
+            axis = topology.dof_axis[dof]
+            geometry = row_geometry(topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+            take_wrench(link_of(topology.joint_body0[joint], topology), geometry.w0.ang, geometry.w0.lin, dt * effort, work)
+            take_wrench(link_of(topology.joint_body1[joint], topology), geometry.w1.ang, geometry.w1.lin, dt * effort, work)
+    for index in range(topology.link_count):
+        link = topology.link_count - 1 - index
+        parent = topology.link_parent[link]
+        joint = topology.link_joint[link]
+        ang = work.f_ang[link]
+        lin = work.f_lin[link]
+        if topology.link_body[link] >= 0 and joint >= 0:
+            frames = joint_frames(joint, world, topology, parameters, work)
+            sign = topology.link_sign[link]
+            lever = to_float(frames.r1)
+            if sign < 0.0:
+                # the joint's second body is the parent: the reaction on it, at its anchor
+                lever = to_float(frames.r0 + frames.d)
+            reports.joint_reaction_force[world, joint] = lin * (sign / dt)
+            reports.joint_reaction_torque[world, joint] = (ang - wp.cross(lever, lin)) * (sign / dt)
+        if parent >= 0:
+            work.f_ang[parent] = work.f_ang[parent] + ang + wp.cross(work.shift[link], lin)
+            work.f_lin[parent] = work.f_lin[parent] + lin

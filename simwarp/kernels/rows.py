@@ -1,0 +1,290 @@
+"""Scalar rows between two bodies, and the bilateral rows that the tree does not hold: loops, couplings, compliance.
+
+The rows of closed loops, couplings and stiff springs form one small dense system, N + C with N = J M^-1 J^T in the
+tree's metric and C their compliance, factorised by Cholesky with guarded pivots: a redundant row loses its pivot and
+takes no impulse.
+"""
+
+import warp as wp
+
+from simwarp.kernels.joints import (
+    ANGLE0,
+    ANGLE1,
+    DISTANCE,
+    DOT,
+    POINT_AXIS0,
+    POINT_AXIS1,
+    JointFrames,
+    coordinate,
+    joint_frames,
+    unwrapped,
+    wraps,
+)
+from simwarp.kernels.laws import PRESCRIBED_POSITION, dof_law, prescribed_rate
+from simwarp.kernels.spatial import column, to_float
+from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.tree import Wrench, project_row, project_slot
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class RowGeometry:
+    """Wrenches of a row on body 0 and body 1 about their centres, and its value (violation or coordinate)."""
+
+    w0: Wrench
+    w1: Wrench
+    value: wp.float64
+
+
+@wp.func
+def row_geometry(kind: int, axis0: int, axis1: int, offset: wp.float64, frames: JointFrames) -> RowGeometry:
+    """One row of kind `kind` (RowKind); its velocity is the exact time derivative of `value`."""
+    row = RowGeometry()
+    if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
+        axis = wp.vec3d()
+        if kind == DOT:
+            e = column(frames.f0, axis0)
+            f = column(frames.f1, axis1)
+            axis = wp.cross(f, e)
+            row.value = wp.dot(e, f)
+        elif kind == ANGLE0:
+            axis = column(frames.f0, axis0)
+        else:
+            axis = column(frames.f1, axis1)
+        row.w1.ang = to_float(axis)
+        row.w0.ang = -to_float(axis)
+        return row
+    u = wp.vec3d()
+    lever0 = frames.r0 + frames.d
+    lever1 = frames.r1
+    if kind == POINT_AXIS0:
+        u = column(frames.f0, axis0)
+        row.value = wp.dot(u, frames.d) - offset
+    elif kind == POINT_AXIS1:
+        u = column(frames.f1, axis1)
+        lever0 = frames.r0
+        lever1 = frames.r1 - frames.d
+        row.value = wp.dot(u, frames.d) - offset
+    elif kind == DISTANCE:
+        length = wp.length(frames.d)
+        if length > wp.float64(0.0):
+            u = frames.d / length
+        lever0 = frames.r0
+        row.value = length - offset
+    row.w1.lin = to_float(u)
+    row.w1.ang = to_float(wp.cross(lever1, u))
+    row.w0.lin = -row.w1.lin
+    row.w0.ang = -to_float(wp.cross(lever0, u))
+    return row
+
+
+@wp.func
+def row_offset(kind: int, joint: int, world: int, parameters: Parameters) -> wp.float64:
+    """The constant of a DISTANCE or POINT_AXIS1 row [m]."""
+    offset = wp.float64(0.0)
+    if kind == DISTANCE or kind == POINT_AXIS1:
+        offset = parameters.joint_offset[world % parameters.joint_offset.shape[0], joint]
+    return offset
+
+
+@wp.func
+def row_speed(row: int, topology: Topology, work: Work, link0: int, link1: int) -> float:
+    """J V of a stored row."""
+    speed = float(0.0)
+    if link0 >= 0:
+        speed += wp.dot(work.j0_ang[row], work.v_ang[link0]) + wp.dot(work.j0_lin[row], work.v_lin[link0])
+    if link1 >= 0:
+        speed += wp.dot(work.j1_ang[row], work.v_ang[link1]) + wp.dot(work.j1_lin[row], work.v_lin[link1])
+    return speed
+
+
+@wp.func
+def link_of(body: int, topology: Topology) -> int:
+    """Link of a body, -1 for the world."""
+    if body < 0:
+        return -1
+    return topology.body_link[body]
+
+
+@wp.func
+def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> float:
+    """Rate of a coordinate that no slot holds, from the link velocities and the poses in `work`."""
+    joint = topology.dof_joint[dof]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    geometry = row_geometry(
+        topology.dof_kind[dof], topology.dof_axis[dof], topology.dof_axis[dof], wp.float64(0.0), frames
+    )
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    rate = float(0.0)
+    if link0 >= 0:
+        rate += wp.dot(geometry.w0.ang, work.v_ang[link0]) + wp.dot(geometry.w0.lin, work.v_lin[link0])
+    if link1 >= 0:
+        rate += wp.dot(geometry.w1.ang, work.v_ang[link1]) + wp.dot(geometry.w1.lin, work.v_lin[link1])
+    return rate
+
+
+@wp.func
+def loop_joint_rows(
+    index: int, world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
+) -> float:  # fmt: skip
+    """Jacobians, right-hand sides and responses of one loop joint's rows; returns its largest violation."""
+    joint = topology.loop_joint[index]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    violation = float(0.0)
+    for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+        kind = topology.row_kind[row]
+        dof = topology.row_dof[row]
+        offset = wp.float64(0.0)
+        if dof < 0:
+            offset = row_offset(kind, joint, world, parameters)
+        geometry = row_geometry(kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames)
+        work.j0_ang[row] = geometry.w0.ang
+        work.j0_lin[row] = geometry.w0.lin
+        work.j1_ang[row] = geometry.w1.ang
+        work.j1_lin[row] = geometry.w1.lin
+        limit = config.recovery_speed
+        if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
+            limit = config.recovery_rate
+        bias = float(0.0)
+        compliance = float(0.0)
+        if dof < 0:
+            bias = wp.clamp(float(geometry.value) / dt, -limit, limit)
+            violation = wp.max(violation, wp.abs(float(geometry.value)))
+        elif topology.dof_drive[dof] >= PRESCRIBED_POSITION:
+            bias = -prescribed_rate(dof, world, dt, time, state.joint_x[world, dof], limit, topology, control)
+        else:
+            law = dof_law(
+                dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+            )
+            # a law without stiffness is a plain impulse: written as an almost infinitely compliant row
+            gain = wp.max(law.gain, 1.0e-9)
+            compliance = 1.0 / gain
+            bias = -law.effort / gain
+        work.row_b[row] = bias
+        work.row_compliance[row] = compliance
+        project_row(row, link0, geometry.w0, link1, geometry.w1, topology, work, work.y)
+    return violation
+
+
+@wp.func
+def coupling_row(
+    coupling: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
+    config: StepConfig, work: Work,
+):  # fmt: skip
+    """Response and right-hand side of one coupling: sum of coefficient x rate = 0, with recovery."""
+    row = topology.joint_row_count + coupling
+    for slot in range(topology.slot_count):
+        work.y[row, slot] = 0.0
+    value = -parameters.coupling_offset[world % parameters.coupling_offset.shape[0], coupling]
+    limit = config.recovery_rate
+    wc = world % parameters.coupling_coefficient.shape[0]
+    for term in range(3):
+        dof = topology.coupling_dof[coupling, term]
+        if dof >= 0:
+            coefficient = parameters.coupling_coefficient[wc, coupling, term]
+            value += wp.float64(coefficient) * state.joint_x[world, dof]
+            if topology.dof_kind[dof] == POINT_AXIS0:
+                limit = config.recovery_speed
+            project_slot(row, topology.dof_slot[dof], coefficient, topology, work, work.y)
+    work.row_b[row] = wp.clamp(float(value) / dt, -limit, limit)
+    work.row_compliance[row] = 0.0
+
+
+@wp.func
+def factor_rows(topology: Topology, config: StepConfig, work: Work):
+    """n <- Cholesky factor of Y Y^T + C, pivots below tolerance x own diagonal set aside (inverse zero)."""
+    for r in range(topology.row_count):
+        for c in range(r + 1):
+            total = float(0.0)
+            for slot in range(topology.slot_count):
+                total += work.y[r, slot] * work.y[c, slot]
+            if r == c:
+                total += work.row_compliance[r]
+            work.n[r, c] = total
+    for r in range(topology.row_count):
+        diagonal = work.n[r, r]
+        pivot = diagonal
+        for c in range(r):
+            total = work.n[r, c]
+            for k in range(c):
+                total -= work.n[r, k] * work.n[c, k]
+            total *= work.inv_pivot[c]
+            work.n[r, c] = total
+            pivot -= total * total
+        inverse = float(0.0)
+        if pivot > config.pivot_tolerance * diagonal:
+            inverse = 1.0 / wp.sqrt(pivot)
+        work.inv_pivot[r] = inverse
+        work.n[r, r] = pivot * inverse
+
+
+@wp.func
+def solve_rows(topology: Topology, work: Work):
+    """row_r <- (N + C)^-1 row_r by the guarded factor."""
+    count = topology.row_count
+    for r in range(count):
+        total = work.row_r[r]
+        for c in range(r):
+            total -= work.n[r, c] * work.row_r[c]
+        work.row_r[r] = total * work.inv_pivot[r]
+    for index in range(count):
+        r = count - 1 - index
+        total = work.row_r[r]
+        for c in range(r + 1, count):
+            total -= work.n[c, r] * work.row_r[c]
+        work.row_r[r] = total * work.inv_pivot[r]
+
+
+@wp.func
+def rows_residual(topology: Topology, parameters: Parameters, world: int, work: Work) -> float:
+    """row_r <- J V + b + C lambda; returns the largest entry among rigid rows that have a pivot [m/s or rad/s]."""
+    worst = float(0.0)
+    for index in range(topology.loop_joint_count):
+        joint = topology.loop_joint[index]
+        link0 = link_of(topology.joint_body0[joint], topology)
+        link1 = link_of(topology.joint_body1[joint], topology)
+        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+            work.row_r[row] = row_speed(row, topology, work, link0, link1)
+    wc = world % parameters.coupling_coefficient.shape[0]
+    for row in range(topology.joint_row_count, topology.row_count):
+        coupling = row - topology.joint_row_count
+        speed = float(0.0)
+        for term in range(3):
+            dof = topology.coupling_dof[coupling, term]
+            if dof >= 0:
+                speed += parameters.coupling_coefficient[wc, coupling, term] * work.qd[topology.dof_slot[dof]]
+        work.row_r[row] = speed
+    for row in range(topology.row_count):
+        work.row_r[row] = work.row_r[row] + work.row_b[row] + work.row_compliance[row] * work.row_impulse[row]
+        if work.row_compliance[row] == 0.0 and work.inv_pivot[row] > 0.0:
+            worst = wp.max(worst, wp.abs(work.row_r[row]))
+    return worst
+
+
+@wp.func
+def apply_rows(topology: Topology, work: Work):
+    """Takes the correction in row_r: impulses, and their response in `xi`."""
+    for row in range(topology.row_count):
+        change = work.row_r[row]
+        work.row_impulse[row] = work.row_impulse[row] - change
+        for slot in range(topology.slot_count):
+            work.xi[slot] = work.xi[slot] - work.y[row, slot] * change
+
+
+@wp.func
+def measured_coordinate(
+    dof: int, near: wp.float64, world: int, topology: Topology, parameters: Parameters, work: Work
+) -> wp.float64:
+    """Coordinate `dof` at the poses in `work`, turns counted from `near`."""
+    joint = topology.dof_joint[dof]
+    kind = topology.joint_type[joint]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    q = coordinate(kind, dof - topology.joint_dof[joint], frames)
+    if wraps(kind, topology.dof_kind[dof]):
+        q = unwrapped(q, near)
+    return q

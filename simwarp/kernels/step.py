@@ -1,0 +1,117 @@
+"""One step of one world: free motion, elimination of the joints, bounded rows, pose update (docs/theory.md)."""
+
+import warp as wp
+
+from simwarp.kernels.apgd import solve_bounded
+from simwarp.kernels.bodies import apply_row_forces, load_bodies, load_poses, load_slots, publish
+from simwarp.kernels.bounded import apply_bounded, collect_bounded
+from simwarp.kernels.joints import FREE, SHAFT, link_geometry
+from simwarp.kernels.projection import project_positions
+from simwarp.kernels.reactions import record_reactions
+from simwarp.kernels.rows import apply_rows, coupling_row, factor_rows, loop_joint_rows, rows_residual, solve_rows
+from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.tree import factor_tree, impulses_up, velocities_down
+from simwarp.types import WorldStatus
+
+wp.set_module_options({"enable_backward": False})
+
+NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
+
+
+@wp.func
+def tree_geometry(
+    world: int, inv_dt: float, topology: Topology, parameters: Parameters, config: StepConfig, work: Work
+) -> float:
+    """Columns, shifts and drift of all links; returns the largest position violation [m or rad]."""
+    worst = float(0.0)
+    for link in range(topology.link_count):
+        kind = topology.link_type[link]
+        if kind != FREE and kind != SHAFT:
+            worst = wp.max(worst, link_geometry(link, world, inv_dt, topology, parameters, config, work))
+    return worst
+
+
+@wp.func
+def bilateral_rows(
+    world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
+) -> float:  # fmt: skip
+    """Loop, coupling and compliant rows, factorised; returns the largest loop violation."""
+    worst = float(0.0)
+    for row in range(topology.row_count):
+        work.row_impulse[row] = 0.0
+    for index in range(topology.loop_joint_count):
+        worst = wp.max(
+            worst,
+            loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work),
+        )
+    for coupling in range(topology.row_count - topology.joint_row_count):
+        coupling_row(coupling, world, dt, topology, parameters, state, config, work)
+    factor_rows(topology, config, work)
+    return worst
+
+
+@wp.func
+def enforce_rows(world: int, passes: int, topology: Topology, parameters: Parameters, work: Work) -> float:
+    """Velocities that obey the bilateral rows; every pass is one solve on the true residual, as in refinement."""
+    residual = float(0.0)
+    if topology.row_count > 0:
+        for _ in range(passes):
+            rows_residual(topology, parameters, world, work)
+            solve_rows(topology, work)
+            apply_rows(topology, work)
+            velocities_down(topology, work)
+        residual = rows_residual(topology, parameters, world, work)
+    return residual
+
+
+@wp.func
+def step_world(
+    world: int, capacity: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
+    state: StateArrays, reports: Reports, work: Work,
+):  # fmt: skip
+    """Advances one world by config.dt; `capacity` is the number of bounded rows that its scratch holds."""
+    dt = config.dt
+    time = state.world_time[world]
+
+    load_poses(world, topology, state, work)
+    load_bodies(world, dt, topology, parameters, state, control, config, work)
+    apply_row_forces(world, dt, topology, parameters, control, work)
+    load_slots(world, dt, time, topology, parameters, state, control, config, work)
+    error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
+
+    factor_tree(topology, work)
+    impulses_up(topology, work)
+    velocities_down(topology, work)
+    residual = float(0.0)
+    if topology.row_count > 0:
+        loop_error = bilateral_rows(world, dt, time, topology, parameters, state, control, config, work)
+        error = wp.max(error, loop_error)
+        residual = enforce_rows(world, 2, topology, parameters, work)
+
+    count = int(0)
+    if topology.bounded_count > 0:
+        count = collect_bounded(world, dt, capacity, topology, parameters, state, control, config, work)
+        for index in range(topology.bounded_count):
+            state.bounded_impulse[world, index] = 0.0
+    reports.bounded_count[world] = count
+    if count > 0:
+        solution = solve_bounded(count, config, work)
+        apply_bounded(count, topology, work)
+        velocities_down(topology, work)
+        residual = enforce_rows(world, 1, topology, parameters, work)
+        for index in range(count):
+            state.bounded_impulse[world, work.active[index]] = work.b_sign[index] * work.gamma[index]
+        reports.iterations[world] = solution.iterations
+        reports.bounded_residual[world] = solution.residual
+
+    reports.row_residual[world] = residual
+    if config.reactions == 1:
+        record_reactions(world, dt, count, topology, parameters, state, control, config, work, reports)
+    if config.projection_iterations > 0:
+        error = project_positions(world, dt, topology, parameters, state, config, work)
+    reports.position_error[world] = error
+    if publish(world, topology, parameters, dt, state, work) == 0:
+        state.world_status[world] = state.world_status[world] | NON_FINITE
+    else:
+        state.world_time[world] = time + wp.float64(dt)

@@ -1,0 +1,209 @@
+"""Simulation: owns the buffers of a run, steps all worlds, resets and sets some of them, takes snapshots."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from simwarp.diagnostics import Diagnostics
+from simwarp.kernels.tables import StepConfig
+from simwarp.kernels.world import Operation, copy_worlds, world_kernel
+from simwarp.model import Model
+from simwarp.state import Control, State, initial_arrays
+from simwarp.types import ModelError
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SolverOptions:
+    """Numbers of the solver (docs/theory.md).
+
+    Attributes:
+        recovery_speed: fastest correction of a position error [m/s].
+        recovery_rate: the same for angles [rad/s].
+        position_projection: passes that move positions onto the joints after each step; 0: none.
+        pivot_tolerance: a row whose pivot falls below this share of its diagonal counts as redundant.
+        max_iterations: of the bounded rows' solve.
+        tolerance: residual at which it stops [m/s or rad/s].
+        gyroscopic: whether spinning bodies precess.
+    """
+
+    recovery_speed: float = 0.6
+    recovery_rate: float = 3.0
+    position_projection: int = 0
+    pivot_tolerance: float = 1.0e-5
+    max_iterations: int = 200
+    tolerance: float = 1.0e-6
+    gyroscopic: bool = True
+
+
+@dataclasses.dataclass(frozen=True)
+class Snapshot:
+    """A copy of everything that a step reads and changes. Opaque; pass it to `Simulation.restore`."""
+
+    state: State
+    control: Control
+
+
+class Simulation:
+    """Steps `model.world_count` worlds together.
+
+    Nothing is allocated and nothing is read back to the host in `step`.
+
+    Args:
+        model: from `ModelBuilder.finalize`.
+        dt: time of one `step` call [s].
+        substeps: equal parts that it is divided into.
+        solver: see `SolverOptions`.
+        joint_reactions: record the force and torque of every joint (`diagnostics.joint_reaction_force`).
+
+    Raises:
+        ModelError: dt or substeps is not usable.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        dt: float,
+        *,
+        substeps: int = 1,
+        solver: SolverOptions | None = None,
+        joint_reactions: bool = False,
+    ) -> None:
+        if not (isinstance(dt, (int, float)) and math.isfinite(dt) and dt > 0.0):
+            raise ModelError(f"Simulation: dt must be > 0 s, got {dt!r}")
+        if not isinstance(substeps, (int, np.integer)) or substeps < 1:
+            raise ModelError(f"Simulation: substeps must be an integer >= 1, got {substeps!r}")
+        self.model = model
+        self.dt = float(dt)
+        self.substeps = int(substeps)
+        self.solver = solver if solver is not None else SolverOptions()
+        self.control = Control(model)
+        self.diagnostics = Diagnostics(model, reactions=joint_reactions)
+        self._config = self._step_config(joint_reactions)
+        self._no_coordinates = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
+        self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
+        self._kernel = world_kernel(model.size_class)
+        self.state = initial_arrays(model)
+        self._launch(Operation.MEASURE, self._all_worlds)
+        self._initial = State(model)
+        self._initial.copy_from(self.state)
+        self._step_command = self._record_step()
+
+    @property
+    def time(self) -> wp.array:
+        """(W,) float64 [s]: how long each world has run since its last reset."""
+        return self.state.world_time
+
+    def step(self) -> None:
+        """Advances every world by `dt`, in `substeps` parts. Frozen (non-finite) worlds stay as they are."""
+        for _ in range(self.substeps):
+            self._step_command.launch()
+
+    def reset(self, world_mask: Any = None) -> None:
+        """Puts the worlds of the mask (all when None) back to the model's initial state.
+
+        Args:
+            world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads.
+        """
+        wp.launch(
+            copy_worlds, dim=self.model.world_count, device=self.model.device,
+            inputs=[self._mask(world_mask), self._initial.arrays], outputs=[self.state.arrays],
+        )  # fmt: skip
+
+    def set_joint_state(self, world_mask: Any, q: Any, qd: Any) -> None:
+        """Sets coordinates and rates in the worlds of the mask: forward kinematics over the tree, then the loops
+        are closed by Newton's method from there, and rates become consistent with them.
+
+        Coordinates of joints that close loops only help to count turns. Floating bodies without a FREE joint stay.
+        Worlds whose loops do not close get `WorldStatus.NOT_ASSEMBLED`.
+
+        Args:
+            world_mask: (W,) bool; all worlds when None.
+            q: (W, dofs) [m or rad].
+            qd: (W, dofs) [m/s or rad/s]; zeros when None.
+        """
+        shape = (self.model.world_count, self.model.dof_count)
+        position = self._values("q", q, shape)
+        rate = self._values("qd", np.zeros(shape, np.float32) if qd is None else qd, shape)
+        self._launch(Operation.ASSEMBLE, self._mask(world_mask), position, rate)
+
+    def measure(self, world_mask: Any = None) -> None:
+        """Publishes `body_q` and joint coordinates after a user wrote `body_x`, `body_rot` or velocities."""
+        self._launch(Operation.MEASURE, self._mask(world_mask))
+
+    def snapshot(self) -> Snapshot:
+        """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
+        state, control = State(self.model), Control(self.model)
+        state.copy_from(self.state)
+        for name in Control.NAMES:
+            wp.copy(getattr(control, name), getattr(self.control, name))
+        return Snapshot(state, control)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Brings back what `snapshot` held, in place: views and captured steps stay valid."""
+        self.state.copy_from(snapshot.state)
+        for name in Control.NAMES:
+            wp.copy(getattr(self.control, name), getattr(snapshot.control, name))
+
+    # ---- inside --------------------------------------------------------------------------------------------------
+
+    def _step_config(self, reactions: bool) -> StepConfig:
+        config = StepConfig()
+        config.dt = self.dt / self.substeps
+        config.recovery_speed = self.solver.recovery_speed
+        config.recovery_rate = self.solver.recovery_rate
+        config.pivot_tolerance = self.solver.pivot_tolerance
+        config.projection_iterations = int(self.solver.position_projection)
+        config.max_iterations = self.solver.max_iterations
+        config.tolerance = self.solver.tolerance
+        config.reactions = int(reactions)
+        config.gyroscopic = int(self.solver.gyroscopic)
+        return config
+
+    def _launch(
+        self, operation: Operation, mask: wp.array, q: wp.array | None = None, qd: wp.array | None = None,
+        *, record: bool = False,
+    ) -> Any:  # fmt: skip
+        q = self._no_coordinates if q is None else q
+        qd = self._no_coordinates if qd is None else qd
+        return wp.launch(
+            self._kernel, dim=self.model.world_count, device=self.model.device, record_cmd=record,
+            inputs=[
+                int(operation), self._config, self.model.topology, self.model.parameters, self.control.arrays,
+                mask, q, qd, self.state.arrays,
+            ],
+            outputs=[self.diagnostics.arrays],
+        )  # fmt: skip
+
+    def _record_step(self) -> Any:
+        """The step as a recorded launch: a fifth of the host time of a fresh one."""
+        return self._launch(Operation.STEP, self._all_worlds, record=True)
+
+    def _mask(self, world_mask: Any) -> wp.array:
+        if world_mask is None:
+            return self._all_worlds
+        if isinstance(world_mask, wp.array):
+            mask = world_mask
+        elif hasattr(world_mask, "data_ptr"):
+            mask = wp.from_torch(world_mask.contiguous(), dtype=wp.bool)
+        else:
+            mask = wp.array(np.asarray(world_mask, dtype=bool), dtype=wp.bool, device=self.model.device)
+        if mask.shape != (self.model.world_count,):
+            raise ModelError(f"world_mask must have shape ({self.model.world_count},), got {tuple(mask.shape)}")
+        return mask
+
+    def _values(self, name: str, values: Any, shape: tuple[int, int]) -> wp.array:
+        if isinstance(values, wp.array):
+            array = values
+        elif hasattr(values, "data_ptr"):
+            array = wp.from_torch(values.contiguous(), dtype=wp.float32)
+        else:
+            data = np.broadcast_to(np.asarray(values, dtype=np.float32), shape)
+            array = wp.array(np.ascontiguousarray(data), dtype=wp.float32, device=self.model.device)
+        if array.shape != shape:
+            raise ModelError(f"set_joint_state: {name} must have shape {shape} (worlds, dofs), got {array.shape}")
+        return array

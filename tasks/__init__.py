@@ -1,0 +1,47 @@
+"""Reinforcement-learning tasks; installed and imported as ``simwarp.tasks``.
+
+``make("pendulum", num_worlds=64)`` builds a registered task, :class:`Task` is what an author subclasses.
+"""
+
+if __name__ != "simwarp.tasks":
+    # The checkout root on sys.path would load a second copy, with a registry of its own.
+    raise ImportError("this folder is imported as simwarp.tasks: write `import simwarp.tasks`")
+
+from .config import TaskConfig, replace_fields, require
+from .devices import available_devices, resolve_device
+from .drawing import Drawing, Line, View
+from .errors import InputError, TaskError
+from .gym_env import TaskEnv, TaskVectorEnv, register_envs
+from .randomness import WorldRandom
+from .registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
+from .statistics import EpisodeSummary
+from .task import NON_FINITE, TIME_LIMIT, StepResult, Task
+
+__all__ = [
+    "ENTRY_POINT_GROUP",
+    "NON_FINITE",
+    "TIME_LIMIT",
+    "Drawing",
+    "EpisodeSummary",
+    "InputError",
+    "Line",
+    "StepResult",
+    "Task",
+    "TaskConfig",
+    "TaskEnv",
+    "TaskError",
+    "TaskVectorEnv",
+    "View",
+    "WorldRandom",
+    "available_devices",
+    "make",
+    "register",
+    "register_envs",
+    "replace_fields",
+    "require",
+    "resolve_device",
+    "task_class",
+    "task_names",
+]
+
+register_envs()

@@ -1,0 +1,94 @@
+"""A task without physics: for tests of training code, and for measuring what the framework itself costs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import torch
+
+from .config import TaskConfig, require
+from .drawing import Drawing, Line, View
+from .registry import register
+from .task import Task
+
+
+@dataclasses.dataclass(frozen=True)
+class FastConfig(TaskConfig):
+    """Configuration of :class:`FastTask`."""
+
+    max_episode_steps: int = 64
+    """Control steps after which an episode is truncated."""
+    gain: float = 0.1
+    """Distance a full action moves the point [m]."""
+    start_radius: float = 1.0
+    """Half-width of the uniform start position, per axis [m]."""
+    bound: float = 2.0
+    """Coordinate at which an episode ends as a failure [m]."""
+
+    goal_radius: float = 0.2
+    """Distance from the origin below which the end of an episode is a success [m]."""
+
+    def validate(self) -> None:
+        """Check gain, start and bound."""
+        require(self.gain > 0.0, self, "gain", "positive")
+        require(self.start_radius >= 0.0, self, "start_radius", "zero or positive")
+        require(self.goal_radius > 0.0, self, "goal_radius", "positive")
+        require(self.bound > self.start_radius, self, "bound", "larger than start-radius")
+
+
+@register("fast")
+class FastTask(Task[FastConfig]):
+    """A point in a plane that an action moves; the reward is one minus its distance from the origin."""
+
+    summary: ClassVar[str] = "point in a plane, no physics: a dummy for tests and for measuring overhead"
+    config_type: ClassVar[type[TaskConfig]] = FastConfig
+    action_size: ClassVar[int] = 2
+    physics: ClassVar[bool] = False
+    training: ClassVar[Mapping[str, Any]] = {"iterations": 30, "num_envs": 128, "steps_per_iteration": 16}
+
+    def setup(self) -> None:
+        """Allocate the state: (W, 2) position [m]."""
+        self.position = torch.zeros(self.num_worlds, 2, device=self.device)
+
+    def apply(self, action: torch.Tensor) -> None:
+        """Move the point."""
+        self.position.add_(action, alpha=self.config.gain)
+
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Return ``policy``: (W, 2) position, the buffer itself."""
+        return {"policy": self.position}
+
+    def rewards(self) -> dict[str, torch.Tensor]:
+        """Return ``near``: one minus the distance from the origin."""
+        return {"near": 1.0 - self.position.norm(dim=1)}
+
+    def terminations(self) -> dict[str, torch.Tensor]:
+        """Return ``out_of_bounds``."""
+        return {"out_of_bounds": (self.position.abs() > self.config.bound).any(dim=1)}
+
+    def reset(self, world_mask: torch.Tensor) -> None:
+        """Start anywhere in the start square."""
+        radius = self.config.start_radius
+        start = self.random.uniform("start", -radius, radius, size=2)
+        self.position.copy_(torch.where(world_mask.unsqueeze(1), start, self.position))
+
+    def metrics(self) -> dict[str, torch.Tensor]:
+        """Return ``final_distance`` [m], and ``success`` where it is below ``goal_radius``."""
+        distance = self.position.norm(dim=1)
+        return {"final_distance": distance, "success": distance < self.config.goal_radius}
+
+    def drawing(self) -> Drawing:
+        """Draw the point as a line from the origin."""
+        tip = torch.nn.functional.pad(self.position, (0, 1))
+        window = ((-self.config.bound, self.config.bound),) * 2
+        return Drawing((Line(torch.stack([torch.zeros_like(tip), tip], dim=1), "tab:blue"),), View.TOP, window)
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """The position: there is no simulation that would keep it."""
+        return {"position": self.position}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take the position back."""
+        self.position.copy_(state["position"])

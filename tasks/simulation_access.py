@@ -1,0 +1,107 @@
+"""How the task layer holds a simulation: torch views made once, stepping, and snapshots as plain tensors."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import torch
+import warp as wp
+
+from .config import TaskConfig
+from .errors import InputError
+
+if TYPE_CHECKING:
+    from simwarp import ModelBuilder
+
+_NON_FINITE_BIT = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class PhysicsViews:
+    """Zero-copy torch views of a simulation's state and control. ``W`` worlds, ``B`` bodies.
+
+    Attributes:
+        joint_q: (W, dofs) joint positions [m or rad].
+        joint_qd: (W, dofs) joint velocities.
+        joint_force: (W, dofs) control: joint forces [N or N m].
+        body_q: (W, B, 7) poses of the centres of mass: x y z, quaternion x y z w.
+        body_v: (W, B, 3) linear velocities [m/s], world frame.
+        body_omega: (W, B, 3) angular velocities [rad/s], world frame.
+        world_status: (W,) int32 bit flags; bit 0 marks a world that went non-finite and is frozen.
+    """
+
+    joint_q: torch.Tensor
+    joint_qd: torch.Tensor
+    joint_force: torch.Tensor
+    body_q: torch.Tensor
+    body_v: torch.Tensor
+    body_omega: torch.Tensor
+    world_status: torch.Tensor
+
+    def broken(self) -> torch.Tensor:
+        """Return (W,) bool: worlds whose state went non-finite."""
+        return (self.world_status & _NON_FINITE_BIT) != 0
+
+
+def build_physics(
+    build: Callable[[ModelBuilder], None], config: TaskConfig, num_worlds: int, device: str
+) -> tuple[Any, PhysicsViews]:
+    """Build model and simulation from a task's ``build`` and its configuration."""
+    import simwarp as sw
+    from simwarp.interop import to_torch
+
+    builder = sw.ModelBuilder(gravity=(0.0, 0.0, -getattr(config, "gravity", 9.81)))
+    build(builder)
+    model = builder.finalize(world_count=num_worlds, device=device)
+    simulation = sw.Simulation(model, dt=config.dt, substeps=config.substeps)
+    state, control = simulation.state, simulation.control
+    views = PhysicsViews(
+        joint_q=to_torch(state.joint_q),
+        joint_qd=to_torch(state.joint_qd),
+        joint_force=to_torch(control.joint_force),
+        body_q=to_torch(state.body_q),
+        body_v=to_torch(state.body_v),
+        body_omega=to_torch(state.body_omega),
+        world_status=to_torch(state.world_status),
+    )
+    return simulation, views
+
+
+def _rooms(snapshot: Any) -> list[tuple[str, Any]]:
+    """Return the named parts of a snapshot: arrays, or groups of arrays that list their ``NAMES``."""
+    if dataclasses.is_dataclass(snapshot):
+        names: Iterable[str] = (field.name for field in dataclasses.fields(snapshot))
+    else:
+        names = snapshot.NAMES
+    return [(name, getattr(snapshot, name)) for name in names]
+
+
+def pack_snapshot(snapshot: Any) -> dict[str, Any]:
+    """Return a simulation snapshot as named CPU tensors, which a checkpoint can hold without pickled classes."""
+    return {
+        name: torch.from_numpy(part.numpy().copy()) if isinstance(part, wp.array) else pack_snapshot(part)
+        for name, part in _rooms(snapshot)
+    }
+
+
+def unpack_snapshot(saved: Mapping[str, Any], snapshot: Any) -> Any:
+    """Write saved numbers into a snapshot of the same simulation and return it.
+
+    Raises:
+        InputError: a part is missing, or has another shape: the simulation is not the one that was saved.
+    """
+    for name, part in _rooms(snapshot):
+        if name not in saved:
+            raise InputError(f"saved simulation state has no '{name}': it was made by another version of simwarp")
+        if not isinstance(part, wp.array):
+            unpack_snapshot(saved[name], part)
+            continue
+        values = saved[name].numpy()
+        if values.shape != part.numpy().shape:
+            raise InputError(
+                f"saved simulation state: '{name}' has shape {values.shape}, this simulation {part.numpy().shape}"
+            )
+        part.assign(values)
+    return snapshot

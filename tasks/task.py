@@ -1,0 +1,401 @@
+"""The base class of every task: the loop of one control step, episodes, and what is known about them.
+
+A task author writes ``build``, ``apply``, ``observations``, ``rewards``, ``terminations`` and ``reset``; all but
+``build`` work in torch on the device, for all worlds at once. None of them may read a tensor on the host
+(``.item()``, ``.any()`` in an ``if``, indexing by a boolean mask): that would make the device wait in every step.
+Choose with ``torch.where`` instead.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+import torch
+
+from simwarp.interop import shared_stream
+
+from .config import TaskConfig
+from .contract import check_action, check_flags, check_observations, check_terms
+from .drawing import Drawing, Line
+from .errors import InputError, TaskError
+from .randomness import WorldRandom
+from .simulation_access import PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
+from .statistics import EpisodeStatistics, EpisodeSummary
+
+if TYPE_CHECKING:
+    from simwarp import ModelBuilder
+
+ConfigT = TypeVar("ConfigT", bound=TaskConfig)
+
+TIME_LIMIT = "time_limit"
+NON_FINITE = "non_finite"
+
+
+@dataclasses.dataclass(frozen=True)
+class StepResult:
+    """What one control step returned. ``W`` worlds; worlds that ended have already been reset.
+
+    Attributes:
+        observations: group name -> (W, ...), of the new episode where one ended. May share memory with the
+            simulation: the next step overwrites it. The adapters hand out clones.
+        rewards: (W,) float32, the sum of the terms.
+        terminated: (W,) bool, ended by failure or goal: no future reward.
+        truncated: (W,) bool, cut off by the clock: the future is unknown, not empty. Never with ``terminated``.
+        end_reason: (W,) int64, index into ``Task.end_reasons``; -1 while the episode runs.
+        success: (W,) bool, the episode ended and counts as a success.
+        reward_terms: (W, T) float32 in the order of ``Task.reward_terms``.
+        metrics: name -> (W,), what ``Task.metrics`` said before the reset.
+        final_observations: like ``observations``, before the reset; only where ``keep_final_observations``.
+    """
+
+    observations: dict[str, torch.Tensor]
+    rewards: torch.Tensor
+    terminated: torch.Tensor
+    truncated: torch.Tensor
+    end_reason: torch.Tensor
+    success: torch.Tensor
+    reward_terms: torch.Tensor
+    metrics: dict[str, torch.Tensor]
+    final_observations: dict[str, torch.Tensor] | None
+
+
+class Task(ABC, Generic[ConfigT]):
+    """A batch of worlds with actions, observations, rewards and episodes.
+
+    Args:
+        config: the task's configuration.
+        num_worlds: W.
+        device: canonical device name (:func:`~simwarp.tasks.make` resolves it).
+        seed: seed of all randomness.
+        first_world: global index of world 0, where several processes share one batch.
+    """
+
+    name: ClassVar[str] = ""
+    """Set by ``@register``."""
+    summary: ClassVar[str] = ""
+    """One line for ``simwarp list``."""
+    config_type: ClassVar[type[TaskConfig]] = TaskConfig
+    """The frozen dataclass of this task's configuration."""
+    action_size: ClassVar[int] = 1
+    """Number of action components A."""
+    physics: ClassVar[bool] = True
+    """False for a task without a simulation; then ``build`` is not called."""
+    success_reasons: ClassVar[frozenset[str]] = frozenset({TIME_LIMIT})
+    """End reasons that count as success, unless ``metrics`` has a ``success``."""
+    training: ClassVar[Mapping[str, Any]] = {}
+    """Defaults of ``simwarp train`` for this task, such as ``{"iterations": 80, "ppo.gamma": 0.98}``."""
+
+    def __init__(
+        self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0
+    ) -> None:
+        if num_worlds < 1:
+            raise InputError(f"number of worlds must be at least 1, got {num_worlds}")
+        self.config: ConfigT = config
+        self.num_worlds = num_worlds
+        self.device = torch.device(device)
+        self.keep_final_observations = True
+        self.iteration = 0
+        """Training iteration, told by the trainer; for a curriculum."""
+        with self._acting():
+            self._allocate(seed, first_world)
+            self.simulation, self._views = self._make_physics(device)
+            self.setup()
+            self._probe()
+            self.restart(seed=seed)
+
+    # ---- what a task author writes -----------------------------------------------------------------------------
+
+    def build(self, builder: ModelBuilder) -> None:
+        """Add the bodies and joints of one world to ``builder``."""
+        raise NotImplementedError(f"{type(self).__name__} has no build(builder); set physics = False if it needs none")
+
+    def setup(self) -> None:
+        """Allocate the task's own buffers, once, after the simulation exists. Optional."""
+
+    @abstractmethod
+    def apply(self, action: torch.Tensor) -> None:
+        """Turn ``action`` ((W, A) float32, each in [-1, 1]) into controls; they hold for the whole control step."""
+
+    @abstractmethod
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Return the named observation groups, each (W, ...) of any dtype; ``policy`` is the usual one.
+
+        Called before and after the reset of each step: it must not change state.
+        """
+
+    @abstractmethod
+    def rewards(self) -> dict[str, torch.Tensor]:
+        """Return the named, weighted reward terms of this step, each (W,) float32; the reward is their sum."""
+
+    @abstractmethod
+    def terminations(self) -> dict[str, torch.Tensor]:
+        """Return the named reasons to end now, each (W,) bool: failures and goals. The first one named counts."""
+
+    @abstractmethod
+    def reset(self, world_mask: torch.Tensor) -> None:
+        """Start a new episode in the worlds of ``world_mask`` ((W,) bool) and change nothing in the others.
+
+        The simulation has been put into its initial state there already. Draw from ``self.random``.
+        """
+
+    def truncations(self) -> dict[str, torch.Tensor]:
+        """Return further named reasons to cut an episode off, beside the step limit, each (W,) bool."""
+        return {}
+
+    def metrics(self) -> dict[str, torch.Tensor]:
+        """Return named (W,) values that an evaluation reports at the end of an episode.
+
+        ``success`` (bool), if there is one, decides whether the episode was a success.
+        """
+        return {}
+
+    def drawing(self) -> Drawing:
+        """Return what a line drawing shows; by default the line through all bodies."""
+        if self._views is None:
+            raise InputError(f"task '{self.name}' has nothing to draw")
+        return Drawing((Line(self.views.body_q[..., :3]),))
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return the task's own state, such as a curriculum level, that a checkpoint must keep."""
+        return {}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take back what :meth:`extra_state` returned; write into existing buffers."""
+
+    def on_iteration(self, iteration: int) -> None:
+        """Hear that training iteration ``iteration`` begins; the hook of a curriculum."""
+        self.iteration = iteration
+
+    # ---- what runners and adapters call ------------------------------------------------------------------------
+
+    def restart(self, seed: int | None = None) -> dict[str, torch.Tensor]:
+        """Begin a new episode in every world and return the observations.
+
+        With ``seed`` the randomness starts over: the same seed gives the same episodes again.
+        """
+        with self._acting():
+            if seed is not None:
+                self.random.reseed(seed)
+                self.episode_index.fill_(-1)
+            self._reset_worlds(torch.ones_like(self._every_world))
+            if self._statistics is not None:
+                self._statistics.running.zero_()
+            return self.observations()
+
+    def step(self, action: torch.Tensor) -> StepResult:
+        """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1].
+
+        Raises:
+            TaskError: the action has the wrong shape or dtype.
+        """
+        check_action(self, action)
+        with self._acting():
+            self._advance_action(action)
+            self.apply(self.action)
+            self._advance_physics()
+            self.episode_steps += 1
+            self.episode_clock += 1
+            return self._conclude()
+
+    def drain_statistics(self) -> EpisodeSummary:
+        """Read and clear the statistics of the episodes that ended. This waits for the device.
+
+        Raises:
+            TaskError: a reward term or an observation held NaN or infinity while the physics was sound.
+        """
+        summary = self._stats.drain()
+        if summary.bad_values:
+            name, count = next(iter(summary.bad_values.items()))
+            raise TaskError(f"task '{self.name}': {name} was NaN or infinite in {count} world-steps")
+        return summary
+
+    @property
+    def views(self) -> PhysicsViews:
+        """Torch views of the simulation's state and control."""
+        if self._views is None:
+            raise TaskError(f"task '{self.name}' has no physics")
+        return self._views
+
+    @property
+    def reward_terms(self) -> list[str]:
+        """Names of the reward terms."""
+        return self._stats.terms
+
+    @property
+    def end_reasons(self) -> list[str]:
+        """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
+        return self._stats.reasons
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that a later :meth:`load_state_dict` needs to go on exactly from here."""
+        state: dict[str, Any] = {
+            "seed": self.random.seed,
+            "iteration": self.iteration,
+            "episode_index": self.episode_index.clone(),
+            "episode_steps": self.episode_steps.clone(),
+            "episode_clock": self.episode_clock.clone(),
+            "action": self.action.clone(),
+            "running_terms": self._stats.running.clone(),
+            "extra": {key: value.clone() for key, value in self.extra_state().items()},
+        }
+        if self.simulation is not None:
+            with self._acting():
+                state["simulation"] = pack_snapshot(self.simulation.snapshot())
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take back what :meth:`state_dict` returned, for the same configuration and number of worlds."""
+        if state["episode_index"].shape != self.episode_index.shape:
+            raise InputError(f"saved state has {len(state['episode_index'])} worlds, the task has {self.num_worlds}")
+        with self._acting():
+            self.random.reseed(int(state["seed"]))
+            self.iteration = int(state["iteration"])
+            self.episode_index.copy_(state["episode_index"])
+            self.episode_steps.copy_(state["episode_steps"])
+            self.episode_clock.copy_(state["episode_clock"])
+            self.action.copy_(state["action"])
+            self._stats.running.copy_(state["running_terms"])
+            if self.simulation is not None:
+                self.simulation.restore(unpack_snapshot(state["simulation"], self.simulation.snapshot()))
+            self.load_extra_state(state["extra"])
+
+    # ---- the loop ----------------------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def _acting(self) -> Iterator[None]:
+        """Where state is changed: without gradients, with Warp and torch on one stream, and with ordinary tensors.
+
+        Callers roll out under inference_mode; tensors made there could never be written in place afterwards.
+        """
+        with torch.inference_mode(False), torch.no_grad():
+            if self.device.type == "cpu" or not self.physics:
+                yield
+            else:
+                with shared_stream(str(self.device)):
+                    yield
+
+    def _allocate(self, seed: int, first_world: int) -> None:
+        worlds, device = self.num_worlds, self.device
+        self.episode_index = torch.zeros(worlds, dtype=torch.int64, device=device)
+        """(W,) int64: number of the running episode of each world."""
+        self.episode_steps = torch.zeros(worlds, dtype=torch.int64, device=device)
+        """(W,) int64: control steps since the last reset."""
+        self.episode_clock = torch.zeros(worlds, dtype=torch.int64, device=device)
+        """(W,) int64: what the step limit looks at; a trainer may shift it to spread time-outs."""
+        self.action = torch.zeros(worlds, self.action_size, device=device)
+        """(W, A) float32: the action in force, clipped and rate-limited."""
+        self._every_world = torch.ones(worlds, dtype=torch.bool, device=device)
+        self._nowhere = torch.zeros(worlds, dtype=torch.bool, device=device)
+        self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
+        self._statistics: EpisodeStatistics | None = None
+
+    @property
+    def _stats(self) -> EpisodeStatistics:
+        assert self._statistics is not None
+        return self._statistics
+
+    def _make_physics(self, device: str) -> tuple[Any, PhysicsViews | None]:
+        if not self.physics:
+            return None, None
+        return build_physics(self.build, self.config, self.num_worlds, device)
+
+    def _probe(self) -> None:
+        """Call the author's methods once to learn their names and hold them to the contract."""
+        self._reset_worlds(self._every_world)
+        self.apply(self.action)
+        groups = check_observations(self, self.observations())
+        self.observation_shapes = {name: tuple(group.shape[1:]) for name, group in groups.items()}
+        self.observation_dtypes = {name: group.dtype for name, group in groups.items()}
+        terms = list(check_terms(self, self.rewards()))
+        terminations = list(check_flags(self, "termination", self.terminations()))
+        truncations = list(check_flags(self, "truncation", self.truncations()))
+        check_terms(self, self.metrics(), kind="metric", floating=False)
+        self._terminal_count = 1 + len(terminations)
+        reasons = [NON_FINITE, *terminations, *truncations, TIME_LIMIT]
+        if len(set(reasons)) != len(reasons):
+            raise TaskError(f"task '{self.name}': end reasons must have different names, got {reasons}")
+        unknown = self.success_reasons - set(reasons)
+        if unknown:
+            raise TaskError(f"task '{self.name}': success_reasons names {sorted(unknown)}, not among {reasons}")
+        wins = [reason in self.success_reasons for reason in reasons]
+        self._winning = torch.tensor(wins, device=self.device)
+        self._reason_index = torch.arange(1, len(reasons) + 1, device=self.device)
+        self._statistics = EpisodeStatistics(self.num_worlds, terms, reasons, list(groups), self.device)
+
+    def _advance_action(self, action: torch.Tensor) -> None:
+        target = action.to(self.device).clamp(-1.0, 1.0)
+        if self.config.action_rise_time > 0.0:
+            reach = self.config.control_dt / self.config.action_rise_time
+            target = torch.minimum(torch.maximum(target, self.action - reach), self.action + reach)
+        self.action.copy_(target)
+
+    def _advance_physics(self) -> None:
+        if self.simulation is not None:
+            for _ in range(self.config.decimation):
+                self.simulation.step()
+
+    def _conclude(self) -> StepResult:
+        """Judge the state reached, reset the worlds that ended, and observe."""
+        broken = self._nowhere if self._views is None else self._views.broken()
+        terms = torch.stack(list(self.rewards().values()), dim=1)
+        sane = torch.isfinite(terms)
+        terms = torch.where(sane & ~broken.unsqueeze(1), terms, 0.0)
+        self._stats.add_rewards(terms, ~sane & ~broken.unsqueeze(1))
+
+        reasons = [broken, *self.terminations().values(), *self.truncations().values()]
+        reasons.append(self.episode_clock >= self.config.max_episode_steps)
+        flags = torch.stack(reasons, dim=1)
+        first = flags & (flags.cumsum(dim=1) == 1)
+        terminated = flags[:, : self._terminal_count].any(dim=1)
+        ended = flags.any(dim=1)
+        metrics = {name: value.clone() for name, value in self.metrics().items()}
+        success = metrics["success"].bool() & ended if "success" in metrics else (first & self._winning).any(dim=1)
+        end_reason = (first * self._reason_index).sum(dim=1) - 1
+        self._stats.add_endings(ended, self.episode_steps, first)
+
+        final = self._final_observations(broken) if self.keep_final_observations else None
+        self._reset_worlds(ended)
+        groups = self.observations()
+        self._watch_observations(groups)
+        return StepResult(
+            observations=groups,
+            rewards=terms.sum(dim=1),
+            terminated=terminated,
+            truncated=ended & ~terminated,
+            end_reason=end_reason,
+            success=success,
+            reward_terms=terms,
+            metrics=metrics,
+            final_observations=final,
+        )
+
+    def _final_observations(self, broken: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Clone the observations before the reset; those of a world whose physics broke down become finite."""
+        final = {}
+        for name, group in self.observations().items():
+            if group.is_floating_point():
+                mask = broken.view(-1, *(1,) * (group.dim() - 1))
+                final[name] = torch.where(mask, torch.nan_to_num(group, 0.0, 0.0, 0.0), group)
+            else:
+                final[name] = group.clone()
+        return final
+
+    def _watch_observations(self, groups: dict[str, torch.Tensor]) -> None:
+        counts = [
+            (~torch.isfinite(group)).flatten(1).any(dim=1).sum() if group.is_floating_point() else self._nowhere.sum()
+            for group in groups.values()
+        ]
+        self._stats.add_bad_observations(torch.stack(counts))
+
+    def _reset_worlds(self, mask: torch.Tensor) -> None:
+        self.episode_index += mask
+        self.episode_steps.masked_fill_(mask, 0)
+        self.episode_clock.masked_fill_(mask, 0)
+        self.action.masked_fill_(mask.unsqueeze(1), 0.0)
+        if self.simulation is not None:
+            self.simulation.reset(mask)
+        self.reset(mask)

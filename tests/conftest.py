@@ -1,0 +1,23 @@
+"""What every test needs: quiet Warp, one numerical thread, and no CUDA test without a CUDA device."""
+
+import os
+
+# Before NumPy and torch are imported: two test workers with a thread pool each would fight over the cores.
+for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import pytest
+import torch
+import warp as wp
+
+wp.config.log_level = wp.LOG_WARNING
+torch.set_num_threads(1)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip tests marked `cuda` where Warp finds no CUDA device."""
+    marked = [item for item in items if item.get_closest_marker("cuda")]
+    if marked and not wp.is_cuda_available():
+        for item in marked:
+            item.add_marker(pytest.mark.skip(reason="needs a CUDA device"))

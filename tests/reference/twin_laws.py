@@ -1,0 +1,85 @@
+"""Laws along degrees of freedom of the float64 twin: implicit terms, prescribed motion, bounded rows."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from simwarp.types import Dof, PositionDrive, PrescribedPosition, PrescribedSpeed, Table, VelocityMotor
+
+
+def table_value_slope(table: Table, at: float) -> tuple[float, float]:
+    """Value and slope of a piecewise linear table; at a knot the slope of the segment to its right."""
+    x, y = np.asarray(table[0], float), np.asarray(table[1], float)
+    k = int(np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2))
+    slope = (y[k + 1] - y[k]) / (x[k + 1] - x[k])
+    return float(y[k] + slope * (at - x[k])), float(slope)
+
+
+@dataclasses.dataclass
+class DofInput:
+    """One degree of freedom at the start of a step, and its controls."""
+
+    q: float
+    qd: float
+    force: float
+    target_q: float
+    target_qd: float
+    eta: float
+
+
+def implicit_terms(dof: Dof, s: DofInput, h: float) -> tuple[float, float]:
+    """(G, g) of the impulse gamma = -G u + g of everything along `dof` that has no bound."""
+    spring, stiffness = dof.stiffness * (s.q - dof.rest), dof.stiffness
+    if dof.spring_table is not None:
+        spring, stiffness = table_value_slope(dof.spring_table, s.q - dof.rest)
+    damper, damping = dof.damping * s.qd, dof.damping
+    if dof.damper_table is not None:
+        damper, damping = table_value_slope(dof.damper_table, s.qd)
+    gain = dof.armature + h * damping + h * h * stiffness
+    start = dof.armature * s.qd + h * (s.force + dof.preload - spring - damper + damping * s.qd)
+    drive = dof.drive
+    if isinstance(drive, PositionDrive) and math.isinf(drive.effort_limit):
+        gain += h * drive.damping + h * h * drive.stiffness
+        start += h * (drive.stiffness * (s.target_q - s.q) + drive.damping * s.target_qd)
+    return gain, start
+
+
+def prescribed_speed(dof: Dof, s: DofInput, time: float, h: float) -> float | None:
+    """The speed that a prescribed degree of freedom must have at the end of the step; None if it is not."""
+    drive = dof.drive
+    if isinstance(drive, PrescribedSpeed):
+        return s.target_qd if drive.table is None else table_value_slope(drive.table, time + h)[0]
+    if not isinstance(drive, PrescribedPosition):
+        return None
+    if drive.table is None:
+        now, rate = s.target_q, s.target_qd
+    else:
+        now = table_value_slope(drive.table, time)[0]
+        rate = (table_value_slope(drive.table, time + h)[0] - now) / h
+    return rate + float(np.clip((now - s.q) / h, -s.eta, s.eta))
+
+
+def bounded_rows(dof: Dof, s: DofInput, h: float) -> list[tuple[float, float, float, float, float]]:
+    """(sign of the row, bias, compliance, low, high) of every bounded row of `dof`."""
+    rows = []
+    if dof.limit is not None:
+        lower, upper = dof.limit
+        if math.isfinite(lower):
+            rows.append((1.0, max((s.q - lower) / h, -s.eta), 0.0, 0.0, math.inf))
+        if math.isfinite(upper):
+            rows.append((-1.0, max((upper - s.q) / h, -s.eta), 0.0, 0.0, math.inf))
+    if dof.friction > 0.0:
+        rows.append((1.0, 0.0, 0.0, -h * dof.friction, h * dof.friction))
+    drive = dof.drive
+    if isinstance(drive, VelocityMotor):
+        rows.append((1.0, -s.target_qd, 0.0, -h * drive.effort_limit, h * drive.effort_limit))
+    if isinstance(drive, PositionDrive) and math.isfinite(drive.effort_limit):
+        k, d, most = drive.stiffness, drive.damping, h * drive.effort_limit
+        gain = h * k + d
+        if gain > 0.0:
+            bias = -(k * (s.target_q - s.q) + d * s.target_qd) / gain
+            rows.append((1.0, bias, 1.0 / (h * gain), -most, most))
+    return rows

@@ -1,0 +1,173 @@
+"""Imports go one way: warp <- kernels <- core <- vehicle, sensors, importers, viewer <- tasks <- train <- cli.
+
+Core and kernels share one leaf, `simwarp.types` (enums and aliases), which imports nothing of simwarp.
+Torch and trimesh have one file each; a name used only in annotations (`if TYPE_CHECKING:`) is no import.
+"""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
+ORDER = ["types", "kernels", "core", "parts", "tasks", "train", "cli"]
+PARTS = {"vehicle", "sensors", "importers", "viewer"}
+ONLY_IMPORTER = {"torch": "simwarp.interop", "trimesh": "simwarp.mesh"}
+
+
+def module_names() -> dict[str, Path]:
+    """Every module of the three folders under the name it is installed by."""
+    found = {}
+    for folder, package in FOLDERS.items():
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            parts = path.relative_to(ROOT / folder).with_suffix("").parts
+            found[".".join([package, *(p for p in parts if p != "__init__")])] = path
+    return found
+
+
+MODULES = module_names()
+
+
+def layer(module: str) -> str:
+    """The layer of a module of simwarp."""
+    head = module.split(".")[1:2]
+    if not head:
+        return "core"
+    name = head[0]
+    if name in ("cli", "__main__"):
+        return "cli"
+    if name in PARTS:
+        return "parts"
+    return name if name in ("types", "kernels", "tasks", "train") else "core"
+
+
+def type_checking_nodes(tree: ast.AST) -> set[ast.AST]:
+    """Nodes inside `if TYPE_CHECKING:` bodies."""
+    inside: set[ast.AST] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
+            for statement in node.body:
+                inside.update(ast.walk(statement))
+    return inside
+
+
+def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str, int, bool]]:
+    """Absolute name, line, and whether only type checkers see it, of each import of a module."""
+    tree = ast.parse(source)
+    for_types = type_checking_nodes(tree)
+    package = module.split(".") if is_package else module.split(".")[:-1]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name, node.lineno, node in for_types
+        elif isinstance(node, ast.ImportFrom):
+            parents = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*parents, *([node.module] if node.module else [])])
+            for alias in node.names:
+                full = f"{base}.{alias.name}"
+                # `from simwarp import model` names a module, `from simwarp.model import Model` a thing in one.
+                yield full if full in MODULES else base, node.lineno, node in for_types
+
+
+def complaints(source: str, module: str, is_package: bool = False) -> list[str]:
+    """What is wrong with the imports of one module."""
+    wrong = []
+    mine = layer(module)
+    for name, line, only_types in imports_of(source, module, is_package):
+        top, *rest = name.split(".")
+        at = f"{module}:{line}"
+        if top in ("tasks", "train", "tests"):
+            wrong.append(f"{at}: imports {name}; the installed name is simwarp.{name}")
+        elif top == "simwarp":
+            other = layer(name)
+            if ORDER.index(other) > ORDER.index(mine):
+                wrong.append(f"{at}: {mine} imports {other} ({name})")
+            if {rest[0] if rest else "", module.split(".")[1]} == {"vehicle", "sensors"}:
+                wrong.append(f"{at}: vehicle and sensors must not import each other ({name})")
+        elif top in ONLY_IMPORTER and not only_types:
+            # Tasks and training are written in torch; below them it has one door.
+            free = top == "torch" and mine in ("tasks", "train", "cli")
+            if not free and module != ONLY_IMPORTER[top]:
+                wrong.append(f"{at}: imports {top}; only {ONLY_IMPORTER[top]} may")
+    return wrong
+
+
+@pytest.mark.parametrize("module", sorted(MODULES))
+def test_imports_follow_the_direction(module):
+    path = MODULES[module]
+    if module == "simwarp":
+        # The package itself has no name after `simwarp.`; its layer is core.
+        found = complaints(path.read_text(encoding="utf-8"), "simwarp.__init__")
+    else:
+        found = complaints(path.read_text(encoding="utf-8"), module, path.name == "__init__.py")
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("simwarp.kernels.rows", "from simwarp.model import Model"),
+        ("simwarp.kernels.rows", "from ..model import Model"),
+        ("simwarp.kernels.rows", "import simwarp"),
+        ("simwarp.types", "from simwarp.kernels import rows"),
+        ("simwarp.model", "from simwarp.vehicle.tire import Tire"),
+        ("simwarp.model", "def f():\n    import torch"),
+        ("simwarp.builder", "from trimesh import load"),
+        ("simwarp.vehicle.tire", "from ..sensors import camera"),
+        ("simwarp.sensors.camera", "import simwarp.vehicle"),
+        ("simwarp.sensors.camera", "import torch.nn"),
+        ("simwarp.tasks.ant", "from simwarp.train import runner"),
+        ("simwarp.train.runner", "from simwarp.cli import main"),
+        ("simwarp.train.runner", "import tasks"),
+    ],
+)
+def test_a_wrong_import_is_found(module, source):
+    assert len(complaints(source, module)) == 1
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("simwarp.kernels.rows", "import warp as wp\nfrom simwarp.types import JointType\nfrom . import algebra"),
+        ("simwarp.model", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import torch"),
+        ("simwarp.interop", "import torch"),
+        ("simwarp.tasks.ant", "import torch\nfrom simwarp import Simulation"),
+        ("simwarp.cli", "from simwarp.train import runner"),
+    ],
+)
+def test_a_right_import_passes(module, source):
+    assert complaints(source, module) == []
+
+
+def run_python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+def test_importing_simwarp_pulls_in_neither_torch_nor_trimesh():
+    done = run_python("import simwarp, sys; print(sorted({'torch', 'trimesh'} & set(sys.modules)))")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("folder", ["tasks", "train"])
+def test_the_checkout_root_gives_no_second_copy(folder):
+    # A second copy of a module would be a second registry: what is registered in one is missing in the other.
+    code = f"""
+import sys, pathlib
+import simwarp.{folder}
+try:
+    import {folder}
+except ImportError:
+    pass
+root = pathlib.Path({str(ROOT / folder)!r})
+files = [m.__file__ for m in list(sys.modules.values()) if getattr(m, "__file__", None)]
+files = [f for f in files if root in pathlib.Path(f).parents]
+print(len(files) > 0 and len(files) == len(set(files)))
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "True", f"`import {folder}` loads a second copy of simwarp.{folder}"

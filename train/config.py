@@ -1,0 +1,216 @@
+"""Configuration of a training run, and its translation to what rsl-rl reads."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import Any
+
+from simwarp.tasks import Task, TaskConfig, replace_fields, require
+from simwarp.tasks.config import require_finite
+
+
+class Activation(enum.Enum):
+    """Non-linearity between layers."""
+
+    ELU = "elu"
+    RELU = "relu"
+    TANH = "tanh"
+
+
+class Schedule(enum.Enum):
+    """How the learning rate moves: by the KL divergence of each update, or not at all."""
+
+    ADAPTIVE = "adaptive"
+    FIXED = "fixed"
+
+
+@dataclasses.dataclass(frozen=True)
+class NetworkConfig:
+    """Actor and critic: two multi-layer perceptrons of the same size."""
+
+    hidden: tuple[int, ...] = (64, 64)
+    """Units of each hidden layer."""
+    activation: Activation = Activation.ELU
+    """Non-linearity between layers."""
+    normalise: bool = True
+    """Normalise observations by their running mean and deviation."""
+    init_std: float = 1.0
+    """Standard deviation of the actions at the start."""
+
+    def __post_init__(self) -> None:
+        require_finite(self)
+        require(len(self.hidden) > 0 and min(self.hidden) > 0, self, "hidden", "at least one layer of positive size")
+        require(self.init_std > 0.0, self, "init_std", "positive")
+
+
+@dataclasses.dataclass(frozen=True)
+class PPOConfig:
+    """Proximal policy optimisation (Schulman et al. 2017) with clipping."""
+
+    learning_rate: float = 1e-3
+    """Step size of Adam at the start."""
+    schedule: Schedule = Schedule.ADAPTIVE
+    """How the learning rate moves."""
+    desired_kl: float = 0.01
+    """KL divergence per update that the adaptive schedule aims at."""
+    epochs: int = 5
+    """Passes over each batch."""
+    mini_batches: int = 4
+    """Parts of a batch, one optimiser step each."""
+    clip: float = 0.2
+    """Bound of the probability ratio's change."""
+    gamma: float = 0.99
+    """Discount per control step."""
+    lam: float = 0.95
+    """Trace decay of the advantage estimate."""
+    value_loss: float = 1.0
+    """Weight of the value loss."""
+    clip_value_loss: bool = False
+    """Let values move by at most `clip` per update. It stalls a critic whose returns are far larger than 1."""
+    entropy: float = 0.0
+    """Weight of the entropy bonus."""
+    max_grad_norm: float = 1.0
+    """Bound of the gradient's norm."""
+
+    def __post_init__(self) -> None:
+        require_finite(self)
+        require(self.learning_rate > 0.0, self, "learning_rate", "positive")
+        require(self.desired_kl > 0.0, self, "desired_kl", "positive")
+        require(self.epochs >= 1, self, "epochs", "at least 1")
+        require(self.mini_batches >= 1, self, "mini_batches", "at least 1")
+        require(self.clip > 0.0, self, "clip", "positive")
+        require(0.0 < self.gamma <= 1.0, self, "gamma", "in (0, 1]")
+        require(0.0 <= self.lam <= 1.0, self, "lam", "in [0, 1]")
+        require(self.value_loss >= 0.0, self, "value_loss", "zero or positive")
+        require(self.entropy >= 0.0, self, "entropy", "zero or positive")
+        require(self.max_grad_norm > 0.0, self, "max_grad_norm", "positive")
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    """A training run."""
+
+    num_envs: int = 256
+    """Worlds stepped together."""
+    device: str = "auto"
+    """Where physics and networks run: cpu, cuda, cuda:N, or auto (the first GPU, else the CPU)."""
+    seed: int = 0
+    """Seed of worlds, networks and exploration."""
+    iterations: int = 100
+    """Training iterations in total; a resumed run goes on up to this number."""
+    steps_per_iteration: int = 32
+    """Control steps of every world per iteration."""
+    save_interval: int = 25
+    """Iterations between two checkpoints."""
+    keep_checkpoints: int = 5
+    """Checkpoints kept in the run folder, the newest ones; 0 keeps all."""
+    spread_start: bool = True
+    """Shift the episode clocks at the start, so that time limits do not strike in all worlds at once."""
+    threads: int = 1
+    """CPU threads of torch; small networks are fastest with one."""
+    ppo: PPOConfig = PPOConfig()
+    """The learning algorithm."""
+    network: NetworkConfig = NetworkConfig()
+    """The networks."""
+
+    def __post_init__(self) -> None:
+        require(self.num_envs >= 1, self, "num_envs", "at least 1")
+        require(self.seed >= 0, self, "seed", "zero or positive")
+        require(self.iterations >= 1, self, "iterations", "at least 1")
+        require(self.steps_per_iteration >= 1, self, "steps_per_iteration", "at least 1")
+        require(self.save_interval >= 1, self, "save_interval", "at least 1")
+        require(self.keep_checkpoints >= 0, self, "keep_checkpoints", "zero or positive")
+        require(self.threads >= 1, self, "threads", "at least 1")
+        batch = self.num_envs * self.steps_per_iteration
+        if batch < self.ppo.mini_batches:
+            require(False, self, "num_envs", f"large enough for {self.ppo.mini_batches} mini-batches")
+
+
+def default_config(task: type[Task[Any]]) -> TrainConfig:
+    """Return the training configuration that a task asks for (``Task.training``)."""
+    return replace_fields(TrainConfig(), task.training)
+
+
+def rsl_rl_config(config: TrainConfig, groups: list[str]) -> dict[str, Any]:
+    """Return the dictionary rsl-rl wants; a fresh one each time, since rsl-rl changes it.
+
+    Args:
+        config: the configuration.
+        groups: observation groups that actor and critic see.
+    """
+    ppo, network = config.ppo, config.network
+    model = {
+        "class_name": "MLPModel",
+        "hidden_dims": list(network.hidden),
+        "activation": network.activation.value,
+        "obs_normalization": network.normalise,
+    }
+    return {
+        "num_steps_per_env": config.steps_per_iteration,
+        "save_interval": config.save_interval,
+        "obs_groups": {"actor": list(groups), "critic": list(groups)},
+        "algorithm": {
+            "class_name": "PPO",
+            "learning_rate": ppo.learning_rate,
+            "schedule": ppo.schedule.value,
+            "desired_kl": ppo.desired_kl,
+            "num_learning_epochs": ppo.epochs,
+            "num_mini_batches": ppo.mini_batches,
+            "clip_param": ppo.clip,
+            "gamma": ppo.gamma,
+            "lam": ppo.lam,
+            "value_loss_coef": ppo.value_loss,
+            "use_clipped_value_loss": ppo.clip_value_loss,
+            "entropy_coef": ppo.entropy,
+            "max_grad_norm": ppo.max_grad_norm,
+            "rnd_cfg": None,
+            "symmetry_cfg": None,
+        },
+        "actor": {
+            **model,
+            "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": network.init_std},
+        },
+        "critic": dict(model),
+    }
+
+
+def to_plain(config: Any) -> dict[str, Any]:
+    """Return a configuration as JSON-ready values; enums become their values."""
+    return {key: _plain(value) for key, value in dataclasses.asdict(config).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, enum.Enum):
+        return value.value
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return list(value) if isinstance(value, tuple) else value
+
+
+def train_config_from_plain(plain: dict[str, Any]) -> TrainConfig:
+    """Return the training configuration that :func:`to_plain` wrote; unknown names are errors."""
+    plain = dict(plain)
+    nested = {"ppo": dict(plain.pop("ppo", {})), "network": dict(plain.pop("network", {}))}
+    changes: dict[str, Any] = dict(plain)
+    changes |= {f"{head}.{key}": value for head, items in nested.items() for key, value in items.items()}
+    for key, kind in (("ppo.schedule", Schedule), ("network.activation", Activation)):
+        if key in changes:
+            changes[key] = kind(changes[key])
+    if "network.hidden" in changes:
+        changes["network.hidden"] = tuple(changes["network.hidden"])
+    return replace_fields(TrainConfig(), changes)
+
+
+def task_config_from_plain(task: type[Task[Any]], plain: dict[str, Any]) -> TaskConfig:
+    """Return the task configuration that :func:`to_plain` wrote; unknown names are errors."""
+    default = task.config_type()
+    changes = {}
+    for key, value in plain.items():
+        like = getattr(default, key, None)
+        if isinstance(like, enum.Enum):
+            value = type(like)(value)
+        elif isinstance(like, tuple):
+            value = tuple(value)
+        changes[key] = value
+    return replace_fields(default, changes)

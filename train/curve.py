@@ -1,0 +1,36 @@
+"""The learning curve as a picture."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
+
+from .run_folder import read_progress
+
+_PANELS = (("mean_reward", "mean return"), ("mean_episode_length", "mean episode length [steps]"))
+
+
+def draw_learning_curve(progress: Path, picture: Path, title: str) -> None:
+    """Draw return and episode length over environment steps, from ``progress.csv`` to a PNG."""
+    rows = read_progress(progress)
+    figure = Figure(figsize=(8.0, 3.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    for column, (key, label) in enumerate(_PANELS):
+        axes = figure.add_subplot(1, len(_PANELS), column + 1)
+        points = [(int(row["env_steps"]), float(row[key])) for row in rows if row.get(key)]
+        points = [(steps, value) for steps, value in points if math.isfinite(value)]
+        axes.plot([steps for steps, _ in points], [value for _, value in points], color="tab:blue")
+        axes.set_xlabel("environment steps")
+        axes.set_ylabel(label)
+        axes.set_ylim(bottom=min(0.0, *(value for _, value in points)) if points else 0.0)
+        axes.xaxis.set_major_formatter(EngFormatter())
+        axes.grid(alpha=0.3)
+    # The suffix tells matplotlib the format: a temporary name must keep it
+    temporary = picture.with_name(f".{picture.stem}.new{picture.suffix}")
+    figure.savefig(temporary, dpi=120)
+    temporary.replace(picture)

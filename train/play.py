@@ -1,0 +1,180 @@
+"""A picture or a short video of worlds in which a policy acts, as line drawings."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import importlib.util
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+from simwarp.tasks import Drawing, InputError, Task
+
+from .policies import Policy
+
+PICTURE_SUFFIXES = (".png",)
+VIDEO_SUFFIXES = (".gif", ".mp4")
+_FRAMES_PER_SECOND = 25
+_GHOSTS = 8
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """What one moment looks like.
+
+    Attributes:
+        lines: per line of the drawing, (W, P, 2) projected points [m].
+        time: since the start [s].
+    """
+
+    lines: tuple[npt.NDArray[np.float32], ...]
+    time: float
+
+
+def check_video_path(path: Path) -> None:
+    """Refuse what cannot be written, before any work is done.
+
+    Raises:
+        InputError: unknown kind of file, no such folder, or an encoder that is not installed.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in PICTURE_SUFFIXES + VIDEO_SUFFIXES:
+        raise InputError(f"cannot write '{path}': the name must end in .png, .gif or .mp4")
+    if not path.parent.is_dir():
+        raise InputError(f"cannot write '{path}': folder {path.parent} does not exist")
+    if suffix == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
+        raise InputError("mp4 needs the package imageio-ffmpeg: pip install 'simwarp[viewer]', or give a .gif instead")
+
+
+def _frame(drawing: Drawing, time: float) -> Frame:
+    across, up = drawing.view.value
+    return Frame(tuple(line.points[..., [across, up]].cpu().numpy().copy() for line in drawing.lines), time)
+
+
+def record(task: Task[Any], policy: Policy, seconds: float, seed: int) -> tuple[list[Frame], Drawing, float]:
+    """Let a policy act and keep frames.
+
+    Returns:
+        Frames some 25 per second apart, the drawing they follow, and the mean return of the first episodes so far.
+    """
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        raise InputError(f"seconds must be positive, got {seconds}")
+    task.keep_final_observations = False
+    observations = task.restart(seed=seed)
+    every = max(1, round(1.0 / (_FRAMES_PER_SECOND * task.config.control_dt)))
+    steps = max(1, round(seconds / task.config.control_dt))
+    drawing = task.drawing()
+    frames = [_frame(drawing, 0.0)]
+    total = torch.zeros(task.num_worlds, dtype=torch.float64, device=task.device)
+    running = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
+    for step in range(1, steps + 1):
+        result = task.step(policy(observations))
+        observations = result.observations
+        total += torch.where(running, result.rewards, 0.0)
+        running &= ~(result.terminated | result.truncated)
+        if step % every == 0:
+            frames.append(_frame(task.drawing(), step * task.config.control_dt))
+    return frames, drawing, float(total.mean())
+
+
+def _window(drawing: Drawing, frames: list[Frame]) -> tuple[tuple[float, float], tuple[float, float]]:
+    if drawing.window is not None:
+        return drawing.window
+    points = np.concatenate([line.reshape(-1, 2) for frame in frames for line in frame.lines])
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float(max(high - low)) + 0.05
+    return (float(low[0]) - margin, float(high[0]) + margin), (float(low[1]) - margin, float(high[1]) + margin)
+
+
+class _Canvas:
+    """A grid of one panel per world, redrawn for each image."""
+
+    def __init__(self, task: Task[Any], drawing: Drawing, frames: list[Frame], title: str) -> None:
+        (left, right), (bottom, top) = _window(drawing, frames)
+        columns = math.ceil(math.sqrt(task.num_worlds))
+        rows = math.ceil(task.num_worlds / columns)
+        panel = 2.6
+        height = panel * min(2.0, max(0.4, (top - bottom) / (right - left)))
+        # Even numbers of pixels: video encoders want them
+        size = (round(panel * columns * 50) / 50, round((height * rows + 0.5) * 50) / 50)
+        self._figure = Figure(figsize=size, dpi=100, layout="constrained")
+        self._canvas = FigureCanvasAgg(self._figure)
+        self._styles = [(line.colour, line.width) for line in drawing.lines]
+        self._title = title
+        self._panels = []
+        for world in range(task.num_worlds):
+            axes = self._figure.add_subplot(rows, columns, world + 1)
+            axes.set_xlim(left, right)
+            axes.set_ylim(bottom, top)
+            axes.set_aspect("equal")
+            axes.tick_params(labelsize=6)
+            axes.set_title(f"world {world}", fontsize=7, pad=2)
+            artists = [axes.plot([], [], color=colour, linewidth=width)[0] for colour, width in self._styles]
+            self._panels.append((axes, artists))
+        self._figure.suptitle(self._caption(frames[-1]), fontsize=9)
+        # The layout is solved once: solving it again for each image would take most of the time
+        self._canvas.draw()
+        self._figure.set_layout_engine("none")
+
+    def _caption(self, frame: Frame) -> str:
+        return f"{self._title}   t = {frame.time:5.2f} s"
+
+    def draw(self, frame: Frame) -> npt.NDArray[np.uint8]:
+        """Return (height, width, 3) uint8 of one moment."""
+        self._figure.suptitle(self._caption(frame), fontsize=9)
+        for world, (_, artists) in enumerate(self._panels):
+            for artist, points in zip(artists, frame.lines, strict=True):
+                artist.set_data(points[world, :, 0], points[world, :, 1])
+        self._canvas.draw()
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def draw_trail(self, frames: list[Frame]) -> npt.NDArray[np.uint8]:
+        """Return the last moment with pale earlier ones behind it."""
+        chosen = [frames[round(index)] for index in np.linspace(0, len(frames) - 1, min(_GHOSTS, len(frames)))]
+        for position, frame in enumerate(chosen[:-1]):
+            fade = 0.08 + 0.3 * position / max(1, len(chosen) - 1)
+            for world, (axes, _) in enumerate(self._panels):
+                for (colour, width), points in zip(self._styles, frame.lines, strict=True):
+                    axes.plot(points[world, :, 0], points[world, :, 1], color=colour, linewidth=width, alpha=fade)
+        return self.draw(chosen[-1])
+
+
+def write_picture(path: Path, task: Task[Any], drawing: Drawing, frames: list[Frame], title: str) -> None:
+    """Write a PNG: the last moment of every world, earlier ones pale behind it."""
+    Image.fromarray(_Canvas(task, drawing, frames, title).draw_trail(frames)).save(path)
+
+
+def write_video(path: Path, task: Task[Any], drawing: Drawing, frames: list[Frame], title: str) -> None:
+    """Write a GIF or an MP4."""
+    canvas = _Canvas(task, drawing, frames, title)
+    rate = (len(frames) - 1) / frames[-1].time if len(frames) > 1 else _FRAMES_PER_SECOND
+    images = (canvas.draw(frame) for frame in frames)
+    if path.suffix.lower() == ".mp4":
+        _write_mp4(path, images, rate)
+        return
+    # One palette for all images keeps a GIF of flat colours small
+    first = Image.fromarray(next(images)).quantize(64)
+    rest = [Image.fromarray(image).quantize(palette=first, dither=Image.Dither.NONE) for image in images]
+    first.save(path, save_all=True, append_images=rest, duration=round(1000.0 / rate), loop=0)
+
+
+def _write_mp4(path: Path, images: Iterator[npt.NDArray[np.uint8]], rate: float) -> None:
+    imageio_ffmpeg: Any = importlib.import_module("imageio_ffmpeg")
+
+    first = next(images)
+    writer = imageio_ffmpeg.write_frames(str(path), (first.shape[1], first.shape[0]), fps=rate, macro_block_size=2)
+    writer.send(None)
+    try:
+        writer.send(first.tobytes())
+        for image in images:
+            writer.send(image.tobytes())
+    finally:
+        writer.close()

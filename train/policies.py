@@ -1,0 +1,114 @@
+"""Policies to act with: a trained network, nothing, and chance."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.utils import resolve_class
+from simwarp.tasks import InputError, Task
+from tensordict import TensorDict
+
+from .checkpoint import SUFFIX, load_checkpoint
+from .config import rsl_rl_config, train_config_from_plain
+from .run_folder import RUNS, latest_run, resolve_checkpoint
+
+Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
+"""Observation groups -> (W, A) actions."""
+
+SHIPPED = Path(__file__).parent / "policies"
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicySource:
+    """A checkpoint and where it came from.
+
+    Attributes:
+        path: the file.
+        content: what is in it.
+        origin: one phrase for the user.
+    """
+
+    path: Path
+    content: dict[str, Any]
+    origin: str
+
+
+def shipped_policy(task_name: str) -> Path | None:
+    """Return the policy that comes with the package for a task, if there is one."""
+    path = SHIPPED / f"{task_name}{SUFFIX}"
+    return path if path.is_file() else None
+
+
+def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS) -> PolicySource:
+    """Read the policy the user means: the given file or run, else the newest run, else the shipped one.
+
+    Raises:
+        InputError: there is none, it cannot be read, or it is of another task.
+    """
+    if checkpoint is not None:
+        path = resolve_checkpoint(checkpoint)
+        origin = f"checkpoint {path}"
+    else:
+        run = latest_run(root, task_name)
+        shipped = shipped_policy(task_name)
+        if run is not None:
+            path = run.latest_checkpoint()
+            origin = f"newest run, {path}"
+        elif shipped is not None:
+            path, origin = shipped, "policy shipped with simwarp"
+        else:
+            raise InputError(
+                f"no policy for task '{task_name}': train one with `simwarp train {task_name}` or give --checkpoint"
+            )
+    content = load_checkpoint(path)
+    if content["task"] != task_name:
+        raise InputError(f"checkpoint {path} is of task '{content['task']}', not '{task_name}'")
+    return PolicySource(path, content, origin)
+
+
+def network_policy(content: dict[str, Any], task: Task[Any]) -> Policy:
+    """Return the deterministic policy of a checkpoint, for the observations of ``task``.
+
+    Raises:
+        InputError: its network does not fit the task's observations or actions.
+    """
+    config = train_config_from_plain(content["train_config"])
+    groups = list(task.observation_shapes)
+    settings = rsl_rl_config(config, groups)
+    model_class, options = resolve_class(settings["actor"])
+    example = TensorDict(
+        {name: group.clone() for name, group in task.observations().items()}, batch_size=[task.num_worlds]
+    )
+    actor = model_class(example, settings["obs_groups"], "actor", task.action_size, **options).to(task.device)
+    try:
+        actor.load_state_dict(content["actor_state_dict"], strict=True)
+    except RuntimeError as error:
+        shapes = ", ".join(f"'{name}' {shape}" for name, shape in task.observation_shapes.items())
+        raise InputError(
+            f"the checkpoint's network does not fit task '{task.name}' (observations {shapes}, {task.action_size}"
+            " actions)"
+        ) from error
+    actor.eval()
+
+    def act(observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        with torch.inference_mode():
+            batch = TensorDict(dict(observations), batch_size=[task.num_worlds])
+            actions: torch.Tensor = actor(batch)
+            return actions
+
+    return act
+
+
+def zero_policy(task: Task[Any]) -> Policy:
+    """Return the policy that does nothing."""
+    nothing = torch.zeros(task.num_worlds, task.action_size, device=task.device)
+    return lambda observations: nothing
+
+
+def random_policy(task: Task[Any]) -> Policy:
+    """Return the policy that draws every action uniformly from [-1, 1], reproducibly."""
+    return lambda observations: task.random.uniform("random policy", -1.0, 1.0, task.action_size, per_step=True)
