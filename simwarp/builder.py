@@ -140,9 +140,7 @@ class ModelBuilder:
         self.bodies.append(spec)
         return len(self.bodies) - 1
 
-    def add_shaft(
-        self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Any
-    ) -> int:
+    def add_shaft(self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Any) -> int:
         """A shaft: a node of one rotation, coupled to others by `add_coupling`; returns its joint index.
 
         Args:
@@ -186,9 +184,7 @@ class ModelBuilder:
         """A slide along `axis`, fixed in the parent; q [m]. Arguments as for `add_joint_revolute`."""
         return self._add_single(JointType.PRISMATIC, name, parent, child, anchor, axis, options)
 
-    def add_joint_spherical(
-        self, name: str, parent: int, child: int, *, anchor: Vec3, dofs: Sequence[Dof] = ()
-    ) -> int:
+    def add_joint_spherical(self, name: str, parent: int, child: int, *, anchor: Vec3, dofs: Sequence[Dof] = ()) -> int:
         """A ball joint; q is the rotation vector [rad], qd the relative angular velocity, in axes of frame 0."""
         return self._add(JointType.SPHERICAL, name, parent, child, anchor, None, dofs)
 
@@ -217,7 +213,9 @@ class ModelBuilder:
         position = make_pose().position if anchor is None else finite_vector(f"joint '{name}'", "anchor", anchor, 3)
         identity = np.array([0.0, 0.0, 0.0, 1.0])
         body = self._body(f"joint '{name}'", "child", child)
-        offset = rotate(quat_conjugate(body.pose.rotation), position - body.pose.position) if anchor is not None else 0.0
+        offset = (
+            rotate(quat_conjugate(body.pose.rotation), position - body.pose.position) if anchor is not None else 0.0
+        )
         frame1 = Frame(np.zeros(3) + offset, identity)
         return self._append(
             JointSpec(name, JointType.FREE, WORLD, child, Frame(np.zeros(3), identity), frame1, (Dof(),) * 6)
@@ -277,9 +275,7 @@ class ModelBuilder:
         offset = distance if length is None else float(length)
         if not offset > 0.0:
             raise ModelError(f"{thing}: length must be > 0 m, got {offset}; use add_joint_spherical for length 0")
-        return self._add(
-            JointType.ROD, name, parent, child, anchor0, None, (), anchor1=anchor1, offset=offset
-        )
+        return self._add(JointType.ROD, name, parent, child, anchor0, None, (), anchor1=anchor1, offset=offset)
 
     def add_joint_revolute_spherical(
         self, name: str, parent: int, child: int, *, anchor0: Vec3, axis: Vec3, anchor1: Vec3
@@ -305,9 +301,7 @@ class ModelBuilder:
             anchor1=anchor1, rotation1=rotation1, offset=offset,
         )  # fmt: skip
 
-    def add_spring(
-        self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, **options: Any
-    ) -> int:
+    def add_spring(self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, **options: Any) -> int:
         """A translational spring-damper-actuator: its coordinate is the length [m]; `rest` defaults to the
         initial length, `joint_force` pushes the ends apart [N], `limit` are hard bump stops.
 
@@ -420,9 +414,7 @@ class ModelBuilder:
     ) -> int:  # fmt: skip
         return self._add(kind, name, parent, child, anchor, axis, (_dof_from_options(f"joint '{name}'", options),))
 
-    def _add_line(
-        self, name: str, parent: int, child: int, anchor0: Vec3, anchor1: Vec3, dofs: Sequence[Dof]
-    ) -> int:
+    def _add_line(self, name: str, parent: int, child: int, anchor0: Vec3, anchor1: Vec3, dofs: Sequence[Dof]) -> int:
         _distance(f"joint '{name}'", anchor0, anchor1)
         return self._add(JointType.LINE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
 

@@ -276,8 +276,12 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     t.dof_drive = ints([drive_mode(dof) for _, _, dof in dof_rows])
     t.dof_table = ints(dof_table)
     t.table_start = ints(starts)
-    t.table_x = wp.array(np.concatenate([[0.0], *(x for x, _ in curves)])[bool(curves):], dtype=wp.float64, device=device)
-    t.table_y = wp.array(np.concatenate([[0.0], *(y for _, y in curves)])[bool(curves):], dtype=wp.float64, device=device)
+    t.table_x = wp.array(
+        np.concatenate([[0.0], *(x for x, _ in curves)])[bool(curves) :], dtype=wp.float64, device=device
+    )
+    t.table_y = wp.array(
+        np.concatenate([[0.0], *(y for _, y in curves)])[bool(curves) :], dtype=wp.float64, device=device
+    )
     t.loop_joint, t.loop_row = ints(tables.loop_joint), ints(tables.loop_row)
     t.row_kind = ints([row.kind for row in tables.rows])
     t.row_axis0 = ints([row.axis0 for row in tables.rows])

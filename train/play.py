@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
@@ -108,7 +109,6 @@ class _Canvas:
         self._figure = Figure(figsize=size, dpi=100, layout="constrained")
         self._canvas = FigureCanvasAgg(self._figure)
         self._styles = [(line.colour, line.width) for line in drawing.lines]
-        self._title = title
         self._panels = []
         for world in range(task.num_worlds):
             axes = self._figure.add_subplot(rows, columns, world + 1)
@@ -119,21 +119,29 @@ class _Canvas:
             axes.set_title(f"world {world}", fontsize=7, pad=2)
             artists = [axes.plot([], [], color=colour, linewidth=width)[0] for colour, width in self._styles]
             self._panels.append((axes, artists))
-        self._figure.suptitle(self._caption(frames[-1]), fontsize=9)
-        # The layout is solved once: solving it again for each image would take most of the time
+        self._title = title
+        self._caption = self._figure.suptitle(f"{title}   t = {frames[-1].time:5.2f} s", fontsize=9)
         self._canvas.draw()
+        # What moves is drawn over a kept background: drawing frames and ticks again would take most of the time
         self._figure.set_layout_engine("none")
+        self._moving: list[Artist] = [self._caption, *(line for _, lines in self._panels for line in lines)]
+        for moving in self._moving:
+            moving.set_animated(True)
+        self._keep_background()
 
-    def _caption(self, frame: Frame) -> str:
-        return f"{self._title}   t = {frame.time:5.2f} s"
+    def _keep_background(self) -> None:
+        self._canvas.draw()
+        self._background = self._canvas.copy_from_bbox(self._figure.bbox)
 
     def draw(self, frame: Frame) -> npt.NDArray[np.uint8]:
         """Return (height, width, 3) uint8 of one moment."""
-        self._figure.suptitle(self._caption(frame), fontsize=9)
+        self._caption.set_text(f"{self._title}   t = {frame.time:5.2f} s")
         for world, (_, artists) in enumerate(self._panels):
             for artist, points in zip(artists, frame.lines, strict=True):
                 artist.set_data(points[world, :, 0], points[world, :, 1])
-        self._canvas.draw()
+        self._canvas.restore_region(self._background)
+        for moving in self._moving:
+            self._figure.draw_artist(moving)
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def draw_trail(self, frames: list[Frame]) -> npt.NDArray[np.uint8]:
@@ -144,6 +152,7 @@ class _Canvas:
             for world, (axes, _) in enumerate(self._panels):
                 for (colour, width), points in zip(self._styles, frame.lines, strict=True):
                     axes.plot(points[world, :, 0], points[world, :, 1], color=colour, linewidth=width, alpha=fade)
+        self._keep_background()
         return self.draw(chosen[-1])
 
 

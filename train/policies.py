@@ -19,7 +19,7 @@ from .run_folder import RUNS, latest_run, resolve_checkpoint
 Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
 """Observation groups -> (W, A) actions."""
 
-SHIPPED = Path(__file__).parent / "policies"
+SHIPPED = Path(__file__).parent / "shipped"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import importlib.util
+import inspect
+from types import ModuleType
 from typing import Any
 
 from simwarp.cli import DONE
@@ -16,7 +18,10 @@ _CATALOGUES = {
     "sensors": "simwarp.sensors.catalogue",
     "scenes": "simwarp.scenes",
 }
-"""Section -> module whose ``catalogue()`` returns name -> one line. A missing module is an empty section."""
+"""Section -> module whose ``catalogue()`` returns name -> one line, or whose public builders are the entries.
+
+A missing module is an empty section.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,8 +36,18 @@ def catalogue(module: str) -> dict[str, str]:
             return {}
     except ModuleNotFoundError:
         return {}
-    entries: Any = getattr(importlib.import_module(module), "catalogue", None)
-    return dict(entries()) if callable(entries) else {}
+    loaded = importlib.import_module(module)
+    entries: Any = getattr(loaded, "catalogue", None)
+    return dict(entries()) if callable(entries) else builders(loaded)
+
+
+def builders(module: ModuleType) -> dict[str, str]:
+    """Return the public functions of a module that return a ModelBuilder, with their first line of documentation."""
+    return {
+        name.replace("_", "-"): (inspect.getdoc(function) or "").partition("\n")[0]
+        for name, function in inspect.getmembers(module, inspect.isfunction)
+        if not name.startswith("_") and function.__annotations__.get("return") == "ModelBuilder"
+    }
 
 
 def run(arguments: list[str]) -> int:

@@ -80,9 +80,7 @@ def joint_pose(kind: int, first: int, world: int, joint_q: wp.array2d[float]) ->
     elif kind == UNIVERSAL:
         pose.r = about(0, wp.float64(joint_q[world, first])) * about(1, wp.float64(joint_q[world, first + 1]))
     elif kind == PLANAR:
-        pose.p = wp.vec3d(
-            wp.float64(joint_q[world, first]), wp.float64(joint_q[world, first + 1]), wp.float64(0.0)
-        )
+        pose.p = wp.vec3d(wp.float64(joint_q[world, first]), wp.float64(joint_q[world, first + 1]), wp.float64(0.0))
         pose.r = about(2, wp.float64(joint_q[world, first + 2]))
     elif kind == SPHERICAL:
         pose.r = exponential(
@@ -105,9 +103,7 @@ def joint_pose(kind: int, first: int, world: int, joint_q: wp.array2d[float]) ->
 
 
 @wp.func
-def place_links(
-    world: int, topology: Topology, parameters: Parameters, joint_q: wp.array2d[float], work: Work
-):
+def place_links(world: int, topology: Topology, parameters: Parameters, joint_q: wp.array2d[float], work: Work):
     """Poses of the tree from its coordinates; floating roots without a named joint stay where they are."""
     for link in range(topology.link_count):
         joint = topology.link_joint[link]
@@ -334,9 +330,7 @@ def publish_rates(
 
 
 @wp.func
-def measure_world(
-    world: int, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
-):
+def measure_world(world: int, topology: Topology, parameters: Parameters, state: StateArrays, work: Work):
     """Coordinates, rates and the float32 view of the poses and velocities of record."""
     load_poses(world, topology, state, work)
     publish_poses(world, topology, state, work)

@@ -101,9 +101,7 @@ def load_slots(
             q = state.joint_x[world, dof]
             if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
                 work.gain[slot] = -1.0
-                work.rate[slot] = prescribed_rate(
-                    dof, world, dt, time, q, config.recovery_rate, topology, control
-                )
+                work.rate[slot] = prescribed_rate(dof, world, dt, time, q, config.recovery_rate, topology, control)
             elif topology.link_type[topology.slot_link[slot]] != FREE:
                 law = dof_law(dof, world, dt, float(q), state.joint_qd[world, dof], topology, parameters, control)
                 work.gain[slot] = law.gain
@@ -130,15 +128,13 @@ def apply_row_forces(
             joint = topology.dof_joint[dof]
             frames = joint_frames(joint, world, topology, parameters, work)
             axis = topology.dof_axis[dof]
-            row = row_geometry(topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+            row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
             push(link_of(topology.joint_body0[joint], topology), row.w0, dt * force, work)
             push(link_of(topology.joint_body1[joint], topology), row.w1, dt * force, work)
 
 
 @wp.func
-def publish(
-    world: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work
-) -> int:
+def publish(world: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work) -> int:
     """Rates at the old poses, then poses and coordinates of record; 0 if any value is not finite (nothing written)."""
     finite = int(1)
     for link in range(topology.link_count):

@@ -94,7 +94,7 @@ def bounded_response(
         joint = topology.dof_joint[dof]
         frames = joint_frames(joint, world, topology, parameters, work)
         axis = topology.dof_axis[dof]
-        geometry = row_geometry(topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+        geometry = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
         geometry.w0.ang = geometry.w0.ang * sign
         geometry.w0.lin = geometry.w0.lin * sign
         geometry.w1.ang = geometry.w1.ang * sign

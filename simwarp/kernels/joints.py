@@ -23,6 +23,8 @@ SPHERICAL = wp.constant(int(JointType.SPHERICAL))
 SHAFT = wp.constant(int(JointType.SHAFT))
 LINE = wp.constant(int(JointType.LINE))
 BUSHING = wp.constant(int(JointType.BUSHING))
+POINT_ON_PLANE = wp.constant(int(JointType.POINT_ON_PLANE))
+POINT_ON_LINE = wp.constant(int(JointType.POINT_ON_LINE))
 
 POINT_AXIS0 = wp.constant(int(RowKind.POINT_AXIS0))
 POINT_AXIS1 = wp.constant(int(RowKind.POINT_AXIS1))
@@ -79,15 +81,15 @@ def joint_frames(joint: int, world: int, topology: Topology, parameters: Paramet
 
 @wp.func
 def legal_translation(kind: int, frames: JointFrames) -> wp.vec3d:
-    """The part of `d` that the joint allows."""
-    legal = wp.vec3d()
-    if kind == PRISMATIC or kind == CYLINDRICAL:
-        z = column(frames.f0, 2)
-        legal = z * wp.dot(z, frames.d)
-    elif kind == PLANAR:
-        z = column(frames.f0, 2)
-        legal = frames.d - z * wp.dot(z, frames.d)
-    return legal
+    """The part of `d` that the element allows."""
+    z = column(frames.f0, 2)
+    if kind == PRISMATIC or kind == CYLINDRICAL or kind == POINT_ON_LINE:
+        return z * wp.dot(z, frames.d)
+    if kind == FREE or kind == BUSHING:
+        return frames.d
+    if kind == PLANAR or kind >= POINT_ON_PLANE:
+        return frames.d - z * wp.dot(z, frames.d)
+    return wp.vec3d()
 
 
 @wp.func

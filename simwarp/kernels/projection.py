@@ -51,9 +51,7 @@ def residual_drift(world: int, inv_dt: float, topology: Topology, parameters: Pa
 
 
 @wp.func
-def residual_rows(
-    world: int, inv_dt: float, topology: Topology, parameters: Parameters, work: Work
-) -> float:
+def residual_rows(world: int, inv_dt: float, topology: Topology, parameters: Parameters, work: Work) -> float:
     """row_r <- J dV + C / dt of the rigid loop rows at the poses in `work`, others 0; returns the largest C."""
     worst = float(0.0)
     for row in range(topology.row_count):
@@ -67,7 +65,9 @@ def residual_rows(
             if topology.row_dof[row] < 0:
                 kind = topology.row_kind[row]
                 offset = row_offset(kind, joint, world, parameters)
-                geometry = row_geometry(kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames)
+                geometry = row_geometry(
+                    topology.joint_type[joint], kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames
+                )
                 value = float(geometry.value)
                 work.row_r[row] = row_speed(row, topology, work, link0, link1) + value * inv_dt
                 worst = wp.max(worst, wp.abs(value))

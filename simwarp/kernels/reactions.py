@@ -74,7 +74,9 @@ def record_reactions(
             joint = topology.dof_joint[dof]
             frames = joint_frames(joint, world, topology, parameters, work)
             axis = topology.dof_axis[dof]
-            geometry = row_geometry(topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+            geometry = row_geometry(
+                topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames
+            )
             impulse = work.b_sign[index] * work.gamma[index]
             take_wrench(link_of(topology.joint_body0[joint], topology), geometry.w0.ang, geometry.w0.lin, impulse, work)
             take_wrench(link_of(topology.joint_body1[joint], topology), geometry.w1.ang, geometry.w1.lin, impulse, work)
@@ -85,9 +87,15 @@ def record_reactions(
             joint = topology.dof_joint[dof]
             frames = joint_frames(joint, world, topology, parameters, work)
             axis = topology.dof_axis[dof]
-            geometry = row_geometry(topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
-            take_wrench(link_of(topology.joint_body0[joint], topology), geometry.w0.ang, geometry.w0.lin, dt * effort, work)
-            take_wrench(link_of(topology.joint_body1[joint], topology), geometry.w1.ang, geometry.w1.lin, dt * effort, work)
+            geometry = row_geometry(
+                topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames
+            )
+            take_wrench(
+                link_of(topology.joint_body0[joint], topology), geometry.w0.ang, geometry.w0.lin, dt * effort, work
+            )
+            take_wrench(
+                link_of(topology.joint_body1[joint], topology), geometry.w1.ang, geometry.w1.lin, dt * effort, work
+            )
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
         parent = topology.link_parent[link]

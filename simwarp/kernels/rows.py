@@ -17,6 +17,7 @@ from simwarp.kernels.joints import (
     JointFrames,
     coordinate,
     joint_frames,
+    legal_translation,
     unwrapped,
     wraps,
 )
@@ -38,8 +39,11 @@ class RowGeometry:
 
 
 @wp.func
-def row_geometry(kind: int, axis0: int, axis1: int, offset: wp.float64, frames: JointFrames) -> RowGeometry:
-    """One row of kind `kind` (RowKind); its velocity is the exact time derivative of `value`."""
+def row_geometry(
+    joint_type: int, kind: int, axis0: int, axis1: int, offset: wp.float64, frames: JointFrames
+) -> RowGeometry:
+    """One row of kind `kind` (RowKind). Each body is taken at its own anchor, plus the travel that the joint allows:
+    a violation has no lever."""
     row = RowGeometry()
     if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
         axis = wp.vec3d()
@@ -56,7 +60,7 @@ def row_geometry(kind: int, axis0: int, axis1: int, offset: wp.float64, frames: 
         row.w0.ang = -to_float(axis)
         return row
     u = wp.vec3d()
-    lever0 = frames.r0 + frames.d
+    lever0 = frames.r0 + legal_translation(joint_type, frames)
     lever1 = frames.r1
     if kind == POINT_AXIS0:
         u = column(frames.f0, axis0)
@@ -113,7 +117,12 @@ def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, w
     joint = topology.dof_joint[dof]
     frames = joint_frames(joint, world, topology, parameters, work)
     geometry = row_geometry(
-        topology.dof_kind[dof], topology.dof_axis[dof], topology.dof_axis[dof], wp.float64(0.0), frames
+        topology.joint_type[joint],
+        topology.dof_kind[dof],
+        topology.dof_axis[dof],
+        topology.dof_axis[dof],
+        wp.float64(0.0),
+        frames,
     )
     link0 = link_of(topology.joint_body0[joint], topology)
     link1 = link_of(topology.joint_body1[joint], topology)
@@ -123,6 +132,19 @@ def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, w
     if link1 >= 0:
         rate += wp.dot(geometry.w1.ang, work.v_ang[link1]) + wp.dot(geometry.w1.lin, work.v_lin[link1])
     return rate
+
+
+@wp.func
+def free_mobility(body: int, world: int, wrench: Wrench, parameters: Parameters) -> float:
+    """Response of a row if the body were free of its joints: the scale against which a pivot is judged. Rows across
+    a plane mechanism have a diagonal of pure rounding, so that their own diagonal would not do."""
+    if body < 0:
+        return 0.0
+    force = wp.dot(wrench.lin, wrench.lin)
+    if force > 0.0:
+        return force / parameters.body_mass[world % parameters.body_mass.shape[0], body]
+    inertia = parameters.body_inertia_b[world % parameters.body_inertia_b.shape[0], body]
+    return 3.0 * wp.dot(wrench.ang, wrench.ang) / wp.trace(inertia)
 
 
 @wp.func
@@ -142,7 +164,9 @@ def loop_joint_rows(
         offset = wp.float64(0.0)
         if dof < 0:
             offset = row_offset(kind, joint, world, parameters)
-        geometry = row_geometry(kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames)
+        geometry = row_geometry(
+            topology.joint_type[joint], kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames
+        )
         work.j0_ang[row] = geometry.w0.ang
         work.j0_lin[row] = geometry.w0.lin
         work.j1_ang[row] = geometry.w1.ang
@@ -167,6 +191,9 @@ def loop_joint_rows(
             bias = -law.effort / gain
         work.row_b[row] = bias
         work.row_compliance[row] = compliance
+        work.row_scale[row] = free_mobility(
+            topology.joint_body0[joint], world, geometry.w0, parameters
+        ) + free_mobility(topology.joint_body1[joint], world, geometry.w1, parameters)
         project_row(row, link0, geometry.w0, link1, geometry.w1, topology, work, work.y)
     return violation
 
@@ -193,11 +220,12 @@ def coupling_row(
             project_slot(row, topology.dof_slot[dof], coefficient, topology, work, work.y)
     work.row_b[row] = wp.clamp(float(value) / dt, -limit, limit)
     work.row_compliance[row] = 0.0
+    work.row_scale[row] = 0.0
 
 
 @wp.func
 def factor_rows(topology: Topology, config: StepConfig, work: Work):
-    """n <- Cholesky factor of Y Y^T + C, pivots below tolerance x own diagonal set aside (inverse zero)."""
+    """n <- Cholesky factor of Y Y^T + C, pivots below tolerance x scale set aside (inverse zero)."""
     for r in range(topology.row_count):
         for c in range(r + 1):
             total = float(0.0)
@@ -217,7 +245,7 @@ def factor_rows(topology: Topology, config: StepConfig, work: Work):
             work.n[r, c] = total
             pivot -= total * total
         inverse = float(0.0)
-        if pivot > config.pivot_tolerance * diagonal:
+        if pivot > config.pivot_tolerance * wp.max(diagonal, work.row_scale[r]):
             inverse = 1.0 / wp.sqrt(pivot)
         work.inv_pivot[r] = inverse
         work.n[r, r] = pivot * inverse

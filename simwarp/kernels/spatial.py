@@ -64,10 +64,7 @@ def turned(q: wp.quatd, rotation: wp.vec3) -> wp.quatd:
         s = wp.float64(1.0) + square * (
             wp.float64(-1.0 / 6.0)
             + square
-            * (
-                wp.float64(1.0 / 120.0)
-                + square * (wp.float64(-1.0 / 5040.0) + square * wp.float64(1.0 / 362880.0))
-            )
+            * (wp.float64(1.0 / 120.0) + square * (wp.float64(-1.0 / 5040.0) + square * wp.float64(1.0 / 362880.0)))
         )
         c = wp.float64(1.0) + square * (
             wp.float64(-0.5)

@@ -189,6 +189,7 @@ class Work:
     row_impulse: wp.array[float]
     row_r: wp.array[float]
     row_t: wp.array[float]
+    row_scale: wp.array[float]
     y: wp.array2d[float]  # (rows, slots)
     n: wp.array2d[float]  # (rows, rows)
     inv_pivot: wp.array[float]

@@ -124,18 +124,6 @@ def impulses_up(topology: Topology, work: Work):
         elif kind == SHAFT:
             work.xi[first] = work.effort[first] * work.inv_sqrt_d[first]
         else:
-            w_ang = work.drift_ang[link]
-            w_lin = work.drift_lin[link]
-            # A c before its columns went = A c after + sum U U^T / D
-            p_ang -= work.inertia[link] * w_ang + work.coupling[link] * w_lin
-            p_lin -= w_ang * work.coupling[link] + work.mass[link] * w_lin
-            for index_slot in range(end - first):
-                slot = end - 1 - index_slot
-                u_ang = work.u_ang[slot]
-                u_lin = work.u_lin[slot]
-                along = wp.dot(u_ang, w_ang) + wp.dot(u_lin, w_lin)
-                p_ang -= u_ang * along
-                p_lin -= u_lin * along
             for index_slot in range(end - first):
                 slot = end - 1 - index_slot
                 xi = (
@@ -146,6 +134,11 @@ def impulses_up(topology: Topology, work: Work):
                 p_lin -= work.u_lin[slot] * xi
             parent = topology.link_parent[link]
             if parent >= 0:
+                # the columns see the drift through the velocity on the way down; the parent has to carry it here
+                w_ang = work.drift_ang[link]
+                w_lin = work.drift_lin[link]
+                p_ang -= work.inertia[link] * w_ang + work.coupling[link] * w_lin
+                p_lin -= w_ang * work.coupling[link] + work.mass[link] * w_lin
                 work.p_ang[parent] = work.p_ang[parent] + p_ang + wp.cross(work.shift[link], p_lin)
                 work.p_lin[parent] = work.p_lin[parent] + p_lin
 
@@ -192,9 +185,7 @@ class Wrench:
 
 
 @wp.func
-def wrench_up(
-    link: int, wrench: Wrench, row: int, topology: Topology, work: Work, y: wp.array2d[float]
-) -> Wrench:
+def wrench_up(link: int, wrench: Wrench, row: int, topology: Topology, work: Work, y: wp.array2d[float]) -> Wrench:
     """Adds the link's slots to row `row` of `y`; returns what reaches the parent."""
     first = topology.link_slot[link]
     end = topology.link_slot[link + 1]
@@ -249,9 +240,7 @@ def project_row(
 
 
 @wp.func
-def project_slot(
-    row: int, slot: int, coefficient: float, topology: Topology, work: Work, y: wp.array2d[float]
-):
+def project_slot(row: int, slot: int, coefficient: float, topology: Topology, work: Work, y: wp.array2d[float]):
     """Adds to y[row] the response of a generalised impulse of size `coefficient` on one slot."""
     link = topology.slot_link[slot]
     w = Wrench()

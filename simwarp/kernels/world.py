@@ -100,6 +100,7 @@ def pack(
     work.row_r = row_scalars[3]
     work.row_t = row_scalars[4]
     work.inv_pivot = row_scalars[5]
+    work.row_scale = row_scalars[6]
     work.y = y
     work.n = n
     work.active = active
@@ -152,7 +153,7 @@ def _make_kernel(size: SizeClass) -> wp.Kernel:
         slot_vectors = wp.zeros(shape=(4, slots), dtype=wp.vec3)
         slot_scalars = wp.zeros(shape=(7, slots), dtype=float)
         row_vectors = wp.zeros(shape=(4, rows), dtype=wp.vec3)
-        row_scalars = wp.zeros(shape=(6, rows), dtype=float)
+        row_scalars = wp.zeros(shape=(7, rows), dtype=float)
         y = wp.zeros(shape=(rows, slots), dtype=float)
         n = wp.zeros(shape=(rows, rows), dtype=float)
         active = wp.zeros(shape=bounded, dtype=int)

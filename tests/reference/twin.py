@@ -247,8 +247,10 @@ class Twin:
         self.rot = quat_product(quat_exp(h * bodies[:, 3:]), self.rot)
         self.rot /= np.linalg.norm(self.rot, axis=1, keepdims=True)
         self.shaft_q = self.shaft_q + h * velocity[6 * len(self.mass) :]
+        rates = self.dof_jacobian @ velocity  # in the frames of the step's start, as the step solved for them
         self._evaluate()
         self.set_velocity(velocity)
+        self.joint_qd = rates
         self.joint_q = self.rows.coordinates(self.shaft_q, predicted)
         self.time += h
 

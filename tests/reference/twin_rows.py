@@ -104,6 +104,17 @@ class Rows:
         self.anchor1 = x_w[c] + np.einsum("nij,nj->ni", r_w[c], self.local1)
         self.axes0, self.axes1 = r_w[p] @ self.frame0, r_w[c] @ self.frame1
 
+    def _allowed(self) -> np.ndarray:
+        """(J, 3): d of every joint without its components along bilateral POINT_AXIS0 rows."""
+        d = self.anchor1 - self.anchor0
+        allowed = d.copy()
+        for n in range(self.bilateral):
+            if self.kind[n] == int(RowKind.POINT_AXIS0):
+                j = self.joint[n]
+                e = self.axes0[j, :, self.axis0[n]]
+                allowed[j] -= e * (e @ d[j])
+        return allowed
+
     def evaluate(self, x: np.ndarray, rotation: np.ndarray) -> None:
         """Values and Jacobians of all rows at the given poses."""
         self.frames(x, rotation)
@@ -118,8 +129,9 @@ class Rows:
         linear[kinds[RowKind.POINT_AXIS1]] = e1[kinds[RowKind.POINT_AXIS1]]
         far = kinds[RowKind.DISTANCE]
         linear[far] = d[far] / length[far, None]
-        # where the two bodies are taken: A1 for POINT_AXIS0, A0 for POINT_AXIS1, each its own for DISTANCE
-        point0 = np.where(kinds[RowKind.POINT_AXIS0][:, None], self.anchor1[j], self.anchor0[j])
+        # where the two bodies are taken: A1 and A0 plus the allowed part of d for POINT_AXIS0 (so that a violation
+        # has no lever), A0 for POINT_AXIS1, each its own for DISTANCE
+        point0 = np.where(kinds[RowKind.POINT_AXIS0][:, None], (self.anchor0 + self._allowed())[j], self.anchor0[j])
         point1 = np.where(kinds[RowKind.POINT_AXIS1][:, None], self.anchor0[j], self.anchor1[j])
         angular = np.zeros((n, 3))
         angular[kinds[RowKind.ANGLE0]] = e0[kinds[RowKind.ANGLE0]]

@@ -142,3 +142,28 @@ def test_files_that_cannot_be_written_are_refused_first(tmp_path, monkeypatch):
     ):
         with pytest.raises(InputError, match=message):
             check_video_path(path)
+
+
+def test_the_shipped_pendulum_policy_solves_the_pendulum(tmp_path):
+    source = find_policy("pendulum", None, tmp_path)
+    assert source.path == policies.shipped_policy("pendulum")
+    config = task_class("pendulum").config_type()
+    results = evaluate_with_baselines(
+        "pendulum", lambda task: network_policy(source.content, task), config=config, episodes=64, seed=17
+    )
+    assert results["policy"].mean_episode_length >= 990.0
+    assert results["policy"].success_rate > 0.95
+    assert results["zero"].mean_episode_length < 200.0
+    assert results["random"].mean_episode_length < 200.0
+
+
+def test_shipping_writes_the_actor_and_where_it_came_from(trained, tmp_path):
+    from simwarp.train.shipping import ship
+
+    run = find_policy("fast", None, trained).path.parents[1]
+    record = ship(run, tmp_path)
+    assert {"command", "git", "versions", "evaluation", "iterations"} <= set(record)
+    content = load_checkpoint(tmp_path / "fast.pt")
+    assert "optimizer_state_dict" not in content
+    assert "worlds" not in content
+    assert record["evaluation"]["policy"]["episodes"] == 256

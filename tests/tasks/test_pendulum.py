@@ -50,8 +50,8 @@ def test_motion_follows_the_equations_of_a_cart_pole(force):
     for _ in range(steps):
         result = task.step(torch.full((2, 1), force))
     expected = textbook((0.3, 0.05), (0.1, -0.1), force, dt, steps)
-    # First-order stepping: the error is of the order of dt times the acceleration (some 5 m/s2) times the time
-    assert result.observations["policy"][0].tolist() == pytest.approx(expected, abs=5 * dt * 5.0 * dt * steps + 2e-3)
+    # First-order stepping: half a step of acceleration (some 2 m/s2), which the falling pole doubles in 0.3 s
+    assert result.observations["policy"][0].tolist() == pytest.approx(expected, abs=2.0 * dt)
 
 
 def test_force_gain_scales_the_force():

@@ -291,3 +291,19 @@ def test_killed_runs_lose_at_most_one_interval_and_no_file(tmp_path):
         saved = load_checkpoint(folder.latest_checkpoint())["iteration"]
         assert saved > before
         assert reached - saved <= interval
+
+
+def test_a_resumed_run_over_physics_equals_an_uninterrupted_one(tmp_path):
+    def pendulum(root, iterations, resume=None):
+        settings = {"num_envs": 8, "steps_per_iteration": 16, "save_interval": 1, "iterations": iterations}
+        config = replace_fields(default_config(task_class("pendulum")), settings | {"device": "cpu"})
+        task_config = task_class("pendulum").config_type(max_episode_steps=40)
+        return train("pendulum", config, task_config, root=root, resume=resume, console=QUIET)
+
+    whole = pendulum(tmp_path / "whole", 5)
+    part = pendulum(tmp_path / "part", 2)
+    resumed = pendulum(tmp_path / "part", 5, resume=open_run_path(part))
+    left, right = (load_checkpoint(Path(result.checkpoint)) for result in (whole, resumed))
+    assert all(torch.equal(left["actor_state_dict"][k], right["actor_state_dict"][k]) for k in left["actor_state_dict"])
+    states = left["worlds"]["simulation"]["state"], right["worlds"]["simulation"]["state"]
+    assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])

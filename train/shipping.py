@@ -1,0 +1,51 @@
+"""Putting a trained policy into the package: ``python -m simwarp.train.shipping RUN``, from a checkout.
+
+Writes ``shipped/TASK.pt`` (the actor alone) and ``shipped/TASK.json`` (command, revision, versions, what it reached).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from simwarp.tasks import task_class
+
+from .checkpoint import SUFFIX, load_checkpoint, save_checkpoint, slim
+from .config import task_config_from_plain
+from .evaluation import evaluate_with_baselines
+from .policies import SHIPPED, network_policy
+from .run_folder import PROVENANCE, open_run, write_json
+
+_EPISODES = 256
+_SEED = 1_000_003
+
+
+def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
+    """Evaluate the newest checkpoint of a run and write it, with its provenance, to ``target``."""
+    folder = open_run(run)
+    content = slim(load_checkpoint(folder.latest_checkpoint()))
+    name = content["task"]
+    results = evaluate_with_baselines(
+        name,
+        lambda task: network_policy(content, task),
+        config=task_config_from_plain(task_class(name), content["task_config"]),
+        episodes=_EPISODES,
+        seed=_SEED,
+    )
+    made = json.loads((folder.path / PROVENANCE).read_text(encoding="utf-8"))
+    record = {
+        "task": name,
+        "iterations": content["iteration"],
+        **made,
+        "evaluation": {"seed": _SEED} | {key: value.as_json() for key, value in results.items()},
+    }
+    target.mkdir(exist_ok=True)
+    save_checkpoint(target / f"{name}{SUFFIX}", content)
+    write_json(target / f"{name}.json", record)
+    return record
+
+
+if __name__ == "__main__":
+    print(json.dumps(ship(Path(sys.argv[1]))["evaluation"], indent=2))
