@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -11,22 +10,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.checks import (
+    check_link_across_axis,
+    check_perpendicular,
+    checked_dofs,
+    checked_inertia,
+    checked_pose,
+    distance_between,
+    dof_from_options,
+    finite_number,
+    positive_number,
+)
 from simwarp.elements import ELEMENTS
-from simwarp.rotation import frame_from_axis, frame_from_axes, quat_conjugate, quat_multiply, rotate
+from simwarp.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
 from simwarp.types import (
     WORLD,
     Dof,
     JointType,
     ModelError,
     Pose,
-    PositionDrive,
-    PrescribedPosition,
-    PrescribedSpeed,
     Quat,
-    Table,
+    RowKind,
     Vec3,
-    VelocityMotor,
     finite_vector,
+)
+from simwarp.types import (
     pose as make_pose,
 )
 
@@ -91,9 +99,10 @@ MAX_COUPLING_TERMS = 3
 class ModelBuilder:
     """Collects the bodies and joints of one world; every world of a Model shares this topology.
 
-    Poses, anchors and axes are given in world coordinates of the initial configuration [m, rad]. Joint frames
-    coincide in that configuration, so every joint coordinate starts at zero. Indices returned here are those
-    of the arrays of Model, State and Control.
+    Poses, anchors and axes are given in world coordinates of the initial configuration [m, rad]. The frames of a
+    joint coincide in that configuration, so its coordinates start at zero. The exceptions: a spring or a distance
+    with limits starts at its length, a FREE joint at the pose of its frame in the world, a shaft at its `position`.
+    Indices returned here are those of the arrays of Model, State and Control.
 
     Args:
         gravity: acceleration [m/s²], world frame.
@@ -127,13 +136,11 @@ class ModelBuilder:
             omega: [rad/s], world frame.
         """
         thing = self._new_name("body", name, (body.name for body in self.bodies))
-        if not (math.isfinite(mass) and mass > 0.0):
-            raise ModelError(f"{thing}: mass must be > 0 kg, got {mass!r}; use WORLD for what never moves")
         spec = BodySpec(
             name,
-            float(mass),
-            _checked_inertia(thing, inertia),
-            pose if pose is not None else make_pose(),
+            positive_number(thing, "mass", mass, "kg", "use WORLD for what never moves"),
+            checked_inertia(thing, inertia),
+            checked_pose(thing, pose),
             finite_vector(thing, "velocity", velocity, 3),
             finite_vector(thing, "omega", omega, 3),
         )
@@ -149,14 +156,14 @@ class ModelBuilder:
             speed: initial speed [rad/s].
             options: the fields of `Dof`.
         """
-        if not (math.isfinite(inertia) and inertia > 0.0):
-            raise ModelError(f"shaft '{name}': inertia must be > 0 kg·m², got {inertia!r}")
+        thing = f"shaft '{name}'"
         origin = Frame(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
-        dofs = (_dof_from_options(f"shaft '{name}'", options),)
         return self._append(
             JointSpec(
-                name, JointType.SHAFT, WORLD, WORLD, origin, origin, dofs,
-                inertia=float(inertia), initial_q=float(position), initial_qd=float(speed),
+                name, JointType.SHAFT, WORLD, WORLD, origin, origin, (dof_from_options(thing, options),),
+                inertia=positive_number(thing, "inertia", inertia, "kg·m²", "couple joints directly if it has none"),
+                initial_q=finite_number(thing, "position", position),
+                initial_qd=finite_number(thing, "speed", speed),
             )
         )  # fmt: skip
 
@@ -209,16 +216,24 @@ class ModelBuilder:
 
     def add_joint_free(self, name: str, child: int, *, anchor: Vec3 | None = None) -> int:
         """Names the six coordinates of a floating body: q = (position of the frame in the world [m], rotation
-        vector [rad]), qd = (its velocity [m/s], angular velocity [rad/s]), all in world axes."""
-        position = make_pose().position if anchor is None else finite_vector(f"joint '{name}'", "anchor", anchor, 3)
+        vector [rad]), qd = (its velocity [m/s], angular velocity [rad/s]), all in world axes.
+
+        Args:
+            anchor: origin of the frame on the body, world frame [m]; the body's centre when None.
+
+        Raises:
+            ModelError: the body is tied to the world by joints already added, or floats under another FREE joint.
+        """
+        thing = f"joint '{name}'"
+        body = self._body(thing, "child", child)
+        self._check_floats(thing, child)
+        offset = np.zeros(3)
+        if anchor is not None:
+            offset = finite_vector(thing, "anchor", anchor, 3) - body.pose.position
         identity = np.array([0.0, 0.0, 0.0, 1.0])
-        body = self._body(f"joint '{name}'", "child", child)
-        offset = (
-            rotate(quat_conjugate(body.pose.rotation), position - body.pose.position) if anchor is not None else 0.0
-        )
-        frame1 = Frame(np.zeros(3) + offset, identity)
+        frame1 = Frame(rotate(quat_conjugate(body.pose.rotation), offset), identity)
         return self._append(
-            JointSpec(name, JointType.FREE, WORLD, child, Frame(np.zeros(3), identity), frame1, (Dof(),) * 6)
+            JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), identity), frame1, (Dof(),) * 6)
         )
 
     # ---- elements that only add rows ------------------------------------------------------------------------------
@@ -271,18 +286,20 @@ class ModelBuilder:
             raise ModelError(f"{thing}: give length (a rod) or limit (min, max), got both; drop one")
         if limit is not None:
             return self._add_line(name, parent, child, anchor0, anchor1, (Dof(limit=limit),))
-        distance = _distance(thing, anchor0, anchor1)
-        offset = distance if length is None else float(length)
-        if not offset > 0.0:
-            raise ModelError(f"{thing}: length must be > 0 m, got {offset}; use add_joint_spherical for length 0")
+        offset = distance_between(thing, anchor0, anchor1)
+        if length is not None:
+            offset = positive_number(thing, "length", length, "m", "use add_joint_spherical for length 0")
         return self._add(JointType.ROD, name, parent, child, anchor0, None, (), anchor1=anchor1, offset=offset)
 
     def add_joint_revolute_spherical(
         self, name: str, parent: int, child: int, *, anchor0: Vec3, axis: Vec3, anchor1: Vec3
     ) -> int:
         """A massless link: hinged to the parent at `anchor0` about `axis`, a ball at `anchor1` of the child.
-        The link is perpendicular to the axis."""
-        offset = _distance(f"joint '{name}'", anchor0, anchor1)
+        The link is perpendicular to the axis.
+        """
+        thing = f"joint '{name}'"
+        offset = distance_between(thing, anchor0, anchor1)
+        check_link_across_axis(thing, anchor0, anchor1, axis)
         return self._add(
             JointType.REVOLUTE_SPHERICAL, name, parent, child, anchor0, axis, (), anchor1=anchor1, offset=offset
         )
@@ -291,11 +308,15 @@ class ModelBuilder:
         self, name: str, parent: int, child: int, *, anchor0: Vec3, axis: Vec3, anchor1: Vec3, direction: Vec3
     ) -> int:
         """A massless link: hinged to the parent at `anchor0` about `axis`; the child slides along the direction
-        perpendicular to both `axis` and `direction`, at the initial distance along `direction`."""
+        perpendicular to both `axis` and `direction`, at the initial distance along `direction`. `axis` is
+        perpendicular to `direction` and to anchor1 - anchor0.
+        """
         thing = f"joint '{name}'"
-        rotation1 = frame_from_axes(thing, direction, np.cross(axis, direction))
-        x1 = np.asarray(direction, float) / np.linalg.norm(direction)
-        offset = float(np.dot(np.subtract(anchor1, anchor0), x1))
+        check_perpendicular(thing, "axis", axis, "direction", direction)
+        check_link_across_axis(thing, anchor0, anchor1, axis)
+        x1 = unit_vector(thing, "direction", direction)
+        rotation1 = frame_from_axes(thing, x1, np.cross(unit_vector(thing, "axis", axis), x1))
+        offset = float(np.subtract(anchor1, anchor0) @ x1)
         return self._add(
             JointType.REVOLUTE_TRANSLATIONAL, name, parent, child, anchor0, axis, (),
             anchor1=anchor1, rotation1=rotation1, offset=offset,
@@ -308,8 +329,8 @@ class ModelBuilder:
         Args:
             options: the fields of `Dof`.
         """
-        options.setdefault("rest", _distance(f"spring '{name}'", anchor0, anchor1))
-        return self._add_line(name, parent, child, anchor0, anchor1, (_dof_from_options(f"spring '{name}'", options),))
+        options.setdefault("rest", distance_between(f"spring '{name}'", anchor0, anchor1))
+        return self._add_line(name, parent, child, anchor0, anchor1, (dof_from_options(f"spring '{name}'", options),))
 
     def add_bushing(
         self,
@@ -341,10 +362,13 @@ class ModelBuilder:
             terms: (joint, coefficient) or (joint, local dof, coefficient), at most three.
         """
         thing = self._new_name("coupling", name, (coupling.name for coupling in self.couplings))
+        if not isinstance(terms, Iterable):
+            raise ModelError(f"{thing}: terms must be a list, got {terms!r}; write [(joint, coefficient), ...]")
         resolved = tuple(self._term(thing, term) for term in terms)
         if not 1 <= len(resolved) <= MAX_COUPLING_TERMS:
             raise ModelError(f"{thing}: needs 1 to {MAX_COUPLING_TERMS} terms, got {len(resolved)}; chain couplings")
-        self.couplings.append(CouplingSpec(name, resolved, None if offset is None else float(offset)))
+        constant = None if offset is None else finite_number(thing, "offset", offset, "None keeps the initial value")
+        self.couplings.append(CouplingSpec(name, resolved, constant))
         return len(self.couplings) - 1
 
     def add_gear(self, name: str, joint0: int, joint1: int, *, ratio: float) -> int:
@@ -353,11 +377,21 @@ class ModelBuilder:
 
     def add_rack(self, name: str, pinion: int, rack: int, *, radius: float) -> int:
         """q_rack = radius · q_pinion [m per rad]."""
+        self._check_kind(f"rack '{name}'", "pinion", pinion, 0, lengths=False)
+        self._check_kind(f"rack '{name}'", "rack", rack, 0, lengths=True)
         return self.add_coupling(name, [(pinion, radius), (rack, -1.0)])
 
     def add_screw(self, name: str, cylindrical: int, *, lead: float) -> int:
         """The slide of a cylindrical joint advances `lead` [m] per turn."""
-        return self.add_coupling(name, [(cylindrical, 0, -1.0), (cylindrical, 1, lead / (2.0 * math.pi))])
+        thing = f"screw '{name}'"
+        spec, _ = self._coordinate(thing, cylindrical, 0)
+        if spec.type != JointType.CYLINDRICAL:
+            raise ModelError(
+                f"{thing}: joint must be CYLINDRICAL, got {spec.type.name} joint '{spec.name}'; "
+                "use add_coupling for two joints"
+            )
+        rate = finite_number(thing, "lead", lead) / (2.0 * math.pi)
+        return self.add_coupling(name, [(cylindrical, 0, -1.0), (cylindrical, 1, rate)])
 
     # ---- finish --------------------------------------------------------------------------------------------------
 
@@ -374,20 +408,22 @@ class ModelBuilder:
         """The Model of `world_count` worlds on `device` ("cpu", "cuda:0"; the best there is when None).
 
         Args:
-            per_world: names of Model arrays that get a copy per world, to be randomised (`Model.PARAMETERS`).
+            per_world: names of Model arrays that get a copy per world, to be randomised (`model.PARAMETERS`).
 
         Raises:
             ModelError: the worlds, the device or the topology are not usable; says which and why.
         """
         from simwarp.model import Model
 
+        if isinstance(per_world, str):
+            raise ModelError(f"finalize: per_world must be a list of names, got {per_world!r}; write [{per_world!r}]")
         return Model.from_builder(self, world_count, device, per_world=per_world)
 
     # ---- checks --------------------------------------------------------------------------------------------------
 
     def _new_name(self, kind: str, name: str, taken: Iterable[str]) -> str:
         if not isinstance(name, str) or not name:
-            raise ModelError(f"{kind}: name must be a non-empty string, got {name!r}")
+            raise ModelError(f"{kind}: name must be a non-empty string, got {name!r}; give it one")
         if name in set(taken):
             raise ModelError(f"{kind} '{name}': the name is taken by another {kind}; choose one of its own")
         return f"{kind} '{name}'"
@@ -412,10 +448,10 @@ class ModelBuilder:
         self, kind: JointType, name: str, parent: int, child: int, anchor: Vec3 | None, axis: Vec3,
         options: Mapping[str, Any],
     ) -> int:  # fmt: skip
-        return self._add(kind, name, parent, child, anchor, axis, (_dof_from_options(f"joint '{name}'", options),))
+        return self._add(kind, name, parent, child, anchor, axis, (dof_from_options(f"joint '{name}'", options),))
 
     def _add_line(self, name: str, parent: int, child: int, anchor0: Vec3, anchor1: Vec3, dofs: Sequence[Dof]) -> int:
-        _distance(f"joint '{name}'", anchor0, anchor1)
+        distance_between(f"joint '{name}'", anchor0, anchor1)
         return self._add(JointType.LINE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
 
     def _add(
@@ -427,15 +463,12 @@ class ModelBuilder:
         child_pose = self._pose_of(thing, "child", child)
         self._pose_of(thing, "parent", parent)
         if parent == child:
-            raise ModelError(f"{thing}: parent and child must differ, got {parent} for both")
+            raise ModelError(f"{thing}: parent and child must differ, got {parent} for both; name two bodies")
         point = child_pose.position if anchor is None else finite_vector(thing, "anchor", anchor, 3)
         point1 = point if anchor1 is None else finite_vector(thing, "anchor1", anchor1, 3)
         if rotation is None:
             rotation = np.array([0.0, 0.0, 0.0, 1.0]) if axis is None else frame_from_axis(thing, axis)
-        count = len(ELEMENTS[kind].dofs)
-        if len(dofs) not in (0, count):
-            raise ModelError(f"{thing}: dofs must have {count} entries for a {kind.name} joint, got {len(dofs)}")
-        checked = tuple(_checked_dof(thing, dof) for dof in dofs) or (Dof(),) * count
+        checked = checked_dofs(thing, kind.name, len(ELEMENTS[kind].dofs), dofs)
         return self._append(
             JointSpec(
                 name, kind, int(parent), int(child),
@@ -450,82 +483,60 @@ class ModelBuilder:
         self.joints.append(spec)
         return len(self.joints) - 1
 
-    def _term(self, thing: str, term: tuple[int, float] | tuple[int, int, float]) -> tuple[int, float]:
-        joint, local, coefficient = (term[0], 0, term[1]) if len(term) == 2 else term
-        if not 0 <= joint < len(self.joints):
-            raise ModelError(f"{thing}: joint must be in 0..{len(self.joints) - 1}, got {joint!r}")
-        count = len(ELEMENTS[self.joints[joint].type].dofs)
-        if not 0 <= local < count:
+    def _check_floats(self, thing: str, child: int) -> None:
+        """A FREE joint only makes sense on a floating tree, and once: its coordinates would contradict others."""
+        tied = {child}
+        fresh = True
+        while fresh:
+            fresh = False
+            for spec in self.joints:
+                ends = {spec.parent, spec.child}
+                if not ELEMENTS[spec.type].tree or spec.type == JointType.SHAFT or not (ends & tied):
+                    continue
+                if WORLD in ends:
+                    how = "floats under" if spec.type == JointType.FREE else "is tied to the world by"
+                    raise ModelError(
+                        f"{thing}: body '{self.bodies[child].name}' must float and have no other FREE joint, but it "
+                        f"{how} joint '{spec.name}'; leave this one out"
+                    )
+                fresh = fresh or not ends <= tied
+                tied |= ends
+
+    def _coordinate(self, thing: str, joint: Any, local: Any) -> tuple[JointSpec, int]:
+        """A joint of this builder and an index of one of its coordinates."""
+        integers = (int, np.integer)
+        if not isinstance(joint, integers) or isinstance(joint, bool) or not 0 <= joint < len(self.joints):
             raise ModelError(
-                f"{thing}: joint '{self.joints[joint].name}' has {count} coordinates, got index {local}; "
+                f"{thing}: joint must be in 0..{len(self.joints) - 1}, got {joint!r}; pass what add_joint_... returned"
+            )
+        spec = self.joints[joint]
+        count = len(ELEMENTS[spec.type].dofs)
+        if not isinstance(local, integers) or isinstance(local, bool) or not 0 <= local < count:
+            raise ModelError(
+                f"{thing}: joint '{spec.name}' has {count} coordinates, got index {local!r}; "
                 "couple joints that have coordinates"
             )
-        return self.dof_start(joint) + int(local), float(coefficient)
+        return spec, int(local)
 
+    def _term(self, thing: str, term: Any) -> tuple[int, float]:
+        if not isinstance(term, Sequence) or isinstance(term, str) or len(term) not in (2, 3):
+            raise ModelError(
+                f"{thing}: a term must be (joint, coefficient) or (joint, local dof, coefficient), got {term!r}; "
+                "pass a list of such tuples"
+            )
+        joint, local, coefficient = (term[0], 0, term[1]) if len(term) == 2 else term
+        self._coordinate(thing, joint, local)
+        factor = finite_number(thing, "coefficient (or ratio, radius, lead)", coefficient)
+        if factor == 0.0:
+            raise ModelError(f"{thing}: coefficient must not be 0, got {coefficient!r}; leave the term out")
+        return self.dof_start(joint) + int(local), factor
 
-def _distance(thing: str, anchor0: Vec3, anchor1: Vec3) -> float:
-    p0, p1 = finite_vector(thing, "anchor0", anchor0, 3), finite_vector(thing, "anchor1", anchor1, 3)
-    distance = float(np.linalg.norm(p1 - p0))
-    if distance < 1e-9:
-        raise ModelError(f"{thing}: anchor0 and anchor1 must be apart, got {distance} m between them")
-    return distance
-
-
-def _checked_inertia(thing: str, inertia: Any) -> Array:
-    matrix = np.asarray(inertia, dtype=np.float64)
-    if matrix.shape == (3,):
-        matrix = np.diag(matrix)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise ModelError(f"{thing}: inertia must be 3 diagonal entries or a 3x3 matrix [kg·m²], got {inertia!r}")
-    if not np.allclose(matrix, matrix.T, rtol=1e-6, atol=1e-12):
-        raise ModelError(f"{thing}: inertia must be symmetric, got {inertia!r}; symmetrise it")
-    values = np.linalg.eigvalsh(matrix)
-    if values[0] <= 0.0:
-        raise ModelError(f"{thing}: inertia must be positive definite, got principal values {values.tolist()}")
-    # 1 % of slack: published tables are rounded
-    if values[2] > (values[0] + values[1]) * 1.01:
-        raise ModelError(
-            f"{thing}: principal inertias must obey a + b >= c, got {values.tolist()}; check units and axes"
-        )
-    return 0.5 * (matrix + matrix.T)
-
-
-def _dof_from_options(thing: str, options: Mapping[str, Any]) -> Dof:
-    known = [field.name for field in dataclasses.fields(Dof)]
-    for key in options:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
-            raise ModelError(f"{thing}: unknown option '{key}'; {hint}")
-    return _checked_dof(thing, Dof(**options))
-
-
-def _checked_dof(thing: str, dof: Dof) -> Dof:
-    for field in ("armature", "stiffness", "damping", "friction"):
-        value = getattr(dof, field)
-        if not (math.isfinite(value) and value >= 0.0):
-            raise ModelError(f"{thing}: {field} must be finite and >= 0, got {value!r}")
-    if dof.limit is not None:
-        lower, upper = dof.limit
-        if not lower < upper:
-            raise ModelError(f"{thing}: limit must be (lower, upper) with lower < upper, got {dof.limit!r}")
-    for field in ("spring_table", "damper_table"):
-        _check_table(f"{thing}: {field}", getattr(dof, field))
-    drive = dof.drive
-    if isinstance(drive, PositionDrive | VelocityMotor) and not drive.effort_limit > 0.0:
-        raise ModelError(f"{thing}: drive effort_limit must be > 0, got {drive.effort_limit!r}")
-    if isinstance(drive, VelocityMotor) and not math.isfinite(drive.effort_limit):
-        raise ModelError(f"{thing}: a VelocityMotor needs a finite effort_limit; use PrescribedSpeed for none")
-    if isinstance(drive, PositionDrive) and not (drive.stiffness >= 0.0 and drive.damping >= 0.0):
-        raise ModelError(f"{thing}: drive gains must be >= 0, got {drive!r}")
-    if isinstance(drive, PrescribedPosition | PrescribedSpeed):
-        _check_table(f"{thing}: drive table", drive.table)
-    return dof
-
-
-def _check_table(thing: str, table: Table | None) -> None:
-    if table is None:
-        return
-    x, y = np.asarray(table[0], float), np.asarray(table[1], float)
-    if x.ndim != 1 or x.shape != y.shape or len(x) < 2 or not (np.diff(x) > 0).all() or not np.isfinite(y).all():
-        raise ModelError(f"{thing} must be two equally long sequences with increasing abscissae, got {table!r}")
+    def _check_kind(self, thing: str, role: str, joint: int, local: int, lengths: bool) -> None:
+        spec, index = self._coordinate(thing, joint, local)
+        kind = ELEMENTS[spec.type].dofs[index].kind
+        if (kind in (RowKind.POINT_AXIS0, RowKind.POINT_AXIS1, RowKind.DISTANCE)) != lengths:
+            wanted = "a length (a prismatic joint)" if lengths else "an angle (a revolute joint or a shaft)"
+            raise ModelError(
+                f"{thing}: {role} must have {wanted} as coordinate, got {spec.type.name} joint '{spec.name}'; "
+                "use add_coupling for anything else"
+            )

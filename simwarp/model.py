@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.dynamics.topology import Tables, build_tables, collect_tables, drive_mode
+from simwarp.dynamics.topology import Tables, build_tables, collect_tables, drive_mode, row_paths
 from simwarp.elements import ELEMENTS
-from simwarp.kernels.world import SIZE_CLASSES, SizeClass
 from simwarp.kernels.tables import Parameters, Topology
 from simwarp.rotation import matrix_of
 from simwarp.types import ModelError, PositionDrive, VelocityMotor
@@ -69,7 +68,6 @@ class Model:
         world_count, body_count, joint_count, dof_count: sizes of the arrays.
         body_names, joint_names: in index order.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
-        size_class: capacity of the kernel that steps this model.
     """
 
     gravity: wp.array
@@ -94,7 +92,6 @@ class Model:
         self.bounded_count = len(tables.bounded)
         self.tables = tables
         self.initial = _initial_state(builder)
-        self.size_class = _size_class(builder, tables)
         self.topology = _device_topology(builder, tables, device)
         self.parameters = Parameters()
 
@@ -154,22 +151,6 @@ def _index(name: str, names: tuple[str, ...], kind: str) -> int:
         near = difflib.get_close_matches(name, names, n=3) or list(names)
         raise ModelError(f"model has no {kind} '{name}'; did you mean {', '.join(map(repr, near))}?")
     return names.index(name)
-
-
-def _size_class(builder: ModelBuilder, tables: Tables) -> SizeClass:
-    needed = SizeClass(
-        max(len(tables.links), len(builder.bodies), 1),
-        max(len(tables.slot_dof), 1),
-        max(tables.row_count + len(builder.couplings), 1),
-        max(len(tables.bounded), 1),
-    )
-    for size in SIZE_CLASSES:
-        if size.holds(needed):
-            return size
-    raise ModelError(
-        f"finalize: the model needs {needed}, the largest size is {SIZE_CLASSES[-1]}; "
-        "split it into several models or remove loop rows"
-    )
 
 
 def _initial_state(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
@@ -236,6 +217,11 @@ def _initial_coordinates(builder: ModelBuilder) -> list[float]:
     return [joint.initial_q for joint in builder.joints for _ in joint.dofs]
 
 
+def _csr(lists: list[list[int]], ints: Callable[[Any], wp.array]) -> tuple[wp.array, wp.array]:
+    """Start indices and concatenated entries."""
+    return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
+
+
 def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topology:
     def ints(values: Any) -> wp.array:
         data = np.asarray(values, np.int32)
@@ -289,6 +275,11 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
                         for row, dof in zip(tables.rows, tables.row_dof, strict=True)])  # fmt: skip
     t.row_dof = ints(tables.row_dof)
     t.coupling_dof = ints(coupling_dof)
+    paths = row_paths(builder, tables)
+    t.row_path, t.path_slot = _csr(paths, ints)
+    t.pair_path, t.pair_slot = _csr(
+        [sorted(set(paths[r]) & set(paths[c])) for r in range(len(paths)) for c in range(r + 1)], ints
+    )
     t.loop_dof = ints(tables.loop_dof)
     t.bounded_dof = ints([dof for dof, _ in tables.bounded])
     t.bounded_kind = ints([kind for _, kind in tables.bounded])

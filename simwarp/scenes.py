@@ -188,6 +188,42 @@ def four_bar_angles(
     return (coupler, rocker), (coupler_rate, rocker_rate)
 
 
+def floating_tree(seed: int = 1, bodies: int = 10) -> ModelBuilder:
+    """A floating random tree without gravity: hinges, ball joints, universal joints and slides; at rest.
+
+    Coordinates start with the six of a FREE joint, "root".
+
+    Args:
+        seed: everything follows from it.
+        bodies: number of bodies.
+    """
+    rng = np.random.default_rng(seed)
+    builder = ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    for k in range(bodies):
+        mass = float(rng.uniform(0.5, 3.0))
+        a, b = rng.uniform(0.01, 0.03, 2) * mass
+        builder.add_body(
+            f"body{k}", mass=mass, inertia=(a, b, float(rng.uniform(max(a, b), a + b))),
+            pose=pose(0.5 * rng.normal(size=3), rng.normal(size=4)),
+        )  # fmt: skip
+    builder.add_joint_free("root", 0)
+    for k in range(1, bodies):
+        parent = int(rng.integers(max(0, k - 3), k))
+        ends = (f"joint{k}", parent, k)
+        anchor = 0.5 * (builder.bodies[parent].pose.position + builder.bodies[k].pose.position)
+        axis = rng.normal(size=3)
+        if k % 4 == 0:
+            builder.add_joint_spherical(*ends, anchor=anchor)
+        elif k % 4 == 1:
+            builder.add_joint_prismatic(*ends, anchor=anchor, axis=axis)
+        elif k % 4 == 2:
+            builder.add_joint_revolute(*ends, anchor=anchor, axis=axis)
+        else:
+            other = np.cross(axis, rng.normal(size=3))
+            builder.add_joint_universal(*ends, anchor=anchor, axis0=axis, axis1=other)
+    return builder
+
+
 def bricard() -> ModelBuilder:
     """Bricard's mechanism: five 1 m, 1 kg rods and six hinges along a hexagon of cube edges; gravity is -Y.
 

@@ -11,7 +11,7 @@ import warp as wp
 
 from simwarp.diagnostics import Diagnostics
 from simwarp.kernels.tables import StepConfig
-from simwarp.kernels.world import Operation, copy_worlds, world_kernel
+from simwarp.kernels.world import Operation, copy_worlds, make_scratch, run_worlds
 from simwarp.model import Model
 from simwarp.state import Control, State, initial_arrays
 from simwarp.types import ModelError
@@ -86,7 +86,12 @@ class Simulation:
         self._config = self._step_config(joint_reactions)
         self._no_coordinates = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
         self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
-        self._kernel = world_kernel(model.size_class)
+        # one lane on a CPU, whose launches are serial; a lane per world where worlds run side by side
+        lanes = model.world_count if model.device.is_cuda else 1
+        sizes = model.topology
+        self._scratch = make_scratch(
+            model.device, lanes, sizes.link_count, sizes.slot_count, sizes.row_count, sizes.bounded_count
+        )
         self.state = initial_arrays(model)
         self._launch(Operation.MEASURE, self._all_worlds)
         self._initial = State(model)
@@ -171,10 +176,10 @@ class Simulation:
         q = self._no_coordinates if q is None else q
         qd = self._no_coordinates if qd is None else qd
         return wp.launch(
-            self._kernel, dim=self.model.world_count, device=self.model.device, record_cmd=record,
+            run_worlds, dim=self.model.world_count, device=self.model.device, record_cmd=record,
             inputs=[
                 int(operation), self._config, self.model.topology, self.model.parameters, self.control.arrays,
-                mask, q, qd, self.state.arrays,
+                mask, q, qd, self._scratch, self.state.arrays,
             ],
             outputs=[self.diagnostics.arrays],
         )  # fmt: skip

@@ -99,8 +99,6 @@ class WorldStatus(IntFlag):
     """A value of this world became NaN or infinite: the world is frozen until it is reset."""
     NOT_ASSEMBLED = 2
     """The closed loops could not be assembled for the coordinates that were set."""
-    ROW_OVERFLOW = 4
-    """More bounded rows were active at once than the size class holds; the first ones were kept."""
 
 
 class Pose(NamedTuple):

@@ -67,6 +67,28 @@ class Tables:
         return len(self.rows)
 
 
+def row_paths(builder: ModelBuilder, tables: Tables) -> list[list[int]]:
+    """Slots between each row's bodies (or coordinates) and the roots of their trees: loop rows, then couplings."""
+    body_link = {link.body: index for index, link in enumerate(tables.links) if link.body >= 0}
+
+    def above(link: int) -> set[int]:
+        slots: set[int] = set()
+        while link >= 0:
+            slots.update(range(tables.link_slot[link], tables.link_slot[link + 1]))
+            link = tables.links[link].parent
+        return slots
+
+    paths = []
+    for index, joint in enumerate(tables.loop_joint):
+        ends = (builder.joints[joint].parent, builder.joints[joint].child)
+        slots = set().union(*(above(body_link[body]) for body in ends if body != WORLD))
+        paths += [sorted(slots)] * (tables.loop_row[index + 1] - tables.loop_row[index])
+    for coupling in builder.couplings:
+        links = (tables.slot_link[tables.dof_slot[dof]] for dof, _ in coupling.terms)
+        paths.append(sorted(set().union(*(above(link) for link in links))))
+    return paths
+
+
 def drive_mode(dof: Dof) -> DriveMode:
     """The DriveMode of a degree of freedom's drive."""
     match dof.drive:

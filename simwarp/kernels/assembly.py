@@ -183,7 +183,8 @@ def close_loops(
         error = wp.max(error, residual_rows(world, 1.0, topology, parameters, work))
         solve_rows(topology, work)
         for row in range(topology.row_count):
-            for slot in range(topology.slot_count):
+            for index in range(topology.row_path[row], topology.row_path[row + 1]):
+                slot = topology.path_slot[index]
                 work.xi[slot] = work.xi[slot] - work.y[row, slot] * work.row_r[row]
         velocities_down(topology, work)
         for link in range(topology.link_count):
@@ -310,11 +311,11 @@ def assemble_velocities(
         if body >= 0:
             state.body_v[world, body] = work.v_lin[link]
             state.body_omega[world, body] = work.v_ang[link]
-    publish_rates(world, topology, parameters, joint_qd, state, work)
+    publish_set_rates(world, topology, parameters, joint_qd, state, work)
 
 
 @wp.func
-def publish_rates(
+def publish_set_rates(
     world: int, topology: Topology, parameters: Parameters, joint_qd: wp.array2d[float], state: StateArrays,
     work: Work,
 ):  # fmt: skip

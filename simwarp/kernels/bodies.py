@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from simwarp.kernels.joints import FREE, SHAFT, joint_frames
+from simwarp.kernels.joints import FREE, SHAFT, coordinate, joint_frames, turned_frames, unwrapped, wraps
 from simwarp.kernels.laws import PRESCRIBED_POSITION, dof_law, prescribed_rate
-from simwarp.kernels.rows import dof_rate, link_of, measured_coordinate, row_geometry
+from simwarp.kernels.rows import link_of, rate_of, row_geometry
 from simwarp.kernels.spatial import matrix_to_float, turned
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
 from simwarp.kernels.tree import Wrench
@@ -134,8 +134,13 @@ def apply_row_forces(
 
 
 @wp.func
-def publish(world: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work) -> int:
-    """Rates at the old poses, then poses and coordinates of record; 0 if any value is not finite (nothing written)."""
+def publish(
+    world: int, projected: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work
+) -> int:
+    """Rates at the old poses, then poses and coordinates of record; 0 if any value is not finite (nothing written).
+
+    `projected` is 1 where `work` no longer holds the poses of the step's start.
+    """
     finite = int(1)
     for link in range(topology.link_count):
         total = wp.length(work.v_ang[link]) + wp.length(work.v_lin[link])
@@ -146,15 +151,9 @@ def publish(world: int, topology: Topology, parameters: Parameters, dt: float, s
             finite = 0
     if finite == 0:
         return 0
-    load_poses(world, topology, state, work)
-    for dof in range(topology.dof_count):
-        slot = topology.dof_slot[dof]
-        rate = float(0.0)
-        if slot >= 0 and topology.link_type[topology.slot_link[slot]] != FREE:
-            rate = work.qd[slot]
-        else:
-            rate = dof_rate(dof, world, topology, parameters, work)
-        state.joint_qd[world, dof] = rate
+    if projected == 1:
+        load_poses(world, topology, state, work)
+    publish_rates(world, topology, parameters, state, work)
     advance_poses(world, dt, topology, state, work)
     publish_poses(world, topology, state, work)
     for link in range(topology.link_count):
@@ -183,14 +182,41 @@ def publish_poses(world: int, topology: Topology, state: StateArrays, work: Work
 
 
 @wp.func
+def publish_rates(world: int, topology: Topology, parameters: Parameters, state: StateArrays, work: Work):
+    """joint_qd: what the step solved for in a slot; measured in the frames of the step's start elsewhere."""
+    for joint in range(topology.joint_count):
+        first = topology.joint_dof[joint]
+        end = topology.joint_dof[joint + 1]
+        if end > first:
+            if topology.dof_slot[first] >= 0 and topology.joint_type[joint] != FREE:
+                for dof in range(first, end):
+                    state.joint_qd[world, dof] = work.qd[topology.dof_slot[dof]]
+            else:
+                frames = joint_frames(joint, world, topology, parameters, work)
+                for dof in range(first, end):
+                    state.joint_qd[world, dof] = rate_of(dof, joint, frames, topology, work)
+
+
+@wp.func
 def publish_coordinates(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
 ):
     """joint_x and joint_q measured at the poses in `work`; shafts are integrated."""
-    for dof in range(topology.dof_count):
-        near = state.joint_x[world, dof] + wp.float64(dt * state.joint_qd[world, dof])
-        q = near
-        if topology.joint_type[topology.dof_joint[dof]] != SHAFT:
-            q = measured_coordinate(dof, near, world, topology, parameters, work)
-        state.joint_x[world, dof] = q
-        state.joint_q[world, dof] = float(q)
+    for joint in range(topology.joint_count):
+        kind = topology.joint_type[joint]
+        first = topology.joint_dof[joint]
+        end = topology.joint_dof[joint + 1]
+        if kind == SHAFT:
+            q = state.joint_x[world, first] + wp.float64(dt) * wp.float64(state.joint_qd[world, first])
+            state.joint_x[world, first] = q
+            state.joint_q[world, first] = float(q)
+        elif end > first:
+            frames = joint_frames(joint, world, topology, parameters, work)
+            angles = turned_frames(kind, frames)
+            for dof in range(first, end):
+                value = coordinate(kind, dof - first, frames, angles)
+                if wraps(kind, topology.dof_kind[dof]):
+                    near = state.joint_x[world, dof] + wp.float64(dt) * wp.float64(state.joint_qd[world, dof])
+                    value = unwrapped(value, near)
+                state.joint_x[world, dof] = value
+                state.joint_q[world, dof] = float(value)

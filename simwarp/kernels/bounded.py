@@ -10,8 +10,8 @@ from simwarp.kernels.joints import POINT_AXIS0, joint_frames
 from simwarp.kernels.laws import INFINITE_EFFORT, drive_law
 from simwarp.kernels.rows import dof_rate, link_of, row_geometry, solve_rows
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
-from simwarp.kernels.tree import project_row, project_slot
-from simwarp.types import BoundedKind, WorldStatus
+from simwarp.kernels.tree import project_slot, walk_to_root
+from simwarp.types import BoundedKind
 
 wp.set_module_options({"enable_backward": False})
 
@@ -20,7 +20,6 @@ FRICTION = wp.constant(int(BoundedKind.FRICTION))
 MOTOR = wp.constant(int(BoundedKind.MOTOR))
 DRIVE = wp.constant(int(BoundedKind.DRIVE))
 TINY = wp.constant(1.0e-16)
-ROW_OVERFLOW = wp.constant(int(WorldStatus.ROW_OVERFLOW))
 
 
 @wp.struct
@@ -86,9 +85,9 @@ def bounded_response(
 ):
     """b_y, b_w and row `index` of S."""
     slot = topology.dof_slot[dof]
+    for k in range(topology.slot_count):
+        work.b_y[index, k] = 0.0
     if slot >= 0:
-        for k in range(topology.slot_count):
-            work.b_y[index, k] = 0.0
         project_slot(index, slot, sign, topology, work, work.b_y)
     else:
         joint = topology.dof_joint[dof]
@@ -99,13 +98,14 @@ def bounded_response(
         geometry.w0.lin = geometry.w0.lin * sign
         geometry.w1.ang = geometry.w1.ang * sign
         geometry.w1.lin = geometry.w1.lin * sign
-        project_row(
+        walk_to_root(
             index, link_of(topology.joint_body0[joint], topology), geometry.w0,
             link_of(topology.joint_body1[joint], topology), geometry.w1, topology, work, work.b_y,
         )  # fmt: skip
     for row in range(topology.row_count):
         total = float(0.0)
-        for k in range(topology.slot_count):
+        for entry in range(topology.row_path[row], topology.row_path[row + 1]):
+            k = topology.path_slot[entry]
             total += work.y[row, k] * work.b_y[index, k]
         work.row_t[row] = total
         work.row_r[row] = total
@@ -124,7 +124,7 @@ def bounded_response(
 
 @wp.func
 def collect_bounded(
-    world: int, dt: float, capacity: int, topology: Topology, parameters: Parameters, state: StateArrays,
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work,
 ) -> int:  # fmt: skip
     """Active rows and their S, r, bounds and warm start, from the free velocity in `work`; returns how many."""
@@ -140,7 +140,7 @@ def collect_bounded(
         row = candidate(
             topology.bounded_kind[index], dof, rate, world, dt, topology, parameters, state, control, config
         )
-        if row.acts == 1 and count < capacity:
+        if row.acts == 1:
             work.active[count] = index
             work.b_sign[count] = row.sign
             work.b_r[count] = row.sign * rate + row.bias
@@ -151,8 +151,6 @@ def collect_bounded(
             if work.s[count, count] > TINY:  # a coordinate that cannot move takes no impulse
                 work.s[count, count] = work.s[count, count] + row.compliance
                 count += 1
-        elif row.acts == 1:
-            state.world_status[world] = state.world_status[world] | ROW_OVERFLOW
     return count
 
 
@@ -164,7 +162,8 @@ def apply_bounded(count: int, topology: Topology, work: Work):
         for index in range(count):
             total += work.b_w[index, row] * work.gamma[index]
         work.row_impulse[row] = work.row_impulse[row] + total
-        for slot in range(topology.slot_count):
+        for entry in range(topology.row_path[row], topology.row_path[row + 1]):
+            slot = topology.path_slot[entry]
             work.xi[slot] = work.xi[slot] + work.y[row, slot] * total
     for index in range(count):
         gamma = work.gamma[index]

@@ -180,21 +180,31 @@ def turn(cosine: wp.float64, sine: wp.float64) -> wp.float64:
 
 
 @wp.func
-def coordinate(kind: int, local: int, frames: JointFrames) -> wp.float64:
-    """Coordinate `local` of a joint of type `kind`; angles within one turn, lengths [m]."""
+def turned_frames(kind: int, frames: JointFrames) -> wp.vec3d:
+    """Rotation vector of the joints whose coordinates hold one, else zeros."""
+    if kind == SPHERICAL or kind == FREE or kind == BUSHING:
+        return rotation_vector(frames.f0, frames.f1)
+    return wp.vec3d()
+
+
+@wp.func
+def coordinate(kind: int, local: int, frames: JointFrames, angles: wp.vec3d) -> wp.float64:
+    """Coordinate `local` of a joint of type `kind`; angles within one turn, lengths [m].
+
+    `angles` is `turned_frames`, computed once per joint.
+    """
     x0 = column(frames.f0, 0)
     y0 = column(frames.f0, 1)
-    z0 = column(frames.f0, 2)
     x1 = column(frames.f1, 0)
     q = wp.float64(0.0)
     if kind == REVOLUTE or (kind == CYLINDRICAL and local == 1) or (kind == PLANAR and local == 2):
         q = turn(wp.dot(x1, x0), wp.dot(x1, y0))
     elif kind == PRISMATIC or kind == CYLINDRICAL:
-        q = wp.dot(frames.d, z0)
+        q = wp.dot(frames.d, column(frames.f0, 2))
     elif kind == UNIVERSAL:
         if local == 0:
             y1 = column(frames.f1, 1)
-            q = turn(wp.dot(y1, y0), wp.dot(y1, z0))
+            q = turn(wp.dot(y1, y0), wp.dot(y1, column(frames.f0, 2)))
         else:
             q = turn(wp.dot(x1, x0), wp.dot(column(frames.f1, 2), x0))
     elif kind == PLANAR:
@@ -202,12 +212,11 @@ def coordinate(kind: int, local: int, frames: JointFrames) -> wp.float64:
     elif kind == LINE:
         q = wp.length(frames.d)
     elif kind == SPHERICAL:
-        q = rotation_vector(frames.f0, frames.f1)[local]
-    elif kind == FREE or kind == BUSHING:
-        if local < 3:
-            q = wp.dot(frames.d, column(frames.f0, local))
-        else:
-            q = rotation_vector(frames.f0, frames.f1)[local - 3]
+        q = angles[local]
+    elif local < 3:
+        q = wp.dot(frames.d, column(frames.f0, local))
+    else:
+        q = angles[local - 3]
     return q
 
 

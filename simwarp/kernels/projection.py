@@ -88,7 +88,8 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
         worst = wp.max(worst, residual_rows(world, 1.0 / dt, topology, parameters, work))
         solve_rows(topology, work)
         for row in range(topology.row_count):
-            for slot in range(topology.slot_count):
+            for index in range(topology.row_path[row], topology.row_path[row + 1]):
+                slot = topology.path_slot[index]
                 work.xi[slot] = work.xi[slot] - work.y[row, slot] * work.row_r[row]
         velocities_down(topology, work)
     for link in range(topology.link_count):

@@ -15,16 +15,13 @@ from simwarp.kernels.joints import (
     POINT_AXIS0,
     POINT_AXIS1,
     JointFrames,
-    coordinate,
     joint_frames,
     legal_translation,
-    unwrapped,
-    wraps,
 )
 from simwarp.kernels.laws import PRESCRIBED_POSITION, dof_law, prescribed_rate
 from simwarp.kernels.spatial import column, to_float
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
-from simwarp.kernels.tree import Wrench, project_row, project_slot
+from simwarp.kernels.tree import Wrench, project_slot, walk_to_root
 
 wp.set_module_options({"enable_backward": False})
 
@@ -112,26 +109,26 @@ def link_of(body: int, topology: Topology) -> int:
 
 
 @wp.func
-def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> float:
-    """Rate of a coordinate that no slot holds, from the link velocities and the poses in `work`."""
-    joint = topology.dof_joint[dof]
-    frames = joint_frames(joint, world, topology, parameters, work)
-    geometry = row_geometry(
-        topology.joint_type[joint],
-        topology.dof_kind[dof],
-        topology.dof_axis[dof],
-        topology.dof_axis[dof],
-        wp.float64(0.0),
-        frames,
-    )
+def rate_of(dof: int, joint: int, frames: JointFrames, topology: Topology, work: Work) -> float:
+    """Rate of a coordinate from the link velocities: its row times V."""
+    axis = topology.dof_axis[dof]
+    row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
     link0 = link_of(topology.joint_body0[joint], topology)
     link1 = link_of(topology.joint_body1[joint], topology)
     rate = float(0.0)
     if link0 >= 0:
-        rate += wp.dot(geometry.w0.ang, work.v_ang[link0]) + wp.dot(geometry.w0.lin, work.v_lin[link0])
+        rate += wp.dot(row.w0.ang, work.v_ang[link0]) + wp.dot(row.w0.lin, work.v_lin[link0])
     if link1 >= 0:
-        rate += wp.dot(geometry.w1.ang, work.v_ang[link1]) + wp.dot(geometry.w1.lin, work.v_lin[link1])
+        rate += wp.dot(row.w1.ang, work.v_ang[link1]) + wp.dot(row.w1.lin, work.v_lin[link1])
     return rate
+
+
+@wp.func
+def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> float:
+    """Rate of a coordinate that no slot holds, from the link velocities and the poses in `work`."""
+    joint = topology.dof_joint[dof]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    return rate_of(dof, joint, frames, topology, work)
 
 
 @wp.func
@@ -194,7 +191,9 @@ def loop_joint_rows(
         work.row_scale[row] = free_mobility(
             topology.joint_body0[joint], world, geometry.w0, parameters
         ) + free_mobility(topology.joint_body1[joint], world, geometry.w1, parameters)
-        project_row(row, link0, geometry.w0, link1, geometry.w1, topology, work, work.y)
+        for entry in range(topology.row_path[row], topology.row_path[row + 1]):
+            work.y[row, topology.path_slot[entry]] = 0.0
+        walk_to_root(row, link0, geometry.w0, link1, geometry.w1, topology, work, work.y)
     return violation
 
 
@@ -224,31 +223,42 @@ def coupling_row(
 
 
 @wp.func
-def factor_rows(topology: Topology, config: StepConfig, work: Work):
-    """n <- Cholesky factor of Y Y^T + C, pivots below tolerance x scale set aside (inverse zero)."""
+def assemble_rows(topology: Topology, work: Work):
+    """Lower triangle of n <- Y Y^T + C, over the slots that two rows share."""
     for r in range(topology.row_count):
         for c in range(r + 1):
             total = float(0.0)
-            for slot in range(topology.slot_count):
+            pair = r * (r + 1) // 2 + c
+            for index in range(topology.pair_path[pair], topology.pair_path[pair + 1]):
+                slot = topology.pair_slot[index]
                 total += work.y[r, slot] * work.y[c, slot]
             if r == c:
                 total += work.row_compliance[r]
             work.n[r, c] = total
-    for r in range(topology.row_count):
-        diagonal = work.n[r, r]
-        pivot = diagonal
-        for c in range(r):
-            total = work.n[r, c]
-            for k in range(c):
-                total -= work.n[r, k] * work.n[c, k]
-            total *= work.inv_pivot[c]
-            work.n[r, c] = total
-            pivot -= total * total
+        work.row_scale[r] = wp.max(work.row_scale[r], work.n[r, r])
+
+
+@wp.func
+def factor_rows(topology: Topology, config: StepConfig, work: Work):
+    """n <- Cholesky factor of Y Y^T + C, pivots below tolerance x scale set aside (inverse zero).
+
+    Right-looking: the updates of a row are independent and contiguous, which compilers turn into vector code.
+    """
+    assemble_rows(topology, work)
+    count = topology.row_count
+    for c in range(count):
+        pivot = work.n[c, c]
         inverse = float(0.0)
-        if pivot > config.pivot_tolerance * wp.max(diagonal, work.row_scale[r]):
+        if pivot > config.pivot_tolerance * work.row_scale[c]:
             inverse = 1.0 / wp.sqrt(pivot)
-        work.inv_pivot[r] = inverse
-        work.n[r, r] = pivot * inverse
+        work.inv_pivot[c] = inverse
+        for r in range(c + 1, count):
+            factor = work.n[r, c] * inverse
+            work.n[r, c] = factor
+            work.row_t[r] = factor
+            if factor != 0.0:
+                for k in range(c + 1, r + 1):
+                    work.n[r, k] = work.n[r, k] - factor * work.row_t[k]
 
 
 @wp.func
@@ -262,10 +272,10 @@ def solve_rows(topology: Topology, work: Work):
         work.row_r[r] = total * work.inv_pivot[r]
     for index in range(count):
         r = count - 1 - index
-        total = work.row_r[r]
-        for c in range(r + 1, count):
-            total -= work.n[c, r] * work.row_r[c]
-        work.row_r[r] = total * work.inv_pivot[r]
+        value = work.row_r[r] * work.inv_pivot[r]
+        work.row_r[r] = value
+        for c in range(r):
+            work.row_r[c] = work.row_r[c] - work.n[r, c] * value
 
 
 @wp.func
@@ -300,19 +310,6 @@ def apply_rows(topology: Topology, work: Work):
     for row in range(topology.row_count):
         change = work.row_r[row]
         work.row_impulse[row] = work.row_impulse[row] - change
-        for slot in range(topology.slot_count):
+        for index in range(topology.row_path[row], topology.row_path[row + 1]):
+            slot = topology.path_slot[index]
             work.xi[slot] = work.xi[slot] - work.y[row, slot] * change
-
-
-@wp.func
-def measured_coordinate(
-    dof: int, near: wp.float64, world: int, topology: Topology, parameters: Parameters, work: Work
-) -> wp.float64:
-    """Coordinate `dof` at the poses in `work`, turns counted from `near`."""
-    joint = topology.dof_joint[dof]
-    kind = topology.joint_type[joint]
-    frames = joint_frames(joint, world, topology, parameters, work)
-    q = coordinate(kind, dof - topology.joint_dof[joint], frames)
-    if wraps(kind, topology.dof_kind[dof]):
-        q = unwrapped(q, near)
-    return q

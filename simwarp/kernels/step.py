@@ -52,25 +52,32 @@ def bilateral_rows(
 
 
 @wp.func
-def enforce_rows(world: int, passes: int, topology: Topology, parameters: Parameters, work: Work) -> float:
-    """Velocities that obey the bilateral rows; every pass is one solve on the true residual, as in refinement."""
-    residual = float(0.0)
-    if topology.row_count > 0:
-        for _ in range(passes):
-            rows_residual(topology, parameters, world, work)
-            solve_rows(topology, work)
-            apply_rows(topology, work)
-            velocities_down(topology, work)
+def enforce_rows(
+    world: int, passes: int, topology: Topology, parameters: Parameters, config: StepConfig, work: Work
+) -> float:
+    """Velocities that obey the bilateral rows, and the residual left [m/s or rad/s].
+
+    Every pass is one solve on the true residual, as in iterative refinement; it stops when the rows hold to the
+    solver's tolerance.
+    """
+    residual = rows_residual(topology, parameters, world, work)
+    done = int(0)
+    # the first pass also serves the compliant rows, which the residual does not show
+    while done < passes and (done == 0 or residual > config.tolerance):
+        solve_rows(topology, work)
+        apply_rows(topology, work)
+        velocities_down(topology, work)
         residual = rows_residual(topology, parameters, world, work)
+        done += 1
     return residual
 
 
 @wp.func
 def step_world(
-    world: int, capacity: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
     state: StateArrays, reports: Reports, work: Work,
 ):  # fmt: skip
-    """Advances one world by config.dt; `capacity` is the number of bounded rows that its scratch holds."""
+    """Advances one world by config.dt."""
     dt = config.dt
     time = state.world_time[world]
 
@@ -87,11 +94,11 @@ def step_world(
     if topology.row_count > 0:
         loop_error = bilateral_rows(world, dt, time, topology, parameters, state, control, config, work)
         error = wp.max(error, loop_error)
-        residual = enforce_rows(world, 2, topology, parameters, work)
+        residual = enforce_rows(world, 2, topology, parameters, config, work)
 
     count = int(0)
     if topology.bounded_count > 0:
-        count = collect_bounded(world, dt, capacity, topology, parameters, state, control, config, work)
+        count = collect_bounded(world, dt, topology, parameters, state, control, config, work)
         for index in range(topology.bounded_count):
             state.bounded_impulse[world, index] = 0.0
     reports.bounded_count[world] = count
@@ -99,7 +106,8 @@ def step_world(
         solution = solve_bounded(count, config, work)
         apply_bounded(count, topology, work)
         velocities_down(topology, work)
-        residual = enforce_rows(world, 1, topology, parameters, work)
+        if topology.row_count > 0:
+            residual = enforce_rows(world, 1, topology, parameters, config, work)
         for index in range(count):
             state.bounded_impulse[world, work.active[index]] = work.b_sign[index] * work.gamma[index]
         reports.iterations[world] = solution.iterations
@@ -108,10 +116,12 @@ def step_world(
     reports.row_residual[world] = residual
     if config.reactions == 1:
         record_reactions(world, dt, count, topology, parameters, state, control, config, work, reports)
+    projected = int(0)
     if config.projection_iterations > 0:
         error = project_positions(world, dt, topology, parameters, state, config, work)
+        projected = 1
     reports.position_error[world] = error
-    if publish(world, topology, parameters, dt, state, work) == 0:
+    if publish(world, projected, topology, parameters, dt, state, work) == 0:
         state.world_status[world] = state.world_status[world] | NON_FINITE
     else:
         state.world_time[world] = time + wp.float64(dt)

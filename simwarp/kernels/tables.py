@@ -53,6 +53,10 @@ class Topology:
     row_axis1: wp.array[int]
     row_dof: wp.array[int]  # -1: rigid; else the row carries that degree of freedom's law or prescribed motion
     coupling_dof: wp.array2d[int]  # (couplings, 3), -1: none
+    row_path: wp.array[int]  # CSR over rows: slots that a row can move
+    path_slot: wp.array[int]
+    pair_path: wp.array[int]  # CSR over pairs of rows (r, c <= r): slots that both can move
+    pair_slot: wp.array[int]
 
     loop_dof: wp.array[int]  # coordinates of loop joints without a law: `joint_force` acts on them as it is
     bounded_dof: wp.array[int]

@@ -82,6 +82,9 @@ def factor_tree(topology: Topology, work: Work):
             factor_free(link, work)
         elif kind == SHAFT:
             slot = topology.link_slot[link]
+            work.u_ang[slot] = wp.vec3()
+            work.u_lin[slot] = wp.vec3()
+            work.shift[link] = wp.vec3()
             work.inv_sqrt_d[slot] = 0.0
             if work.gain[slot] >= 0.0:
                 work.inv_sqrt_d[slot] = 1.0 / wp.sqrt(work.gain[slot])
@@ -185,77 +188,73 @@ class Wrench:
 
 
 @wp.func
-def wrench_up(link: int, wrench: Wrench, row: int, topology: Topology, work: Work, y: wp.array2d[float]) -> Wrench:
-    """Adds the link's slots to row `row` of `y`; returns what reaches the parent."""
-    first = topology.link_slot[link]
-    end = topology.link_slot[link + 1]
-    ang = wrench.ang
-    lin = wrench.lin
-    if topology.link_type[link] == FREE:
-        y_lin = work.mass[link] * lin
-        y_ang = work.inertia[link] * (ang - y_lin * work.coupling[link])
-        for k in range(3):
-            y[row, first + k] = y[row, first + k] + y_lin[k]
-            y[row, first + 3 + k] = y[row, first + 3 + k] + y_ang[k]
-    else:
-        for index in range(end - first):
-            slot = end - 1 - index
-            value = (wp.dot(work.s_ang[slot], ang) + wp.dot(work.s_lin[slot], lin)) * work.inv_sqrt_d[slot]
-            y[row, slot] = y[row, slot] + value
-            ang -= work.u_ang[slot] * value
-            lin -= work.u_lin[slot] * value
-    result = Wrench()
-    result.ang = ang + wp.cross(work.shift[link], lin)
-    result.lin = lin
-    return result
-
-
-@wp.func
-def project_row(
+def walk_to_root(
     row: int, link0: int, w0: Wrench, link1: int, w1: Wrench, topology: Topology, work: Work, y: wp.array2d[float]
 ):
-    """y[row] <- the row's scaled response: wrench `w0` on link0 and `w1` on link1 (-1: world), walked to the root.
+    """Adds to y[row] the slots between two links and the root that wrench `w0` on link0 and `w1` on link1 move.
 
     Links are numbered parents first, so the deeper of the two is always the larger; where the paths meet, the
-    wrenches are added before they go on, which keeps the cancellation of a relative row exact.
+    wrenches are added before they go on, which keeps the cancellation of a relative row exact. -1 is the world.
     """
-    for slot in range(topology.slot_count):
-        y[row, slot] = 0.0
     a = link0
     b = link1
-    wa = w0
-    wb = w1
-    while a != b:
-        if a > b:
-            wa = wrench_up(a, wa, row, topology, work, y)
-            a = topology.link_parent[a]
+    a_ang = w0.ang
+    a_lin = w0.lin
+    b_ang = w1.ang
+    b_lin = w1.lin
+    while a >= 0 or b >= 0:
+        if a == b:
+            a_ang += b_ang
+            a_lin += b_lin
+            b = -1
+        link = wp.max(a, b)
+        ang = a_ang
+        lin = a_lin
+        if b > a:
+            ang = b_ang
+            lin = b_lin
+        first = topology.link_slot[link]
+        parent = topology.link_parent[link]
+        if topology.link_type[link] == FREE:
+            y_lin = work.mass[link] * lin
+            y_ang = work.inertia[link] * (ang - y_lin * work.coupling[link])
+            for k in range(3):
+                y[row, first + k] = y[row, first + k] + y_lin[k]
+                y[row, first + 3 + k] = y[row, first + 3 + k] + y_ang[k]
         else:
-            wb = wrench_up(b, wb, row, topology, work, y)
-            b = topology.link_parent[b]
-    wa.ang = wa.ang + wb.ang
-    wa.lin = wa.lin + wb.lin
-    while a >= 0:
-        wa = wrench_up(a, wa, row, topology, work, y)
-        a = topology.link_parent[a]
+            end = topology.link_slot[link + 1]
+            for index in range(end - first):
+                slot = end - 1 - index
+                value = (wp.dot(work.s_ang[slot], ang) + wp.dot(work.s_lin[slot], lin)) * work.inv_sqrt_d[slot]
+                y[row, slot] = y[row, slot] + value
+                ang -= work.u_ang[slot] * value
+                lin -= work.u_lin[slot] * value
+            ang += wp.cross(work.shift[link], lin)
+        if b > a:
+            b = parent
+            b_ang = ang
+            b_lin = lin
+        else:
+            a = parent
+            a_ang = ang
+            a_lin = lin
 
 
 @wp.func
 def project_slot(row: int, slot: int, coefficient: float, topology: Topology, work: Work, y: wp.array2d[float]):
     """Adds to y[row] the response of a generalised impulse of size `coefficient` on one slot."""
     link = topology.slot_link[slot]
-    w = Wrench()
     value = coefficient * work.inv_sqrt_d[slot]
     y[row, slot] = y[row, slot] + value
-    w.ang = w.ang - work.u_ang[slot] * value
-    w.lin = w.lin - work.u_lin[slot] * value
+    ang = -work.u_ang[slot] * value
+    lin = -work.u_lin[slot] * value
     for index in range(slot - topology.link_slot[link]):
         other = slot - 1 - index
-        v = (wp.dot(work.s_ang[other], w.ang) + wp.dot(work.s_lin[other], w.lin)) * work.inv_sqrt_d[other]
-        y[row, other] = y[row, other] + v
-        w.ang = w.ang - work.u_ang[other] * v
-        w.lin = w.lin - work.u_lin[other] * v
-    w.ang = w.ang + wp.cross(work.shift[link], w.lin)
-    parent = topology.link_parent[link]
-    while parent >= 0:
-        w = wrench_up(parent, w, row, topology, work, y)
-        parent = topology.link_parent[parent]
+        value = (wp.dot(work.s_ang[other], ang) + wp.dot(work.s_lin[other], lin)) * work.inv_sqrt_d[other]
+        y[row, other] = y[row, other] + value
+        ang -= work.u_ang[other] * value
+        lin -= work.u_lin[other] * value
+    w = Wrench()
+    w.ang = ang + wp.cross(work.shift[link], lin)
+    w.lin = lin
+    walk_to_root(row, topology.link_parent[link], w, -1, Wrench(), topology, work, y)

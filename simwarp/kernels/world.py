@@ -1,11 +1,9 @@
 """The one kernel that works on worlds: a step, an assembly, or a measurement, one thread per world.
 
-Its scratch are local arrays of a few fixed sizes (`SizeClass`), packed under names as a `Work`: a new model of a size
-that was seen before compiles nothing.
+All sizes are data, so one compiled kernel serves every model. Intermediate values live in a scratch of few lanes,
+packed under names as a `Work`: a world writes everything that it reads there, so that lanes can be reused.
 """
 
-import dataclasses
-import functools
 from enum import IntEnum
 
 import warp as wp
@@ -14,7 +12,7 @@ from simwarp.kernels.assembly import assemble_world, measure_world
 from simwarp.kernels.step import NON_FINITE, step_world
 from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
 class Operation(IntEnum):
@@ -29,157 +27,145 @@ OP_STEP = wp.constant(int(Operation.STEP))
 OP_ASSEMBLE = wp.constant(int(Operation.ASSEMBLE))
 
 
-@dataclasses.dataclass(frozen=True, order=True)
-class SizeClass:
-    """Capacity of the local arrays of a world."""
+@wp.struct
+class Scratch:
+    """Room for the intermediate values of a few worlds ("lanes"): first axis the lane, last the element."""
 
-    links: int
-    slots: int
-    rows: int
-    bounded: int
+    x: wp.array2d[wp.vec3d]
+    quat: wp.array2d[wp.quatd]
+    rot: wp.array2d[wp.mat33d]
+    link_matrices: wp.array3d[wp.mat33]
+    link_vectors: wp.array3d[wp.vec3]
+    slot_vectors: wp.array3d[wp.vec3]
+    slot_scalars: wp.array3d[float]
+    row_vectors: wp.array3d[wp.vec3]
+    row_scalars: wp.array3d[float]
+    y: wp.array3d[float]
+    n: wp.array3d[float]
+    active: wp.array2d[int]
+    bounded_scalars: wp.array3d[float]
+    b_y: wp.array3d[float]
+    b_w: wp.array3d[float]
+    s: wp.array3d[float]
+    solver: wp.array3d[float]
 
-    def holds(self, other: "SizeClass") -> bool:
-        """Whether a world of size `other` fits."""
-        return all(a >= b for a, b in zip(dataclasses.astuple(self), dataclasses.astuple(other), strict=True))
 
+def make_scratch(device: wp.Device, lanes: int, links: int, slots: int, rows: int, bounded: int) -> Scratch:
+    """Allocates the scratch: on a CPU one lane, which stays in the cache, serves all worlds in turn."""
 
-SIZE_CLASSES = (
-    SizeClass(4, 10, 8, 8),
-    SizeClass(12, 24, 12, 24),
-    SizeClass(28, 56, 36, 24),
-    SizeClass(64, 128, 72, 64),
-    SizeClass(192, 384, 192, 96),
-)
+    def zeros(*shape: int, dtype: type = float) -> wp.array:
+        return wp.zeros((lanes, *(max(n, 1) for n in shape)), dtype=dtype, device=device)
+
+    scratch = Scratch()
+    scratch.x = zeros(links, dtype=wp.vec3d)
+    scratch.quat = zeros(links, dtype=wp.quatd)
+    scratch.rot = zeros(links, dtype=wp.mat33d)
+    scratch.link_matrices = zeros(3, links, dtype=wp.mat33)
+    scratch.link_vectors = zeros(11, links, dtype=wp.vec3)
+    scratch.slot_vectors = zeros(4, slots, dtype=wp.vec3)
+    scratch.slot_scalars = zeros(7, slots)
+    scratch.row_vectors = zeros(4, rows, dtype=wp.vec3)
+    scratch.row_scalars = zeros(7, rows)
+    scratch.y = zeros(rows, slots)
+    scratch.n = zeros(rows, rows)
+    scratch.active = zeros(bounded, dtype=int)
+    scratch.bounded_scalars = zeros(6, bounded)
+    scratch.b_y = zeros(bounded, slots)
+    scratch.b_w = zeros(bounded, rows)
+    scratch.s = zeros(bounded, bounded)
+    scratch.solver = zeros(7, bounded)
+    return scratch
 
 
 @wp.func
-def pack(
-    x: wp.array[wp.vec3d], quat: wp.array[wp.quatd], rot: wp.array[wp.mat33d],
-    link_matrices: wp.array2d[wp.mat33], link_vectors: wp.array2d[wp.vec3], slot_vectors: wp.array2d[wp.vec3],
-    slot_scalars: wp.array2d[float], row_vectors: wp.array2d[wp.vec3], row_scalars: wp.array2d[float],
-    y: wp.array2d[float], n: wp.array2d[float], active: wp.array[int], bounded_scalars: wp.array2d[float],
-    b_y: wp.array2d[float], b_w: wp.array2d[float], s: wp.array2d[float], solver: wp.array2d[float],
-) -> Work:  # fmt: skip
-    """Names for the rows of the local arrays."""
+def pack(scratch: Scratch, lane: int) -> Work:
+    """The named arrays of one lane of the scratch."""
     work = Work()
-    work.x = x
-    work.quat = quat
-    work.rot = rot
-    work.inertia = link_matrices[0]
-    work.coupling = link_matrices[1]
-    work.mass = link_matrices[2]
-    work.shift = link_vectors[0]
-    work.drift_ang = link_vectors[1]
-    work.drift_lin = link_vectors[2]
-    work.p_ang = link_vectors[3]
-    work.p_lin = link_vectors[4]
-    work.v_ang = link_vectors[5]
-    work.v_lin = link_vectors[6]
-    work.k_ang = link_vectors[7]
-    work.k_lin = link_vectors[8]
-    work.f_ang = link_vectors[9]
-    work.f_lin = link_vectors[10]
-    work.s_ang = slot_vectors[0]
-    work.s_lin = slot_vectors[1]
-    work.u_ang = slot_vectors[2]
-    work.u_lin = slot_vectors[3]
-    work.inv_sqrt_d = slot_scalars[0]
-    work.gain = slot_scalars[1]
-    work.effort = slot_scalars[2]
-    work.rate = slot_scalars[3]
-    work.xi = slot_scalars[4]
-    work.qd = slot_scalars[5]
-    work.k_qd = slot_scalars[6]
-    work.j0_ang = row_vectors[0]
-    work.j0_lin = row_vectors[1]
-    work.j1_ang = row_vectors[2]
-    work.j1_lin = row_vectors[3]
-    work.row_b = row_scalars[0]
-    work.row_compliance = row_scalars[1]
-    work.row_impulse = row_scalars[2]
-    work.row_r = row_scalars[3]
-    work.row_t = row_scalars[4]
-    work.inv_pivot = row_scalars[5]
-    work.row_scale = row_scalars[6]
-    work.y = y
-    work.n = n
-    work.active = active
-    work.b_sign = bounded_scalars[0]
-    work.b_lower = bounded_scalars[1]
-    work.b_upper = bounded_scalars[2]
-    work.b_r = bounded_scalars[3]
-    work.b_scale = bounded_scalars[4]
-    work.gamma = bounded_scalars[5]
-    work.b_y = b_y
-    work.b_w = b_w
-    work.s = s
-    work.solver = solver
+    work.x = scratch.x[lane]
+    work.quat = scratch.quat[lane]
+    work.rot = scratch.rot[lane]
+    work.inertia = scratch.link_matrices[lane, 0]
+    work.coupling = scratch.link_matrices[lane, 1]
+    work.mass = scratch.link_matrices[lane, 2]
+    work.shift = scratch.link_vectors[lane, 0]
+    work.drift_ang = scratch.link_vectors[lane, 1]
+    work.drift_lin = scratch.link_vectors[lane, 2]
+    work.p_ang = scratch.link_vectors[lane, 3]
+    work.p_lin = scratch.link_vectors[lane, 4]
+    work.v_ang = scratch.link_vectors[lane, 5]
+    work.v_lin = scratch.link_vectors[lane, 6]
+    work.k_ang = scratch.link_vectors[lane, 7]
+    work.k_lin = scratch.link_vectors[lane, 8]
+    work.f_ang = scratch.link_vectors[lane, 9]
+    work.f_lin = scratch.link_vectors[lane, 10]
+    work.s_ang = scratch.slot_vectors[lane, 0]
+    work.s_lin = scratch.slot_vectors[lane, 1]
+    work.u_ang = scratch.slot_vectors[lane, 2]
+    work.u_lin = scratch.slot_vectors[lane, 3]
+    work.inv_sqrt_d = scratch.slot_scalars[lane, 0]
+    work.gain = scratch.slot_scalars[lane, 1]
+    work.effort = scratch.slot_scalars[lane, 2]
+    work.rate = scratch.slot_scalars[lane, 3]
+    work.xi = scratch.slot_scalars[lane, 4]
+    work.qd = scratch.slot_scalars[lane, 5]
+    work.k_qd = scratch.slot_scalars[lane, 6]
+    work.j0_ang = scratch.row_vectors[lane, 0]
+    work.j0_lin = scratch.row_vectors[lane, 1]
+    work.j1_ang = scratch.row_vectors[lane, 2]
+    work.j1_lin = scratch.row_vectors[lane, 3]
+    work.row_b = scratch.row_scalars[lane, 0]
+    work.row_compliance = scratch.row_scalars[lane, 1]
+    work.row_impulse = scratch.row_scalars[lane, 2]
+    work.row_r = scratch.row_scalars[lane, 3]
+    work.row_t = scratch.row_scalars[lane, 4]
+    work.inv_pivot = scratch.row_scalars[lane, 5]
+    work.row_scale = scratch.row_scalars[lane, 6]
+    work.y = scratch.y[lane]
+    work.n = scratch.n[lane]
+    work.active = scratch.active[lane]
+    work.b_sign = scratch.bounded_scalars[lane, 0]
+    work.b_lower = scratch.bounded_scalars[lane, 1]
+    work.b_upper = scratch.bounded_scalars[lane, 2]
+    work.b_r = scratch.bounded_scalars[lane, 3]
+    work.b_scale = scratch.bounded_scalars[lane, 4]
+    work.gamma = scratch.bounded_scalars[lane, 5]
+    work.b_y = scratch.b_y[lane]
+    work.b_w = scratch.b_w[lane]
+    work.s = scratch.s[lane]
+    work.solver = scratch.solver[lane]
     return work
 
 
-def _make_kernel(size: SizeClass) -> wp.Kernel:
-    links = wp.constant(size.links)
-    slots = wp.constant(size.slots)
-    rows = wp.constant(size.rows)
-    bounded = wp.constant(size.bounded)
-
-    @wp.kernel(enable_backward=False, module="unique", module_options={"max_unroll": 0, "enable_backward": False})
-    def run_worlds(
-        # inputs
-        operation: int,
-        config: StepConfig,
-        topology: Topology,
-        parameters: Parameters,
-        control: ControlArrays,
-        mask: wp.array[wp.bool],
-        joint_q: wp.array2d[float],
-        joint_qd: wp.array2d[float],
-        # in and out
-        state: StateArrays,
-        # outputs
-        reports: Reports,
-    ):
-        world = wp.tid()
-        if operation == OP_STEP:
-            if (state.world_status[world] & NON_FINITE) != 0:
-                return
-        elif not mask[world]:
+@wp.kernel(enable_backward=False)
+def run_worlds(
+    # inputs
+    operation: int,
+    config: StepConfig,
+    topology: Topology,
+    parameters: Parameters,
+    control: ControlArrays,
+    mask: wp.array[wp.bool],
+    joint_q: wp.array2d[float],
+    joint_qd: wp.array2d[float],
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+    # outputs
+    reports: Reports,
+):
+    world = wp.tid()
+    if operation == OP_STEP:
+        if (state.world_status[world] & NON_FINITE) != 0:
             return
-        x = wp.zeros(shape=links, dtype=wp.vec3d)
-        quat = wp.zeros(shape=links, dtype=wp.quatd)
-        rot = wp.zeros(shape=links, dtype=wp.mat33d)
-        link_matrices = wp.zeros(shape=(3, links), dtype=wp.mat33)
-        link_vectors = wp.zeros(shape=(11, links), dtype=wp.vec3)
-        slot_vectors = wp.zeros(shape=(4, slots), dtype=wp.vec3)
-        slot_scalars = wp.zeros(shape=(7, slots), dtype=float)
-        row_vectors = wp.zeros(shape=(4, rows), dtype=wp.vec3)
-        row_scalars = wp.zeros(shape=(7, rows), dtype=float)
-        y = wp.zeros(shape=(rows, slots), dtype=float)
-        n = wp.zeros(shape=(rows, rows), dtype=float)
-        active = wp.zeros(shape=bounded, dtype=int)
-        bounded_scalars = wp.zeros(shape=(6, bounded), dtype=float)
-        b_y = wp.zeros(shape=(bounded, slots), dtype=float)
-        b_w = wp.zeros(shape=(bounded, rows), dtype=float)
-        s = wp.zeros(shape=(bounded, bounded), dtype=float)
-        solver = wp.zeros(shape=(7, bounded), dtype=float)
-        work = pack(
-            x, quat, rot, link_matrices, link_vectors, slot_vectors, slot_scalars, row_vectors, row_scalars,
-            y, n, active, bounded_scalars, b_y, b_w, s, solver,
-        )  # fmt: skip
-        if operation == OP_STEP:
-            step_world(world, bounded, config, topology, parameters, control, state, reports, work)
-        elif operation == OP_ASSEMBLE:
-            assemble_world(world, config, topology, parameters, control, joint_q, joint_qd, state, work)
-        else:
-            measure_world(world, topology, parameters, state, work)
-
-    return run_worlds
-
-
-@functools.cache
-def world_kernel(size: SizeClass) -> wp.Kernel:
-    """The kernel of a size class; compiled once, then from Warp's cache."""
-    return _make_kernel(size)
+    elif not mask[world]:
+        return
+    work = pack(scratch, world % scratch.x.shape[0])
+    if operation == OP_STEP:
+        step_world(world, config, topology, parameters, control, state, reports, work)
+    elif operation == OP_ASSEMBLE:
+        assemble_world(world, config, topology, parameters, control, joint_q, joint_qd, state, work)
+    else:
+        measure_world(world, topology, parameters, state, work)
 
 
 @wp.kernel(enable_backward=False)
@@ -208,8 +194,3 @@ def copy_worlds(
         target.bounded_impulse[world, row] = source.bounded_impulse[world, row]
     target.world_time[world] = source.world_time[world]
     target.world_status[world] = source.world_status[world]
-
-
-def kernels_for_cuda_check() -> list[wp.Kernel]:
-    """Kernels that continuous integration compiles for CUDA without a GPU."""
-    return [world_kernel(SIZE_CLASSES[0]), copy_worlds]

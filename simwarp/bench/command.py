@@ -1,0 +1,198 @@
+"""`simwarp bench SCENE`: the command line around the measurements."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import tyro
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from simwarp.bench.compiling import cold_and_warm
+from simwarp.bench.machine import describe
+from simwarp.bench.measure import Row, measure_scene
+from simwarp.bench.peers import has_mujoco, measure_mujoco, peer_notes
+from simwarp.bench.workloads import TASK_SUFFIX, bench_scenes, explain_unknown, names_for_people, task_of
+from simwarp.cli import DONE, FELL_SHORT, UsageError
+from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.model import resolve_device
+
+_SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
+
+Flag = tyro.conf.FlagCreatePairsOff[bool]
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchOptions(CommonOptions):
+    """Speed of a scene or a task over numbers of worlds. No speed is told of a state that is not sound (exit code 1).
+
+    Scenes: `simwarp bench --help`.
+    """
+
+    worlds: Annotated[str, tyro.conf.arg(metavar="N,N,...")] = "1,256,1024"
+    """Numbers of worlds, one row each."""
+    device: str = "auto"
+    """cpu, cuda, cuda:N or auto."""
+    dt: float | None = None
+    """Time step [s]; by default the scene's own."""
+    seconds: float = 1.0
+    """Time to step for, per row [s], in five parts."""
+    compile: Flag = False
+    """Also measure a cold start: a new process with an empty kernel cache, then one with a filled one (slow)."""
+    peers: Flag = False
+    """Other engines on the same scene, where they are installed."""
+
+
+def run(arguments: list[str]) -> int:
+    """Measure as the arguments say; 1 where a state was refused."""
+    name, rest = _take_scene(arguments)
+    scene = bench_scenes().get(name)
+    tasks = () if scene is not None else _task_names()
+    task = None if scene is not None else task_of(name, tasks)
+    if scene is None and task is None:
+        raise UsageError(explain_unknown(name, tasks))
+    options = parse_options(BenchOptions, rest, f"simwarp bench {name}")
+    options.check()
+    worlds = _world_counts(options.worlds)
+    _require_positive("dt", options.dt)
+    _require_positive("seconds", options.seconds)
+    device = resolve_device(None if options.device == "auto" else options.device)
+    machine = describe(device)
+    console = options.console()
+
+    measure: Callable[[int], Row]
+    if scene is not None:
+        known = scene
+
+        def measure(count: int) -> Row:
+            return measure_scene(known, count, str(device), options.dt, options.seconds)
+    else:
+        from simwarp.bench.tasks import measure_task, task_device
+
+        wanted, place = str(task), task_device(str(device))
+
+        def measure(count: int) -> Row:
+            return dataclasses.replace(measure_task(wanted, count, place, options.dt, options.seconds), scene=name)
+
+    rows = [measure(count) for count in worlds]
+    if options.compile:
+        _enter_cold_start(rows, name if scene is not None else str(task), str(device))
+    peers: list[Row] = []
+    notes: list[str] = []
+    if options.peers:
+        notes = peer_notes(name)
+        if scene is not None and has_mujoco(name):
+            peers = [measure_mujoco(scene, count, options.dt, options.seconds) for count in worlds]
+    _print(console, name, rows, peers, notes, machine)
+    options.emit(
+        {
+            "scene": name,
+            "kind": "scene" if scene is not None else "task",
+            "machine": machine,
+            "rows": [dataclasses.asdict(row) for row in rows],
+            "peers": [dataclasses.asdict(row) for row in peers],
+            "notes": notes,
+        }
+    )
+    return DONE if all(row.valid for row in rows + peers) else FELL_SHORT
+
+
+def _task_names() -> list[str]:
+    """Names of the tasks: importing them takes seconds, for torch."""
+    from simwarp.tasks import task_names
+
+    return task_names()
+
+
+def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
+    """Split the SCENE off the arguments: the first one, or the first that names something known."""
+    if arguments and not arguments[0].startswith("-"):
+        return arguments[0], arguments[1:]
+    names = names_for_people(_task_names())
+    for index, argument in enumerate(arguments):
+        if argument in names or argument.endswith(TASK_SUFFIX):
+            return argument, arguments[:index] + arguments[index + 1 :]
+    if {"-h", "--help"} & set(arguments):
+        print(f"usage: simwarp bench SCENE [options]\n\nscenes and tasks: {', '.join(names)}")
+        print("\n`simwarp bench SCENE --help` lists the options.")
+        raise SystemExit(0)
+    raise UsageError(f"which scene? usage: simwarp bench SCENE [options]; there are: {', '.join(names)}")
+
+
+def _world_counts(text: str) -> list[int]:
+    try:
+        counts = [int(word) for word in text.split(",")]
+    except ValueError:
+        raise UsageError(
+            f"worlds must be whole numbers with commas between, such as 1,256,1024, got '{text}'"
+        ) from None
+    if min(counts) < 1:
+        raise UsageError(f"worlds must each be at least 1, got '{text}'")
+    return counts
+
+
+def _require_positive(name: str, value: float | None) -> None:
+    if value is not None and not (math.isfinite(value) and value > 0.0):
+        raise UsageError(f"{name} must be a positive number of seconds, got {value}")
+
+
+def _enter_cold_start(rows: list[Row], name: str, device: str) -> None:
+    cold, warm = cold_and_warm(name, device)
+    for row in rows:
+        row.compile_s, row.compile_warm_s, row.compile_source = cold, warm, "cold process"
+
+
+def _print(
+    console: Console, name: str, rows: list[Row], peers: list[Row], notes: list[str], machine: dict[str, Any]
+) -> None:
+    console.print(
+        f"{name}, dt {rows[0].dt:g} s, {machine['gpu'] or machine['cpu']}",
+        style="bold",
+        highlight=False,
+        soft_wrap=True,
+    )
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("engine", no_wrap=True)
+    for heading in ("worlds", "steps/s", "steps/CPU-s", "residual", "joints apart"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows + peers:
+        table.add_row(
+            row.engine, f"{row.worlds:,}", _rate(row.steps_per_s), _rate(row.steps_per_cpu_s), _small(row.residual),
+            _small(row.position_error),
+        )  # fmt: skip
+    console.print(table)
+    for row in rows + peers:
+        if not row.valid:
+            console.print(
+                f"refused: {row.engine}, {row.worlds:,} worlds: {'; '.join(row.problems)}",
+                highlight=False, markup=False, soft_wrap=True,
+            )  # fmt: skip
+        if row.split is not None:
+            parts = ", ".join(f"{part} {100.0 * share:.0f} %" for part, share in row.split.items())
+            console.print(f"{row.worlds:,} worlds: {parts}", highlight=False, soft_wrap=True)
+    console.print(_costs(rows[0]), highlight=False, soft_wrap=True)
+    for note in notes:
+        console.print(note, highlight=False, markup=False, soft_wrap=True)
+
+
+def _rate(value: float | None) -> str:
+    return "refused" if value is None else f"{value:,.0f}"
+
+
+def _small(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}"
+
+
+def _costs(row: Row) -> str:
+    """What does not depend on the number of worlds."""
+    parts = [f"{row.launches_per_step} launch{'es' if row.launches_per_step != 1 else ''} per step"]
+    if row.bytes_per_world is not None:
+        parts.append(f"{row.bytes_per_world:,} B per world and {row.bytes_shared:,} B shared")
+    parts.append(f"model to first step {row.compile_s:.2f} s in {_SOURCES[row.compile_source]}")
+    if row.compile_warm_s is not None:
+        parts.append(f"{row.compile_warm_s:.2f} s with a filled kernel cache")
+    return "; ".join(parts)

@@ -1,0 +1,66 @@
+"""Compile time as a new process sees it, with an empty and with a filled kernel cache.
+
+`python -m simwarp.bench.compiling NAME DEVICE` is that process: one line of JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+from simwarp.bench.workloads import bench_scenes
+
+_PATIENCE_S = 600
+
+
+def cold_and_warm(name: str, device: str) -> tuple[float, float]:
+    """From a model to the end of its first step [s] with an empty kernel cache, and with the one that this left.
+
+    Raises:
+        RuntimeError: the process failed; the message is its last line.
+    """
+    with tempfile.TemporaryDirectory(prefix="simwarp-bench-") as cache:
+        first, second = _probe(name, device, cache), _probe(name, device, cache)
+    return first, second
+
+
+def _probe(name: str, device: str, cache: str) -> float:
+    done = subprocess.run(
+        [sys.executable, "-m", "simwarp.bench.compiling", name, device], capture_output=True, text=True,
+        env=os.environ | {"WARP_CACHE_PATH": cache}, timeout=_PATIENCE_S,
+    )  # fmt: skip
+    if done.returncode != 0:
+        raise RuntimeError(f"cold start of '{name}' failed: {(done.stderr.strip().splitlines() or ['no message'])[-1]}")
+    return float(json.loads(done.stdout.splitlines()[-1])["first_step_s"])
+
+
+def _first_step(name: str, device: str) -> float:
+    scene = bench_scenes().get(name)
+    if scene is None:
+        from simwarp.bench.tasks import TaskRun
+        from simwarp.tasks import task_class
+
+        config = task_class(name).config_type()
+        start = time.perf_counter()
+        task_run = TaskRun(name, 1, device, config)
+        task_run.step()
+        task_run.wait()
+    else:
+        from simwarp.bench.measure import SceneRun
+
+        start = time.perf_counter()
+        run = SceneRun(scene, 1, device, None)
+        run.step()
+        run.wait()
+    return time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    from simwarp.cli.quiet import start_warp
+
+    start_warp()
+    print(json.dumps({"first_step_s": _first_step(sys.argv[1], sys.argv[2])}))

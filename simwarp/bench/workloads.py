@@ -1,0 +1,129 @@
+"""What can be benchmarked: scenes with a motion that is real work, and by name the tasks."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import inspect
+from collections.abc import Callable, Iterable
+
+from simwarp import scenes
+from simwarp.builder import ModelBuilder
+from simwarp.types import WORLD, pose
+
+CART_MASS = 0.1
+POLE_MASS = 0.785398
+POLE_INERTIA = (0.262290, 0.262290, 0.000981748)
+RAIL = 2.0
+TASK_SUFFIX = "-task"
+
+LATER = {
+    "ant": "contacts",
+    "hexapod": "contacts",
+    "stack": "contacts",
+    "pile": "contacts",
+    "hmmwv": "vehicles",
+    "sedan": "vehicles",
+    "gator": "vehicles",
+    "rccar": "vehicles",
+    "camera": "sensors",
+    "lidar": "sensors",
+    "rays": "sensors",
+}
+"""Scenes of the contract that wait for something else."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BenchScene:
+    """A scene, its step, the motion it is timed in and what that motion may do.
+
+    Attributes:
+        name: on the command line.
+        summary: one line.
+        build: makes one world.
+        dt: step that suits it [s].
+        horizon: time after which it starts anew [s].
+        start: half-widths of uniform start coordinates, one per degree of freedom; as built where empty.
+        force: half-width of constant random joint forces, different in every world [N or N·m]: for all degrees of
+            freedom, or one each.
+        energy_gain: most that forces, springs and the error of the step may add to the mechanical energy [J]; a tenth
+            of what the scene holds where None.
+        position_error: largest sound violation of a joint [m or rad]; half h² ω² r is normal.
+    """
+
+    name: str
+    summary: str
+    build: Callable[[], ModelBuilder]
+    dt: float = 1e-3
+    horizon: float = 2.0
+    start: tuple[float, ...] = ()
+    force: float | tuple[float, ...] = 0.0
+    energy_gain: float | None = None
+    position_error: float = 0.02
+
+
+def cart_pole() -> ModelBuilder:
+    """The cart-pole of the pendulum task, on a rail with ends: the cart slides along X, the pole turns about Y."""
+    builder = ModelBuilder()
+    cart = builder.add_body("cart", mass=CART_MASS, inertia=(1.0, 1.0, 1.0))
+    pole = builder.add_body("pole", mass=POLE_MASS, inertia=POLE_INERTIA, pose=pose((0.0, 0.0, 1.0)))
+    builder.add_joint_prismatic("slide", WORLD, cart, axis=(1.0, 0.0, 0.0), limit=(-RAIL, RAIL))
+    builder.add_joint_revolute("hinge", cart, pole, axis=(0.0, 1.0, 0.0), anchor=(0.0, 0.0, 0.0))
+    return builder
+
+
+_CART_POLE = BenchScene(
+    name="pendulum", summary="cart-pole of the pendulum task, with the ends of its rail", build=cart_pole, dt=0.01,
+    horizon=5.0, start=(0.5, 0.05), force=(0.5, 0.0),
+    # The force works at most 0.5 N × 4 m; a step of 10 ms may add a quarter of the 15 J that the pole falls
+    energy_gain=6.0,
+)  # fmt: skip
+
+_NAMES = {"pendulum": "simple-pendulum"}
+"""Scenes of `simwarp.scenes` whose name the contract gives to another one."""
+
+_SETTINGS: dict[str, dict[str, float]] = {
+    # Its crank turns eight times in 30 ms under 0.033 N·m
+    "andrews": {"dt": 1e-5, "horizon": 0.03, "energy_gain": 2.0},
+    # At rest and weightless as built; 0.1 N·m over ten turns of a few light bodies
+    "floating_tree": {"force": 0.1, "energy_gain": 20.0},
+    # 20 N·m spin a wheel up by 2 kJ in 2 s; it starts with 130 kJ
+    "linkage": {"force": 20.0, "energy_gain": 12e3},
+    # The motor lends and takes: at most ½ 6 kg (4 m/s)²
+    "slider_crank": {"energy_gain": 50.0},
+}
+
+
+def bench_scenes() -> dict[str, BenchScene]:
+    """Every scene by name: the cart-pole, and the builders of `simwarp.scenes`."""
+    found = {_CART_POLE.name: _CART_POLE}
+    for function, build in inspect.getmembers(scenes, inspect.isfunction):
+        if function.startswith("_") or build.__annotations__.get("return") != "ModelBuilder":
+            continue
+        name = _NAMES.get(function, function.replace("_", "-"))
+        summary = (inspect.getdoc(build) or "").partition("\n")[0]
+        found[name] = BenchScene(name=name, summary=summary, build=build, **_SETTINGS.get(function, {}))  # type: ignore[arg-type]
+    return found
+
+
+def task_of(name: str, tasks: Iterable[str]) -> str | None:
+    """The task that a name means, if it means one: its own name, or with `-task` behind."""
+    known = set(tasks)
+    bare = name.removesuffix(TASK_SUFFIX)
+    return bare if bare in known else None
+
+
+def names_for_people(tasks: Iterable[str]) -> list[str]:
+    """All names, tasks with `-task` behind where a scene has the name already."""
+    scene_names = list(bench_scenes())
+    return scene_names + [task + TASK_SUFFIX if task in scene_names else task for task in sorted(tasks)]
+
+
+def explain_unknown(name: str, tasks: Iterable[str]) -> str:
+    """One line about a name that is neither scene nor task."""
+    known = names_for_people(tasks)
+    if name in LATER:
+        return f"scene '{name}' needs {LATER[name]}, which this version does not have; there are: {', '.join(known)}"
+    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}?" if close else f"there are: {', '.join(known)}"
+    return f"unknown scene '{name}'; {hint}"

@@ -1,0 +1,45 @@
+"""Physics against known answers: the checks behind ``simwarp verify`` and tests/physics.
+
+A check is a function that steps the engine and returns rows of expected, got and tolerance; why a tolerance is what it
+is stands in its docstring. Measures are taken from the published state in float64, never from the solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from simwarp.verify import chain_problem, laws, mechanisms
+from simwarp.verify.rows import Row
+
+SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
+    "pendulum": mechanisms.pendulum,
+    "dzhanibekov": mechanisms.dzhanibekov,
+    "free-spin": mechanisms.free_spin,
+    "andrews": mechanisms.andrews,
+    "double-pendulum": mechanisms.double_pendulum,
+    "slider-crank": mechanisms.slider_crank,
+    "chain": mechanisms.chain,
+    "four-bar": mechanisms.four_bar,
+    "bricard": mechanisms.bricard,
+    "far-away": mechanisms.far_away,
+    "chain-problem": chain_problem.chain_problem,
+    "momentum": laws.momentum,
+    "energy": laws.energy,
+    "reactions": laws.reactions,
+    "springs": laws.springs,
+    "limits": laws.limits,
+    "friction": laws.friction,
+    "motors": laws.motors,
+    "drives": laws.drives,
+    "prescribed": laws.prescribed,
+    "couplings": laws.couplings,
+}
+"""Name -> check, in the order in which they run. The argument is the device."""
+
+
+def main(arguments: list[str]) -> int:
+    """``simwarp verify``: see `simwarp.verify.command`."""
+    from simwarp.verify.command import run
+
+    return run(arguments)

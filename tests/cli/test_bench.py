@@ -1,0 +1,335 @@
+"""`simwarp bench`: a speed only beside a sound state, counted launches and bytes, one clear line for each mistake."""
+
+import dataclasses
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import warp as wp
+
+import simwarp as sw
+from simwarp import cli, scenes
+from simwarp.bench import health, measure, workloads
+from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
+from simwarp.bench.workloads import BenchScene, bench_scenes
+
+CONTRACT = {
+    "scene", "worlds", "dt", "steps_per_s", "steps_per_cpu_s", "residual", "launches_per_step", "bytes_per_world",
+    "compile_s", "valid",
+}  # fmt: skip
+RATES = ("steps_per_s", "steps_per_cpu_s", "steps_per_s_range", "steps_per_cpu_s_range", "split")
+
+
+@pytest.fixture
+def bench(capfd):
+    """Run the command: exit code, JSON (None without), standard error."""
+
+    def run(*arguments):
+        capfd.readouterr()
+        code = cli.main(["bench", *arguments, "--seconds", "0.02", "--device", "cpu", "--json", "-"])
+        out, err = capfd.readouterr()
+        return code, json.loads(out) if out else None, err
+
+    return run
+
+
+@pytest.fixture
+def with_scene(monkeypatch):
+    """Offer one more scene under the name `test`."""
+
+    def add(**fields):
+        scene = BenchScene(name="test", summary="", **fields)
+        found = bench_scenes() | {"test": scene}
+        monkeypatch.setattr("simwarp.bench.command.bench_scenes", lambda: found)
+        return scene
+
+    return add
+
+
+def refused(row):
+    return row["valid"] is False and row["problems"] and all(row[key] is None for key in RATES)
+
+
+def test_rows_have_the_keys_of_the_contract(bench):
+    code, result, err = bench("pendulum", "--worlds", "1,3")
+    assert code == 0, err
+    assert [row["worlds"] for row in result["rows"]] == [1, 3]
+    for row in result["rows"]:
+        assert set(row) >= CONTRACT
+        assert (row["scene"], row["dt"], row["valid"], row["problems"]) == ("pendulum", 0.01, True, [])
+        assert row["steps_per_s"] > 0
+        assert row["steps_per_cpu_s"] > 0
+        assert row["compile_s"] > 0
+        assert row["compile_source"] == "this process"
+        assert row["launches_per_step"] == 1
+        assert row["bytes_per_world"] > 0
+    assert {"cpu", "cpu_cores", "python", "versions"} <= set(result["machine"])
+    assert "steps/CPU-s" in err
+
+
+@pytest.mark.parametrize("name", [n for n in bench_scenes() if n not in ("pendulum", "linkage")])
+def test_every_scene_runs_and_is_sound(bench, name):
+    code, result, err = bench(name, "--worlds", "2")
+    assert code == 0, err
+    assert result["rows"][0]["energy_gain"] >= 0.0
+
+
+def test_the_linkage_is_the_one_of_the_contract():
+    model = bench_scenes()["linkage"].build().finalize(world_count=1, device="cpu")
+    assert (model.body_count, model.joint_count) == (20, 28)
+
+
+def test_the_cart_pole_is_that_of_the_task_on_a_rail_with_ends():
+    from simwarp.tasks import make
+
+    mine = bench_scenes()["pendulum"].build().finalize(world_count=1, device="cpu")
+    theirs = make("pendulum").simulation.model
+    for name in ("body_mass", "body_inertia_b", "gravity", "joint_anchor0", "joint_anchor1"):
+        np.testing.assert_array_equal(getattr(mine, name).numpy(), getattr(theirs, name).numpy(), err_msg=name)
+    assert np.asarray(mine.parameters.joint_limit_lower)[0, 0] == -2.0
+
+
+# ---- what must never be told as a speed --------------------------------------------------------------------------
+
+
+def test_an_enormous_step_is_refused(bench):
+    code, result, err = bench("pendulum", "--worlds", "1,4", "--dt", "1.0")
+    assert code == 1
+    assert all(refused(row) for row in result["rows"])
+    assert re.search(r"refused: simwarp, 4 worlds: .*\d", err)
+    assert "refused" in err
+
+
+def test_a_state_that_is_not_finite_is_refused(bench, with_scene):
+    with_scene(build=scenes.double_pendulum, force=1e38)
+    code, result, _ = bench("test", "--worlds", "3")
+    assert code == 1
+    assert refused(result["rows"][0])
+    assert any("status" in problem or "finite" in problem for problem in result["rows"][0]["problems"])
+
+
+def test_energy_from_nowhere_is_refused(bench, with_scene):
+    # 500 N·m on two hinges of a double pendulum that holds some 40 J: all is finite and the joints hold
+    with_scene(build=scenes.double_pendulum, force=500.0, horizon=0.3)
+    code, result, _ = bench("test", "--worlds", "2")
+    assert code == 1
+    assert refused(result["rows"][0])
+    assert any("energy rose" in problem for problem in result["rows"][0]["problems"])
+
+
+def test_a_scene_at_rest_is_refused(bench, with_scene):
+    def weightless():
+        builder = sw.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+        builder.add_body("body", mass=1.0, inertia=(1.0, 1.0, 1.0))
+        return builder
+
+    with_scene(build=weightless)
+    code, result, _ = bench("test", "--worlds", "1")
+    assert code == 1
+    assert "nothing moves" in result["rows"][0]["problems"][0]
+
+
+def test_one_bad_world_among_many_is_enough():
+    scene = bench_scenes()["pendulum"]
+    run = measure.SceneRun(scene, 5, "cpu", None)
+    run.set_motion()
+    run.step()
+    assert run.examiner.examine().problems == ()
+    velocity = run.sim.state.body_v.numpy()
+    velocity[3, 1] = np.nan
+    run.sim.state.body_v.assign(velocity)
+    assert run.examiner.examine().problems != ()
+
+
+def test_an_explosion_that_only_the_timing_reaches_is_refused(monkeypatch):
+    # The rehearsal is sound; a later check, between the timed parts, is not
+    examine, calls = health.Examiner.examine, []
+
+    def later(self):
+        calls.append(self)
+        found = examine(self)
+        return dataclasses.replace(found, problems=("exploded",)) if len(calls) == 3 else found
+
+    monkeypatch.setattr(health.Examiner, "examine", later)
+    row = measure.measure_scene(bench_scenes()["pendulum"], 1, "cpu", None, 0.02)
+    assert len(calls) > 3
+    assert (row.valid, row.problems) == (False, ("exploded",))
+    assert row.steps_per_s is None
+
+
+def test_a_residual_that_is_not_a_number_stays_one():
+    sound = health.Health((), 1e-6, 1e-6, 0.0, 1.0)
+    broken = health.Health(("bad",), float("nan"), 1e-6, 0.0, 1.0)
+    for worst in (sound.worse(broken), broken.worse(sound)):
+        assert np.isnan(worst.residual)
+        assert worst.problems == ("bad",)
+
+
+# ---- what is counted ---------------------------------------------------------------------------------------------
+
+
+def test_launches_are_counted_not_assumed():
+    sim = sw.Simulation(scenes.pendulum().finalize(world_count=2, device="cpu"), dt=1e-3, substeps=3)
+    with counted_launches() as count:
+        sim.step()
+        assert count.total == 3
+        sim.reset()
+        assert count.total == 4
+    before = wp.launch, wp.Launch.launch
+    with pytest.raises(ZeroDivisionError), counted_launches():
+        raise ZeroDivisionError
+    assert (wp.launch, wp.Launch.launch) == before
+
+
+def test_bytes_per_world_is_what_one_more_world_takes(bench):
+    scene = bench_scenes()["linkage"]
+    sizes = [array_bytes(measure.SceneRun(scene, worlds, "cpu", None).sim) for worlds in (3, 4, 8)]
+    assert sizes[2] - sizes[1] == 4 * (sizes[1] - sizes[0])
+    sim = measure.SceneRun(scene, 4, "cpu", None).sim
+    state = sum(getattr(sim.state, name).capacity for name in sim.state.NAMES) / 4
+    # the state twice (the initial one is kept), and the control and the reports besides
+    assert 2 * state < sizes[1] - sizes[0] < 4 * state
+
+
+def test_the_clock_runs_for_stepping_only():
+    class Slow:
+        horizon_steps = 4
+        steps = restarts = 0
+
+        def step(self):
+            self.steps += 1
+            sum(range(2000))
+
+        def restart(self):
+            self.restarts += 1
+            self.since = 0
+
+        def wait(self):
+            pass
+
+    run, checks = Slow(), []
+    speed = measure_speed(run, 10, 0.02, lambda: checks.append(1))
+    assert 0 < speed.steps <= 10 * run.steps
+    assert speed.steps % 10 == 0
+    assert len(checks) >= 5
+    assert run.restarts >= len(checks)
+    rates = [wall for wall, _ in speed.repeats]
+    assert min(rates) <= speed.steps_per_s <= max(rates)
+
+
+# ---- tasks, peers, cold start ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "physics"), [("pendulum-task", True), ("fast", False)])
+def test_a_task_is_split_into_physics_and_the_rest(bench, name, physics):
+    code, result, err = bench(name, "--worlds", "4")
+    assert code == 0, err
+    row = result["rows"][0]
+    assert set(row) >= CONTRACT
+    assert (row["scene"], result["kind"]) == (name, "task")
+    assert set(row["split"]) == {"physics", "task"}
+    assert sum(row["split"].values()) == pytest.approx(1.0)
+    assert (row["split"]["physics"] > 0.0) == physics
+    assert (row["bytes_per_world"] is not None) == physics
+
+
+def test_mujoco_stands_beside_the_cart_pole_and_moves_alike(bench):
+    pytest.importorskip("mujoco")
+    from simwarp.bench.peers import AGREEMENT, differs_by
+
+    # both are first-order in the step, 1 ms, which the falling pole amplifies some twenty times in a second
+    assert differs_by(bench_scenes()["pendulum"]) < 0.1 * AGREEMENT
+    code, result, err = bench("pendulum", "--worlds", "1,5", "--peers")
+    assert code == 0, err
+    assert [row["worlds"] for row in result["peers"]] == [1, 5]
+    assert all(set(row) >= CONTRACT and row["valid"] for row in result["peers"])
+    assert all(row["engine"].startswith("mujoco ") for row in result["peers"])
+    assert any("newton" in note for note in result["notes"])
+
+
+def test_a_peer_with_another_model_is_refused(monkeypatch):
+    pytest.importorskip("mujoco")
+    from simwarp.bench import peers
+
+    monkeypatch.setattr(peers, "POLE_MASS", 1.0)
+    row = peers.measure_mujoco(bench_scenes()["pendulum"], 1, None, 0.02)
+    assert not row.valid
+    assert row.steps_per_s is None
+    assert "not the same motion" in row.problems[0]
+
+
+def test_scenes_without_a_peer_say_so(bench):
+    code, result, err = bench("four-bar", "--worlds", "1", "--peers")
+    assert code == 0
+    assert result["peers"] == []
+    assert "no other engine has a model of 'four-bar'" in err
+
+
+@pytest.mark.slow
+def test_cold_start_is_measured_in_a_new_process(bench):
+    code, result, _ = bench("simple-pendulum", "--worlds", "1", "--compile")
+    assert code == 0
+    row = result["rows"][0]
+    assert row["compile_source"] == "cold process"
+    assert row["compile_s"] > 3.0 * row["compile_warm_s"] > 0.0
+
+
+@pytest.mark.slow
+def test_the_last_of_many_models_compiles_nothing(tmp_path):
+    file = tmp_path / "models.json"
+    done = subprocess.run(
+        [sys.executable, "benchmarks/hundred_models.py", "--models", "6", "--max-bodies", "3", "--json", str(file)],
+        capture_output=True, text=True, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads(file.read_text(encoding="utf-8"))
+    assert result["rows"][0]["compiled"] >= 1
+    assert result["last_compiled"] == 0
+
+
+# ---- wrong input -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "which scene?"),
+        (["pendulm"], "did you mean pendulum"),
+        (["fast-taks"], "did you mean"),
+        (["stack"], "needs contacts"),
+        (["ant"], "needs contacts"),
+        (["camera"], "needs sensors"),
+        (["hmmwv"], "needs vehicles"),
+        (["pendulum", "--worlds", "0"], "at least 1"),
+        (["pendulum", "--worlds", "-4"], "at least 1"),
+        (["pendulum", "--worlds", "1,,2"], "whole numbers"),
+        (["pendulum", "--worlds", "1e3"], "whole numbers"),
+        (["pendulum", "--worlds", "99999999999"], "use fewer worlds"),
+        (["pendulum", "--device", "tpu"], "device 'tpu' is not available"),
+        (["pendulum", "--dt", "0"], "dt must be a positive number"),
+        (["pendulum", "--dt", "nan"], "dt must be a positive number"),
+        (["pendulum", "--seconds", "-1"], "seconds must be a positive number"),
+        (["pendulum", "--world", "1"], "did you mean --worlds?"),
+        (["pendulum", "--json", "/no/such/folder/x.json"], "does not exist"),
+    ],
+)
+def test_one_line_and_exit_code_2(capfd, arguments, words):
+    assert cli.main(["bench", *arguments]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.startswith("simwarp: ")
+    assert err.count("\n") == 1
+    assert words in err
+
+
+def test_help_lists_the_scenes(capfd):
+    assert cli.main(["bench", "--help"]) == 0
+    out = capfd.readouterr().out
+    assert all(name in out for name in ("linkage", "pendulum", "pendulum-task", "fast"))
+
+
+def test_no_later_scene_is_there_already():
+    assert not set(workloads.LATER) & set(bench_scenes())

@@ -1,0 +1,59 @@
+"""Every check of `simwarp verify`, on the float32 engine; bounds and their reasons are in the checks' docstrings."""
+
+import inspect
+
+import pytest
+
+from simwarp.verify import SCENES, mechanisms
+from simwarp.verify.rows import Row, below, near
+
+LONG = ("four-bar", "bricard", "chain")
+"""Checks that take more than some ten seconds as shipped; their short variants are below."""
+
+
+def require(rows: list[Row]) -> None:
+    assert rows
+    missed = [row for row in rows if not row.passed]
+    assert not missed, "\n" + "\n".join(
+        f"{row.scene}: {row.quantity}: got {row.got:.9g}, expected {row.expected:.9g} within {row.tolerance:.3g}"
+        for row in missed
+    )
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in SCENES]
+)
+def test_known_answers(name):
+    require(SCENES[name]("cpu"))
+
+
+def test_chain_rows_for_half_a_second():
+    require(mechanisms.chain(duration=0.5))
+
+
+@pytest.mark.parametrize("check", [mechanisms.four_bar, mechanisms.bricard])
+def test_closed_loops_for_ten_seconds(check):
+    # a tenth of the time: the demanded 1 % holds all the more
+    require(check(duration=10.0))
+
+
+def test_one_more_projection_pass_converges():
+    _, _, once = mechanisms.chain_rows(0.3, 1)
+    _, _, twice = mechanisms.chain_rows(0.3, 2)
+    # Newton along the step's rows: each pass gains the share of h w that the poses turned, 1/30 and better here
+    assert twice < 0.1 * once
+
+
+def test_every_check_says_what_and_why():
+    for check in SCENES.values():
+        assert len(inspect.getdoc(check) or "") > 80
+
+
+def test_a_row_passes_within_its_tolerance_only():
+    assert near("scene", "quantity", 1.0, 1.1, 0.11).passed
+    assert not near("scene", "quantity", 1.0, 0.8, 0.11).passed
+    assert not below("scene", "quantity", float("nan"), 1.0).passed
+    assert not below("scene", "quantity", -2.0, 1.0).passed
+    assert near("scene", "q [m]", 1.0, 2.0, 0.5).as_dict() == {
+        "scene": "scene", "quantity": "q [m]", "expected": 1.0, "got": 2.0, "tolerance": 0.5, "pass": False,
+    }  # fmt: skip

@@ -1,0 +1,160 @@
+"""What the documentation says is true: its code runs, its tables name what exists, its links lead somewhere."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import warp as wp
+
+import simwarp as sw
+import simwarp.model
+from simwarp.cli import COMMANDS
+from simwarp.elements import ELEMENTS
+from simwarp.types import WorldStatus
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
+WITH_CODE = [ROOT / "README.md", ROOT / "docs" / "conventions.md", ROOT / "docs" / "write-a-task.md"]
+EXAMPLES = {
+    "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
+    "four_bar.py": ["--seconds", "0.5", "--plot", "four_bar.png"],
+    "drives.py": ["--seconds", "0.5"],
+    "randomise.py": ["--worlds", "3", "--seconds", "4"],
+}
+DTYPES = {
+    "float32": wp.float32, "float64": wp.float64, "int32": wp.int32, "vec3": wp.vec3, "vec3d": wp.vec3d,
+    "quatd": wp.quatd, "mat33": wp.mat33, "mat33d": wp.mat33d, "transform": wp.transform,
+}  # fmt: skip
+
+
+def blocks(page):
+    """The Python code of a page, block by block."""
+    return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def rows(page, heading, columns):
+    """Rows of the tables after a heading line whose first cell is code: cells without backticks."""
+    text = page.read_text(encoding="utf-8").partition(heading)[2]
+    text = re.split(r"\n## ", text)[0]
+    found = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:2] == "| "]
+    return [[cell.replace("`", "") for cell in row] for row in found if len(row) == columns and row[0][0] == "`"]
+
+
+def run(code_or_file, arguments, folder):
+    """Run Python in a folder of its own; what it printed."""
+    command = [sys.executable, *code_or_file, *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-4000:]
+    return done.stdout
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.name)
+def test_the_code_of_a_page_runs(page, tmp_path):
+    # In a process of its own: the page registers a task, and must bring all of its imports
+    assert blocks(page)
+    script = tmp_path / "page.py"
+    script.write_text("\n".join(blocks(page)), encoding="utf-8")
+    run([str(script)], [], tmp_path)
+
+
+@pytest.mark.parametrize("name", sorted(EXAMPLES))
+def test_an_example_runs(name, tmp_path):
+    assert run([str(ROOT / "examples" / name)], EXAMPLES[name], tmp_path)
+
+
+def test_every_example_is_run():
+    assert {path.name for path in (ROOT / "examples").glob("*.py")} == set(EXAMPLES)
+
+
+def test_examples_print_the_physics_they_promise(tmp_path):
+    balanced = run([str(ROOT / "examples" / "cart_pole.py")], EXAMPLES["cart_pole.py"], tmp_path)
+    assert "upright: 16 of 16" in balanced
+    # 1 ms steps and crossings found by interpolation: the implicit spring is off by (h w)^2/6 or so, some 1e-4
+    rhythm = run([str(ROOT / "examples" / "randomise.py")], EXAMPLES["randomise.py"], tmp_path)
+    difference = re.search(r"over 3 worlds: (\S+)", rhythm)
+    assert difference is not None
+    assert float(difference[1]) < 1e-3
+
+
+def test_the_task_of_the_guide_is_small():
+    task = next(block for block in blocks(ROOT / "docs" / "write-a-task.md") if "class ReachTask" in block)
+    assert len(task.splitlines()) <= 60
+
+
+def test_the_parameter_table_is_that_of_the_code():
+    listed = {
+        name: (dtype, text)
+        for name, dtype, text in rows(ROOT / "docs" / "conventions.md", "## Parameters that may differ per world", 3)
+    }
+    assert list(listed) == list(simwarp.model.PARAMETERS)
+    for name, parameter in simwarp.model.PARAMETERS.items():
+        dtype, text = listed[name]
+        assert DTYPES[dtype] is parameter.dtype, name
+        assert text.partition(")")[0] == parameter.text.partition(")")[0], name  # the shape
+
+
+def test_the_joint_table_is_that_of_the_code():
+    listed = {name: int(count) for name, count, *_ in rows(ROOT / "docs" / "conventions.md", "## Coordinates", 4)}
+    assert listed == {kind.name: len(element.dofs) for kind, element in ELEMENTS.items()}
+
+
+def test_the_array_tables_are_those_of_the_code():
+    builder = sw.ModelBuilder()
+    body = builder.add_body("body", mass=1.0, inertia=(1.0, 1.0, 1.0))
+    builder.add_joint_prismatic("slide", sw.WORLD, body, axis=(1.0, 0.0, 0.0), limit=(-1.0, 1.0))
+    sim = sw.Simulation(builder.finalize(2, "cpu"), dt=0.01, joint_reactions=True)
+    listed = rows(ROOT / "docs" / "conventions.md", "## Arrays", 3)
+    arrays = {}
+    for owner in (sim.state, sim.control, sim.diagnostics):
+        arrays |= {name: getattr(owner, name) for name in owner.NAMES}
+    bits = {row[0]: int(row[1]) for row in listed if row[1].isdigit()}
+    assert bits == {flag.name: int(flag) for flag in WorldStatus if flag}
+    assert {row[0] for row in listed} - bits.keys() == set(arrays)
+    sizes = {"W": 2, "B": 1, "J": 1, "dofs": 1, "bounded rows": 1}
+    for name, shape, _ in listed:
+        if name in arrays:
+            dims, dtype = re.fullmatch(r"\(([^)]*)\) (\w+).*", shape).groups()
+            wanted = tuple(sizes[dim.strip()] for dim in dims.split(",") if dim.strip())
+            assert arrays[name].shape == wanted, name
+            assert DTYPES[dtype] is arrays[name].dtype, name
+
+
+def test_the_reaction_has_the_sign_of_the_conventions():
+    for order in (1, -1):
+        builder = sw.ModelBuilder()
+        weight = builder.add_body("weight", mass=2.0, inertia=(1.0, 1.0, 1.0), pose=sw.pose((0.0, 0.0, -1.0)))
+        ends = (sw.WORLD, weight)[::order]
+        builder.add_joint_revolute("hinge", *ends, axis=(0.0, 1.0, 0.0), anchor=(0.0, 0.0, 0.0))
+        sim = sw.Simulation(builder.finalize(1, "cpu"), dt=0.01, joint_reactions=True)
+        sim.step()
+        # float32: 2 kg x 9.81 m/s2 through one rounding each
+        assert sim.diagnostics.joint_reaction_force.numpy()[0, 0].tolist() == pytest.approx(
+            [0.0, 0.0, order * 19.62], abs=1e-4
+        )
+
+
+def test_the_command_table_is_that_of_the_code():
+    listed = [row[0].split()[1] for row in rows(ROOT / "README.md", "## Commands", 2)]
+    assert sorted(listed) == sorted(COMMANDS)
+    for name in listed:
+        assert callable(COMMANDS[name].load())
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+        if not target.startswith("http"):
+            assert (page.parent / target.partition("#")[0]).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_and_functions_that_a_page_names_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for name in re.findall(r"`((?:simwarp|docs|examples|tests|tasks|train)/[\w/.-]*\w)`", text):
+        assert (ROOT / name).exists(), name
+    if page.name == "theory.md":
+        source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "simwarp").rglob("*.py"))
+        for name in re.findall(r"`([a-z]+_[a-z_]+)`", text):
+            assert re.search(rf"\b{name}\b", source), name
