@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.arrays import writable_from
 from simwarp.dynamics.topology import Tables, build_tables, collect_tables, drive_mode, row_paths
 from simwarp.elements import ELEMENTS
 from simwarp.kernels.tables import Parameters, Topology
@@ -67,6 +68,7 @@ class Model:
     Attributes:
         world_count, body_count, joint_count, dof_count: sizes of the arrays.
         body_names, joint_names: in index order.
+        has_loops: whether joints close loops: rows that no compliance softens.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
     """
 
@@ -90,6 +92,7 @@ class Model:
         self.joint_names = tuple(joint.name for joint in builder.joints)
         self.joint_dof_start = tuple(builder.dof_start(joint) for joint in range(self.joint_count + 1))
         self.bounded_count = len(tables.bounded)
+        self.has_loops = any(dof < 0 for dof in tables.row_dof)
         self.tables = tables
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, device)
@@ -115,7 +118,7 @@ class Model:
         for name, values in _parameter_values(builder).items():
             copies = model.world_count if name in wanted else 1
             data = np.repeat(values[None], copies, axis=0)
-            array = wp.array(data, dtype=PARAMETERS[name].dtype, device=model.device)
+            array = writable_from(data, PARAMETERS[name].dtype, model.device)
             setattr(model, name, array)
             setattr(model.parameters, name, array)
         return model
@@ -166,6 +169,7 @@ def _initial_state(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
         "body_rot": np.array([body.pose.rotation for body in bodies], np.float64).reshape(-1, 4),
         "body_v": np.array([body.velocity for body in bodies], np.float32).reshape(-1, 3),
         "body_omega": np.array([body.omega for body in bodies], np.float32).reshape(-1, 3),
+        "body_omega_last": np.array([body.omega for body in bodies], np.float32).reshape(-1, 3),
         "joint_x": np.array(joint_x, np.float64),
         "joint_qd": np.array(joint_qd, np.float32),
     }
@@ -249,6 +253,8 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     t.link_joint = ints([link.joint for link in links])
     t.link_type = ints([link.type for link in links])
     t.link_sign = wp.array([link.sign for link in links] or [1.0], dtype=float, device=device)
+    touched = {body for joint in joints for body in (joint.parent, joint.child)}
+    t.link_alone = ints([link.body >= 0 and link.body not in touched for link in links])
     t.link_slot, t.slot_dof, t.slot_link = ints(tables.link_slot), ints(tables.slot_dof), ints(tables.slot_link)
     t.body_link = ints(body_link)
     t.joint_type = ints([joint.type for joint in joints])
@@ -260,6 +266,8 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     t.dof_kind = ints([row.kind for _, row, _ in dof_rows])
     t.dof_axis = ints([max(row.axis0, row.axis1) for _, row, _ in dof_rows])
     t.dof_drive = ints([drive_mode(dof) for _, _, dof in dof_rows])
+    coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
+    t.dof_coupled = ints([dof in coupled for dof in range(builder.dof_count)])
     t.dof_table = ints(dof_table)
     t.table_start = ints(starts)
     t.table_x = wp.array(

@@ -72,5 +72,8 @@ def frame_from_axes(thing: str, axis_x: Vec3, axis_y: Vec3) -> Array:
     x = unit_vector(thing, "axis0", axis_x)
     y = unit_vector(thing, "axis1", axis_y)
     if abs(x @ y) > 1e-6:
-        raise ModelError(f"{thing}: the two axes must be perpendicular, got a cosine of {x @ y:.3g}")
+        raise ModelError(
+            f"{thing}: the two axes must be perpendicular, got a cosine of {x @ y:.3g}; "
+            "take the component of the second along the first out"
+        )
     return quat_from_matrix(np.stack([x, y, np.cross(x, y)], axis=1))

@@ -24,19 +24,22 @@ class SolverOptions:
     Attributes:
         recovery_speed: fastest correction of a position error [m/s].
         recovery_rate: the same for angles [rad/s].
-        position_projection: passes that move positions onto the joints after each step; 0: none.
+        position_projection: passes that move positions onto the joints after each step; when None, 1 for models
+            with closed loops (whose energy it keeps over long runs) and 0 for trees.
         pivot_tolerance: a row whose pivot falls below this share of its diagonal counts as redundant.
         max_iterations: of the bounded rows' solve.
         tolerance: residual at which it stops [m/s or rad/s].
+        row_tolerance: residual above which bilateral rows are solved a second time [m/s or rad/s].
         gyroscopic: whether spinning bodies precess.
     """
 
     recovery_speed: float = 0.6
     recovery_rate: float = 3.0
-    position_projection: int = 0
+    position_projection: int | None = None
     pivot_tolerance: float = 1.0e-5
     max_iterations: int = 200
     tolerance: float = 1.0e-6
+    row_tolerance: float = 5.0e-6
     gyroscopic: bool = True
 
 
@@ -162,9 +165,11 @@ class Simulation:
         config.recovery_speed = self.solver.recovery_speed
         config.recovery_rate = self.solver.recovery_rate
         config.pivot_tolerance = self.solver.pivot_tolerance
-        config.projection_iterations = int(self.solver.position_projection)
+        passes = self.solver.position_projection
+        config.projection_iterations = int(self.model.has_loops) if passes is None else int(passes)
         config.max_iterations = self.solver.max_iterations
         config.tolerance = self.solver.tolerance
+        config.row_tolerance = self.solver.row_tolerance
         config.reactions = int(reactions)
         config.gyroscopic = int(self.solver.gyroscopic)
         return config
@@ -189,26 +194,50 @@ class Simulation:
         return self._launch(Operation.STEP, self._all_worlds, record=True)
 
     def _mask(self, world_mask: Any) -> wp.array:
+        """The mask as a Warp array of bool on the model's device."""
         if world_mask is None:
             return self._all_worlds
+        shape = (self.model.world_count,)
+        kind = str(getattr(world_mask, "dtype", "")).lower()
         if isinstance(world_mask, wp.array):
+            if world_mask.dtype != wp.bool:
+                raise ModelError(f"world_mask must be of bool, got a Warp array of {world_mask.dtype.__name__}")
             mask = world_mask
         elif hasattr(world_mask, "data_ptr"):
+            if "bool" not in kind:
+                raise ModelError(f"world_mask must be of bool, got a tensor of {kind}; compare it first")
             mask = wp.from_torch(world_mask.contiguous(), dtype=wp.bool)
         else:
-            mask = wp.array(np.asarray(world_mask, dtype=bool), dtype=wp.bool, device=self.model.device)
-        if mask.shape != (self.model.world_count,):
-            raise ModelError(f"world_mask must have shape ({self.model.world_count},), got {tuple(mask.shape)}")
+            values = np.asarray(world_mask)
+            if values.dtype != np.bool_:
+                raise ModelError(f"world_mask must be of bool, got {values.dtype}; it is no list of indices")
+            mask = wp.array(values, dtype=wp.bool, device=self.model.device)
+        if tuple(mask.shape) != shape:
+            raise ModelError(f"world_mask must have shape {shape} (worlds), got {tuple(mask.shape)}")
         return mask
 
     def _values(self, name: str, values: Any, shape: tuple[int, int]) -> wp.array:
-        if isinstance(values, wp.array):
+        """Coordinates or rates as a Warp array of float32 on the model's device; host values may broadcast."""
+        if isinstance(values, wp.array) and values.dtype == wp.float32 and values.is_contiguous:
             array = values
         elif hasattr(values, "data_ptr"):
-            array = wp.from_torch(values.contiguous(), dtype=wp.float32)
+            array = wp.from_torch(values.detach().float().contiguous(), dtype=wp.float32)
         else:
-            data = np.broadcast_to(np.asarray(values, dtype=np.float32), shape)
+            try:
+                data = values.numpy() if isinstance(values, wp.array) else values
+                data = np.broadcast_to(np.asarray(data, dtype=np.float32), shape)
+            except (TypeError, ValueError) as error:
+                raise ModelError(
+                    f"set_joint_state: {name} must have shape {shape} (worlds, dofs), got {_shape_of(values)}"
+                ) from error
             array = wp.array(np.ascontiguousarray(data), dtype=wp.float32, device=self.model.device)
-        if array.shape != shape:
+        if tuple(array.shape) != shape:
             raise ModelError(f"set_joint_state: {name} must have shape {shape} (worlds, dofs), got {array.shape}")
         return array
+
+
+def _shape_of(values: Any) -> str:
+    try:
+        return str(np.shape(values.numpy() if isinstance(values, wp.array) else values))
+    except ValueError:
+        return repr(values)

@@ -21,6 +21,9 @@ class State:
         body_q: (W, B) transform, float32 view of both, published each step.
         body_v: (W, B) vec3, velocity of the centre of mass [m/s].
         body_omega: (W, B) vec3, angular velocity [rad/s].
+        body_omega_last: (W, B) vec3, the same one sub-step before: the gyroscopic torque extrapolates.
+        body_v_low, body_omega_low: (W, B) vec3, what float32 rounding kept back from the velocities (compensated
+            summation): many equal increments do not round the same way.
         joint_x: (W, dofs) float64, coordinates of record, turns counted [m or rad].
         joint_q, joint_qd: (W, dofs) float32, coordinates and their rates.
         bounded_impulse: (W, bounded rows), warm start of limits, friction and motors [N·s or N·m·s].
@@ -29,7 +32,7 @@ class State:
     """
 
     NAMES = (
-        "body_x", "body_rot", "body_q", "body_v", "body_omega", "joint_x", "joint_q", "joint_qd",
+        "body_x", "body_rot", "body_q", "body_v", "body_omega", "body_omega_last", "body_v_low", "body_omega_low", "joint_x", "joint_q", "joint_qd",
         "bounded_impulse", "world_time", "world_status",
     )  # fmt: skip
 
@@ -44,6 +47,9 @@ class State:
         self.body_q = zeros(model.body_count, wp.transform)
         self.body_v = zeros(model.body_count, wp.vec3)
         self.body_omega = zeros(model.body_count, wp.vec3)
+        self.body_omega_last = zeros(model.body_count, wp.vec3)
+        self.body_v_low = zeros(model.body_count, wp.vec3)
+        self.body_omega_low = zeros(model.body_count, wp.vec3)
         self.joint_x = zeros(model.dof_count, wp.float64)
         self.joint_q = zeros(model.dof_count, wp.float32)
         self.joint_qd = zeros(model.dof_count, wp.float32)

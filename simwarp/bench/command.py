@@ -143,7 +143,8 @@ def _require_positive(name: str, value: float | None) -> None:
 def _enter_cold_start(rows: list[Row], name: str, device: str) -> None:
     cold, warm = cold_and_warm(name, device)
     for row in rows:
-        row.compile_s, row.compile_warm_s, row.compile_source = cold, warm, "cold process"
+        row.compile_s, row.compile_cpu_s = cold
+        row.compile_warm_s, row.compile_source = warm.wall_s, "cold process"
 
 
 def _print(
@@ -194,5 +195,6 @@ def _costs(row: Row) -> str:
         parts.append(f"{row.bytes_per_world:,} B per world and {row.bytes_shared:,} B shared")
     parts.append(f"model to first step {row.compile_s:.2f} s in {_SOURCES[row.compile_source]}")
     if row.compile_warm_s is not None:
-        parts.append(f"{row.compile_warm_s:.2f} s with a filled kernel cache")
+        parts[-1] += f" ({row.compile_cpu_s:.2f} s of CPU time)"
+        parts.append(f"{row.compile_warm_s:.2f} s with a filled one")
     return "; ".join(parts)

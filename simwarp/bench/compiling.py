@@ -11,14 +11,22 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import NamedTuple
 
 from simwarp.bench.workloads import bench_scenes
 
 _PATIENCE_S = 600
 
 
-def cold_and_warm(name: str, device: str) -> tuple[float, float]:
-    """From a model to the end of its first step [s] with an empty kernel cache, and with the one that this left.
+class Start(NamedTuple):
+    """From a model to the end of its first step [s]: by the clock, and of the process' CPU time."""
+
+    wall_s: float
+    cpu_s: float
+
+
+def cold_and_warm(name: str, device: str) -> tuple[Start, Start]:
+    """The start of a new process with an empty kernel cache, and of one with the cache that this left.
 
     Raises:
         RuntimeError: the process failed; the message is its last line.
@@ -28,39 +36,39 @@ def cold_and_warm(name: str, device: str) -> tuple[float, float]:
     return first, second
 
 
-def _probe(name: str, device: str, cache: str) -> float:
+def _probe(name: str, device: str, cache: str) -> Start:
     done = subprocess.run(
         [sys.executable, "-m", "simwarp.bench.compiling", name, device], capture_output=True, text=True,
         env=os.environ | {"WARP_CACHE_PATH": cache}, timeout=_PATIENCE_S,
     )  # fmt: skip
     if done.returncode != 0:
         raise RuntimeError(f"cold start of '{name}' failed: {(done.stderr.strip().splitlines() or ['no message'])[-1]}")
-    return float(json.loads(done.stdout.splitlines()[-1])["first_step_s"])
+    return Start(*json.loads(done.stdout.splitlines()[-1]))
 
 
-def _first_step(name: str, device: str) -> float:
+def _first_step(name: str, device: str) -> Start:
     scene = bench_scenes().get(name)
     if scene is None:
         from simwarp.bench.tasks import TaskRun
         from simwarp.tasks import task_class
 
         config = task_class(name).config_type()
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), time.process_time()
         task_run = TaskRun(name, 1, device, config)
         task_run.step()
         task_run.wait()
     else:
         from simwarp.bench.measure import SceneRun
 
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), time.process_time()
         run = SceneRun(scene, 1, device, None)
         run.step()
         run.wait()
-    return time.perf_counter() - start
+    return Start(time.perf_counter() - start, time.process_time() - cpu)
 
 
 if __name__ == "__main__":
     from simwarp.cli.quiet import start_warp
 
     start_warp()
-    print(json.dumps({"first_step_s": _first_step(sys.argv[1], sys.argv[2])}))
+    print(json.dumps(_first_step(sys.argv[1], sys.argv[2])))

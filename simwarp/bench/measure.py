@@ -39,7 +39,8 @@ class Row:
         bytes_shared: device arrays that all worlds share.
         compile_s: from a model to the end of its first step [s].
         compile_source: where that was seen: `this process` or `cold process`.
-        compile_warm_s: the same in a new process with a filled kernel cache; only with a cold one.
+        compile_cpu_s: CPU time of a cold process for it.
+        compile_warm_s: `compile_s` of a new process with a filled kernel cache; only with a cold one.
         valid: whether the states were sound.
         problems: why not.
         split: shares of the time of a task's step.
@@ -61,6 +62,7 @@ class Row:
     bytes_shared: int | None = None
     compile_s: float | None = None
     compile_source: str = "this process"
+    compile_cpu_s: float | None = None
     compile_warm_s: float | None = None
     valid: bool = False
     problems: tuple[str, ...] = ()

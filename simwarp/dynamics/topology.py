@@ -141,7 +141,7 @@ def build_tables(builder: ModelBuilder, dropped_rows: frozenset[tuple[int, int]]
     in_tree = {link.joint for link in links}
     loop_joint, loop_row, rows, row_dof, loop_dof = [], [0], [], [], []
     for joint, spec in enumerate(builder.joints):
-        if spec.type == JointType.FREE:
+        if spec.type == JointType.FREE and joint in in_tree:
             loop_dof += range(dof_start[joint], dof_start[joint] + 6)
         if joint in in_tree:
             continue

@@ -40,7 +40,7 @@ def multiply(count: int, source: int, target: int, work: Work):
 
 @wp.func
 def residual_of(count: int, x: int, ax: int, work: Work) -> float:
-    """max over rows of S_rr |g - clamp(g - u / S_rr)| with u = S g + r."""
+    """Max over rows of S_rr |g - clamp(g - u / S_rr)| with u = S g + r."""
     worst = float(0.0)
     for r in range(count):
         diagonal = work.s[r, r]
@@ -53,7 +53,7 @@ def residual_of(count: int, x: int, ax: int, work: Work) -> float:
 
 @wp.func
 def solve_bounded(count: int, config: StepConfig, work: Work) -> SolveReport:
-    """gamma <- the solution, from the warm start in gamma. One row is solved in closed form."""
+    """Gamma <- the solution, from the warm start in gamma. One row is solved in closed form."""
     report = SolveReport()
     for r in range(count):
         work.b_scale[r] = 1.0 / wp.sqrt(wp.max(work.s[r, r], 1.0e-20))
@@ -102,8 +102,8 @@ def solve_bounded(count: int, config: StepConfig, work: Work) -> SolveReport:
             move = work.solver[X_NEW, r] - work.solver[X, r]
             uphill += (work.solver[Y, r] - work.solver[X_NEW, r]) * move
         if uphill > 0.0:
-            beta = 0.0
-            theta_new = 1.0
+            beta = float(0.0)
+            theta_new = float(1.0)
         for r in range(count):
             x_new = work.solver[X_NEW, r]
             ax_new = work.solver[AX_NEW, r]

@@ -136,6 +136,14 @@ def place_links(world: int, topology: Topology, parameters: Parameters, joint_q:
 
 
 @wp.func
+def forget_velocities(topology: Topology, work: Work):
+    """Start velocities of zero: an assembly moves positions only."""
+    for link in range(topology.link_count):
+        work.o_ang[link] = wp.vec3()
+        work.o_lin[link] = wp.vec3()
+
+
+@wp.func
 def geometry(world: int, topology: Topology, parameters: Parameters, config: StepConfig, work: Work):
     """Columns and shifts of all tree joints at the poses in `work`, without drift."""
     for link in range(topology.link_count):
@@ -153,6 +161,7 @@ def factor_at_poses(
     dt = config.dt
     time = state.world_time[world]
     load_bodies(world, dt, topology, parameters, state, control, config, work)
+    forget_velocities(topology, work)
     load_slots(world, dt, time, topology, parameters, state, control, config, work)
     for slot in range(topology.slot_count):
         work.rate[slot] = 0.0
@@ -268,17 +277,20 @@ def assemble_velocities(
     joint_qd: wp.array2d[float], state: StateArrays, work: Work,
 ):  # fmt: skip
     """Velocities from rates; where loops or couplings bind, the nearest in the mass metric."""
-    geometry(world, topology, parameters, config, work)
+    forget_velocities(topology, work)
     load_slots(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
+    for slot in range(topology.slot_count):
+        work.rate[slot] = 0.0
+    geometry(world, topology, parameters, config, work)
     link_rates(world, topology, parameters, joint_qd, state, work)
+    for link in range(topology.link_count):
+        work.t_ang[link] = work.v_ang[link]
+        work.t_lin[link] = work.v_lin[link]
     if topology.row_count > 0:
         factor_at_poses(world, topology, parameters, state, control, config, work)
         for row in range(topology.row_count):
             work.row_b[row] = 0.0
             work.row_impulse[row] = 0.0
-        for link in range(topology.link_count):
-            work.k_ang[link] = work.v_ang[link]
-            work.k_lin[link] = work.v_lin[link]
         for slot in range(topology.slot_count):
             dof = topology.slot_dof[slot]
             work.xi[slot] = 0.0
@@ -302,15 +314,18 @@ def assemble_velocities(
             work.drift_lin[link] = wp.vec3()
         velocities_down(topology, work)
         for link in range(topology.link_count):
-            work.v_ang[link] = work.v_ang[link] + work.k_ang[link]
-            work.v_lin[link] = work.v_lin[link] + work.k_lin[link]
+            work.t_ang[link] = work.t_ang[link] + work.v_ang[link]
+            work.t_lin[link] = work.t_lin[link] + work.v_lin[link]
         for slot in range(topology.slot_count):
             work.k_qd[slot] = work.k_qd[slot] + work.qd[slot]
     for link in range(topology.link_count):
         body = topology.link_body[link]
         if body >= 0:
-            state.body_v[world, body] = work.v_lin[link]
-            state.body_omega[world, body] = work.v_ang[link]
+            state.body_v[world, body] = work.t_lin[link]
+            state.body_omega[world, body] = work.t_ang[link]
+            state.body_omega_last[world, body] = work.t_ang[link]
+            state.body_omega_low[world, body] = wp.vec3()
+            state.body_v_low[world, body] = wp.vec3()
     publish_set_rates(world, topology, parameters, joint_qd, state, work)
 
 
@@ -338,8 +353,11 @@ def measure_world(world: int, topology: Topology, parameters: Parameters, state:
     for link in range(topology.link_count):
         body = topology.link_body[link]
         if body >= 0:
-            work.v_ang[link] = state.body_omega[world, body]
-            work.v_lin[link] = state.body_v[world, body]
+            work.t_ang[link] = state.body_omega[world, body]
+            work.t_lin[link] = state.body_v[world, body]
+            state.body_omega_last[world, body] = state.body_omega[world, body]
+            state.body_omega_low[world, body] = wp.vec3()
+            state.body_v_low[world, body] = wp.vec3()
     publish_coordinates(world, 0.0, topology, parameters, state, work)
     for dof in range(topology.dof_count):
         if topology.joint_type[topology.dof_joint[dof]] != SHAFT:

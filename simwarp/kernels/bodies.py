@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.joints import FREE, SHAFT, coordinate, joint_frames, turned_frames, unwrapped, wraps
+from simwarp.kernels.joints import FREE, POINT_AXIS0, SHAFT, coordinate, joint_frames, turned_frames, unwrapped, wraps
 from simwarp.kernels.laws import PRESCRIBED_POSITION, dof_law, prescribed_rate
 from simwarp.kernels.rows import link_of, rate_of, row_geometry
 from simwarp.kernels.spatial import matrix_to_float, turned
@@ -25,38 +25,61 @@ def load_poses(world: int, topology: Topology, state: StateArrays, work: Work):
 
 
 @wp.func
+def total_velocities(topology: Topology, work: Work):
+    """T <- velocity of the start plus its change."""
+    for link in range(topology.link_count):
+        work.t_ang[link] = work.o_ang[link] + (work.v_ang[link] + work.l_ang[link])
+        work.t_lin[link] = work.o_lin[link] + (work.v_lin[link] + work.l_lin[link])
+
+
+@wp.func
 def advance_poses(world: int, dt: float, topology: Topology, state: StateArrays, work: Work):
     """`x`, `quat`, `rot` <- poses of record moved by dt times the link velocities (exponential map)."""
     for link in range(topology.link_count):
         body = topology.link_body[link]
         if body >= 0:
-            v = work.v_lin[link]
+            v = work.t_lin[link]
             h = wp.float64(dt)
             work.x[body] = state.body_x[world, body] + wp.vec3d(
                 h * wp.float64(v[0]), h * wp.float64(v[1]), h * wp.float64(v[2])
             )
-            q = turned(state.body_rot[world, body], work.v_ang[link] * dt)
+            q = turned(state.body_rot[world, body], work.t_ang[link] * dt)
             work.quat[body] = q
             work.rot[body] = wp.quat_to_matrix(q)
 
 
 @wp.func
 def spun(inertia: wp.mat33, omega: wp.vec3, dt: float) -> wp.vec3:
-    """Body rate [rad/s, body frame] after dt of free spin: implicit midpoint, which keeps energy and |momentum|.
+    """Change of the body rate [rad/s, body frame] in dt of free spin: implicit midpoint, which keeps energy and
+    |momentum|.
 
-    I (w1 - w0) + dt/4 (w0 + w1) x I (w0 + w1) = 0 by Newton's method.
+    I d + dt/4 (2 w + d) x I (2 w + d) = 0 by Newton's method on the change d itself, which keeps its accuracy.
     """
-    w1 = omega
-    scale = wp.length(inertia * omega)
+    d = wp.vec3()
+    scale = dt * wp.dot(omega, omega) * wp.trace(inertia)
     for _iteration in range(4):
-        s = omega + w1
+        s = 2.0 * omega + d
         i_s = inertia * s
-        f = inertia * (w1 - omega) + (0.25 * dt) * wp.cross(s, i_s)
-        if wp.length(f) <= 1.0e-7 * scale:
-            return w1
+        f = inertia * d + (0.25 * dt) * wp.cross(s, i_s)
+        if wp.length(f) <= 1.0e-8 * scale:
+            return d
         jacobian = inertia + (0.25 * dt) * (wp.skew(s) * inertia - wp.skew(i_s))
-        w1 -= wp.inverse(jacobian) * f
-    return w1
+        d -= wp.inverse(jacobian) * f
+    return d
+
+
+@wp.func
+def gyroscopic_torque(alone: int, inertia: wp.mat33, omega: wp.vec3, omega_last: wp.vec3, dt: float) -> wp.vec3:
+    """-omega x I omega at the middle of the two velocities that the step connects [N·m, body frame].
+
+    A body that no joint touches spins by the implicit midpoint rule, which keeps its energy. A jointed one must not:
+    what it would do alone has a component along its joints. There the rate is extrapolated by half a step, which is of
+    second order and does no work on a fixed axis.
+    """
+    if alone == 1:
+        return inertia * spun(inertia, omega, dt) / dt
+    middle = 1.5 * omega - 0.5 * omega_last
+    return -wp.cross(middle, inertia * middle)
 
 
 @wp.func
@@ -64,26 +87,39 @@ def load_bodies(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
     config: StepConfig, work: Work,
 ):  # fmt: skip
-    """Rigid inertias about the centres of mass, and momentum plus the step's applied impulses, world axes."""
+    """Rigid inertias about the centres of mass, velocities of the start, and the step's applied impulses, world axes.
+
+    The step solves for the change of velocity: a momentum that nothing changes is not rounded at all.
+    """
     gravity = parameters.gravity[world % parameters.gravity.shape[0]]
     wm = world % parameters.body_mass.shape[0]
     wi = world % parameters.body_inertia_b.shape[0]
     for link in range(topology.link_count):
+        work.o_ang[link] = wp.vec3()
+        work.o_lin[link] = wp.vec3()
+        work.l_ang[link] = wp.vec3()
+        work.l_lin[link] = wp.vec3()
         body = topology.link_body[link]
         if body >= 0:
             rot = matrix_to_float(work.rot[body])
             mass = parameters.body_mass[wm, body]
             inertia_b = parameters.body_inertia_b[wi, body]
-            omega_b = state.body_omega[world, body] * rot
+            omega = state.body_omega[world, body]
+            work.o_ang[link] = omega
+            work.o_lin[link] = state.body_v[world, body]
+            work.l_ang[link] = state.body_omega_low[world, body]
+            work.l_lin[link] = state.body_v_low[world, body]
+            torque_b = control.body_torque_b[world, body]
             if config.gyroscopic == 1:
-                omega_b = spun(inertia_b, omega_b, dt)
-            torque_b = inertia_b * omega_b + dt * control.body_torque_b[world, body]
+                torque_b += gyroscopic_torque(
+                    topology.link_alone[link], inertia_b, omega * rot, state.body_omega_last[world, body] * rot, dt
+                )
             work.inertia[link] = rot * inertia_b * wp.transpose(rot)
             work.coupling[link] = wp.mat33()
             work.mass[link] = wp.mat33(mass, 0.0, 0.0, 0.0, mass, 0.0, 0.0, 0.0, mass)
-            force = control.body_force[world, body] + rot * control.body_force_b[world, body]
-            work.p_ang[link] = rot * torque_b + dt * control.body_torque[world, body]
-            work.p_lin[link] = mass * (state.body_v[world, body] + dt * gravity) + dt * force
+            force = control.body_force[world, body] + rot * control.body_force_b[world, body] + mass * gravity
+            work.p_ang[link] = dt * (rot * torque_b + control.body_torque[world, body])
+            work.p_lin[link] = dt * force
 
 
 @wp.func
@@ -100,12 +136,17 @@ def load_slots(
         if dof >= 0:
             q = state.joint_x[world, dof]
             if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
+                limit = config.recovery_rate
+                if topology.dof_kind[dof] == POINT_AXIS0:
+                    limit = config.recovery_speed
                 work.gain[slot] = -1.0
-                work.rate[slot] = prescribed_rate(dof, world, dt, time, q, config.recovery_rate, topology, control)
+                work.rate[slot] = prescribed_rate(dof, world, dt, time, q, limit, topology, control)
             elif topology.link_type[topology.slot_link[slot]] != FREE:
                 law = dof_law(dof, world, dt, float(q), state.joint_qd[world, dof], topology, parameters, control)
+                rate = state.joint_qd[world, dof]
                 work.gain[slot] = law.gain
-                work.effort[slot] = law.effort
+                work.effort[slot] = law.effort - law.gain * rate
+                work.rate[slot] = rate
 
 
 @wp.func
@@ -143,12 +184,18 @@ def publish(
     """
     finite = int(1)
     for link in range(topology.link_count):
-        total = wp.length(work.v_ang[link]) + wp.length(work.v_lin[link])
-        if not wp.isfinite(total):
-            finite = 0
+        total = wp.length(work.t_ang[link]) + wp.length(work.t_lin[link])
+        body = topology.link_body[link]
+        place = wp.float64(0.0)
+        if body >= 0:
+            x = state.body_x[world, body]
+            q = state.body_rot[world, body]
+            place = x[0] + x[1] + x[2] + q[0] + q[1] + q[2] + q[3]
+        if not wp.isfinite(total) or not wp.isfinite(place):
+            finite = int(0)
     for slot in range(topology.slot_count):
         if not wp.isfinite(work.xi[slot]):
-            finite = 0
+            finite = int(0)
     if finite == 0:
         return 0
     if projected == 1:
@@ -159,8 +206,15 @@ def publish(
     for link in range(topology.link_count):
         body = topology.link_body[link]
         if body >= 0:
-            state.body_v[world, body] = work.v_lin[link]
-            state.body_omega[world, body] = work.v_ang[link]
+            state.body_omega_last[world, body] = state.body_omega[world, body]
+            state.body_omega_low[world, body] = (work.v_ang[link] + work.l_ang[link]) - (
+                work.t_ang[link] - work.o_ang[link]
+            )
+            state.body_v_low[world, body] = (work.v_lin[link] + work.l_lin[link]) - (
+                work.t_lin[link] - work.o_lin[link]
+            )
+            state.body_v[world, body] = work.t_lin[link]
+            state.body_omega[world, body] = work.t_ang[link]
     publish_coordinates(world, dt, topology, parameters, state, work)
     return 1
 
@@ -214,7 +268,7 @@ def publish_coordinates(
             frames = joint_frames(joint, world, topology, parameters, work)
             angles = turned_frames(kind, frames)
             for dof in range(first, end):
-                value = coordinate(kind, dof - first, frames, angles)
+                value = coordinate(kind, dof - first, topology.dof_coupled[dof], frames, angles)
                 if wraps(kind, topology.dof_kind[dof]):
                     near = state.joint_x[world, dof] + wp.float64(dt) * wp.float64(state.joint_qd[world, dof])
                     value = unwrapped(value, near)

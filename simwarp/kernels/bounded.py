@@ -6,7 +6,8 @@ complement of everything bilateral, S = Y Y^T - Y Y_l^T (N + C)^-1 Y_l Y^T.
 
 import warp as wp
 
-from simwarp.kernels.joints import POINT_AXIS0, joint_frames
+from simwarp.kernels.bodies import total_velocities
+from simwarp.kernels.joints import DISTANCE, POINT_AXIS0, joint_frames
 from simwarp.kernels.laws import INFINITE_EFFORT, drive_law
 from simwarp.kernels.rows import dof_rate, link_of, row_geometry, solve_rows
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
@@ -47,11 +48,12 @@ def candidate(
         lower = q - parameters.joint_limit_lower[world % parameters.joint_limit_lower.shape[0], dof]
         upper = parameters.joint_limit_upper[world % parameters.joint_limit_upper.shape[0], dof] - q
         gap = lower
-        if upper < lower:
+        # the stop that the free motion would pass further, not the nearer one: it may be leaving that
+        if upper - dt * rate < lower + dt * rate:
             gap = upper
             row.sign = -1.0
         recovery = config.recovery_rate
-        if topology.dof_kind[dof] == POINT_AXIS0:
+        if topology.dof_kind[dof] == POINT_AXIS0 or topology.dof_kind[dof] == DISTANCE:
             recovery = config.recovery_speed
         # the reserve is for speed that the other bounded rows may add within the step
         if gap / dt + row.sign * rate < recovery:
@@ -128,6 +130,7 @@ def collect_bounded(
     control: ControlArrays, config: StepConfig, work: Work,
 ) -> int:  # fmt: skip
     """Active rows and their S, r, bounds and warm start, from the free velocity in `work`; returns how many."""
+    total_velocities(topology, work)
     count = int(0)
     for index in range(topology.bounded_count):
         dof = topology.bounded_dof[index]

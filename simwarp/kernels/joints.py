@@ -133,6 +133,9 @@ def link_geometry(
     if topology.link_parent[link] < 0:
         parent = wp.vec3()  # the world does not move: no lever, and its anchor may be kilometres long
     work.shift[link] = parent - child
+    # the drift carries everything that the change of velocity must make good: the correction, and what the velocities
+    # of the step's start violate at its poses
+    above = topology.link_parent[link]
     ang = clamp_length(e_ang * inv_dt, config.recovery_rate) * (-sign)
     lin = clamp_length(e_lin * inv_dt, config.recovery_speed) * (-sign)
     lin -= wp.cross(ang, child)
@@ -155,8 +158,11 @@ def link_geometry(
         rate = work.rate[slot]
         ang += a * rate
         lin += v * rate
-    work.drift_ang[link] = ang
-    work.drift_lin[link] = lin
+    if above >= 0:
+        ang += work.o_ang[above]
+        lin += work.o_lin[above] + wp.cross(work.o_ang[above], parent - child)
+    work.drift_ang[link] = ang - work.o_ang[link]
+    work.drift_lin[link] = lin - work.o_lin[link]
     return wp.max(wp.length(e_lin), wp.length(e_ang))
 
 
@@ -174,8 +180,10 @@ def rotation_vector(f0: wp.mat33d, f1: wp.mat33d) -> wp.vec3d:
 
 
 @wp.func
-def turn(cosine: wp.float64, sine: wp.float64) -> wp.float64:
-    """Angle in (-pi, pi] to float32 accuracy: all that a published coordinate holds."""
+def turn(cosine: wp.float64, sine: wp.float64, exact: int) -> wp.float64:
+    """Angle in (-pi, pi]; to float32 accuracy, all that a published coordinate holds, unless `exact`."""
+    if exact == 1:
+        return wp.atan2(sine, cosine)
     return wp.float64(wp.atan2(float(sine), float(cosine)))
 
 
@@ -188,7 +196,7 @@ def turned_frames(kind: int, frames: JointFrames) -> wp.vec3d:
 
 
 @wp.func
-def coordinate(kind: int, local: int, frames: JointFrames, angles: wp.vec3d) -> wp.float64:
+def coordinate(kind: int, local: int, exact: int, frames: JointFrames, angles: wp.vec3d) -> wp.float64:
     """Coordinate `local` of a joint of type `kind`; angles within one turn, lengths [m].
 
     `angles` is `turned_frames`, computed once per joint.
@@ -198,15 +206,15 @@ def coordinate(kind: int, local: int, frames: JointFrames, angles: wp.vec3d) -> 
     x1 = column(frames.f1, 0)
     q = wp.float64(0.0)
     if kind == REVOLUTE or (kind == CYLINDRICAL and local == 1) or (kind == PLANAR and local == 2):
-        q = turn(wp.dot(x1, x0), wp.dot(x1, y0))
+        q = turn(wp.dot(x1, x0), wp.dot(x1, y0), exact)
     elif kind == PRISMATIC or kind == CYLINDRICAL:
         q = wp.dot(frames.d, column(frames.f0, 2))
     elif kind == UNIVERSAL:
         if local == 0:
             y1 = column(frames.f1, 1)
-            q = turn(wp.dot(y1, y0), wp.dot(y1, column(frames.f0, 2)))
+            q = turn(wp.dot(y1, y0), wp.dot(y1, column(frames.f0, 2)), exact)
         else:
-            q = turn(wp.dot(x1, x0), wp.dot(column(frames.f1, 2), x0))
+            q = turn(wp.dot(x1, x0), wp.dot(column(frames.f1, 2), x0), exact)
     elif kind == PLANAR:
         q = wp.dot(frames.d, column(frames.f0, local))
     elif kind == LINE:

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.bodies import advance_poses
+from simwarp.kernels.bodies import advance_poses, total_velocities
 from simwarp.kernels.joints import (
     FREE,
     SHAFT,
@@ -10,7 +10,7 @@ from simwarp.kernels.joints import (
     legal_translation,
     misalignment,
 )
-from simwarp.kernels.rows import row_geometry, row_offset, row_speed, link_of, solve_rows
+from simwarp.kernels.rows import link_of, row_geometry, row_offset, row_speed, solve_rows
 from simwarp.kernels.spatial import to_float
 from simwarp.kernels.tables import Parameters, StateArrays, StepConfig, Topology, Work
 from simwarp.kernels.tree import impulses_up, velocities_down
@@ -77,10 +77,11 @@ def residual_rows(world: int, inv_dt: float, topology: Topology, parameters: Par
 @wp.func
 def correct_velocity(world: int, dt: float, topology: Topology, parameters: Parameters, work: Work) -> float:
     """Adds to the velocities the motion that removes the violation at the poses in `work`, with the factors of
-    the step's start; returns that violation [m or rad]."""
+    the step's start; returns that violation [m or rad].
+    """
     for link in range(topology.link_count):
-        work.k_ang[link] = work.v_ang[link]
-        work.k_lin[link] = work.v_lin[link]
+        work.f_ang[link] = work.v_ang[link]
+        work.f_lin[link] = work.v_lin[link]
     worst = residual_drift(world, 1.0 / dt, topology, parameters, work)
     impulses_up(topology, work)
     velocities_down(topology, work)
@@ -88,13 +89,15 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
         worst = wp.max(worst, residual_rows(world, 1.0 / dt, topology, parameters, work))
         solve_rows(topology, work)
         for row in range(topology.row_count):
+            work.row_impulse[row] = work.row_impulse[row] - work.row_r[row]
             for index in range(topology.row_path[row], topology.row_path[row + 1]):
                 slot = topology.path_slot[index]
                 work.xi[slot] = work.xi[slot] - work.y[row, slot] * work.row_r[row]
         velocities_down(topology, work)
     for link in range(topology.link_count):
-        work.v_ang[link] = work.v_ang[link] + work.k_ang[link]
-        work.v_lin[link] = work.v_lin[link] + work.k_lin[link]
+        work.v_ang[link] = work.f_ang[link] + work.v_ang[link]
+        work.v_lin[link] = work.f_lin[link] + work.v_lin[link]
+    total_velocities(topology, work)
     return worst
 
 

@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from simwarp.kernels.bodies import spun
-from simwarp.kernels.joints import joint_frames
+from simwarp.kernels.bodies import gyroscopic_torque
+from simwarp.kernels.joints import FREE, joint_frames
 from simwarp.kernels.rows import link_of, row_geometry
 from simwarp.kernels.spatial import matrix_to_float, to_float
 from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
@@ -20,11 +20,30 @@ def take_wrench(link: int, ang: wp.vec3, lin: wp.vec3, scale: float, work: Work)
 
 
 @wp.func
+def take_dof(
+    dof: int, impulse: float, world: int, dt: float, topology: Topology, parameters: Parameters, work: Work,
+    reports: Reports,
+):  # fmt: skip
+    """An impulse along a coordinate of a loop joint: part of that joint's reaction, off the tree's account."""
+    joint = topology.dof_joint[dof]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    axis = topology.dof_axis[dof]
+    row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+    take_wrench(link_of(topology.joint_body0[joint], topology), row.w0.ang, row.w0.lin, impulse, work)
+    take_wrench(link_of(topology.joint_body1[joint], topology), row.w1.ang, row.w1.lin, impulse, work)
+    if topology.joint_type[joint] != FREE:
+        force = row.w1.lin * (impulse / dt)
+        torque = row.w1.ang * (impulse / dt) - wp.cross(to_float(frames.r1), force)
+        reports.joint_reaction_force[world, joint] = reports.joint_reaction_force[world, joint] + force
+        reports.joint_reaction_torque[world, joint] = reports.joint_reaction_torque[world, joint] + torque
+
+
+@wp.func
 def unexplained_impulses(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
     config: StepConfig, work: Work,
 ):  # fmt: skip
-    """f <- change of momentum minus applied impulses of every body [N·s, N·m·s], about its centre."""
+    """F <- change of momentum minus applied impulses of every body [N·s, N·m·s], about its centre."""
     gravity = parameters.gravity[world % parameters.gravity.shape[0]]
     for link in range(topology.link_count):
         body = topology.link_body[link]
@@ -34,13 +53,19 @@ def unexplained_impulses(
             rot = matrix_to_float(wp.quat_to_matrix(state.body_rot[world, body]))
             mass = parameters.body_mass[world % parameters.body_mass.shape[0], body]
             inertia_b = parameters.body_inertia_b[world % parameters.body_inertia_b.shape[0], body]
-            omega_b = state.body_omega[world, body] * rot
+            torque_b = control.body_torque_b[world, body]
             if config.gyroscopic == 1:
-                omega_b = spun(inertia_b, omega_b, dt)
-            change = inertia_b * (work.v_ang[link] * rot - omega_b) - dt * control.body_torque_b[world, body]
+                torque_b += gyroscopic_torque(
+                    topology.link_alone[link],
+                    inertia_b,
+                    work.o_ang[link] * rot,
+                    state.body_omega_last[world, body] * rot,
+                    dt,
+                )
+            change = inertia_b * (work.v_ang[link] * rot) - dt * torque_b
             work.f_ang[link] = rot * change - dt * control.body_torque[world, body]
-            force = control.body_force[world, body] + rot * control.body_force_b[world, body]
-            work.f_lin[link] = mass * (work.v_lin[link] - state.body_v[world, body] - dt * gravity) - dt * force
+            force = control.body_force[world, body] + rot * control.body_force_b[world, body] + mass * gravity
+            work.f_lin[link] = mass * work.v_lin[link] - dt * force
 
 
 @wp.func
@@ -71,31 +96,10 @@ def record_reactions(
     for index in range(count):
         dof = topology.bounded_dof[work.active[index]]
         if topology.dof_slot[dof] < 0:
-            joint = topology.dof_joint[dof]
-            frames = joint_frames(joint, world, topology, parameters, work)
-            axis = topology.dof_axis[dof]
-            geometry = row_geometry(
-                topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames
-            )
-            impulse = work.b_sign[index] * work.gamma[index]
-            take_wrench(link_of(topology.joint_body0[joint], topology), geometry.w0.ang, geometry.w0.lin, impulse, work)
-            take_wrench(link_of(topology.joint_body1[joint], topology), geometry.w1.ang, geometry.w1.lin, impulse, work)
+            take_dof(dof, work.b_sign[index] * work.gamma[index], world, dt, topology, parameters, work, reports)
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]
-        effort = control.joint_force[world, dof]
-        if effort != 0.0:
-            joint = topology.dof_joint[dof]
-            frames = joint_frames(joint, world, topology, parameters, work)
-            axis = topology.dof_axis[dof]
-            geometry = row_geometry(
-                topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames
-            )
-            take_wrench(
-                link_of(topology.joint_body0[joint], topology), geometry.w0.ang, geometry.w0.lin, dt * effort, work
-            )
-            take_wrench(
-                link_of(topology.joint_body1[joint], topology), geometry.w1.ang, geometry.w1.lin, dt * effort, work
-            )
+        take_dof(dof, dt * control.joint_force[world, dof], world, dt, topology, parameters, work, reports)
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
         parent = topology.link_parent[link]

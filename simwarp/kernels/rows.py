@@ -40,7 +40,8 @@ def row_geometry(
     joint_type: int, kind: int, axis0: int, axis1: int, offset: wp.float64, frames: JointFrames
 ) -> RowGeometry:
     """One row of kind `kind` (RowKind). Each body is taken at its own anchor, plus the travel that the joint allows:
-    a violation has no lever."""
+    a violation has no lever.
+    """
     row = RowGeometry()
     if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
         axis = wp.vec3d()
@@ -91,12 +92,23 @@ def row_offset(kind: int, joint: int, world: int, parameters: Parameters) -> wp.
 
 @wp.func
 def row_speed(row: int, topology: Topology, work: Work, link0: int, link1: int) -> float:
-    """J V of a stored row."""
+    """J times the change of velocity."""
     speed = float(0.0)
     if link0 >= 0:
         speed += wp.dot(work.j0_ang[row], work.v_ang[link0]) + wp.dot(work.j0_lin[row], work.v_lin[link0])
     if link1 >= 0:
         speed += wp.dot(work.j1_ang[row], work.v_ang[link1]) + wp.dot(work.j1_lin[row], work.v_lin[link1])
+    return speed
+
+
+@wp.func
+def start_speed(row: int, topology: Topology, work: Work, link0: int, link1: int) -> float:
+    """J times the velocities of the step's start."""
+    speed = float(0.0)
+    if link0 >= 0:
+        speed += wp.dot(work.j0_ang[row], work.o_ang[link0]) + wp.dot(work.j0_lin[row], work.o_lin[link0])
+    if link1 >= 0:
+        speed += wp.dot(work.j1_ang[row], work.o_ang[link1]) + wp.dot(work.j1_lin[row], work.o_lin[link1])
     return speed
 
 
@@ -110,16 +122,16 @@ def link_of(body: int, topology: Topology) -> int:
 
 @wp.func
 def rate_of(dof: int, joint: int, frames: JointFrames, topology: Topology, work: Work) -> float:
-    """Rate of a coordinate from the link velocities: its row times V."""
+    """Rate of a coordinate from the total velocities: its row times V."""
     axis = topology.dof_axis[dof]
     row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
     link0 = link_of(topology.joint_body0[joint], topology)
     link1 = link_of(topology.joint_body1[joint], topology)
     rate = float(0.0)
     if link0 >= 0:
-        rate += wp.dot(row.w0.ang, work.v_ang[link0]) + wp.dot(row.w0.lin, work.v_lin[link0])
+        rate += wp.dot(row.w0.ang, work.t_ang[link0]) + wp.dot(row.w0.lin, work.t_lin[link0])
     if link1 >= 0:
-        rate += wp.dot(row.w1.ang, work.v_ang[link1]) + wp.dot(row.w1.lin, work.v_lin[link1])
+        rate += wp.dot(row.w1.ang, work.t_ang[link1]) + wp.dot(row.w1.lin, work.t_lin[link1])
     return rate
 
 
@@ -134,7 +146,8 @@ def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, w
 @wp.func
 def free_mobility(body: int, world: int, wrench: Wrench, parameters: Parameters) -> float:
     """Response of a row if the body were free of its joints: the scale against which a pivot is judged. Rows across
-    a plane mechanism have a diagonal of pure rounding, so that their own diagonal would not do."""
+    a plane mechanism have a diagonal of pure rounding, so that their own diagonal would not do.
+    """
     if body < 0:
         return 0.0
     force = wp.dot(wrench.lin, wrench.lin)
@@ -186,7 +199,7 @@ def loop_joint_rows(
             gain = wp.max(law.gain, 1.0e-9)
             compliance = 1.0 / gain
             bias = -law.effort / gain
-        work.row_b[row] = bias
+        work.row_b[row] = bias + start_speed(row, topology, work, link0, link1)
         work.row_compliance[row] = compliance
         work.row_scale[row] = free_mobility(
             topology.joint_body0[joint], world, geometry.w0, parameters
@@ -240,7 +253,7 @@ def assemble_rows(topology: Topology, work: Work):
 
 @wp.func
 def factor_rows(topology: Topology, config: StepConfig, work: Work):
-    """n <- Cholesky factor of Y Y^T + C, pivots below tolerance x scale set aside (inverse zero).
+    """N <- Cholesky factor of Y Y^T + C, pivots below tolerance x scale set aside (inverse zero).
 
     Right-looking: the updates of a row are independent and contiguous, which compilers turn into vector code.
     """

@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.apgd import solve_bounded
-from simwarp.kernels.bodies import apply_row_forces, load_bodies, load_poses, load_slots, publish
+from simwarp.kernels.bodies import apply_row_forces, load_bodies, load_poses, load_slots, publish, total_velocities
 from simwarp.kernels.bounded import apply_bounded, collect_bounded
 from simwarp.kernels.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.projection import project_positions
@@ -63,7 +63,7 @@ def enforce_rows(
     residual = rows_residual(topology, parameters, world, work)
     done = int(0)
     # the first pass also serves the compliant rows, which the residual does not show
-    while done < passes and (done == 0 or residual > config.tolerance):
+    while done < passes and (done == 0 or residual > config.row_tolerance):
         solve_rows(topology, work)
         apply_rows(topology, work)
         velocities_down(topology, work)
@@ -102,6 +102,8 @@ def step_world(
         for index in range(topology.bounded_count):
             state.bounded_impulse[world, index] = 0.0
     reports.bounded_count[world] = count
+    reports.iterations[world] = 0
+    reports.bounded_residual[world] = 0.0
     if count > 0:
         solution = solve_bounded(count, config, work)
         apply_bounded(count, topology, work)
@@ -114,13 +116,17 @@ def step_world(
         reports.bounded_residual[world] = solution.residual
 
     reports.row_residual[world] = residual
-    if config.reactions == 1:
-        record_reactions(world, dt, count, topology, parameters, state, control, config, work, reports)
+    total_velocities(topology, work)
     projected = int(0)
     if config.projection_iterations > 0:
         error = project_positions(world, dt, topology, parameters, state, config, work)
         projected = 1
     reports.position_error[world] = error
+    if config.reactions == 1:
+        if projected == 1:
+            load_poses(world, topology, state, work)
+            projected = 0
+        record_reactions(world, dt, count, topology, parameters, state, control, config, work, reports)
     if publish(world, projected, topology, parameters, dt, state, work) == 0:
         state.world_status[world] = state.world_status[world] | NON_FINITE
     else:

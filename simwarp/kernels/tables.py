@@ -26,6 +26,7 @@ class Topology:
     link_joint: wp.array[int]  # -1: floating without a named joint
     link_type: wp.array[int]  # JointType
     link_sign: wp.array[float]  # -1: the joint is traversed from its child to its parent
+    link_alone: wp.array[int]  # 1: no joint touches the body
     link_slot: wp.array[int]  # CSR
     slot_dof: wp.array[int]  # -1: floating without a named joint
     slot_link: wp.array[int]
@@ -41,6 +42,7 @@ class Topology:
     dof_kind: wp.array[int]  # RowKind
     dof_axis: wp.array[int]
     dof_drive: wp.array[int]  # DriveMode
+    dof_coupled: wp.array[int]  # 1: a coupling divides its error by the step
     dof_table: wp.array2d[int]  # (dofs, 3): spring, damper, motion table, -1: none
     table_start: wp.array[int]  # CSR
     table_x: wp.array[wp.float64]
@@ -99,6 +101,9 @@ class StateArrays:
     body_q: wp.array2d[wp.transform]
     body_v: wp.array2d[wp.vec3]
     body_omega: wp.array2d[wp.vec3]
+    body_omega_last: wp.array2d[wp.vec3]
+    body_v_low: wp.array2d[wp.vec3]
+    body_omega_low: wp.array2d[wp.vec3]
     joint_x: wp.array2d[wp.float64]
     joint_q: wp.array2d[float]
     joint_qd: wp.array2d[float]
@@ -144,6 +149,7 @@ class StepConfig:
     projection_iterations: int
     max_iterations: int
     tolerance: float
+    row_tolerance: float
     reactions: int
     gyroscopic: int
 
@@ -164,11 +170,15 @@ class Work:
     drift_lin: wp.array[wp.vec3]
     p_ang: wp.array[wp.vec3]
     p_lin: wp.array[wp.vec3]
-    v_ang: wp.array[wp.vec3]
+    v_ang: wp.array[wp.vec3]  # change of velocity in this step
     v_lin: wp.array[wp.vec3]
+    o_ang: wp.array[wp.vec3]  # velocity at its start
+    o_lin: wp.array[wp.vec3]
+    l_ang: wp.array[wp.vec3]  # what rounding kept back from it so far
+    l_lin: wp.array[wp.vec3]
+    t_ang: wp.array[wp.vec3]  # their sum
+    t_lin: wp.array[wp.vec3]
 
-    k_ang: wp.array[wp.vec3]  # kept while a correction is computed
-    k_lin: wp.array[wp.vec3]
     f_ang: wp.array[wp.vec3]  # impulse balance of the reactions
     f_lin: wp.array[wp.vec3]
 

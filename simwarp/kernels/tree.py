@@ -55,7 +55,7 @@ def eliminate_columns(link: int, topology: Topology, work: Work):
         u_ang = inertia * a + coupling * v
         u_lin = a * coupling + mass * v
         d = wp.dot(a, u_ang) + wp.dot(v, u_lin) + work.gain[slot]
-        inv_sqrt_d = 0.0
+        inv_sqrt_d = float(0.0)
         if work.gain[slot] >= 0.0:  # a negative gain marks a prescribed rate: nothing to eliminate
             inv_sqrt_d = 1.0 / wp.sqrt(d)
         u_ang *= inv_sqrt_d

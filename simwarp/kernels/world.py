@@ -12,7 +12,14 @@ from simwarp.kernels.assembly import assemble_world, measure_world
 from simwarp.kernels.step import NON_FINITE, step_world
 from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+# Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
+# kernel of table loops down and takes seconds to compile.
+CPU_FLAGS = (
+    "-march=native -mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
+    " -ffp-contract=fast -fno-slp-vectorize"
+)
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
 
 
 class Operation(IntEnum):
@@ -61,7 +68,7 @@ def make_scratch(device: wp.Device, lanes: int, links: int, slots: int, rows: in
     scratch.quat = zeros(links, dtype=wp.quatd)
     scratch.rot = zeros(links, dtype=wp.mat33d)
     scratch.link_matrices = zeros(3, links, dtype=wp.mat33)
-    scratch.link_vectors = zeros(11, links, dtype=wp.vec3)
+    scratch.link_vectors = zeros(15, links, dtype=wp.vec3)
     scratch.slot_vectors = zeros(4, slots, dtype=wp.vec3)
     scratch.slot_scalars = zeros(7, slots)
     scratch.row_vectors = zeros(4, rows, dtype=wp.vec3)
@@ -94,10 +101,14 @@ def pack(scratch: Scratch, lane: int) -> Work:
     work.p_lin = scratch.link_vectors[lane, 4]
     work.v_ang = scratch.link_vectors[lane, 5]
     work.v_lin = scratch.link_vectors[lane, 6]
-    work.k_ang = scratch.link_vectors[lane, 7]
-    work.k_lin = scratch.link_vectors[lane, 8]
-    work.f_ang = scratch.link_vectors[lane, 9]
-    work.f_lin = scratch.link_vectors[lane, 10]
+    work.o_ang = scratch.link_vectors[lane, 7]
+    work.o_lin = scratch.link_vectors[lane, 8]
+    work.t_ang = scratch.link_vectors[lane, 9]
+    work.t_lin = scratch.link_vectors[lane, 10]
+    work.f_ang = scratch.link_vectors[lane, 11]
+    work.f_lin = scratch.link_vectors[lane, 12]
+    work.l_ang = scratch.link_vectors[lane, 13]
+    work.l_lin = scratch.link_vectors[lane, 14]
     work.s_ang = scratch.slot_vectors[lane, 0]
     work.s_lin = scratch.slot_vectors[lane, 1]
     work.u_ang = scratch.slot_vectors[lane, 2]
@@ -186,6 +197,9 @@ def copy_worlds(
         target.body_q[world, body] = source.body_q[world, body]
         target.body_v[world, body] = source.body_v[world, body]
         target.body_omega[world, body] = source.body_omega[world, body]
+        target.body_omega_last[world, body] = source.body_omega_last[world, body]
+        target.body_v_low[world, body] = source.body_v_low[world, body]
+        target.body_omega_low[world, body] = source.body_omega_low[world, body]
     for dof in range(source.joint_x.shape[1]):
         target.joint_x[world, dof] = source.joint_x[world, dof]
         target.joint_q[world, dof] = source.joint_q[world, dof]

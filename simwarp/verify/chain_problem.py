@@ -35,7 +35,7 @@ def load() -> dict[str, Array]:
 
 
 def lever(block: Array) -> Array:
-    """r [m] of a body's (6, 3) block ±[1; [r]x] of a ball joint."""
+    """Lever r [m] of a body's (6, 3) block ±[1; [r]x] of a ball joint."""
     angular = block[3:] @ np.diag(np.diag(block[:3]))
     return np.array([angular[2, 1], angular[0, 2], angular[1, 0]])
 

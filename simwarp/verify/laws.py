@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -58,16 +59,18 @@ def momentum(device: str = "cpu", seed: int = 1) -> list[Row]:
     Joint impulses come in pairs, so that linear momentum changes by rounding alone: N steps of one rounding per body
     walk 4 sqrt(N) 6e-8 far (four standard deviations). Angular momentum is that of the impulses at the poses of the
     step's start: orbital parts are exact (x' x v = x x v), but each body's spin turns by h w at the new rate against
-    the midpoint's, which is O(h²) in a step and O(h) in a second: h w of the 3 rad/s here, 3e-3, and half with dt/2.
+    the midpoint's, which is O(h²) in a step and O(h) in a second: h w of the 3 rad/s here, 3e-3. From 4 ms to 2 ms it
+    halves, within 20 % for the terms of second order and the rounding.
     """
     builder = scenes.floating_tree(seed)
     rates = np.random.default_rng(seed).normal(size=builder.dof_count)
     linear, angular, steps = momentum_changes(builder, DT, 1.0, rates, device)
-    _, half, _ = momentum_changes(builder, 0.5 * DT, 1.0, rates, device)
+    _, coarse, _ = momentum_changes(builder, 4.0 * DT, 1.0, rates, device)
+    _, half, _ = momentum_changes(builder, 2.0 * DT, 1.0, rates, device)
     return [
         below("momentum", "linear, relative change in 1 s", linear, 4.0 * math.sqrt(steps) * ROUNDING),
         below("momentum", "angular, relative change in 1 s", angular, 3.0 * DT),
-        near("momentum", "angular, change at dt over change at dt/2", 2.0, angular / half, 0.4),
+        near("momentum", "angular, change at 4 ms over change at 2 ms", 2.0, coarse / half, 0.4),
     ]
 
 
@@ -131,7 +134,7 @@ def reactions(device: str = "cpu") -> list[Row]:
 # ---- springs -------------------------------------------------------------------------------------------------------
 
 
-def _slider(mass: float = 2.0, gravity: tuple[float, float, float] = (0.0, 0.0, -G), **options: object) -> ModelBuilder:
+def _slider(mass: float = 2.0, gravity: tuple[float, float, float] = (0.0, 0.0, -G), **options: Any) -> ModelBuilder:
     """A body on a vertical slide, q upwards."""
     builder = ModelBuilder(gravity=gravity)
     body = builder.add_body("body", mass=mass, inertia=(0.1, 0.1, 0.1))
@@ -250,7 +253,8 @@ def motors(device: str = "cpu") -> list[Row]:
     """A velocity motor of 4 N·m on a 0.5 kg·m² hinge: 8 rad/s² up to its speed, which it holds against 3.9 N·m and
     loses against 5 N·m at -2 rad/s².
 
-    Velocities are exact but for rounding: 1e-4 after a thousand steps.
+    Velocities are exact but for rounding. A thousand equal increments of 2e-3 rad/s, each rounded to a float32 of 5
+    rad/s the same way, would be 2.4e-4 off: 1e-4 asks for a step that does not lose what it rounds.
     """
     builder = ModelBuilder(gravity=NO_GRAVITY)
     body = builder.add_body("body", mass=1.0, inertia=(0.5, 0.5, 0.5))
@@ -340,6 +344,8 @@ def couplings(device: str = "cpu") -> list[Row]:
     inertia.
 
     One second from rest is exact in velocity but for rounding (1e-5 of it); ratios are rows, corrected every step.
+    Coordinates integrate what the rows hold, so that there is nothing to correct: rates keep the ratio to rounding,
+    2e-6 rad/s. An angle that is measured in float32 would feed its rounding back as 6e-8 rad / h, 1e-4 rad/s.
     """
     rows = []
     torque = 2.0
@@ -411,9 +417,10 @@ def _planetary(device: str) -> list[Row]:
     free = torque / inertia
     # one row: the multiplier that keeps weights . w = 0
     expected = free - weights / inertia * (weights @ free) / (weights @ (weights / inertia))
+    bound = 1e-5 * float(np.abs(expected).max())
     return [
         *(
-            near("couplings", f"planetary: speed of the {name} after 1 s [rad/s]", w, got, 1e-5 * np.abs(expected).max())
+            near("couplings", f"planetary: speed of the {name} after 1 s [rad/s]", w, got, bound)
             for name, w, got in zip(("sun", "ring", "carrier"), expected, probe.qd, strict=True)
         ),
         below("couplings", "planetary: z_s q_s + z_r q_r - (z_s + z_r) q_c, of one sun tooth [rad]",

@@ -50,7 +50,6 @@ def test_a_missed_answer_ends_with_one_and_is_still_written(monkeypatch, tmp_pat
         (["zzz"], "scenes: pendulum"),
         (["pendulum", "--device", "cuda:9"], "not available"),
         (["pendulum", "--json", "/nowhere/at/all.json"], "does not exist"),
-        (["pendulum", "--tolerance", "3"], "unknown option"),
     ],
 )
 def test_wrong_input_is_one_line_and_code_two(arguments, words, capsys):

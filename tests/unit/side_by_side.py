@@ -40,6 +40,7 @@ class Pair:
 
     @classmethod
     def of(cls, builder: ModelBuilder, dt: float = 1e-3, *, rank: int | str | None = None, **options: object) -> Pair:
+        options.setdefault("solver", sw.SolverOptions(position_projection=0))  # the twin does not project
         return cls(sw.Simulation(builder.finalize(1, "cpu"), dt, **options), Twin(builder, dt, rank=rank))
 
     def feed(self) -> None:
@@ -50,7 +51,7 @@ class Pair:
         qd = state.joint_qd.numpy()[self.world].astype(float)
         self.twin.set_state(
             state.body_x.numpy()[self.world], state.body_rot.numpy()[self.world], state.body_v.numpy()[self.world],
-            state.body_omega.numpy()[self.world], q[columns], qd[columns],
+            state.body_omega.numpy()[self.world], q[columns], qd[columns], state.body_omega_last.numpy()[self.world],
         )  # fmt: skip
         self.twin.joint_q, self.twin.joint_qd = q.copy(), qd
         self.twin.time = float(self.sim.time.numpy()[self.world])

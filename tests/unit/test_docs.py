@@ -61,21 +61,18 @@ def test_the_code_of_a_page_runs(page, tmp_path):
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_an_example_runs(name, tmp_path):
-    assert run([str(ROOT / "examples" / name)], EXAMPLES[name], tmp_path)
+    printed = run([str(ROOT / "examples" / name)], EXAMPLES[name], tmp_path)
+    if name == "cart_pole.py":
+        assert "upright: 16 of 16" in printed
+    if name == "randomise.py":
+        # crossings are interpolated at 1 ms; the implicit spring is off by some (h w)^2, below 4e-4 for w < 20 rad/s
+        difference = re.search(r"over 3 worlds: (\S+)", printed)
+        assert difference is not None
+        assert float(difference[1]) < 1e-3
 
 
 def test_every_example_is_run():
     assert {path.name for path in (ROOT / "examples").glob("*.py")} == set(EXAMPLES)
-
-
-def test_examples_print_the_physics_they_promise(tmp_path):
-    balanced = run([str(ROOT / "examples" / "cart_pole.py")], EXAMPLES["cart_pole.py"], tmp_path)
-    assert "upright: 16 of 16" in balanced
-    # 1 ms steps and crossings found by interpolation: the implicit spring is off by (h w)^2/6 or so, some 1e-4
-    rhythm = run([str(ROOT / "examples" / "randomise.py")], EXAMPLES["randomise.py"], tmp_path)
-    difference = re.search(r"over 3 worlds: (\S+)", rhythm)
-    assert difference is not None
-    assert float(difference[1]) < 1e-3
 
 
 def test_the_task_of_the_guide_is_small():
@@ -106,7 +103,7 @@ def test_the_array_tables_are_those_of_the_code():
     builder.add_joint_prismatic("slide", sw.WORLD, body, axis=(1.0, 0.0, 0.0), limit=(-1.0, 1.0))
     sim = sw.Simulation(builder.finalize(2, "cpu"), dt=0.01, joint_reactions=True)
     listed = rows(ROOT / "docs" / "conventions.md", "## Arrays", 3)
-    arrays = {}
+    arrays: dict[str, wp.array] = {}
     for owner in (sim.state, sim.control, sim.diagnostics):
         arrays |= {name: getattr(owner, name) for name in owner.NAMES}
     bits = {row[0]: int(row[1]) for row in listed if row[1].isdigit()}
@@ -115,7 +112,9 @@ def test_the_array_tables_are_those_of_the_code():
     sizes = {"W": 2, "B": 1, "J": 1, "dofs": 1, "bounded rows": 1}
     for name, shape, _ in listed:
         if name in arrays:
-            dims, dtype = re.fullmatch(r"\(([^)]*)\) (\w+).*", shape).groups()
+            cell = re.fullmatch(r"\(([^)]*)\) (\w+).*", shape)
+            assert cell is not None, name
+            dims, dtype = cell.groups()
             wanted = tuple(sizes[dim.strip()] for dim in dims.split(",") if dim.strip())
             assert arrays[name].shape == wanted, name
             assert DTYPES[dtype] is arrays[name].dtype, name

@@ -27,18 +27,6 @@ from tests.unit.side_by_side import EPS, Controls, Pair, assert_same_steps, rand
 
 SEEDS = range(3)
 
-# Bugs of the kernels, reported with these tests as reproductions: strict, so that a repair asks for the mark's removal.
-PRESCRIBED_LENGTH = pytest.mark.xfail(
-    reason="bodies.load_slots corrects a prescribed length at recovery_rate [rad/s], not at recovery_speed"
-)
-LENGTH_LIMIT = pytest.mark.xfail(
-    reason="bounded.candidate recovers a DISTANCE coordinate at recovery_rate [rad/s], not at recovery_speed"
-)
-FAR_STOP = pytest.mark.xfail(reason="bounded.candidate looks at the nearer of two stops only, even when leaving it")
-FREE_TWICE = pytest.mark.xfail(
-    reason="topology.build_tables lists the coordinates of a FREE joint that is not in the tree twice in loop_dof"
-)
-
 
 def names(value: object) -> str | None:
     return value.name if isinstance(value, JointType) else None
@@ -216,19 +204,8 @@ def law_controls(builder: ModelBuilder):
     return controls
 
 
-KNOWN = {(JointType.PRISMATIC, "target position"): PRESCRIBED_LENGTH}
-LINE_KNOWN = {(JointType.LINE, "limit violated"): LENGTH_LIMIT}
-
-
-def kinds_and_laws(kinds: tuple[JointType, ...], known: dict) -> list:
-    return [
-        pytest.param(kind, law, id=f"{kind.name}-{law}", marks=[known[kind, law]] if (kind, law) in known else [])
-        for kind in kinds
-        for law in LAWS
-    ]
-
-
-@pytest.mark.parametrize(("kind", "law"), kinds_and_laws(SINGLE_DOF, KNOWN))
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("kind", SINGLE_DOF, ids=names)
 def test_law_in_the_tree(kind, law):
     rng = np.random.default_rng(3)
     builder = ModelBuilder()
@@ -239,9 +216,8 @@ def test_law_in_the_tree(kind, law):
     assert_same_steps(builder, controls=law_controls(builder), steps=6)
 
 
-@pytest.mark.parametrize(
-    ("kind", "law"), kinds_and_laws((JointType.REVOLUTE, JointType.PRISMATIC, JointType.LINE), LINE_KNOWN)
-)
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("kind", [*SINGLE_DOF, JointType.LINE], ids=names)
 def test_law_on_a_loop_joint(kind, law):
     dof = LAWS[law]
     if kind == JointType.LINE:  # its coordinate starts at 0.4 m
@@ -311,18 +287,17 @@ def slider(limit: tuple[float, float], speed: float) -> ModelBuilder:
     return builder
 
 
-@pytest.mark.parametrize("speed", [-30.0, -0.5, 0.5, pytest.param(30.0, marks=FAR_STOP)])
+@pytest.mark.parametrize("speed", [-30.0, -0.5, 0.5, 30.0])
 def test_narrow_limits_stop_a_body_on_the_far_side_too(speed):
     """At 30 m/s a step is wider than the gap: the stop that lies ahead acts, whichever is nearer at the start."""
     assert_same_steps(slider((-0.01, 0.012), speed), steps=3)
 
 
-@LENGTH_LIMIT
 def test_a_distance_limit_recovers_at_the_speed_for_lengths():
     builder = ModelBuilder(gravity=(0.0, 0.0, 0.0))
     body = builder.add_body("ball", mass=1.0, inertia=(1, 1, 1), pose=pose((1.0, 0, 0)))
     builder.add_joint_distance("rope", WORLD, body, anchor0=(0, 0, 0), anchor1=(1, 0, 0), limit=(0.0, 0.5))
-    pair = assert_same_steps(builder, steps=2)
+    pair = assert_same_steps(builder, steps=2, size=0.0)
     assert pair.sim.state.body_v.numpy()[0, 0, 0] == pytest.approx(-0.6, rel=1e-5)
 
 
@@ -363,7 +338,6 @@ def test_joint_force_on_a_free_joint(turned):
     assert np.all(np.abs(q[:3] - (1.1, 1.9, 3.2)) < 0.2)  # the world position of the anchor
 
 
-@FREE_TWICE
 @pytest.mark.parametrize("seed", [4, 10])
 def test_joint_force_on_a_free_joint_that_the_tree_left_out(seed):
     """Other joints tie the body to the world: its FREE coordinates are measured, and their efforts act once."""
@@ -498,22 +472,13 @@ def test_reactions_of_loop_elements(kind):
     assert_same_reactions(ring(kind, dof))
 
 
-LOOP_REACTION = pytest.mark.xfail(
-    reason="reactions.record_reactions leaves bounded rows of loop joints out of what it reports for them"
+@pytest.mark.parametrize(
+    "law", ["spring", "drive", "target speed", "limit violated", "friction", "motor", "bounded drive"]
 )
-LOOP_FORCE = pytest.mark.xfail(
-    reason="reactions.record_reactions leaves joint_force on loop coordinates without a law out of what it reports"
-)
-
-
-@pytest.mark.parametrize("law", ["spring", "drive", "target speed", *(
-    pytest.param(law, marks=LOOP_REACTION) for law in ("limit violated", "friction", "motor", "bounded drive")
-)])  # fmt: skip
 def test_reactions_of_loop_joints_include_drives_and_limits(law):
     assert_same_reactions(ring(JointType.REVOLUTE, LAWS[law]))
 
 
-@LOOP_FORCE
 def test_reactions_of_loop_joints_include_joint_force():
     builder = ring(JointType.REVOLUTE, Dof())
     assert_same_reactions(builder, push_joint=len(builder.joints) - 1)

@@ -207,7 +207,7 @@ def test_a_state_handed_over_continues_the_run():
     builder = random_mechanism(3, bounds=True, couplings=True)
     whole, part = Twin(builder, 1e-3), Twin(builder, 1e-3)
     run(whole, 0.02)
-    part.set_state(whole.x, whole.rot, whole.v, whole.omega, whole.shaft_q, whole.shaft_qd)
+    part.set_state(whole.x, whole.rot, whole.v, whole.omega, whole.shaft_q, whole.shaft_qd, whole.omega_last)
     np.testing.assert_allclose(part.joint_q, whole.joint_q, atol=1e-12)
     run(whole, 0.01)
     run(part, 0.01)
