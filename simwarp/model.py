@@ -69,6 +69,7 @@ class Model:
         world_count, body_count, joint_count, dof_count: sizes of the arrays.
         body_names, joint_names: in index order.
         has_loops: whether joints close loops: rows that no compliance softens.
+        mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
     """
 
@@ -92,6 +93,8 @@ class Model:
         self.joint_names = tuple(joint.name for joint in builder.joints)
         self.joint_dof_start = tuple(builder.dof_start(joint) for joint in range(self.joint_count + 1))
         self.bounded_count = len(tables.bounded)
+        masses = [body.mass for body in builder.bodies] or [1.0]
+        self.mass_ratio = max(masses) / min(masses)
         self.has_loops = any(dof < 0 for dof in tables.row_dof)
         self.tables = tables
         self.initial = _initial_state(builder)

@@ -17,6 +17,9 @@ from simwarp.state import Control, State, initial_arrays
 from simwarp.types import ModelError
 
 
+REFINED_MASS_RATIO = 100.0
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SolverOptions:
     """Numbers of the solver (docs/theory.md).
@@ -26,6 +29,8 @@ class SolverOptions:
         recovery_rate: the same for angles [rad/s].
         position_projection: passes that move positions onto the joints after each step; when None, 1 for models
             with closed loops (whose energy it keeps over long runs) and 0 for trees.
+        refinement: passes of iterative refinement on the free motion; when None, 1 for models whose heaviest body
+            has more than 100 times the mass of the lightest, else 0.
         pivot_tolerance: a row whose pivot falls below this share of its diagonal counts as redundant.
         max_iterations: of the bounded rows' solve.
         tolerance: residual at which it stops [m/s or rad/s].
@@ -36,6 +41,7 @@ class SolverOptions:
     recovery_speed: float = 0.6
     recovery_rate: float = 3.0
     position_projection: int | None = None
+    refinement: int | None = None
     pivot_tolerance: float = 1.0e-5
     max_iterations: int = 200
     tolerance: float = 1.0e-6
@@ -167,6 +173,8 @@ class Simulation:
         config.pivot_tolerance = self.solver.pivot_tolerance
         passes = self.solver.position_projection
         config.projection_iterations = int(self.model.has_loops) if passes is None else int(passes)
+        refinement = self.solver.refinement
+        config.refinement = int(self.model.mass_ratio > REFINED_MASS_RATIO) if refinement is None else refinement
         config.max_iterations = self.solver.max_iterations
         config.tolerance = self.solver.tolerance
         config.row_tolerance = self.solver.row_tolerance

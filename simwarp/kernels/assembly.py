@@ -187,7 +187,7 @@ def close_loops(
         iteration += 1
         factor_at_poses(world, topology, parameters, state, control, config, work)
         error = residual_drift(world, 1.0, topology, parameters, work)
-        impulses_up(topology, work)
+        impulses_up(1.0, topology, work)
         velocities_down(topology, work)
         error = wp.max(error, residual_rows(world, 1.0, topology, parameters, work))
         solve_rows(topology, work)

@@ -83,7 +83,7 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
         work.f_ang[link] = work.v_ang[link]
         work.f_lin[link] = work.v_lin[link]
     worst = residual_drift(world, 1.0 / dt, topology, parameters, work)
-    impulses_up(topology, work)
+    impulses_up(1.0, topology, work)
     velocities_down(topology, work)
     if topology.row_count > 0:
         worst = wp.max(worst, residual_rows(world, 1.0 / dt, topology, parameters, work))

@@ -9,6 +9,7 @@ from simwarp.kernels.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.projection import project_positions
 from simwarp.kernels.reactions import record_reactions
 from simwarp.kernels.rows import apply_rows, coupling_row, factor_rows, loop_joint_rows, rows_residual, solve_rows
+from simwarp.kernels.spatial import matrix_to_float
 from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
 from simwarp.kernels.tree import factor_tree, impulses_up, velocities_down
 from simwarp.types import WorldStatus
@@ -73,6 +74,32 @@ def enforce_rows(
 
 
 @wp.func
+def refine_free_motion(world: int, topology: Topology, parameters: Parameters, work: Work):
+    """One step of iterative refinement on the free motion: what the rigid bodies' own momentum balance still lacks
+    goes through the tree's factor again. The factor of a light body under a heavy one has lost the light one's digits;
+    the balance has not.
+    """
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            rot = matrix_to_float(work.rot[body])
+            mass = parameters.body_mass[world % parameters.body_mass.shape[0], body]
+            inertia_b = parameters.body_inertia_b[world % parameters.body_inertia_b.shape[0], body]
+            work.p_ang[link] = work.f_ang[link] - rot * (inertia_b * (work.v_ang[link] * rot))
+            work.p_lin[link] = work.f_lin[link] - mass * work.v_lin[link]
+    for slot in range(topology.slot_count):
+        work.k_qd[slot] = work.xi[slot]
+        work.k_effort[slot] = work.effort[slot]
+        if work.gain[slot] > 0.0:
+            work.effort[slot] = work.effort[slot] - work.gain[slot] * (work.qd[slot] - work.rate[slot])
+    impulses_up(0.0, topology, work)
+    for slot in range(topology.slot_count):
+        work.xi[slot] = work.xi[slot] + work.k_qd[slot]
+        work.effort[slot] = work.k_effort[slot]
+    velocities_down(topology, work)
+
+
+@wp.func
 def step_world(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
     state: StateArrays, reports: Reports, work: Work,
@@ -88,8 +115,13 @@ def step_world(
     error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
 
     factor_tree(topology, work)
-    impulses_up(topology, work)
+    for link in range(topology.link_count):
+        work.f_ang[link] = work.p_ang[link]
+        work.f_lin[link] = work.p_lin[link]
+    impulses_up(1.0, topology, work)
     velocities_down(topology, work)
+    for _ in range(config.refinement):
+        refine_free_motion(world, topology, parameters, work)
     residual = float(0.0)
     if topology.row_count > 0:
         loop_error = bilateral_rows(world, dt, time, topology, parameters, state, control, config, work)

@@ -147,6 +147,7 @@ class StepConfig:
     recovery_rate: float  # rad/s
     pivot_tolerance: float
     projection_iterations: int
+    refinement: int
     max_iterations: int
     tolerance: float
     row_tolerance: float
@@ -192,7 +193,8 @@ class Work:
     rate: wp.array[float]  # prescribed
     xi: wp.array[float]
     qd: wp.array[float]
-    k_qd: wp.array[float]
+    k_qd: wp.array[float]  # kept while a correction is computed
+    k_effort: wp.array[float]
 
     j0_ang: wp.array[wp.vec3]  # per row
     j0_lin: wp.array[wp.vec3]

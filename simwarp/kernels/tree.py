@@ -109,8 +109,8 @@ def factor_tree(topology: Topology, work: Work):
 
 
 @wp.func
-def impulses_up(topology: Topology, work: Work):
-    """`xi` (scaled impulse of every slot) from the links' impulses `p` and the drift; consumes `p`."""
+def impulses_up(drift: float, topology: Topology, work: Work):
+    """`xi` (scaled impulse of every slot) from the links' impulses `p` and `drift` times the drift; consumes `p`."""
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
         kind = topology.link_type[link]
@@ -138,8 +138,8 @@ def impulses_up(topology: Topology, work: Work):
             parent = topology.link_parent[link]
             if parent >= 0:
                 # the columns see the drift through the velocity on the way down; the parent has to carry it here
-                w_ang = work.drift_ang[link]
-                w_lin = work.drift_lin[link]
+                w_ang = work.drift_ang[link] * drift
+                w_lin = work.drift_lin[link] * drift
                 p_ang -= work.inertia[link] * w_ang + work.coupling[link] * w_lin
                 p_lin -= w_ang * work.coupling[link] + work.mass[link] * w_lin
                 work.p_ang[parent] = work.p_ang[parent] + p_ang + wp.cross(work.shift[link], p_lin)

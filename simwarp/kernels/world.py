@@ -70,7 +70,7 @@ def make_scratch(device: wp.Device, lanes: int, links: int, slots: int, rows: in
     scratch.link_matrices = zeros(3, links, dtype=wp.mat33)
     scratch.link_vectors = zeros(15, links, dtype=wp.vec3)
     scratch.slot_vectors = zeros(4, slots, dtype=wp.vec3)
-    scratch.slot_scalars = zeros(7, slots)
+    scratch.slot_scalars = zeros(8, slots)
     scratch.row_vectors = zeros(4, rows, dtype=wp.vec3)
     scratch.row_scalars = zeros(7, rows)
     scratch.y = zeros(rows, slots)
@@ -120,6 +120,7 @@ def pack(scratch: Scratch, lane: int) -> Work:
     work.xi = scratch.slot_scalars[lane, 4]
     work.qd = scratch.slot_scalars[lane, 5]
     work.k_qd = scratch.slot_scalars[lane, 6]
+    work.k_effort = scratch.slot_scalars[lane, 7]
     work.j0_ang = scratch.row_vectors[lane, 0]
     work.j0_lin = scratch.row_vectors[lane, 1]
     work.j1_ang = scratch.row_vectors[lane, 2]
