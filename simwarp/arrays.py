@@ -17,18 +17,18 @@ class WritableArray(wp.array):
     """
 
     def __getitem__(self, key: Any) -> Any:
-        view = wp.array.__getitem__(self, key)
+        view = super().__getitem__(key)
         if type(view) is wp.array:
             view.__class__ = WritableArray
         return view
 
     def __setitem__(self, key: Any, value: Any) -> None:
-        view = wp.array.__getitem__(self, self._slices(key))
+        view: Any = super().__getitem__(self._slices(key))
         if isinstance(value, (int, float)):
             view.fill_(float(value))
             return
         if isinstance(value, wp.array):
-            source = value
+            source: Any = value
             if source.shape != view.shape or source.dtype != view.dtype:
                 raise ValueError(
                     f"cannot assign a Warp array of {source.shape} {source.dtype.__name__} to {view.shape} "
@@ -74,13 +74,13 @@ class WritableArray(wp.array):
 
 def writable(shape: tuple[int, ...], dtype: Any, device: Any) -> WritableArray:
     """Zeros of the given shape that support item assignment."""
-    array = wp.zeros(shape, dtype=dtype, device=device)
-    array.__class__ = WritableArray
-    return array
+    zeros: Any = wp.zeros(shape, dtype=dtype, device=device)
+    zeros.__class__ = WritableArray
+    return zeros
 
 
 def writable_from(data: Any, dtype: Any, device: Any) -> WritableArray:
     """An array with the given contents that supports item assignment."""
-    array = wp.array(data, dtype=dtype, device=device)
+    array: Any = wp.array(data, dtype=dtype, device=device)
     array.__class__ = WritableArray
     return array

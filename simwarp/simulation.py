@@ -16,7 +16,6 @@ from simwarp.model import Model
 from simwarp.state import Control, State, initial_arrays
 from simwarp.types import ModelError
 
-
 REFINED_MASS_RATIO = 100.0
 
 

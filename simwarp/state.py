@@ -32,7 +32,8 @@ class State:
     """
 
     NAMES = (
-        "body_x", "body_rot", "body_q", "body_v", "body_omega", "body_omega_last", "body_v_low", "body_omega_low", "joint_x", "joint_q", "joint_qd",
+        "body_x", "body_rot", "body_q", "body_v", "body_omega", "body_omega_last",
+        "body_v_low", "body_omega_low", "joint_x", "joint_q", "joint_qd",
         "bounded_impulse", "world_time", "world_status",
     )  # fmt: skip
 

@@ -51,8 +51,8 @@ COMMANDS = {
         Command("train", "TASK", "train a policy, with live progress and a run folder", "simwarp.cli.training:run"),
         Command("play", "TASK", "a picture or a short video of a policy at work", "simwarp.cli.playing:run"),
         Command("eval", "TASK", "statistics of a policy over fresh worlds", "simwarp.cli.evaluating:run"),
-        Command("bench", "SCENE", "speed of a scene or a task", "simwarp.bench:main"),
-        Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.verify:main"),
+        Command("bench", "SCENE", "speed of a scene or a task", "simwarp.cli.bench:main"),
+        Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.cli.verify:main"),
         Command("doctor", "", "device, versions, driver, kernel cache, and what is wrong", "simwarp.cli.doctor:run"),
     )
 }

@@ -151,7 +151,7 @@ def build_tables(builder: ModelBuilder, dropped_rows: frozenset[tuple[int, int]]
                 rows.append(row)
                 row_dof.append(-1)
         for local, (row, dof) in enumerate(zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)):
-            if has_law(dof) or spec.type in (JointType.LINE, JointType.BUSHING) and _passive(dof):
+            if has_law(dof) or (spec.type in (JointType.LINE, JointType.BUSHING) and _passive(dof)):
                 rows.append(row)
                 row_dof.append(dof_start[joint] + local)
             else:

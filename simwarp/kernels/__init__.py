@@ -1,0 +1,1 @@
+"""Warp kernels and device functions, one physics stage per file."""

@@ -165,6 +165,7 @@ def run_worlds(
     # outputs
     reports: Reports,
 ):
+    """Steps, assembles or measures (`Operation`) the worlds: all that are not frozen, or those in the mask."""
     world = wp.tid()
     if operation == OP_STEP:
         if (state.world_status[world] & NON_FINITE) != 0:

@@ -12,9 +12,9 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import cli, scenes
-from simwarp.bench import health, measure, workloads
-from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
-from simwarp.bench.workloads import BenchScene, bench_scenes
+from simwarp.cli.bench import health, measure, workloads
+from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
+from simwarp.cli.bench.workloads import BenchScene, bench_scenes
 
 CONTRACT = {
     "scene", "worlds", "dt", "steps_per_s", "steps_per_cpu_s", "residual", "launches_per_step", "bytes_per_world",
@@ -43,7 +43,7 @@ def with_scene(monkeypatch):
     def add(**fields):
         scene = BenchScene(name="test", summary="", **fields)
         found = bench_scenes() | {"test": scene}
-        monkeypatch.setattr("simwarp.bench.command.bench_scenes", lambda: found)
+        monkeypatch.setattr("simwarp.cli.bench.command.bench_scenes", lambda: found)
         return scene
 
     return add
@@ -238,7 +238,7 @@ def test_a_task_is_split_into_physics_and_the_rest(bench, name, physics):
 
 def test_mujoco_stands_beside_the_cart_pole_and_moves_alike(bench):
     pytest.importorskip("mujoco")
-    from simwarp.bench.peers import AGREEMENT, differs_by
+    from simwarp.cli.bench.peers import AGREEMENT, differs_by
 
     # both are first-order in the step, 1 ms, which the falling pole amplifies some twenty times in a second
     assert differs_by(bench_scenes()["pendulum"]) < 0.1 * AGREEMENT
@@ -252,7 +252,7 @@ def test_mujoco_stands_beside_the_cart_pole_and_moves_alike(bench):
 
 def test_a_peer_with_another_model_is_refused(monkeypatch):
     pytest.importorskip("mujoco")
-    from simwarp.bench import peers
+    from simwarp.cli.bench import peers
 
     monkeypatch.setattr(peers, "POLE_MASS", 1.0)
     row = peers.measure_mujoco(bench_scenes()["pendulum"], 1, None, 0.02)

@@ -231,10 +231,10 @@ def test_bench_and_verify_are_handed_their_arguments(simwarp, monkeypatch):
 
     for name in ("bench", "verify"):
         seen: list[list[str]] = []
-        module = types.ModuleType(f"simwarp.{name}")
+        module = types.ModuleType(f"simwarp.cli.{name}")
         module.__dict__["main"] = lambda arguments, seen=seen: seen.append(arguments) or 1
         module.__spec__ = ModuleSpec(module.__name__, None)
-        monkeypatch.setitem(sys.modules, f"simwarp.{name}", module)
+        monkeypatch.setitem(sys.modules, f"simwarp.cli.{name}", module)
         assert simwarp(name, "ant", "--worlds", "1,2")[0] == 1
         assert seen == [["ant", "--worlds", "1,2"]]
 

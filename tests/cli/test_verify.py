@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from simwarp import verify
+from simwarp.cli import verify
 from simwarp.cli import main
-from simwarp.verify.rows import near
+from simwarp.cli.verify.rows import near
 
 KEYS = {"scene", "quantity", "expected", "got", "tolerance", "pass"}
 

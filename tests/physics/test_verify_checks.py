@@ -4,8 +4,8 @@ import inspect
 
 import pytest
 
-from simwarp.verify import SCENES, mechanisms
-from simwarp.verify.rows import Row, below, near
+from simwarp.cli.verify import SCENES, mechanisms
+from simwarp.cli.verify.rows import Row, below, near
 
 
 def require(rows: list[Row]) -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class Pair:
     world: int = 0
 
     @classmethod
-    def of(cls, builder: ModelBuilder, dt: float = 1e-3, *, rank: int | str | None = None, **options: object) -> Pair:
+    def of(cls, builder: ModelBuilder, dt: float = 1e-3, *, rank: int | str | None = None, **options: Any) -> Pair:
         options.setdefault("solver", sw.SolverOptions(position_projection=0))  # the twin does not project
         return cls(sw.Simulation(builder.finalize(1, "cpu"), dt, **options), Twin(builder, dt, rank=rank))
 
@@ -119,7 +120,7 @@ def assert_same_steps(
     size: float = 1.0,
     controls: Callable[[np.random.Generator, int], Controls] | None = None,
     rank: int | str | None = None,
-    **options: object,
+    **options: Any,
 ) -> Pair:
     """Steps both `steps` times and compares after every step; returns the pair."""
     pair = Pair.of(builder, dt, rank=rank, **options)

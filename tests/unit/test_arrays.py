@@ -150,7 +150,7 @@ def test_a_view_shares_the_memory_both_ways(scalars):
 
 def test_views_of_vectors_and_transforms():
     assert interop.to_torch(wp.zeros((4, 2), dtype=wp.vec3, device="cpu")).shape == (4, 2, 3)
-    poses = wp.array([wp.transform((1, 2, 3), (0, 0, 0, 1))], dtype=wp.transform, device="cpu")
+    poses: wp.array = wp.array([wp.transform((1, 2, 3), (0, 0, 0, 1))], dtype=wp.transform, device="cpu")
     assert interop.to_torch(poses).tolist() == [[1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from simwarp.types import (
 )
 
 INF, NAN = math.inf, math.nan
+BAD_POSE: Any = pose  # for what no type checker lets through
 
 
 @pytest.fixture
@@ -41,14 +43,14 @@ def b() -> ModelBuilder:
     return builder
 
 
-Case = tuple[str, Callable[[ModelBuilder], object], tuple[str, ...]]
+Case = tuple[str, Callable[[Any], object], tuple[str, ...]]
 
 
-def hinge(**options: object) -> Callable[[ModelBuilder], object]:
+def hinge(**options: Any) -> Callable[[Any], object]:
     return lambda b: b.add_joint_revolute("new", WORLD, 1, **({"axis": (0, 0, 1)} | options))
 
 
-def body(**options: object) -> Callable[[ModelBuilder], object]:
+def body(**options: Any) -> Callable[[Any], object]:
     return lambda b: b.add_body(**({"name": "new", "mass": 1.0, "inertia": (1, 1, 1)} | options))
 
 
@@ -79,7 +81,7 @@ BODIES: list[Case] = [
     ("broken pose", body(pose=Pose(np.zeros(3), np.zeros(4))), ("rotation", "non-zero length")),
     ("gravity", lambda b: ModelBuilder(gravity=(0, 0)), ("ModelBuilder", "gravity must be 3", "(0, 0)")),
     ("pose position", lambda b: pose((0, 0, INF)), ("pose", "position must be 3 finite", "inf")),
-    ("pose of text", lambda b: pose("here"), ("pose", "position", "'here'")),
+    ("pose of text", lambda b: BAD_POSE("here"), ("pose", "position", "'here'")),
     ("pose rotation", lambda b: pose(rotation=(0, 0, 0, 0)), ("pose", "rotation", "zeros", "(0, 0, 0, 1)")),
 ]
 SHAFTS: list[Case] = [
@@ -298,7 +300,7 @@ def named(cases: list[Case]) -> list:
     return [pytest.param(call, parts, id=name) for name, call, parts in cases]
 
 
-def check(b: ModelBuilder, call: Callable[[ModelBuilder], object], parts: tuple[str, ...]) -> None:
+def check(b: ModelBuilder, call: Callable[[Any], object], parts: tuple[str, ...]) -> None:
     with pytest.raises(ModelError) as caught:
         call(b)
     message = str(caught.value)
@@ -385,7 +387,7 @@ def test_a_long_chain_is_no_error():
 
 # ---- what is legal ---------------------------------------------------------------------------------------------------
 
-LEGAL: dict[str, Callable[[ModelBuilder], object]] = {
+LEGAL: dict[str, Callable[[Any], object]] = {
     "tiny and huge": lambda b: (
         b.add_body("dust", mass=1e-9, inertia=(1e-15, 1e-15, 1e-15)),
         b.add_body("ship", mass=1e9, inertia=(1e12, 2e12, 2e12)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -36,7 +37,13 @@ FORCES = {
 def test_the_snippet_runs(force):
     mask = np.zeros(1024, bool)
     mask[7] = True
-    names = {"np": np, "torch": torch, "world_mask": mask, "q": np.full((1024, 2), 0.1, np.float32), "qd": None}
+    names: dict[str, Any] = {
+        "np": np,
+        "torch": torch,
+        "world_mask": mask,
+        "q": np.full((1024, 2), 0.1, np.float32),
+        "qd": None,
+    }
     head, last = SNIPPET.format(force=force).rsplit("\nsim.set_joint_state", 1)
     exec(head, names)
     sim = names["sim"]
@@ -53,7 +60,7 @@ def test_the_snippet_runs(force):
 
 
 def cart_pole(worlds: int = 8) -> sw.Simulation:
-    names: dict = {}
+    names: dict[str, Any] = {}
     text = SNIPPET.replace("1024", str(worlds)).split("sim.control")[0]
     exec(text, names)
     return names["sim"]

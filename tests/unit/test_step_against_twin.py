@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,6 +80,15 @@ def test_coarse_step(seed):
 
 @pytest.mark.parametrize("kind", TREE_TYPES, ids=names)
 def test_flipped_joints(kind):
+    assert_same_steps(middle_rooted(kind))
+
+
+@pytest.mark.parametrize("kind", TREE_TYPES, ids=names)
+def test_reactions_of_flipped_and_displaced_joints(kind):
+    assert_same_reactions(middle_rooted(kind), moved=0.3)
+
+
+def middle_rooted(kind: JointType) -> ModelBuilder:
     """The heaviest body is in the middle: the joints before it are walked from their child to their parent."""
     rng = np.random.default_rng(5)
     builder = ModelBuilder(gravity=(1.0, -2.0, 3.0))
@@ -86,13 +96,13 @@ def test_flipped_joints(kind):
     for k, mass in enumerate(masses):
         inertia = mass * rng.uniform(0.02, 0.03, 3)
         builder.add_body(f"b{k}", mass=mass, inertia=inertia, pose=pose((0.5 * k, 0.1 * k, 0.0), rng.normal(size=4)))
-    dofs = {"stiffness": 8.0, "damping": 0.4, "rest": 0.1, "armature": 0.02}
+    dof = Dof(stiffness=8.0, damping=0.4, rest=0.1, armature=0.02)
     for k in range(4):
-        add_joint(builder, kind, f"j{k}", k, k + 1, rng, Dof(**dofs))
+        add_joint(builder, kind, f"j{k}", k, k + 1, rng, dof)
     model = builder.finalize(1, "cpu")
     assert sorted(link.sign for link in model.tables.links) == [-1.0, -1.0, 1.0, 1.0, 1.0]
     set_consistent_velocities(builder, rng, 2.0)
-    assert_same_steps(builder)
+    return builder
 
 
 @pytest.mark.parametrize("kind", TREE_TYPES, ids=names)
@@ -383,11 +393,12 @@ def test_ten_kilometres_away():
     for k, body in enumerate(far.bodies):
         far.bodies[k] = dataclasses.replace(body, pose=pose(body.pose.position + shift, body.pose.rotation))
     for j, joint in enumerate(far.joints):
-        for side, body in (("frame0", joint.parent), ("frame1", joint.child)):
-            if body == WORLD:
+        for side, index in (("frame0", joint.parent), ("frame1", joint.child)):
+            if index == WORLD:
                 frame = getattr(joint, side)
                 moved = dataclasses.replace(frame, position=frame.position + shift)
-                far.joints[j] = dataclasses.replace(far.joints[j], **{side: moved})
+                changes: Any = {side: moved}
+                far.joints[j] = dataclasses.replace(far.joints[j], **changes)
     pairs = [Pair.of(near), Pair.of(far)]
     for _ in range(20):
         for pair in pairs:
@@ -432,9 +443,16 @@ def box_signs(pair: Pair) -> list[float]:
     return signs
 
 
-def assert_same_reactions(builder: ModelBuilder, *, push_joint: int | None = None) -> None:
-    """The first step, which starts without any violation; impulses are unique where no row is redundant."""
+def assert_same_reactions(builder: ModelBuilder, *, push_joint: int | None = None, moved: float = 0.0) -> None:
+    """The first step, which starts without any violation; impulses are unique where no row is redundant.
+
+    `moved`: coordinates set before, so that levers that vanish as built do not.
+    """
     pair = Pair.of(builder, 1e-3, joint_reactions=True)
+    if moved:
+        q = np.random.default_rng(2).uniform(-moved, moved, (1, builder.dof_count)).astype(np.float32)
+        pair.sim.set_joint_state(None, q, pair.sim.state.joint_qd.numpy())
+        pair.feed()
     twin = pair.twin
     assert twin.rank == twin.rows.bilateral + len([d for d in twin.dofs if drives_motion(d)]) + len(builder.couplings)
     condition = pair.condition()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
+from simwarp.builder import ModelBuilder
 from tests.reference.mechanisms import random_mechanism
 
-MODELS = {
+MODELS: dict[str, Callable[[], ModelBuilder]] = {
     "pendulum": scenes.pendulum, "four_bar": scenes.four_bar,
     "everything": lambda: random_mechanism(0, bounds=True, couplings=True),
 }  # fmt: skip
@@ -51,9 +53,14 @@ def test_a_step_allocates_launches_and_reads_nothing(name, substeps, reactions, 
         counter.watch(wp.array, method)
     counter.watch(type(sim.model.device.default_allocator), "allocate")
     command = type(sim._step_command)
-    launches = []
+    launches: list[object] = []
     original = command.launch
-    monkeypatch.setattr(command, "launch", lambda self, *a, **k: (launches.append(self), original(self, *a, **k))[1])
+
+    def launch(self: object, *arguments: object, **options: object) -> object:
+        launches.append(self)
+        return original(self, *arguments, **options)
+
+    monkeypatch.setattr(command, "launch", launch)
     before = sim.time.ptr
     for _ in range(5):
         sim.step()

@@ -5,7 +5,7 @@ import pytest
 
 from simwarp.builder import ModelBuilder
 from simwarp.elements import ELEMENTS
-from simwarp.types import WORLD, JointType, PrescribedSpeed, pose
+from simwarp.types import WORLD, JointType, PrescribedSpeed, RowKind, pose
 from tests.reference.mechanisms import LOOP_TYPES, TREE_TYPES, random_mechanism
 from tests.reference.twin import Twin
 from tests.reference.twin_rows import matrices, quat_exp, quat_product, rotation_log
@@ -41,6 +41,14 @@ def test_row_jacobian_is_the_time_derivative_far_from_assembled(kind):
     twin._evaluate()
     velocity = rng.normal(size=12)
     rate = twin.rows.jacobian[: twin.rows.bilateral] @ velocity
+    # a POINT_AXIS0 row takes each body at its own anchor: the violation itself has no lever as frame 0 turns
+    violation = twin.rows.anchor1 - twin.rows.anchor0 - twin.rows._allowed()
+    for n in range(twin.rows.bilateral):
+        if twin.rows.kind[n] == int(RowKind.POINT_AXIS0):
+            j = twin.rows.joint[n]
+            body = twin.rows.parent[j]
+            omega0 = np.zeros(3) if body < 0 else velocity.reshape(-1, 6)[body, 3:]
+            rate[n] += violation[j] @ np.cross(omega0, twin.rows.axes0[j, :, twin.rows.axis0[n]])
     values = []
     for eps in (1e-5, -1e-5):
         x, rot = moved(twin, velocity, eps)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from simwarp.verify import chain_problem, laws, mechanisms
-from simwarp.verify.rows import Row
+from simwarp.cli.verify import chain_problem, laws, mechanisms
+from simwarp.cli.verify.rows import Row
 
 SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
     "pendulum": mechanisms.pendulum,
@@ -39,7 +39,7 @@ SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
 
 
 def main(arguments: list[str]) -> int:
-    """``simwarp verify``: see `simwarp.verify.command`."""
-    from simwarp.verify.command import run
+    """``simwarp verify``: see `simwarp.cli.verify.command`."""
+    from simwarp.cli.verify.command import run
 
     return run(arguments)

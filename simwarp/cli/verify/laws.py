@@ -9,6 +9,8 @@ import numpy as np
 
 from simwarp import scenes
 from simwarp.builder import ModelBuilder
+from simwarp.cli.verify.probe import Array, Probe
+from simwarp.cli.verify.rows import Row, below, near
 from simwarp.types import (
     WORLD,
     Dof,
@@ -18,8 +20,6 @@ from simwarp.types import (
     VelocityMotor,
     pose,
 )
-from simwarp.verify.probe import Array, Probe
-from simwarp.verify.rows import Row, below, near
 
 G = 9.81
 DT = 1e-3

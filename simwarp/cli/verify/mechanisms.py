@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from simwarp import scenes
 from simwarp.builder import ModelBuilder
+from simwarp.cli.verify.probe import Array, HingeRows, Probe, crossings, displaced
+from simwarp.cli.verify.rows import Row, below, near
 from simwarp.simulation import SolverOptions
-from simwarp.verify.probe import Array, HingeRows, Probe, crossings, displaced
-from simwarp.verify.rows import Row, below, near
 
 
 def recorded(name: str) -> npt.NDArray[np.void]:

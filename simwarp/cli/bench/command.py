@@ -12,12 +12,12 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from simwarp.bench.compiling import cold_and_warm
-from simwarp.bench.machine import describe
-from simwarp.bench.measure import Row, measure_scene
-from simwarp.bench.peers import has_mujoco, measure_mujoco, peer_notes
-from simwarp.bench.workloads import TASK_SUFFIX, bench_scenes, explain_unknown, names_for_people, task_of
 from simwarp.cli import DONE, FELL_SHORT, UsageError
+from simwarp.cli.bench.compiling import cold_and_warm
+from simwarp.cli.bench.machine import describe
+from simwarp.cli.bench.measure import Row, measure_scene
+from simwarp.cli.bench.peers import has_mujoco, measure_mujoco, peer_notes
+from simwarp.cli.bench.workloads import TASK_SUFFIX, bench_scenes, explain_unknown, names_for_people, task_of
 from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.model import resolve_device
 
@@ -71,7 +71,7 @@ def run(arguments: list[str]) -> int:
         def measure(count: int) -> Row:
             return measure_scene(known, count, str(device), options.dt, options.seconds)
     else:
-        from simwarp.bench.tasks import measure_task, task_device
+        from simwarp.cli.bench.tasks import measure_task, task_device
 
         wanted, place = str(task), task_device(str(device))
 

@@ -15,9 +15,9 @@ from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, UsageError
 from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.cli.verify import SCENES
+from simwarp.cli.verify.rows import Row
 from simwarp.model import resolve_device
-from simwarp.verify import SCENES
-from simwarp.verify.rows import Row
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.bench.health import Health
-from simwarp.bench.measure import Row, SceneRun, judge
-from simwarp.bench.timing import measure_speed
-from simwarp.bench.workloads import CART_MASS, POLE_INERTIA, POLE_MASS, RAIL, BenchScene
+from simwarp.cli.bench.health import Health
+from simwarp.cli.bench.measure import Row, SceneRun, judge
+from simwarp.cli.bench.timing import measure_speed
+from simwarp.cli.bench.workloads import CART_MASS, POLE_INERTIA, POLE_MASS, RAIL, BenchScene
 
 Array = npt.NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simwarp.bench.health import Examiner, Health
-from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
-from simwarp.bench.workloads import BenchScene
+from simwarp.cli.bench.health import Examiner, Health
+from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
+from simwarp.cli.bench.workloads import BenchScene
 from simwarp.simulation import Simulation
 from simwarp.types import ModelError
 

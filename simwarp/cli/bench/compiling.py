@@ -1,6 +1,6 @@
 """Compile time as a new process sees it, with an empty and with a filled kernel cache.
 
-`python -m simwarp.bench.compiling NAME DEVICE` is that process: one line of JSON.
+`python -m simwarp.cli.bench.compiling NAME DEVICE` is that process: one line of JSON.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import tempfile
 import time
 from typing import NamedTuple
 
-from simwarp.bench.workloads import bench_scenes
+from simwarp.cli.bench.workloads import bench_scenes
 
 _PATIENCE_S = 600
 
@@ -38,7 +38,7 @@ def cold_and_warm(name: str, device: str) -> tuple[Start, Start]:
 
 def _probe(name: str, device: str, cache: str) -> Start:
     done = subprocess.run(
-        [sys.executable, "-m", "simwarp.bench.compiling", name, device], capture_output=True, text=True,
+        [sys.executable, "-m", "simwarp.cli.bench.compiling", name, device], capture_output=True, text=True,
         env=os.environ | {"WARP_CACHE_PATH": cache}, timeout=_PATIENCE_S,
     )  # fmt: skip
     if done.returncode != 0:
@@ -49,7 +49,7 @@ def _probe(name: str, device: str, cache: str) -> Start:
 def _first_step(name: str, device: str) -> Start:
     scene = bench_scenes().get(name)
     if scene is None:
-        from simwarp.bench.tasks import TaskRun
+        from simwarp.cli.bench.tasks import TaskRun
         from simwarp.tasks import task_class
 
         config = task_class(name).config_type()
@@ -58,7 +58,7 @@ def _first_step(name: str, device: str) -> Start:
         task_run.step()
         task_run.wait()
     else:
-        from simwarp.bench.measure import SceneRun
+        from simwarp.cli.bench.measure import SceneRun
 
         start, cpu = time.perf_counter(), time.process_time()
         run = SceneRun(scene, 1, device, None)

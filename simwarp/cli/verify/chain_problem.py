@@ -22,10 +22,10 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from simwarp.builder import ModelBuilder
+from simwarp.cli.verify.probe import Array, Probe
+from simwarp.cli.verify.rows import Row, below
 from simwarp.simulation import SolverOptions
 from simwarp.types import WORLD, pose
-from simwarp.verify.probe import Array, Probe
-from simwarp.verify.rows import Row, below
 
 
 def load() -> dict[str, Array]:

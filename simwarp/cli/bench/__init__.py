@@ -5,6 +5,6 @@ from __future__ import annotations
 
 def main(arguments: list[str]) -> int:
     """Run the command; 1 where a final state was refused."""
-    from simwarp.bench.command import run
+    from simwarp.cli.bench.command import run
 
     return run(arguments)

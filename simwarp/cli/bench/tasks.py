@@ -7,9 +7,9 @@ from typing import Any
 
 import torch
 
-from simwarp.bench.health import Health
-from simwarp.bench.measure import Row, bytes_of, check_memory, judge
-from simwarp.bench.timing import counted_launches, measure_speed
+from simwarp.cli.bench.health import Health
+from simwarp.cli.bench.measure import Row, bytes_of, check_memory, judge
+from simwarp.cli.bench.timing import counted_launches, measure_speed
 from simwarp.tasks import TaskError, make, replace_fields, resolve_device, task_class
 from simwarp.tasks.task import NON_FINITE
 
