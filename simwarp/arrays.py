@@ -37,7 +37,7 @@ class WritableArray(wp.array):
         elif hasattr(value, "data_ptr"):
             source = wp.from_torch(self._broadcast_tensor(value, view), dtype=self.dtype)
         else:
-            data = np.broadcast_to(np.asarray(value, dtype=np.float32), self._value_shape(view))
+            data = np.broadcast_to(np.asarray(value, dtype=self._scalar()), self._value_shape(view))
             source = wp.array(np.ascontiguousarray(data), dtype=self.dtype, device=self.device)
         wp.copy(view, source)
 
@@ -60,14 +60,19 @@ class WritableArray(wp.array):
             parts[-1] = slice(parts[-1], parts[-1] + 1)
         return tuple(parts)
 
+    def _scalar(self) -> Any:
+        """NumPy type of one component: float32 mostly, float64 for positions of record and anchors."""
+        return wp.dtype_to_numpy(getattr(self.dtype, "_wp_scalar_type_", self.dtype))
+
     def _value_shape(self, view: wp.array) -> tuple[int, ...]:
         return (*view.shape, *getattr(self.dtype, "_shape_", ()))
 
     def _broadcast_tensor(self, tensor: Any, view: wp.array) -> Any:
-        """A contiguous float32 tensor of the shape that `view` wants; no torch import needed for its methods."""
+        """A contiguous tensor of the shape and type that `view` wants; no torch import needed for its methods."""
         shape = self._value_shape(view)
         try:
-            return tensor.detach().float().expand(shape).contiguous()
+            numbers = tensor.detach().double() if self._scalar() == np.float64 else tensor.detach().float()
+            return numbers.expand(shape).contiguous()
         except RuntimeError as error:
             raise ValueError(f"cannot broadcast a tensor of shape {tuple(tensor.shape)} to {shape}") from error
 

@@ -224,13 +224,13 @@ def _initial_coordinates(builder: ModelBuilder) -> list[float]:
     return [joint.initial_q for joint in builder.joints for _ in joint.dofs]
 
 
-def _csr(lists: list[list[int]], ints: Callable[[Any], wp.array]) -> tuple[wp.array, wp.array]:
+def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     """Start indices and concatenated entries."""
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
 
 
 def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topology:
-    def ints(values: Any) -> wp.array:
+    def ints(values: Any) -> Any:
         data = np.asarray(values, np.int32)
         return wp.array(data if data.size else np.full((1, *data.shape[1:]), -1, np.int32), dtype=int, device=device)
 

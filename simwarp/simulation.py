@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
@@ -213,7 +213,7 @@ class Simulation:
         elif hasattr(world_mask, "data_ptr"):
             if "bool" not in kind:
                 raise ModelError(f"world_mask must be of bool, got a tensor of {kind}; compare it first")
-            mask = wp.from_torch(world_mask.contiguous(), dtype=wp.bool)
+            mask = cast(wp.array, wp.from_torch(world_mask.contiguous(), dtype=wp.bool))
         else:
             values = np.asarray(world_mask)
             if values.dtype != np.bool_:
@@ -228,7 +228,7 @@ class Simulation:
         if isinstance(values, wp.array) and values.dtype == wp.float32 and values.is_contiguous:
             array = values
         elif hasattr(values, "data_ptr"):
-            array = wp.from_torch(values.detach().float().contiguous(), dtype=wp.float32)
+            array = cast(wp.array, wp.from_torch(values.detach().float().contiguous(), dtype=wp.float32))
         else:
             try:
                 data = values.numpy() if isinstance(values, wp.array) else values

@@ -126,7 +126,9 @@ def build_tables(builder: ModelBuilder, dropped_rows: frozenset[tuple[int, int]]
     coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
     links = _ordered_links(builder, tree)
-    link_slot, slot_dof, slot_link = [0], [], []
+    link_slot: list[int] = [0]
+    slot_dof: list[int] = []
+    slot_link: list[int] = []
     dof_slot = [-1] * builder.dof_count
     for index, link in enumerate(links):
         count = len(ELEMENTS[link.type].dofs)
@@ -139,7 +141,11 @@ def build_tables(builder: ModelBuilder, dropped_rows: frozenset[tuple[int, int]]
         link_slot.append(len(slot_dof))
     _check_couplings(builder, dof_slot, dof_start)
     in_tree = {link.joint for link in links}
-    loop_joint, loop_row, rows, row_dof, loop_dof = [], [0], [], [], []
+    loop_joint: list[int] = []
+    loop_row: list[int] = [0]
+    rows: list[Row] = []
+    row_dof: list[int] = []
+    loop_dof: list[int] = []
     for joint, spec in enumerate(builder.joints):
         if spec.type == JointType.FREE and joint in in_tree:
             loop_dof += range(dof_start[joint], dof_start[joint] + 6)
@@ -150,8 +156,8 @@ def build_tables(builder: ModelBuilder, dropped_rows: frozenset[tuple[int, int]]
             if (joint, position) not in dropped_rows:
                 rows.append(row)
                 row_dof.append(-1)
-        for local, (row, dof) in enumerate(zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)):
-            if has_law(dof) or (spec.type in (JointType.LINE, JointType.BUSHING) and _passive(dof)):
+        for local, (row, law) in enumerate(zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)):
+            if has_law(law) or (spec.type in (JointType.LINE, JointType.BUSHING) and _passive(law)):
                 rows.append(row)
                 row_dof.append(dof_start[joint] + local)
             else:

@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from simwarp.cli import verify
-from simwarp.cli import main
+from simwarp.cli import main, verify
 from simwarp.cli.verify.rows import near
 
 KEYS = {"scene", "quantity", "expected", "got", "tolerance", "pass"}

@@ -8,7 +8,7 @@ import torch
 import warp as wp
 
 from simwarp import interop
-from simwarp.arrays import WritableArray, writable
+from simwarp.arrays import WritableArray, writable, writable_from
 
 
 @pytest.fixture
@@ -123,6 +123,28 @@ def test_vectors():
     np.testing.assert_array_equal(array.numpy(), expected)
     with pytest.raises(ValueError):
         array[:, 0] = torch.ones(4, 2)
+
+
+@pytest.mark.parametrize("form", [np.asarray, torch.as_tensor, np.ndarray.tolist])
+def test_doubles_keep_their_digits(form):
+    """Anchors and offsets of a model are float64: kilometres with micrometres."""
+    fine = np.array([[1.0e4 + 1e-7, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    anchors = writable((3, 2), wp.vec3d, "cpu")
+    anchors[1] = form(fine)
+    np.testing.assert_array_equal(anchors.numpy()[1], fine)
+    lengths = writable((3, 2), wp.float64, "cpu")
+    lengths[:, 1] = form(fine[0])
+    np.testing.assert_array_equal(lengths.numpy()[:, 1], fine[0])
+    lengths[0, 0] = 1.0e4 + 1e-7
+    assert lengths.numpy()[0, 0] == 1.0e4 + 1e-7
+
+
+def test_matrices():
+    inertias = writable_from(np.zeros((2, 1, 3, 3), np.float32), wp.mat33, "cpu")
+    inertias[0, 0] = np.diag([1.0, 2.0, 3.0])
+    inertias[1] = torch.eye(3)
+    expected = np.stack([np.diag([1.0, 2.0, 3.0]), np.eye(3)])
+    np.testing.assert_array_equal(inertias.numpy()[:, 0], expected)
 
 
 def test_it_is_a_warp_array():

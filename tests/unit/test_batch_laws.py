@@ -33,7 +33,7 @@ def arm_with_everything() -> ModelBuilder:
     builder = ModelBuilder()
     bodies = [builder.add_body(f"b{k}", mass=1.0 + k, inertia=(0.1, 0.1, 0.05), pose=pose((0.4 * k, 0, 0.1)))
               for k in range(5)]  # fmt: skip
-    options = [
+    options: list[dict[str, Any]] = [
         {"limit": (-0.02, 0.02), "friction": 0.5},
         {"drive": VelocityMotor(effort_limit=5.0)},
         {"drive": PositionDrive(stiffness=200.0, damping=3.0, effort_limit=8.0), "limit": (-0.01, 0.3)},
@@ -53,8 +53,7 @@ MODELS: dict[str, Callable[[], ModelBuilder]] = {
 
 
 def simulation(builder: ModelBuilder, worlds: int = WORLDS, **options: Any) -> sw.Simulation:
-    options = {"joint_reactions": True, **options}
-    return sw.Simulation(builder.finalize(worlds, "cpu"), 2e-3, **options)
+    return sw.Simulation(builder.finalize(worlds, "cpu"), 2e-3, joint_reactions=True, **options)
 
 
 def drive(sim: sw.Simulation, step: int, worlds: int | None = None) -> None:
