@@ -136,11 +136,11 @@ class Simulation:
 
         Args:
             world_mask: (W,) bool; all worlds when None.
-            q: (W, dofs) [m or rad].
+            q: (W, dofs) [m or rad]; the present ones when None.
             qd: (W, dofs) [m/s or rad/s]; zeros when None.
         """
         shape = (self.model.world_count, self.model.dof_count)
-        position = self._values("q", q, shape)
+        position = wp.clone(self.state.joint_q) if q is None else self._values("q", q, shape)
         rate = self._values("qd", np.zeros(shape, np.float32) if qd is None else qd, shape)
         self._launch(Operation.ASSEMBLE, self._mask(world_mask), position, rate)
 

@@ -68,15 +68,18 @@ def spun(inertia: wp.mat33, omega: wp.vec3, dt: float) -> wp.vec3:
     return d
 
 
+FAST_TURN = wp.constant(0.15)  # rad per step: the extrapolation grows by x^4 / 4 per step, here 1e-4
+
+
 @wp.func
 def gyroscopic_torque(alone: int, inertia: wp.mat33, omega: wp.vec3, omega_last: wp.vec3, dt: float) -> wp.vec3:
     """-omega x I omega at the middle of the two velocities that the step connects [N·m, body frame].
 
     A body that no joint touches spins by the implicit midpoint rule, which keeps its energy. A jointed one must not:
     what it would do alone has a component along its joints. There the rate is extrapolated by half a step, which is of
-    second order and does no work on a fixed axis.
+    second order and does no work on a fixed axis. Above `FAST_TURN` the extrapolation would be unstable.
     """
-    if alone == 1:
+    if alone == 1 or dt * wp.length(omega) > FAST_TURN:
         return inertia * spun(inertia, omega, dt) / dt
     middle = 1.5 * omega - 0.5 * omega_last
     return -wp.cross(middle, inertia * middle)

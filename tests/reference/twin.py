@@ -200,7 +200,7 @@ class Twin:
         v = self.v + h * (self.builder.gravity + force / self.mass[:, None])
         omega = np.zeros_like(self.omega)
         for b, (r, inertia) in enumerate(zip(self.rotation, self.inertia, strict=True)):
-            if b in self.jointed:
+            if b in self.jointed and h * np.linalg.norm(self.omega[b]) <= 0.15:
                 # what a jointed body would do alone has a component along its joints: extrapolate by half a step
                 middle = r.T @ (1.5 * self.omega[b] - 0.5 * self.omega_last[b])
                 rate = r.T @ self.omega[b] - h * np.linalg.solve(inertia, np.cross(middle, inertia @ middle))

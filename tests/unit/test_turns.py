@@ -35,14 +35,7 @@ def wheel(kind: JointType, speed: float, *, carried: bool = False) -> tuple[Mode
     return builder, 0
 
 
-EXTRAPOLATED = pytest.mark.xfail(
-    reason="bodies.gyroscopic_torque of jointed bodies is explicit: nutation at 1.26 rad per step grows without bound"
-)
-SPINNING = [
-    pytest.param(kind, n, id=f"{kind.name}-{n}", marks=[EXTRAPOLATED] * (kind == JointType.UNIVERSAL and n == 1))
-    for kind in KINDS
-    for n in (1, 4)
-]
+SPINNING = [pytest.param(kind, n, id=f"{kind.name}-{n}") for kind in KINDS for n in (1, 4)]
 
 
 @pytest.mark.parametrize(("kind", "substeps"), SPINNING)
