@@ -116,12 +116,8 @@ def has_law(dof: Dof) -> bool:
     )
 
 
-def build_tables(builder: ModelBuilder, dropped_rows: frozenset[tuple[int, int]] = frozenset()) -> Tables:
-    """Tables of the builder's model.
-
-    Args:
-        dropped_rows: (joint, row of its element) pairs left out because they are redundant by structure.
-    """
+def build_tables(builder: ModelBuilder) -> Tables:
+    """Tables of the builder's model."""
     dof_start = _dof_starts(builder)
     coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
@@ -152,10 +148,9 @@ def build_tables(builder: ModelBuilder, dropped_rows: frozenset[tuple[int, int]]
         if joint in in_tree:
             continue
         before = len(rows)
-        for position, row in enumerate(ELEMENTS[spec.type].rows):
-            if (joint, position) not in dropped_rows:
-                rows.append(row)
-                row_dof.append(-1)
+        for row in ELEMENTS[spec.type].rows:
+            rows.append(row)
+            row_dof.append(-1)
         for local, (row, law) in enumerate(zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)):
             if has_law(law) or (spec.type in (JointType.LINE, JointType.BUSHING) and _passive(law)):
                 rows.append(row)
