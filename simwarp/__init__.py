@@ -1,7 +1,9 @@
 """simwarp: thousands of non-smooth multibody worlds at once, in NVIDIA Warp kernels, on a GPU or a CPU."""
 
 from simwarp.builder import ModelBuilder
+from simwarp.contacts import Contacts
 from simwarp.diagnostics import Diagnostics
+from simwarp.dynamics.cone_problems import ConeSolution, solve_cone_problems
 from simwarp.model import Model
 from simwarp.simulation import Simulation, Snapshot, SolverOptions
 from simwarp.state import Control, State
@@ -9,11 +11,13 @@ from simwarp.types import (
     WORLD,
     Dof,
     JointType,
+    Material,
     ModelError,
     Pose,
     PositionDrive,
     PrescribedPosition,
     PrescribedSpeed,
+    ShapeType,
     VelocityMotor,
     WorldStatus,
     pose,
@@ -21,10 +25,13 @@ from simwarp.types import (
 
 __all__ = [
     "WORLD",
+    "ConeSolution",
+    "Contacts",
     "Control",
     "Diagnostics",
     "Dof",
     "JointType",
+    "Material",
     "Model",
     "ModelBuilder",
     "ModelError",
@@ -32,6 +39,7 @@ __all__ = [
     "PositionDrive",
     "PrescribedPosition",
     "PrescribedSpeed",
+    "ShapeType",
     "Simulation",
     "Snapshot",
     "SolverOptions",
@@ -39,4 +47,5 @@ __all__ = [
     "VelocityMotor",
     "WorldStatus",
     "pose",
+    "solve_cone_problems",
 ]

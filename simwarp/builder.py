@@ -23,6 +23,7 @@ from simwarp.checks import (
 )
 from simwarp.elements import ELEMENTS
 from simwarp.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
+from simwarp.shapes import ShapeList
 from simwarp.types import (
     WORLD,
     Dof,
@@ -96,7 +97,7 @@ class CouplingSpec:
 MAX_COUPLING_TERMS = 3
 
 
-class ModelBuilder:
+class ModelBuilder(ShapeList):
     """Collects the bodies and joints of one world; every world of a Model shares this topology.
 
     Poses, anchors and axes are given in world coordinates of the initial configuration [m, rad]. The frames of a
@@ -109,6 +110,7 @@ class ModelBuilder:
     """
 
     def __init__(self, gravity: Vec3 = (0.0, 0.0, -9.81)) -> None:
+        super().__init__()
         self.gravity = finite_vector("ModelBuilder", "gravity", gravity, 3)
         self.bodies: list[BodySpec] = []
         self.joints: list[JointSpec] = []
@@ -396,6 +398,11 @@ class ModelBuilder:
     # ---- finish --------------------------------------------------------------------------------------------------
 
     @property
+    def body_total(self) -> int:
+        """Bodies added so far."""
+        return len(self.bodies)
+
+    @property
     def dof_count(self) -> int:
         """Number of joint coordinates: the second axis of `joint_q`."""
         return sum(len(ELEMENTS[joint.type].dofs) for joint in self.joints)
@@ -404,11 +411,15 @@ class ModelBuilder:
         """First column of `joint_q` that belongs to `joint`."""
         return sum(len(ELEMENTS[spec.type].dofs) for spec in self.joints[:joint])
 
-    def finalize(self, world_count: int, device: str | None = None, *, per_world: Iterable[str] = ()) -> Model:
+    def finalize(
+        self, world_count: int, device: str | None = None, *, per_world: Iterable[str] = (),
+        contact_capacity: int | None = None,
+    ) -> Model:  # fmt: skip
         """The Model of `world_count` worlds on `device` ("cpu", "cuda:0"; the best there is when None).
 
         Args:
             per_world: names of Model arrays that get a copy per world, to be randomised (`model.PARAMETERS`).
+            contact_capacity: contact slots of every world; enough for most scenes when None.
 
         Raises:
             ModelError: the worlds, the device or the topology are not usable; says which and why.
@@ -417,7 +428,13 @@ class ModelBuilder:
 
         if isinstance(per_world, str):
             raise ModelError(f"finalize: per_world must be a list of names, got {per_world!r}; write [{per_world!r}]")
-        return Model.from_builder(self, world_count, device, per_world=per_world)
+        if contact_capacity is not None:
+            integer = isinstance(contact_capacity, (int, np.integer)) and not isinstance(contact_capacity, bool)
+            if not integer or contact_capacity < 1:
+                raise ModelError(
+                    f"finalize: contact_capacity must be an integer >= 1, got {contact_capacity!r}; None chooses it"
+                )
+        return Model.from_builder(self, world_count, device, per_world=per_world, contact_capacity=contact_capacity)
 
     # ---- checks --------------------------------------------------------------------------------------------------
 

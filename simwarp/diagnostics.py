@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import numpy as np
 import warp as wp
 
 from simwarp.kernels.tables import Reports
 from simwarp.model import Model
+from simwarp.types import WorldStatus
+
+if TYPE_CHECKING:
+    from simwarp.contacts import Contacts
+    from simwarp.state import State
+
+SUSPICIOUS = 100.0
+"""Times the solver's tolerance: a residual above is worth a line."""
 
 
 class Diagnostics:
@@ -13,10 +24,11 @@ class Diagnostics:
 
     Attributes:
         row_residual: (W,) largest speed error of the bilateral rows [m/s or rad/s].
-        bounded_residual: (W,) natural residual of the bounded rows [m/s or rad/s].
-        bounded_count: (W,) int32, bounded rows that took part.
-        iterations: (W,) int32, of the bounded solve.
+        bounded_residual: (W,) natural residual of limits, friction, motors and contacts [m/s or rad/s].
+        bounded_count: (W,) int32, rows on coordinates and contacts that took part.
+        iterations: (W,) int32, of their solve.
         position_error: (W,) largest joint violation [m or rad], at the step's start (after it when projected).
+        energy: (W,) float64 mechanical energy [J] as of the last `Simulation.measure_energy`.
         joint_reaction_force, joint_reaction_torque: (W, J) vec3, what the joint applies to its second body at
             anchor 1, drives and limits included, world frame [N, N·m]; zeros unless the simulation records them.
     """
@@ -34,8 +46,36 @@ class Diagnostics:
         self.bounded_count = wp.zeros(worlds, dtype=wp.int32, device=device)
         self.iterations = wp.zeros(worlds, dtype=wp.int32, device=device)
         self.position_error = wp.zeros(worlds, dtype=wp.float32, device=device)
+        self.energy = wp.zeros(worlds, dtype=wp.float64, device=device)
         self.joint_reaction_force = wp.zeros(joints, dtype=wp.vec3, device=device)
         self.joint_reaction_torque = wp.zeros(joints, dtype=wp.vec3, device=device)
         self.arrays = Reports()
         for name in self.NAMES:
             setattr(self.arrays, name, getattr(self, name))
+
+
+def explain_worlds(state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float) -> list[str]:
+    """See `Simulation.problems`."""
+    lines = []
+    status = state.world_status.numpy()
+    overflow = contacts.contact_overflow.numpy()
+    capacity = contacts.contact_gap.shape[1]
+    residual = diagnostics.bounded_residual.numpy()
+    for world in np.nonzero((status != 0) | (overflow > 0) | ~(residual <= SUSPICIOUS * tolerance))[0]:
+        found = []
+        if status[world] & WorldStatus.NON_FINITE:
+            found.append("NON_FINITE: a value overflowed; frozen until Simulation.reset")
+        if status[world] & WorldStatus.NOT_ASSEMBLED:
+            found.append("NOT_ASSEMBLED: its loops do not close for the coordinates that were set; set others")
+        if overflow[world] > 0:
+            found.append(
+                f"contact overflow: {overflow[world]} shallow contacts beyond {capacity} left out; "
+                f"finalize(contact_capacity={capacity + int(overflow[world])}) holds them"
+            )
+        if not residual[world] <= SUSPICIOUS * tolerance:
+            found.append(
+                f"not converged: residual {residual[world]:.2g} after {diagnostics.iterations.numpy()[world]} "
+                "iterations; raise SolverOptions.max_iterations, or choose a smaller dt"
+            )
+        lines.append(f"world {world}: " + "; ".join(found))
+    return lines

@@ -12,14 +12,22 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.arrays import writable_from
-from simwarp.dynamics.topology import Tables, build_tables, collect_tables, drive_mode, row_paths
+from simwarp.dynamics.topology import Tables, build_tables, collect_tables, drive_mode, longest_path, row_paths
 from simwarp.elements import ELEMENTS
+from simwarp.geometry import hull_assets
 from simwarp.kernels.tables import Parameters, Topology
 from simwarp.rotation import matrix_of
-from simwarp.types import ModelError, PositionDrive, VelocityMotor
+from simwarp.shapes import ShapeSpec, contact_limit, shape_pairs
+from simwarp.types import WORLD, JointType, ModelError, PositionDrive, VelocityMotor
 
 if TYPE_CHECKING:
     from simwarp.builder import ModelBuilder
+
+CONTACTS_PER_BODY = 12
+"""Default contact slots per body: a brick in a wall has eight to twelve."""
+
+LISTED_PAIRS = 2000
+"""Pairs of shapes up to which every step goes through a list of them; above, a grid finds the near ones."""
 
 INFINITE = 1.0e30
 """Stands for "no limit" in float32 parameters."""
@@ -55,6 +63,19 @@ PARAMETERS: dict[str, Parameter] = {
     "drive_effort_limit": Parameter(wp.float32, "(1 or W, dofs) [N or N·m]"),
     "coupling_coefficient": Parameter(wp.float32, "(1 or W, couplings, 3)"),
     "coupling_offset": Parameter(wp.float64, "(1 or W, couplings)"),
+    "shape_x": Parameter(wp.vec3d, "(1 or W, S) origin from the body's centre of mass, body axes [m]"),
+    "shape_rot": Parameter(wp.quat, "(1 or W, S) xyzw, shape axes to body axes"),
+    "shape_size": Parameter(wp.vec3, "(1 or W, S) meaning by `ShapeType` [m]"),
+    "shape_margin": Parameter(wp.float32, "(1 or W, S) thickness added to the surface [m]"),
+    "shape_asset": Parameter(wp.int32, "(1 or W, S) asset that a hull, height field or mesh shows"),
+    "shape_enabled": Parameter(wp.int32, "(1 or W, S) 0 takes the shape out"),
+    "shape_friction": Parameter(wp.float32, "(1 or W, S)"),
+    "shape_rolling_friction": Parameter(wp.float32, "(1 or W, S) [m]"),
+    "shape_spinning_friction": Parameter(wp.float32, "(1 or W, S) [m]"),
+    "shape_restitution": Parameter(wp.float32, "(1 or W, S)"),
+    "shape_cohesion": Parameter(wp.float32, "(1 or W, S) [N]"),
+    "shape_compliance": Parameter(wp.float32, "(1 or W, S) [m/N]"),
+    "shape_damping": Parameter(wp.float32, "(1 or W, S) relaxation time of the compliance [s]"),
 }
 
 
@@ -66,8 +87,11 @@ class Model:
     between steps, never replace it.
 
     Attributes:
-        world_count, body_count, joint_count, dof_count: sizes of the arrays.
-        body_names, joint_names: in index order.
+        world_count, body_count, joint_count, dof_count, shape_count: sizes of the arrays.
+        body_names, joint_names, shape_names: in index order.
+        contact_capacity: contact slots of every world.
+        has_rolling_friction: whether contacts carry rolling and spinning friction.
+        path_length: most slots between a link and the root of its tree.
         has_loops: whether joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
@@ -83,7 +107,9 @@ class Model:
     drive_stiffness: wp.array
     drive_damping: wp.array
 
-    def __init__(self, world_count: int, device: Any, builder: ModelBuilder, tables: Tables) -> None:
+    def __init__(
+        self, world_count: int, device: Any, builder: ModelBuilder, tables: Tables, contact_capacity: int | None = None
+    ) -> None:
         self.world_count = world_count
         self.device = device
         self.body_count = len(builder.bodies)
@@ -96,21 +122,30 @@ class Model:
         masses = [body.mass for body in builder.bodies] or [1.0]
         self.mass_ratio = max(masses) / min(masses)
         self.has_loops = any(dof < 0 for dof in tables.row_dof)
+        self.shape_count = len(builder.shapes)
+        self.shape_names = tuple(shape.name for shape in builder.shapes)
+        self.has_rolling_friction = any(
+            shape.material.rolling_friction > 0.0 or shape.material.spinning_friction > 0.0 for shape in builder.shapes
+        )
+        self.contact_capacity = default_capacity(builder) if contact_capacity is None else contact_capacity
+        self.path_length = longest_path(tables)
         self.tables = tables
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, device)
         self.parameters = Parameters()
+        self.assets = hull_assets(builder.hulls, device)
 
     @classmethod
     def from_builder(
-        cls, builder: ModelBuilder, world_count: int, device: str | None, *, per_world: Iterable[str] = ()
-    ) -> Model:
+        cls, builder: ModelBuilder, world_count: int, device: str | None, *, per_world: Iterable[str] = (),
+        contact_capacity: int | None = None,
+    ) -> Model:  # fmt: skip
         """See `ModelBuilder.finalize`."""
         if not isinstance(world_count, (int, np.integer)) or isinstance(world_count, bool) or world_count < 1:
             raise ModelError(f"finalize: world_count must be an integer >= 1, got {world_count!r}")
         if not builder.bodies and not builder.joints:
             raise ModelError("finalize: the builder has no body; call add_body first")
-        model = cls(int(world_count), resolve_device(device), builder, build_tables(builder))
+        model = cls(int(world_count), resolve_device(device), builder, build_tables(builder), contact_capacity)
         wanted = set(per_world)
         for name in wanted - PARAMETERS.keys():
             near = difflib.get_close_matches(name, PARAMETERS, n=1)
@@ -216,7 +251,69 @@ def _parameter_values(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
         "drive_effort_limit": np.minimum(efforts, INFINITE),
         "coupling_coefficient": coefficients,
         "coupling_offset": np.array(offsets),
+        **_shape_values(builder.shapes),
     }
+
+
+def _shape_values(shapes: list[ShapeSpec]) -> dict[str, npt.NDArray[Any]]:
+    """One world's parameters of the shapes."""
+
+    def material(field: str) -> npt.NDArray[Any]:
+        return np.array([getattr(shape.material, field) for shape in shapes])
+
+    return {
+        "shape_x": np.array([shape.pose.position for shape in shapes]).reshape(-1, 3),
+        "shape_rot": np.array([shape.pose.rotation for shape in shapes]).reshape(-1, 4),
+        "shape_size": np.array([shape.size for shape in shapes]).reshape(-1, 3),
+        "shape_margin": np.array([shape.margin for shape in shapes]),
+        "shape_asset": np.array([shape.asset for shape in shapes], np.int32),
+        "shape_enabled": np.ones(len(shapes), np.int32),
+        "shape_friction": material("friction"),
+        "shape_rolling_friction": material("rolling_friction"),
+        "shape_spinning_friction": material("spinning_friction"),
+        "shape_restitution": material("restitution"),
+        "shape_cohesion": material("cohesion"),
+        "shape_compliance": material("compliance"),
+        "shape_damping": material("damping"),
+    }
+
+
+def _pair_topology(t: Topology, builder: ModelBuilder, ints: Callable[[Any], Any]) -> None:
+    """Shapes, and which of them can meet."""
+    shapes, pairs = builder.shapes, pairs_of(builder)
+    t.shape_count, t.pair_count = len(shapes), len(pairs)
+    t.grid_buckets = 1 << (2 * len(shapes)).bit_length() if len(pairs) > LISTED_PAIRS else 0
+    t.shape_body = ints([shape.body for shape in shapes])
+    t.shape_type = ints([shape.type for shape in shapes])
+    t.shape_group = ints([shape.group for shape in shapes])
+    t.shape_mask = ints([shape.mask for shape in shapes])
+    listed = pairs if t.grid_buckets == 0 else pairs[:0]
+    t.pair_start = ints(np.searchsorted(listed[:, 0], np.arange(len(shapes) + 1)))
+    t.pair_other = ints(listed[:, 1])
+    apart: list[list[int]] = [[] for _ in range(len(builder.bodies) + 1)]
+    for low, high in sorted(_never_meet(builder)):
+        apart[low + 1].append(high)
+    t.excluded_start, t.excluded_body = _csr(apart, ints)
+
+
+def _never_meet(builder: ModelBuilder) -> set[tuple[int, int]]:
+    """Pairs of bodies whose shapes never meet: excluded, or tied by a joint."""
+    joints = [
+        joint for joint in builder.joints if joint.type != JointType.SHAFT and WORLD not in (joint.parent, joint.child)
+    ]
+    return builder.excluded_bodies | {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
+
+
+def pairs_of(builder: ModelBuilder) -> npt.NDArray[np.int32]:
+    """(pairs, 2) shapes that can meet."""
+    return shape_pairs(builder.shapes, _never_meet(builder))
+
+
+def default_capacity(builder: ModelBuilder) -> int:
+    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
+    shapes = builder.shapes
+    total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs_of(builder))
+    return min(total, max(24, CONTACTS_PER_BODY * len(builder.bodies)))
 
 
 def _initial_coordinates(builder: ModelBuilder) -> list[float]:
@@ -294,4 +391,5 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     t.loop_dof = ints(tables.loop_dof)
     t.bounded_dof = ints([dof for dof, _ in tables.bounded])
     t.bounded_kind = ints([kind for _, kind in tables.bounded])
+    _pair_topology(t, builder, ints)
     return t

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from enum import IntEnum
 from typing import Any, cast
 
 import numpy as np
 import warp as wp
 
-from simwarp.diagnostics import Diagnostics
+from simwarp.contacts import Contacts
+from simwarp.diagnostics import Diagnostics, explain_worlds
+from simwarp.kernels.collision.world import collide_worlds, make_collision_scratch
+from simwarp.kernels.energy import measure_energy
 from simwarp.kernels.tables import StepConfig
-from simwarp.kernels.world import Operation, copy_worlds, make_scratch, run_worlds
+from simwarp.kernels.world import Operation, Sizes, copy_worlds, make_scratch, run_worlds_kernel
 from simwarp.model import Model
 from simwarp.state import Control, State, initial_arrays
-from simwarp.types import ModelError
+from simwarp.types import ConeSolver, FrictionLaw, ModelError
 
 REFINED_MASS_RATIO = 100.0
 
@@ -31,10 +35,19 @@ class SolverOptions:
         refinement: passes of iterative refinement on the free motion; when None, 1 for models whose heaviest body
             has more than 100 times the mass of the lightest, else 0.
         pivot_tolerance: a row whose pivot falls below this share of its diagonal counts as redundant.
-        max_iterations: of the bounded rows' solve.
+        max_iterations: of the solve of limits, friction and contacts.
         tolerance: residual at which it stops [m/s or rad/s].
         row_tolerance: residual above which bilateral rows are solved a second time [m/s or rad/s].
         gyroscopic: whether spinning bodies precess.
+        solver: of limits, friction and contacts: "apgd", "psor", "spg", "padmm" or "interior_point".
+        rescue: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;
+            when None, where models have contacts and masses that differ by more than 100.
+        friction_law: "exact" (Coulomb) or "convex" (its relaxation, in which sliding contacts separate).
+        bounce_speed: restitution acts where the rebound is faster than this [m/s].
+        contact_envelope: contacts nearer than this always take part; those further away if the step would close
+            them [m].
+        dense_rows: most rows for which the Schur complement of the contacts is formed; larger worlds apply it row by
+            row.
     """
 
     recovery_speed: float = 0.6
@@ -42,10 +55,16 @@ class SolverOptions:
     position_projection: int | None = None
     refinement: int | None = None
     pivot_tolerance: float = 1.0e-5
-    max_iterations: int = 200
-    tolerance: float = 1.0e-6
+    max_iterations: int = 1000
+    tolerance: float = 1.0e-5
     row_tolerance: float = 5.0e-6
     gyroscopic: bool = True
+    solver: str = "apgd"
+    rescue: bool | None = None
+    friction_law: str = "exact"
+    bounce_speed: float = 0.15
+    contact_envelope: float = 1.0e-3
+    dense_rows: int = 128
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +73,7 @@ class Snapshot:
 
     state: State
     control: Control
+    contacts: Contacts
 
 
 class Simulation:
@@ -92,19 +112,24 @@ class Simulation:
         self.control = Control(model)
         self.diagnostics = Diagnostics(model, reactions=joint_reactions)
         self._config = self._step_config(joint_reactions)
+        solvers = _choice("solver", ConeSolver, self.solver.solver) != ConeSolver.APGD
+        rescue = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
+        self._all_solvers = solvers or (rescue if self.solver.rescue is None else self.solver.rescue)
+        self._kernel = run_worlds_kernel(self._all_solvers)
         self._no_coordinates = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
         self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
         # one lane on a CPU, whose launches are serial; a lane per world where worlds run side by side
         lanes = model.world_count if model.device.is_cuda else 1
-        sizes = model.topology
-        self._scratch = make_scratch(
-            model.device, lanes, sizes.link_count, sizes.slot_count, sizes.row_count, sizes.bounded_count
+        self._scratch = make_scratch(model.device, lanes, self._sizes())
+        self.contacts = Contacts(model)
+        self._collision_scratch = make_collision_scratch(
+            model.device, lanes, model.shape_count, model.contact_capacity, model.topology.grid_buckets
         )
         self.state = initial_arrays(model)
         self._launch(Operation.MEASURE, self._all_worlds)
         self._initial = State(model)
         self._initial.copy_from(self.state)
-        self._step_command = self._record_step()
+        self._step_commands = self._record_step()
 
     @property
     def time(self) -> wp.array:
@@ -114,7 +139,8 @@ class Simulation:
     def step(self) -> None:
         """Advances every world by `dt`, in `substeps` parts. Frozen (non-finite) worlds stay as they are."""
         for _ in range(self.substeps):
-            self._step_command.launch()
+            for command in self._step_commands:
+                command.launch()
 
     def reset(self, world_mask: Any = None) -> None:
         """Puts the worlds of the mask (all when None) back to the model's initial state.
@@ -124,7 +150,7 @@ class Simulation:
         """
         wp.launch(
             copy_worlds, dim=self.model.world_count, device=self.model.device,
-            inputs=[self._mask(world_mask), self._initial.arrays], outputs=[self.state.arrays],
+            inputs=[self._mask(world_mask), self._initial.arrays], outputs=[self.state.arrays, self.contacts.arrays],
         )  # fmt: skip
 
     def set_joint_state(self, world_mask: Any, q: Any, qd: Any) -> None:
@@ -148,17 +174,31 @@ class Simulation:
         """Publishes `body_q` and joint coordinates after a user wrote `body_x`, `body_rot` or velocities."""
         self._launch(Operation.MEASURE, self._mask(world_mask))
 
+    def measure_energy(self) -> wp.array:
+        """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of linear springs."""
+        wp.launch(
+            measure_energy, dim=self.model.world_count, device=self.model.device,
+            inputs=[self.model.topology, self.model.parameters, self.state.arrays], outputs=[self.diagnostics.energy],
+        )  # fmt: skip
+        return self.diagnostics.energy
+
+    def problems(self) -> list[str]:
+        """One line for each world that is in trouble: what it is, and what helps. Waits for the device."""
+        return explain_worlds(self.state, self.contacts, self.diagnostics, self.solver.tolerance)
+
     def snapshot(self) -> Snapshot:
         """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
-        state, control = State(self.model), Control(self.model)
+        state, control, contacts = State(self.model), Control(self.model), Contacts(self.model)
         state.copy_from(self.state)
+        contacts.copy_from(self.contacts)
         for name in Control.NAMES:
             wp.copy(getattr(control, name), getattr(self.control, name))
-        return Snapshot(state, control)
+        return Snapshot(state, control, contacts)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Brings back what `snapshot` held, in place: views and captured steps stay valid."""
         self.state.copy_from(snapshot.state)
+        self.contacts.copy_from(snapshot.contacts)
         for name in Control.NAMES:
             wp.copy(getattr(self.control, name), getattr(snapshot.control, name))
 
@@ -179,6 +219,11 @@ class Simulation:
         config.row_tolerance = self.solver.row_tolerance
         config.reactions = int(reactions)
         config.gyroscopic = int(self.solver.gyroscopic)
+        config.friction_law = int(_choice("friction_law", FrictionLaw, self.solver.friction_law))
+        config.solver = int(_choice("solver", ConeSolver, self.solver.solver))
+        config.bounce_speed = self.solver.bounce_speed
+        config.contact_envelope = self.solver.contact_envelope
+        config.dense_rows = self.solver.dense_rows
         return config
 
     def _launch(
@@ -188,17 +233,40 @@ class Simulation:
         q = self._no_coordinates if q is None else q
         qd = self._no_coordinates if qd is None else qd
         return wp.launch(
-            run_worlds, dim=self.model.world_count, device=self.model.device, record_cmd=record,
+            self._kernel, dim=self.model.world_count, device=self.model.device, record_cmd=record,
             inputs=[
                 int(operation), self._config, self.model.topology, self.model.parameters, self.control.arrays,
-                mask, q, qd, self._scratch, self.state.arrays,
+                mask, q, qd, self._scratch, self.state.arrays, self.contacts.arrays,
             ],
             outputs=[self.diagnostics.arrays],
         )  # fmt: skip
 
-    def _record_step(self) -> Any:
-        """The step as a recorded launch: a fifth of the host time of a fresh one."""
-        return self._launch(Operation.STEP, self._all_worlds, record=True)
+    def _record_step(self) -> list[Any]:
+        """The step as recorded launches: a fifth of the host time of fresh ones."""
+        commands = []
+        if self.model.topology.pair_count > 0:
+            commands.append(
+                wp.launch(
+                    collide_worlds, dim=self.model.world_count, device=self.model.device, record_cmd=True,
+                    inputs=[
+                        self._config, self.model.topology, self.model.parameters, self.model.assets,
+                        self.state.arrays, self._collision_scratch,
+                    ],
+                    outputs=[self.contacts.arrays],
+                )
+            )  # fmt: skip
+        return [*commands, self._launch(Operation.STEP, self._all_worlds, record=True)]
+
+    def _sizes(self) -> Sizes:
+        model, topology = self.model, self.model.topology
+        rows_per_contact = 6 if model.has_rolling_friction else 3
+        rows = model.bounded_count + rows_per_contact * model.contact_capacity
+        dense = min(rows, self.solver.dense_rows)
+        return Sizes(
+            links=topology.link_count, slots=topology.slot_count, rows=topology.row_count,
+            blocks=model.bounded_count + model.contact_capacity, cone_rows=rows, dense_rows=dense,
+            factor_rows=dense if self._all_solvers else 0, entries=2 * model.path_length,
+        )  # fmt: skip
 
     def _mask(self, world_mask: Any) -> wp.array:
         """The mask as a Warp array of bool on the model's device."""
@@ -241,6 +309,14 @@ class Simulation:
         if tuple(array.shape) != shape:
             raise ModelError(f"set_joint_state: {name} must have shape {shape} (worlds, dofs), got {array.shape}")
         return array
+
+
+def _choice(name: str, choices: type[IntEnum], value: Any) -> IntEnum:
+    """The member of an enum that a lower-case string names."""
+    names = [member.name.lower() for member in choices]
+    if value not in names:
+        raise ModelError(f"SolverOptions: {name} must be one of {', '.join(names)}, got {value!r}")
+    return choices[value.upper()]
 
 
 def _shape_of(values: Any) -> str:

@@ -91,6 +91,59 @@ class BoundedKind(IntEnum):
     DRIVE = 3
 
 
+class BlockKind(IntEnum):
+    """The convex set that a block of a cone problem's rows lives in."""
+
+    BOX = 0
+    """One row between a lower and an upper bound."""
+    CONTACT = 1
+    """Three rows n, t1, t2 with |t| <= friction n."""
+    ROLLING = 2
+    """Six rows n, t1, t2, r1, r2, s: beside friction |r| <= rolling n and |s| <= spinning n [m]."""
+
+
+class ConeSolver(IntEnum):
+    """Solvers of the cone problem (docs/theory.md)."""
+
+    APGD = 0
+    PSOR = 1
+    SPG = 2
+    PADMM = 3
+    INTERIOR_POINT = 4
+
+
+class FrictionLaw(IntEnum):
+    """Coulomb's law as it is, or its convex relaxation, which lets sliding contacts separate."""
+
+    EXACT = 0
+    CONVEX = 1
+
+
+class ShapeType(IntEnum):
+    """Geometry of a shape and the meaning of its size; the axis of round shapes is z."""
+
+    PLANE = 0
+    """Half-space below z = 0; no size."""
+    SPHERE = 1
+    """size[0]: radius [m]."""
+    CAPSULE = 2
+    """size[0]: radius, size[1]: half length of the segment between the caps' centres [m]."""
+    CYLINDER = 3
+    """size[0]: radius, size[1]: half length [m]."""
+    BOX = 4
+    """Half lengths [m]."""
+    ELLIPSOID = 5
+    """Half axes [m]."""
+    CONE = 6
+    """size[0]: radius of the base at z = -size[1]; the tip is at z = size[1] [m]."""
+    HULL = 7
+    """An asset's convex hull, scaled by size."""
+    HEIGHT_FIELD = 8
+    """An asset's grid of heights, scaled by size."""
+    MESH = 9
+    """An asset's triangles, scaled by size."""
+
+
 class WorldStatus(IntFlag):
     """Bits of `State.world_status`."""
 
@@ -165,6 +218,33 @@ class PrescribedSpeed:
     """qd(t): a table over time [s], or `joint_target_qd` when None."""
 
     table: Table | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Material:
+    """Surface of a shape. Two of them meet with the smaller friction (of all three kinds), restitution and cohesion,
+    the sum of their compliances, and the smaller damping (docs/theory.md).
+
+    Attributes:
+        friction: Coulomb's coefficient.
+        rolling_friction, spinning_friction: largest torque per normal force across and about the normal [m].
+        restitution: Newton's coefficient, 0 to 1.
+        cohesion: normal force that the contact can pull with [N].
+        compliance: of a contact point [m/N]; 0 is rigid.
+        damping: relaxation time of the compliance [s].
+        young_modulus: [Pa], of the smooth contact model.
+        poisson_ratio: the same.
+    """
+
+    friction: float = 0.6
+    rolling_friction: float = 0.0
+    spinning_friction: float = 0.0
+    restitution: float = 0.0
+    cohesion: float = 0.0
+    compliance: float = 0.0
+    damping: float = 0.0
+    young_modulus: float = 2.0e5
+    poisson_ratio: float = 0.3
 
 
 Drive: TypeAlias = PositionDrive | VelocityMotor | PrescribedPosition | PrescribedSpeed

@@ -89,6 +89,15 @@ def row_paths(builder: ModelBuilder, tables: Tables) -> list[list[int]]:
     return paths
 
 
+def longest_path(tables: Tables) -> int:
+    """Most slots between any link and the root of its tree."""
+    lengths: list[int] = []
+    for index, link in enumerate(tables.links):
+        above = lengths[link.parent] if link.parent >= 0 else 0
+        lengths.append(above + tables.link_slot[index + 1] - tables.link_slot[index])
+    return max(lengths, default=0)
+
+
 def drive_mode(dof: Dof) -> DriveMode:
     """The DriveMode of a degree of freedom's drive."""
     match dof.drive:

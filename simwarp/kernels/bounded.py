@@ -1,17 +1,17 @@
 """Rows with bounded impulses on one degree of freedom: limits, dry friction, motors, drives with an effort limit.
 
-Only rows that can act in this step enter: a limit that the free motion cannot reach is left out. They see the Schur
-complement of everything bilateral, S = Y Y^T - Y Y_l^T (N + C)^-1 Y_l Y^T.
+Only rows that can act in this step enter: a limit that the free motion cannot reach is left out. Each is a block of
+one row of the cone problem.
 """
 
 import warp as wp
 
-from simwarp.kernels.bodies import total_velocities
+from simwarp.kernels.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_slot
+from simwarp.kernels.cones.problem import BOX, ConeProblem
 from simwarp.kernels.joints import DISTANCE, POINT_AXIS0, joint_frames
 from simwarp.kernels.laws import INFINITE_EFFORT, drive_law
-from simwarp.kernels.rows import dof_rate, link_of, row_geometry, solve_rows
+from simwarp.kernels.rows import apply_rows, dof_rate, link_of, row_geometry, solve_rows_backward
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
-from simwarp.kernels.tree import project_slot, walk_to_root
 from simwarp.types import BoundedKind
 
 wp.set_module_options({"enable_backward": False})
@@ -83,54 +83,39 @@ def candidate(
 
 @wp.func
 def bounded_response(
-    index: int, dof: int, sign: float, world: int, topology: Topology, parameters: Parameters, work: Work
-):
-    """b_y, b_w and row `index` of S."""
+    block: int, row: int, dof: int, sign: float, world: int, topology: Topology, parameters: Parameters, work: Work,
+    cone: ConeProblem,
+):  # fmt: skip
+    """Entries of a row along one coordinate, and its diagonal."""
     slot = topology.dof_slot[dof]
-    for k in range(topology.slot_count):
-        work.b_y[index, k] = 0.0
     if slot >= 0:
-        project_slot(index, slot, sign, topology, work, work.b_y)
+        walk_slot(block, row, slot, sign, topology, work, cone)
     else:
         joint = topology.dof_joint[dof]
         frames = joint_frames(joint, world, topology, parameters, work)
         axis = topology.dof_axis[dof]
         geometry = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
-        geometry.w0.ang = geometry.w0.ang * sign
-        geometry.w0.lin = geometry.w0.lin * sign
-        geometry.w1.ang = geometry.w1.ang * sign
-        geometry.w1.lin = geometry.w1.lin * sign
-        walk_to_root(
-            index, link_of(topology.joint_body0[joint], topology), geometry.w0,
-            link_of(topology.joint_body1[joint], topology), geometry.w1, topology, work, work.b_y,
+        w0 = Wrenches()
+        w1 = Wrenches()
+        w0.ang = one_row(geometry.w0.ang * sign)
+        w0.lin = one_row(geometry.w0.lin * sign)
+        w1.ang = one_row(geometry.w1.ang * sign)
+        w1.lin = one_row(geometry.w1.lin * sign)
+        cone.block_entries[block] = walk_rows(
+            block, row, 1, 0, link_of(topology.joint_body0[joint], topology), w0,
+            link_of(topology.joint_body1[joint], topology), w1, topology, work, cone,
         )  # fmt: skip
-    for row in range(topology.row_count):
-        total = float(0.0)
-        for entry in range(topology.row_path[row], topology.row_path[row + 1]):
-            k = topology.path_slot[entry]
-            total += work.y[row, k] * work.b_y[index, k]
-        work.row_t[row] = total
-        work.row_r[row] = total
-    solve_rows(topology, work)
-    for row in range(topology.row_count):
-        work.b_w[index, row] = -work.row_r[row]
-    for other in range(index + 1):
-        total = float(0.0)
-        for k in range(topology.slot_count):
-            total += work.b_y[index, k] * work.b_y[other, k]
-        for row in range(topology.row_count):
-            total += work.row_t[row] * work.b_w[other, row]
-        work.s[index, other] = total
-        work.s[other, index] = total
+    loop_share(block, row, 1, topology, work, cone)
 
 
 @wp.func
 def collect_bounded(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
-    control: ControlArrays, config: StepConfig, work: Work,
+    control: ControlArrays, config: StepConfig, work: Work, cone: ConeProblem,
 ) -> int:  # fmt: skip
-    """Active rows and their S, r, bounds and warm start, from the free velocity in `work`; returns how many."""
-    total_velocities(topology, work)
+    """Active rows as blocks of one row, with r, bounds and warm start from the free velocities in `work`; returns how
+    many.
+    """
     count = int(0)
     for index in range(topology.bounded_count):
         dof = topology.bounded_dof[index]
@@ -144,31 +129,38 @@ def collect_bounded(
             topology.bounded_kind[index], dof, rate, world, dt, topology, parameters, state, control, config
         )
         if row.acts == 1:
-            work.active[count] = index
-            work.b_sign[count] = row.sign
-            work.b_r[count] = row.sign * rate + row.bias
-            work.b_lower[count] = row.lower
-            work.b_upper[count] = row.upper
-            work.gamma[count] = wp.clamp(row.sign * state.bounded_impulse[world, index], row.lower, row.upper)
-            bounded_response(count, dof, row.sign, world, topology, parameters, work)
-            if work.s[count, count] > TINY:  # a coordinate that cannot move takes no impulse
-                work.s[count, count] = work.s[count, count] + row.compliance
+            bounded_response(count, count, dof, row.sign, world, topology, parameters, work, cone)
+            if cone.diagonal[count] > TINY:  # a coordinate that cannot move takes no impulse
+                work.active[count] = index
+                work.b_sign[count] = row.sign
+                cone.block_row[count] = count
+                cone.block_kind[count] = BOX
+                cone.friction[count] = 0.0
+                cone.r[count] = row.sign * rate + row.bias
+                cone.lower[count] = row.lower
+                cone.upper[count] = row.upper
+                cone.compliance[count] = row.compliance
+                cone.diagonal[count] = cone.diagonal[count] + row.compliance
+                cone.gamma[count] = wp.clamp(row.sign * state.bounded_impulse[world, index], row.lower, row.upper)
                 count += 1
     return count
 
 
 @wp.func
-def apply_bounded(count: int, topology: Topology, work: Work):
-    """Impulses of the bounded rows and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
-    for row in range(topology.row_count):
-        total = float(0.0)
-        for index in range(count):
-            total += work.b_w[index, row] * work.gamma[index]
-        work.row_impulse[row] = work.row_impulse[row] + total
-        for entry in range(topology.row_path[row], topology.row_path[row + 1]):
-            slot = topology.path_slot[entry]
-            work.xi[slot] = work.xi[slot] + work.y[row, slot] * total
-    for index in range(count):
-        gamma = work.gamma[index]
-        for slot in range(topology.slot_count):
-            work.xi[slot] = work.xi[slot] + work.b_y[index, slot] * gamma
+def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
+    """Impulses of the blocks and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
+    for block in range(blocks):
+        entries = cone.block_entries[block]
+        for r in range(cone.block_row[block], cone.block_row[block + 1]):
+            gamma = cone.gamma[r]
+            for e in range(entries):
+                slot = cone.block_slot[block, e]
+                work.xi[slot] = work.xi[slot] + cone.y[r, e] * gamma
+    if topology.row_count > 0:
+        for row in range(topology.row_count):
+            total = float(0.0)
+            for r in range(cone.block_row[blocks]):
+                total += cone.w[r, row] * cone.gamma[r]
+            work.row_r[row] = total
+        solve_rows_backward(topology, work)
+        apply_rows(topology, work)

@@ -3,10 +3,21 @@
 import warp as wp
 
 from simwarp.kernels.bodies import gyroscopic_torque
+from simwarp.kernels.cones.problem import ConeProblem
+from simwarp.kernels.contact_rows import contact_frame
 from simwarp.kernels.joints import FREE, joint_frames
 from simwarp.kernels.rows import link_of, row_geometry
 from simwarp.kernels.spatial import matrix_to_float, to_float
-from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.tables import (
+    ContactArrays,
+    ControlArrays,
+    Parameters,
+    Reports,
+    StateArrays,
+    StepConfig,
+    Topology,
+    Work,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -17,6 +28,19 @@ def take_wrench(link: int, ang: wp.vec3, lin: wp.vec3, scale: float, work: Work)
     if link >= 0:
         work.f_ang[link] = work.f_ang[link] - ang * scale
         work.f_lin[link] = work.f_lin[link] - lin * scale
+
+
+@wp.func
+def take_contact(contact: int, world: int, topology: Topology, contacts: ContactArrays, work: Work):
+    """A contact's impulse, off the account of the joints of both links."""
+    frame = contact_frame(contacts.contact_normal_w[world, contact])
+    impulse = contacts.contact_impulse[world, contact] * frame
+    m = contacts.contact_moment[world, contact]
+    moment = wp.vec3(m[2], m[0], m[1]) * frame
+    link0 = link_of(topology.shape_body[contacts.contact_shape0[world, contact]], topology)
+    link1 = link_of(topology.shape_body[contacts.contact_shape1[world, contact]], topology)
+    take_wrench(link0, wp.cross(contacts.contact_arm0[world, contact], impulse) + moment, impulse, -1.0, work)
+    take_wrench(link1, wp.cross(contacts.contact_arm1[world, contact], impulse) + moment, impulse, 1.0, work)
 
 
 @wp.func
@@ -70,8 +94,9 @@ def unexplained_impulses(
 
 @wp.func
 def record_reactions(
-    world: int, dt: float, count: int, topology: Topology, parameters: Parameters, state: StateArrays,
-    control: ControlArrays, config: StepConfig, work: Work, reports: Reports,
+    world: int, dt: float, limits: int, blocks: int, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, contacts: ContactArrays, config: StepConfig, work: Work, cone: ConeProblem,
+    reports: Reports,
 ):  # fmt: skip
     """What each joint applies to its second body, at anchor 1, world axes: drives and limits included."""
     unexplained_impulses(world, dt, topology, parameters, state, control, config, work)
@@ -93,10 +118,12 @@ def record_reactions(
         frames = joint_frames(joint, world, topology, parameters, work)
         reports.joint_reaction_force[world, joint] = force / dt
         reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
-    for index in range(count):
-        dof = topology.bounded_dof[work.active[index]]
+    for block in range(limits):
+        dof = topology.bounded_dof[work.active[block]]
         if topology.dof_slot[dof] < 0:
-            take_dof(dof, work.b_sign[index] * work.gamma[index], world, dt, topology, parameters, work, reports)
+            take_dof(dof, work.b_sign[block] * cone.gamma[block], world, dt, topology, parameters, work, reports)
+    for block in range(limits, blocks):
+        take_contact(work.active[block] - topology.bounded_count, world, topology, contacts, work)
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]
         take_dof(dof, dt * control.joint_force[world, dof], world, dt, topology, parameters, work, reports)

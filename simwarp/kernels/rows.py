@@ -275,20 +275,32 @@ def factor_rows(topology: Topology, config: StepConfig, work: Work):
 
 
 @wp.func
-def solve_rows(topology: Topology, work: Work):
-    """row_r <- (N + C)^-1 row_r by the guarded factor."""
-    count = topology.row_count
-    for r in range(count):
+def solve_rows_forward(topology: Topology, work: Work):
+    """row_r <- L^-1 row_r, zero where a pivot was set aside."""
+    for r in range(topology.row_count):
         total = work.row_r[r]
         for c in range(r):
             total -= work.n[r, c] * work.row_r[c]
         work.row_r[r] = total * work.inv_pivot[r]
+
+
+@wp.func
+def solve_rows_backward(topology: Topology, work: Work):
+    """row_r <- L^-T row_r."""
+    count = topology.row_count
     for index in range(count):
         r = count - 1 - index
         value = work.row_r[r] * work.inv_pivot[r]
         work.row_r[r] = value
         for c in range(r):
             work.row_r[c] = work.row_r[c] - work.n[r, c] * value
+
+
+@wp.func
+def solve_rows(topology: Topology, work: Work):
+    """row_r <- (N + C)^-1 row_r by the guarded factor."""
+    solve_rows_forward(topology, work)
+    solve_rows_backward(topology, work)
 
 
 @wp.func

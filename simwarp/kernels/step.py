@@ -2,15 +2,26 @@
 
 import warp as wp
 
-from simwarp.kernels.apgd import solve_bounded
 from simwarp.kernels.bodies import apply_row_forces, load_bodies, load_poses, load_slots, publish, total_velocities
-from simwarp.kernels.bounded import apply_bounded, collect_bounded
+from simwarp.kernels.bounded import apply_cones, collect_bounded
+from simwarp.kernels.cone_rows import assemble_dense
+from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
+from simwarp.kernels.contact_rows import collect_contacts, publish_contacts
 from simwarp.kernels.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.projection import project_positions
 from simwarp.kernels.reactions import record_reactions
 from simwarp.kernels.rows import apply_rows, coupling_row, factor_rows, loop_joint_rows, rows_residual, solve_rows
 from simwarp.kernels.spatial import matrix_to_float
-from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.tables import (
+    ContactArrays,
+    ControlArrays,
+    Parameters,
+    Reports,
+    StateArrays,
+    StepConfig,
+    Topology,
+    Work,
+)
 from simwarp.kernels.tree import factor_tree, impulses_up, velocities_down
 from simwarp.types import WorldStatus
 
@@ -99,20 +110,56 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
     velocities_down(topology, work)
 
 
+@wp.struct
+class Progress:
+    """What the first part of a step leaves to the second: blocks of the cone problem, and measures."""
+
+    limits: int  # blocks on coordinates, in front
+    blocks: int  # all
+    row_residual: float  # of the bilateral rows [m/s or rad/s]
+    position_error: float  # of the joints [m or rad]
+
+
 @wp.func
-def step_world(
+def cone_config(config: StepConfig) -> ConeConfig:
+    """Numbers of the cone solve."""
+    numbers = ConeConfig()
+    numbers.law = config.friction_law
+    numbers.solver = config.solver
+    numbers.max_iterations = config.max_iterations
+    numbers.tolerance = config.tolerance
+    return numbers
+
+
+@wp.func
+def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
+    """The problem of the first `blocks` blocks; its Schur complement is formed as long as it is small."""
+    problem = cone
+    problem.block_count = blocks
+    problem.row_count = cone.block_row[blocks]
+    problem.slot_count = topology.slot_count
+    problem.loop_count = topology.row_count
+    problem.dense = 0
+    if problem.row_count <= config.dense_rows:
+        problem.dense = 1
+        assemble_dense(blocks, topology, cone)
+    return problem
+
+
+@wp.func
+def begin_step(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
-    state: StateArrays, reports: Reports, work: Work,
-):  # fmt: skip
-    """Advances one world by config.dt."""
+    state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+) -> Progress:  # fmt: skip
+    """Free motion with all joints in force, and the rows that the cone problem has to decide on."""
     dt = config.dt
     time = state.world_time[world]
-
+    progress = Progress()
     load_poses(world, topology, state, work)
     load_bodies(world, dt, topology, parameters, state, control, config, work)
     apply_row_forces(world, dt, topology, parameters, control, work)
     load_slots(world, dt, time, topology, parameters, state, control, config, work)
-    error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
+    progress.position_error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
 
     factor_tree(topology, work)
     for link in range(topology.link_count):
@@ -122,33 +169,61 @@ def step_world(
     velocities_down(topology, work)
     for _ in range(config.refinement):
         refine_free_motion(world, topology, parameters, work)
-    residual = float(0.0)
     if topology.row_count > 0:
-        loop_error = bilateral_rows(world, dt, time, topology, parameters, state, control, config, work)
-        error = wp.max(error, loop_error)
-        residual = enforce_rows(world, 2, topology, parameters, config, work)
+        error = bilateral_rows(world, dt, time, topology, parameters, state, control, config, work)
+        progress.position_error = wp.max(progress.position_error, error)
+        progress.row_residual = enforce_rows(world, 2, topology, parameters, config, work)
 
-    count = int(0)
-    if topology.bounded_count > 0:
-        count = collect_bounded(world, dt, topology, parameters, state, control, config, work)
+    if topology.bounded_count > 0 or topology.pair_count > 0:
+        total_velocities(topology, work)
+        for slot in range(topology.slot_count):
+            cone.slot_sum[slot] = 0.0
+        limits = collect_bounded(world, dt, topology, parameters, state, control, config, work, cone)
         for index in range(topology.bounded_count):
             state.bounded_impulse[world, index] = 0.0
-    reports.bounded_count[world] = count
-    reports.iterations[world] = 0
-    reports.bounded_residual[world] = 0.0
-    if count > 0:
-        solution = solve_bounded(count, config, work)
-        apply_bounded(count, topology, work)
-        velocities_down(topology, work)
-        if topology.row_count > 0:
-            residual = enforce_rows(world, 1, topology, parameters, config, work)
-        for index in range(count):
-            state.bounded_impulse[world, work.active[index]] = work.b_sign[index] * work.gamma[index]
-        reports.iterations[world] = solution.iterations
-        reports.bounded_residual[world] = solution.residual
+        progress.limits = limits
+        progress.blocks = collect_contacts(
+            world, dt, limits, limits, topology, parameters, contacts, config, work, cone
+        )
+    return progress
 
+
+@wp.func
+def take_impulses(
+    world: int, progress: Progress, config: StepConfig, topology: Topology, parameters: Parameters,
+    state: StateArrays, work: Work, cone: ConeProblem,
+) -> float:  # fmt: skip
+    """Velocities after the impulses of the cone problem; returns the residual of the bilateral rows."""
+    apply_cones(cone, progress.blocks, topology, work)
+    velocities_down(topology, work)
+    residual = progress.row_residual
+    if topology.row_count > 0:
+        residual = enforce_rows(world, 1, topology, parameters, config, work)
+    for block in range(progress.limits):
+        state.bounded_impulse[world, work.active[block]] = work.b_sign[block] * cone.gamma[block]
+    return residual
+
+
+@wp.func
+def finish_step(
+    world: int, progress: Progress, solution: SolveReport, config: StepConfig, topology: Topology,
+    parameters: Parameters, control: ControlArrays, state: StateArrays, contacts: ContactArrays, reports: Reports,
+    work: Work, cone: ConeProblem,
+):  # fmt: skip
+    """Applies the impulses of the cone problem, moves the poses and publishes."""
+    dt = config.dt
+    residual = progress.row_residual
+    if progress.blocks > 0:
+        residual = take_impulses(world, progress, config, topology, parameters, state, work, cone)
+    if topology.pair_count > 0:
+        publish_contacts(world, dt, progress.limits, progress.blocks, topology, contacts, work, cone)
+    reports.bounded_count[world] = progress.blocks
+    reports.iterations[world] = solution.iterations
+    reports.bounded_residual[world] = solution.residual
     reports.row_residual[world] = residual
+
     total_velocities(topology, work)
+    error = progress.position_error
     projected = int(0)
     if config.projection_iterations > 0:
         error = project_positions(world, dt, topology, parameters, state, config, work)
@@ -158,8 +233,11 @@ def step_world(
         if projected == 1:
             load_poses(world, topology, state, work)
             projected = 0
-        record_reactions(world, dt, count, topology, parameters, state, control, config, work, reports)
+        record_reactions(
+            world, dt, progress.limits, progress.blocks, topology, parameters, state, control, contacts, config, work,
+            cone, reports,
+        )  # fmt: skip
     if publish(world, projected, topology, parameters, dt, state, work) == 0:
         state.world_status[world] = state.world_status[world] | NON_FINITE
     else:
-        state.world_time[world] = time + wp.float64(dt)
+        state.world_time[world] = state.world_time[world] + wp.float64(dt)

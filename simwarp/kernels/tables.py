@@ -20,6 +20,9 @@ class Topology:
     joint_row_count: int
     bounded_count: int
     loop_dof_count: int
+    shape_count: int
+    pair_count: int
+    grid_buckets: int  # 0: pairs come from the list
 
     link_body: wp.array[int]  # -1: shaft
     link_parent: wp.array[int]  # -1: world
@@ -64,6 +67,15 @@ class Topology:
     bounded_dof: wp.array[int]
     bounded_kind: wp.array[int]  # BoundedKind
 
+    shape_body: wp.array[int]  # -1: world
+    shape_type: wp.array[int]  # ShapeType
+    shape_group: wp.array[int]
+    shape_mask: wp.array[int]
+    pair_start: wp.array[int]  # CSR over shapes: those of higher index that it may touch
+    pair_other: wp.array[int]
+    excluded_start: wp.array[int]  # CSR over the world, then bodies: bodies of higher index that it never touches
+    excluded_body: wp.array[int]
+
 
 @wp.struct
 class Parameters:
@@ -90,6 +102,19 @@ class Parameters:
     drive_effort_limit: wp.array2d[float]
     coupling_coefficient: wp.array3d[float]
     coupling_offset: wp.array2d[wp.float64]
+    shape_x: wp.array2d[wp.vec3d]
+    shape_rot: wp.array2d[wp.quat]
+    shape_size: wp.array2d[wp.vec3]
+    shape_margin: wp.array2d[float]
+    shape_asset: wp.array2d[int]
+    shape_enabled: wp.array2d[int]
+    shape_friction: wp.array2d[float]
+    shape_rolling_friction: wp.array2d[float]
+    shape_spinning_friction: wp.array2d[float]
+    shape_restitution: wp.array2d[float]
+    shape_cohesion: wp.array2d[float]
+    shape_compliance: wp.array2d[float]
+    shape_damping: wp.array2d[float]
 
 
 @wp.struct
@@ -110,6 +135,26 @@ class StateArrays:
     bounded_impulse: wp.array2d[float]
     world_time: wp.array[wp.float64]
     world_status: wp.array[int]
+
+
+@wp.struct
+class ContactArrays:
+    """The contacts of all worlds; shapes and units in `Contacts`."""
+
+    contact_count: wp.array[int]
+    contact_overflow: wp.array[int]
+    contact_shape0: wp.array2d[int]
+    contact_shape1: wp.array2d[int]
+    contact_feature: wp.array2d[int]
+    contact_normal_w: wp.array2d[wp.vec3]
+    contact_gap: wp.array2d[float]
+    contact_arm0: wp.array2d[wp.vec3]
+    contact_arm1: wp.array2d[wp.vec3]
+    contact_impulse: wp.array2d[wp.vec3]
+    contact_moment: wp.array2d[wp.vec3]
+    shape_contact_force: wp.array2d[wp.vec3]
+    body_contact_force: wp.array2d[wp.vec3]
+    penetration: wp.array[float]
 
 
 @wp.struct
@@ -153,6 +198,11 @@ class StepConfig:
     row_tolerance: float
     reactions: int
     gyroscopic: int
+    solver: int  # ConeSolver
+    friction_law: int  # FrictionLaw
+    bounce_speed: float  # m/s: slower impacts do not bounce
+    contact_envelope: float  # m: contacts nearer than this always take part
+    dense_rows: int  # most rows of a dense Schur complement
 
 
 @wp.struct
@@ -210,14 +260,5 @@ class Work:
     n: wp.array2d[float]  # (rows, rows)
     inv_pivot: wp.array[float]
 
-    active: wp.array[int]  # per active bounded row
-    b_sign: wp.array[float]
-    b_lower: wp.array[float]
-    b_upper: wp.array[float]
-    b_r: wp.array[float]
-    b_scale: wp.array[float]
-    gamma: wp.array[float]
-    b_y: wp.array2d[float]  # (bounded, slots)
-    b_w: wp.array2d[float]  # (bounded, rows)
-    s: wp.array2d[float]  # (bounded, bounded)
-    solver: wp.array2d[float]  # (7, bounded): scratch of the iteration
+    active: wp.array[int]  # per block: bounded row, or the number of bounded rows plus the contact
+    b_sign: wp.array[float]  # per block

@@ -4,13 +4,27 @@ All sizes are data, so one compiled kernel serves every model. Intermediate valu
 packed under names as a `Work`: a world writes everything that it reads there, so that lanes can be reused.
 """
 
+import dataclasses
+import functools
 from enum import IntEnum
 
 import warp as wp
 
 from simwarp.kernels.assembly import assemble_world, measure_world
-from simwarp.kernels.step import NON_FINITE, step_world
-from simwarp.kernels.tables import ControlArrays, Parameters, Reports, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.cones.apgd import solve_apgd
+from simwarp.kernels.cones.problem import SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport
+from simwarp.kernels.cones.solve import solve_surely
+from simwarp.kernels.step import NON_FINITE, begin_step, cone_config, cone_problem, finish_step
+from simwarp.kernels.tables import (
+    ContactArrays,
+    ControlArrays,
+    Parameters,
+    Reports,
+    StateArrays,
+    StepConfig,
+    Topology,
+    Work,
+)
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.
@@ -19,7 +33,9 @@ CPU_FLAGS = (
     " -ffp-contract=fast -fno-slp-vectorize"
 )
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
+MODULE_OPTIONS = {"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS}
+
+wp.set_module_options(MODULE_OPTIONS)
 
 
 class Operation(IntEnum):
@@ -50,19 +66,44 @@ class Scratch:
     y: wp.array3d[float]
     n: wp.array3d[float]
     active: wp.array2d[int]
-    bounded_scalars: wp.array3d[float]
-    b_y: wp.array3d[float]
-    b_w: wp.array3d[float]
+    b_sign: wp.array2d[float]
+
+    block_ints: wp.array3d[int]
+    block_scalars: wp.array3d[float]
+    block_slot: wp.array3d[int]
+    cone_scalars: wp.array3d[float]
+    cone_y: wp.array3d[float]
+    cone_w: wp.array3d[float]
     s: wp.array3d[float]
-    solver: wp.array3d[float]
+    factor: wp.array3d[float]
+    slot_sum: wp.array2d[float]
+    loop_sum: wp.array2d[float]
+    vectors: wp.array3d[float]
+    wide: wp.array3d[wp.float64]
+    kept: wp.array2d[float]
 
 
-def make_scratch(device: wp.Device, lanes: int, links: int, slots: int, rows: int, bounded: int) -> Scratch:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """What a model needs room for, per world."""
+
+    links: int
+    slots: int
+    rows: int
+    blocks: int
+    cone_rows: int
+    dense_rows: int
+    factor_rows: int
+    entries: int
+
+
+def make_scratch(device: wp.Device, lanes: int, sizes: Sizes) -> Scratch:
     """Allocates the scratch: on a CPU one lane, which stays in the cache, serves all worlds in turn."""
 
     def zeros(*shape: int, dtype: type = float) -> wp.array:
         return wp.zeros((lanes, *(max(n, 1) for n in shape)), dtype=dtype, device=device)
 
+    links, slots, rows = sizes.links, sizes.slots, sizes.rows
     scratch = Scratch()
     scratch.x = zeros(links, dtype=wp.vec3d)
     scratch.quat = zeros(links, dtype=wp.quatd)
@@ -75,12 +116,21 @@ def make_scratch(device: wp.Device, lanes: int, links: int, slots: int, rows: in
     scratch.row_scalars = zeros(7, rows)
     scratch.y = zeros(rows, slots)
     scratch.n = zeros(rows, rows)
-    scratch.active = zeros(bounded, dtype=int)
-    scratch.bounded_scalars = zeros(6, bounded)
-    scratch.b_y = zeros(bounded, slots)
-    scratch.b_w = zeros(bounded, rows)
-    scratch.s = zeros(bounded, bounded)
-    scratch.solver = zeros(7, bounded)
+    scratch.active = zeros(sizes.blocks, dtype=int)
+    scratch.b_sign = zeros(sizes.blocks)
+    scratch.block_ints = zeros(3, sizes.blocks + 1, dtype=int)
+    scratch.block_scalars = zeros(4, sizes.blocks)
+    scratch.block_slot = zeros(sizes.blocks, sizes.entries, dtype=int)
+    scratch.cone_scalars = zeros(7, sizes.cone_rows)
+    scratch.cone_y = zeros(sizes.cone_rows, sizes.entries)
+    scratch.cone_w = zeros(sizes.cone_rows, rows)
+    scratch.s = zeros(sizes.dense_rows, sizes.dense_rows)
+    scratch.factor = zeros(sizes.factor_rows, sizes.factor_rows)
+    scratch.slot_sum = zeros(slots)
+    scratch.loop_sum = zeros(rows)
+    scratch.vectors = zeros(SOLVER_VECTORS, sizes.cone_rows)
+    scratch.wide = zeros(WIDE_VECTORS, sizes.factor_rows, dtype=wp.float64)
+    scratch.kept = zeros(sizes.cone_rows if sizes.factor_rows else 0)
     return scratch
 
 
@@ -135,50 +185,105 @@ def pack(scratch: Scratch, lane: int) -> Work:
     work.y = scratch.y[lane]
     work.n = scratch.n[lane]
     work.active = scratch.active[lane]
-    work.b_sign = scratch.bounded_scalars[lane, 0]
-    work.b_lower = scratch.bounded_scalars[lane, 1]
-    work.b_upper = scratch.bounded_scalars[lane, 2]
-    work.b_r = scratch.bounded_scalars[lane, 3]
-    work.b_scale = scratch.bounded_scalars[lane, 4]
-    work.gamma = scratch.bounded_scalars[lane, 5]
-    work.b_y = scratch.b_y[lane]
-    work.b_w = scratch.b_w[lane]
-    work.s = scratch.s[lane]
-    work.solver = scratch.solver[lane]
+    work.b_sign = scratch.b_sign[lane]
     return work
 
 
-@wp.kernel(enable_backward=False)
-def run_worlds(
-    # inputs
-    operation: int,
-    config: StepConfig,
-    topology: Topology,
-    parameters: Parameters,
-    control: ControlArrays,
-    mask: wp.array[wp.bool],
-    joint_q: wp.array2d[float],
-    joint_qd: wp.array2d[float],
-    scratch: Scratch,
-    # in and out
-    state: StateArrays,
-    # outputs
-    reports: Reports,
-):
-    """Steps, assembles or measures (`Operation`) the worlds: all that are not frozen, or those in the mask."""
-    world = wp.tid()
-    if operation == OP_STEP:
-        if (state.world_status[world] & NON_FINITE) != 0:
+@wp.func
+def pack_cone(scratch: Scratch, lane: int) -> ConeProblem:
+    """The cone problem of one lane of the scratch."""
+    cone = ConeProblem()
+    cone.block_row = scratch.block_ints[lane, 0]
+    cone.block_kind = scratch.block_ints[lane, 1]
+    cone.block_entries = scratch.block_ints[lane, 2]
+    cone.friction = scratch.block_scalars[lane, 0]
+    cone.rolling = scratch.block_scalars[lane, 1]
+    cone.spinning = scratch.block_scalars[lane, 2]
+    cone.cohesion = scratch.block_scalars[lane, 3]
+    cone.lower = scratch.cone_scalars[lane, 0]
+    cone.upper = scratch.cone_scalars[lane, 1]
+    cone.r = scratch.cone_scalars[lane, 2]
+    cone.diagonal = scratch.cone_scalars[lane, 3]
+    cone.gamma = scratch.cone_scalars[lane, 4]
+    cone.compliance = scratch.cone_scalars[lane, 5]
+    cone.scale = scratch.cone_scalars[lane, 6]
+    cone.s = scratch.s[lane]
+    cone.y = scratch.cone_y[lane]
+    cone.block_slot = scratch.block_slot[lane]
+    cone.w = scratch.cone_w[lane]
+    cone.slot_sum = scratch.slot_sum[lane]
+    cone.loop_sum = scratch.loop_sum[lane]
+    cone.vectors = scratch.vectors[lane]
+    cone.factor = scratch.factor[lane]
+    cone.wide = scratch.wide[lane]
+    return cone
+
+
+@wp.func
+def solve_quickly(problem: ConeProblem, config: ConeConfig, kept: wp.array[float]) -> SolveReport:
+    """Accelerated gradient descent alone."""
+    return solve_apgd(problem, config)
+
+
+@wp.func
+def solve_with_rescue(problem: ConeProblem, config: ConeConfig, kept: wp.array[float]) -> SolveReport:
+    """The solver of the configuration, and the interior point for what it leaves above the tolerance."""
+    return solve_surely(problem, config, 1, kept)
+
+
+@functools.cache
+def run_worlds_kernel(all_solvers: bool) -> wp.Kernel:
+    """The kernel, with accelerated gradient descent as its only solver, or with all of them (twice the code)."""
+    solve = solve_with_rescue if all_solvers else solve_quickly
+
+    @wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
+    def run_worlds(
+        # inputs
+        operation: int,
+        config: StepConfig,
+        topology: Topology,
+        parameters: Parameters,
+        control: ControlArrays,
+        mask: wp.array[wp.bool],
+        joint_q: wp.array2d[float],
+        joint_qd: wp.array2d[float],
+        scratch: Scratch,
+        # in and out
+        state: StateArrays,
+        contacts: ContactArrays,
+        # outputs
+        reports: Reports,
+    ):
+        """Steps, assembles or measures (`Operation`) the worlds: all that are not frozen, or those in the mask."""
+        world = wp.tid()
+        if operation == OP_STEP:
+            if (state.world_status[world] & NON_FINITE) != 0:
+                return
+        elif not mask[world]:
             return
-    elif not mask[world]:
-        return
-    work = pack(scratch, world % scratch.x.shape[0])
-    if operation == OP_STEP:
-        step_world(world, config, topology, parameters, control, state, reports, work)
-    elif operation == OP_ASSEMBLE:
-        assemble_world(world, config, topology, parameters, control, joint_q, joint_qd, state, work)
-    else:
-        measure_world(world, topology, parameters, state, work)
+        lane = world % scratch.x.shape[0]
+        work = pack(scratch, lane)
+        if operation == OP_STEP:
+            cone = pack_cone(scratch, lane)
+            progress = begin_step(world, config, topology, parameters, control, state, contacts, work, cone)
+            solution = SolveReport()
+            if progress.blocks > 0:
+                problem = cone_problem(progress.blocks, topology, config, cone)
+                solution = solve(problem, cone_config(config), scratch.kept[lane])
+            finish_step(
+                world, progress, solution, config, topology, parameters, control, state, contacts, reports, work, cone
+            )
+        elif operation == OP_ASSEMBLE:
+            assemble_world(world, config, topology, parameters, control, joint_q, joint_qd, state, work)
+        else:
+            measure_world(world, topology, parameters, state, work)
+
+    return run_worlds
+
+
+def kernels_for_cuda_check() -> list[wp.Kernel]:
+    """Both."""
+    return [run_worlds_kernel(False), run_worlds_kernel(True)]
 
 
 @wp.kernel(enable_backward=False)
@@ -188,8 +293,9 @@ def copy_worlds(
     source: StateArrays,
     # outputs
     target: StateArrays,
+    contacts: ContactArrays,
 ):
-    """Masked reset: every array of the state, for the worlds in the mask."""
+    """Masked reset: every array of the state, for the worlds in the mask, which forget their contacts."""
     world = wp.tid()
     if not mask[world]:
         return
@@ -208,5 +314,6 @@ def copy_worlds(
         target.joint_qd[world, dof] = source.joint_qd[world, dof]
     for row in range(source.bounded_impulse.shape[1]):
         target.bounded_impulse[world, row] = source.bounded_impulse[world, row]
+    contacts.contact_count[world] = 0
     target.world_time[world] = source.world_time[world]
     target.world_status[world] = source.world_status[world]

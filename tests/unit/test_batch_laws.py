@@ -15,7 +15,7 @@ from simwarp.builder import ModelBuilder
 from simwarp.kernels.world import Scratch
 from simwarp.model import PARAMETERS
 from simwarp.state import State
-from simwarp.types import WORLD, Dof, PositionDrive, PrescribedPosition, VelocityMotor, WorldStatus, pose
+from simwarp.types import WORLD, Dof, Material, PositionDrive, PrescribedPosition, VelocityMotor, WorldStatus, pose
 from tests.reference.mechanisms import random_mechanism
 
 WORLDS = 5
@@ -353,7 +353,33 @@ def test_a_world_with_its_own_parameters_equals_a_model_of_its_own(model):
     assert whole["body_v"][0].tobytes() != whole["body_v"][1].tobytes()
 
 
-@pytest.mark.parametrize("name", PARAMETERS)
+@pytest.mark.parametrize("name", [name for name in PARAMETERS if name.startswith("shape_")])
+def test_every_shape_parameter_acts_in_its_world_only(name):
+    """As below, for what only contacts see."""
+    builder = contact_probe()
+    model = builder.finalize(3, "cpu", per_world=[name])
+    assert getattr(model, name).shape[0] == 3
+    sims = [sw.Simulation(builder.finalize(3, "cpu"), 2e-3), sw.Simulation(model, 2e-3)]
+    array = getattr(model, name)
+    values = array.numpy()
+    if name == "shape_rot":
+        values[1] = (0.0, np.sin(0.01), 0.0, np.cos(0.01))
+    elif name == "shape_enabled":
+        values[1, 1] = 0
+    elif name == "shape_asset":
+        values[1] = np.where(values[1] == 0, 1, values[1])
+    else:
+        values[1] = values[1] * 1.3 + 0.001
+    array.assign(values)
+    for sim in sims:
+        for _ in range(4):
+            sim.step()
+    a, b = (np.concatenate([sim.state.body_v.numpy(), sim.state.body_omega.numpy()], axis=1) for sim in sims)
+    np.testing.assert_array_equal(a[[0, 2]], b[[0, 2]])
+    assert np.any(a[1] != b[1]), f"{name} has no effect"
+
+
+@pytest.mark.parametrize("name", [name for name in PARAMETERS if not name.startswith("shape_")])
 def test_every_parameter_acts_in_its_world_only(name):
     """Changing one parameter of world 1 changes world 1, and nothing else: the array is really read per world."""
     builder = parameter_probe()
@@ -390,6 +416,30 @@ def parameter_probe() -> ModelBuilder:
     shaft = builder.add_shaft("shaft", inertia=0.03, drive=PositionDrive(stiffness=50.0, damping=2.0))
     builder.add_gear("gear", first, shaft, ratio=1.5)
     builder.add_joint_distance("rod", WORLD, b, anchor0=(0.3, 0.4, 1.0), anchor1=(0.35, 0.45, 0.1))
+    return builder
+
+
+def contact_probe() -> ModelBuilder:
+    """A model on which every parameter of shapes has an effect within a few steps."""
+    surface = Material(
+        friction=0.4, rolling_friction=0.01, spinning_friction=0.01, restitution=0.5, cohesion=2.0, compliance=1e-5,
+        damping=1e-3,
+    )  # fmt: skip
+    builder = ModelBuilder()
+    builder.add_shape_plane(WORLD, material=surface)
+    builder.add_solid(
+        "rolling", "sphere", 0.1, mass=1.0, pose=pose((0, 0, 0.09999)), velocity=(1.0, 0.0, 0.0),
+        omega=(0.0, 4.0, 9.0), material=surface,
+    )  # fmt: skip
+    builder.add_solid(
+        "falling", "sphere", 0.1, mass=1.0, pose=pose((1, 0, 0.101)), velocity=(0.0, 0.0, -2.0), material=surface
+    )
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    for index, half in enumerate((0.1, 0.11)):
+        builder.add_solid(
+            f"block{index}", "hull", points=half * corners, mass=1.0, pose=pose((2 + index, 0, half - 1e-4)),
+            velocity=(0.5, 0.0, 0.0), material=surface,
+        )  # fmt: skip
     return builder
 
 

@@ -25,7 +25,7 @@ EXAMPLES = {
 }
 DTYPES = {
     "float32": wp.float32, "float64": wp.float64, "int32": wp.int32, "vec3": wp.vec3, "vec3d": wp.vec3d,
-    "quatd": wp.quatd, "mat33": wp.mat33, "mat33d": wp.mat33d, "transform": wp.transform,
+    "quat": wp.quat, "quatd": wp.quatd, "mat33": wp.mat33, "mat33d": wp.mat33d, "transform": wp.transform,
 }  # fmt: skip
 
 
@@ -101,15 +101,17 @@ def test_the_array_tables_are_those_of_the_code():
     builder = sw.ModelBuilder()
     body = builder.add_body("body", mass=1.0, inertia=(1.0, 1.0, 1.0))
     builder.add_joint_prismatic("slide", sw.WORLD, body, axis=(1.0, 0.0, 0.0), limit=(-1.0, 1.0))
+    builder.add_shape_sphere(body, radius=0.5)
+    builder.add_shape_plane()
     sim = sw.Simulation(builder.finalize(2, "cpu"), dt=0.01, joint_reactions=True)
     listed = rows(ROOT / "docs" / "conventions.md", "## Arrays", 3)
     arrays: dict[str, wp.array] = {}
-    for owner in (sim.state, sim.control, sim.diagnostics):
+    for owner in (sim.state, sim.control, sim.diagnostics, sim.contacts):
         arrays |= {name: getattr(owner, name) for name in owner.NAMES}
     bits = {row[0]: int(row[1]) for row in listed if row[1].isdigit()}
     assert bits == {flag.name: int(flag) for flag in WorldStatus if flag}
     assert {row[0] for row in listed} - bits.keys() == set(arrays)
-    sizes = {"W": 2, "B": 1, "J": 1, "dofs": 1, "bounded rows": 1}
+    sizes = {"W": 2, "B": 1, "J": 1, "dofs": 1, "bounded rows": 1, "S": 2, "C": 1}
     for name, shape, _ in listed:
         if name in arrays:
             cell = re.fullmatch(r"\(([^)]*)\) (\w+).*", shape)

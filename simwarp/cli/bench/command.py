@@ -16,7 +16,7 @@ from simwarp.cli import DONE, FELL_SHORT, UsageError
 from simwarp.cli.bench.compiling import cold_and_warm
 from simwarp.cli.bench.machine import describe
 from simwarp.cli.bench.measure import Row, measure_scene
-from simwarp.cli.bench.peers import has_mujoco, measure_mujoco, peer_notes
+from simwarp.cli.bench.peers import peer_measures, peer_notes
 from simwarp.cli.bench.workloads import TASK_SUFFIX, bench_scenes, explain_unknown, names_for_people, task_of
 from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.model import resolve_device
@@ -85,8 +85,9 @@ def run(arguments: list[str]) -> int:
     notes: list[str] = []
     if options.peers:
         notes = peer_notes(name)
-        if scene is not None and has_mujoco(name):
-            peers = [measure_mujoco(scene, count, options.dt, options.seconds) for count in worlds]
+        if scene is not None:
+            measures = peer_measures(name)
+            peers = [run_peer(scene, count, options.dt, options.seconds) for run_peer in measures for count in worlds]
     _print(console, name, rows, peers, notes, machine)
     options.emit(
         {
@@ -158,12 +159,19 @@ def _print(
     )
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("engine", no_wrap=True)
-    for heading in ("worlds", "steps/s", "steps/CPU-s", "residual", "joints apart"):
+    headings = ["worlds", "steps/s", "steps/CPU-s", "residual", "joints apart"]
+    touching = any(row.contacts is not None for row in rows + peers)
+    if touching:
+        headings[4:] = ["contacts", "iterations"]
+    for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows + peers:
+        last = [_small(row.position_error)]
+        if touching:
+            last = [_mean(row.contacts), _mean(row.iterations)]
         table.add_row(
             row.engine, f"{row.worlds:,}", _rate(row.steps_per_s), _rate(row.steps_per_cpu_s), _small(row.residual),
-            _small(row.position_error),
+            *last,
         )  # fmt: skip
     console.print(table)
     for row in rows + peers:
@@ -188,9 +196,14 @@ def _small(value: float | None) -> str:
     return "" if value is None else f"{value:.1e}"
 
 
+def _mean(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f}"
+
+
 def _costs(row: Row) -> str:
     """What does not depend on the number of worlds."""
-    parts = [f"{row.launches_per_step} launch{'es' if row.launches_per_step != 1 else ''} per step"]
+    parts = [] if row.tolerance is None else [f"solved to {row.tolerance:g}"]
+    parts.append(f"{row.launches_per_step} launch{'es' if row.launches_per_step != 1 else ''} per step")
     if row.bytes_per_world is not None:
         parts.append(f"{row.bytes_per_world:,} B per world and {row.bytes_shared:,} B shared")
     parts.append(f"model to first step {row.compile_s:.2f} s in {_SOURCES[row.compile_source]}")

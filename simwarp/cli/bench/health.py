@@ -27,6 +27,9 @@ class Health:
         position_error: of any joint [m or rad].
         energy_gain: mechanical energy above that of the start [J].
         max_speed: of any body [m/s].
+        penetration: of any contact [m].
+        contacts: that push, mean of the worlds; None without shapes.
+        iterations: of the solver, mean of the worlds.
     """
 
     problems: tuple[str, ...]
@@ -34,22 +37,27 @@ class Health:
     position_error: float
     energy_gain: float
     max_speed: float
+    penetration: float | None = None
+    contacts: float | None = None
+    iterations: float | None = None
 
     def worse(self, other: Health) -> Health:
         """Both together: the larger of every number (NaN counts as largest), the problems of either."""
         numbers = (
-            float(np.maximum(getattr(self, field.name), getattr(other, field.name)))
-            for field in dataclasses.fields(self)[1:]
+            _larger(getattr(self, field.name), getattr(other, field.name)) for field in dataclasses.fields(self)[1:]
         )
-        return Health(tuple(dict.fromkeys(self.problems + other.problems)), *numbers)
+        return Health(tuple(dict.fromkeys(self.problems + other.problems)), *numbers)  # type: ignore[arg-type]
 
 
 class Examiner:
     """Remembers the start of a motion and judges what became of it."""
 
-    def __init__(self, sim: Simulation, *, energy_gain: float | None, position_error: float) -> None:
+    def __init__(
+        self, sim: Simulation, *, energy_gain: float | None, position_error: float, penetration: float
+    ) -> None:
         self.sim = sim
         self.position_error = position_error
+        self.penetration = penetration
         self.start_energy = mechanical_energy(sim)
         self.energy_gain = 1e-6 + 0.1 * _energy_held(sim) if energy_gain is None else energy_gain
 
@@ -71,12 +79,31 @@ class Examiner:
         position_error = _largest(reports.position_error)
         if not position_error <= self.position_error:
             problems.append(f"joints are {position_error:.2g} m or rad apart (sound: {self.position_error:g})")
+        penetration, contacts = None, None
+        if self.sim.model.shape_count:
+            penetration, contacts = _largest(self.sim.contacts.penetration), pushing_contacts(self.sim)
+            if not penetration <= self.penetration:
+                problems.append(f"contacts are {penetration:.2g} m deep (sound: {self.penetration:g} m)")
+            left_out = int(self.sim.contacts.contact_overflow.numpy().max(initial=0))
+            if left_out > 0:
+                problems.append(f"{left_out} contacts of a world found no room")
         gain = float((mechanical_energy(self.sim) - self.start_energy).max(initial=0.0)) if finite else float("nan")
         if finite and not gain <= self.energy_gain:
             problems.append(f"energy rose by {gain:.3g} J (sound: {self.energy_gain:.3g} J)")
         if finite and max(speed, float(np.abs(arrays[3]).max(initial=0.0))) < 1e-9:
             problems.append("nothing moves: this is no work")
-        return Health(tuple(problems), residual, position_error, gain, speed)
+        return Health(
+            tuple(problems), residual, position_error, gain, speed, penetration, contacts,
+            float(reports.iterations.numpy().mean()),
+        )  # fmt: skip
+
+
+def pushing_contacts(sim: Simulation) -> float:
+    """Contacts with an impulse, mean of the worlds."""
+    contacts = sim.contacts
+    normal = contacts.contact_impulse.numpy()[..., 0]
+    in_use = np.arange(normal.shape[1]) < contacts.contact_count.numpy()[:, None]
+    return float((in_use & (normal > 0.0)).sum(axis=1).mean())
 
 
 def mechanical_energy(sim: Simulation) -> Array:
@@ -111,6 +138,10 @@ def _energy_held(sim: Simulation) -> float:
 def _gravity(sim: Simulation) -> Array:
     """(1 or W, 3)."""
     return np.asarray(sim.model.gravity.numpy(), float).reshape(-1, 3)
+
+
+def _larger(one: float | None, other: float | None) -> float | None:
+    return other if one is None else one if other is None else float(np.maximum(one, other))
 
 
 def _largest(array: Any) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import time
 from typing import Any
@@ -34,7 +35,11 @@ class Row:
         residual: largest row residual at the ends of the motion [m/s or rad/s].
         position_error: largest joint violation there [m or rad].
         energy_gain: mechanical energy above the start's [J].
-        launches_per_step: kernel launches that a step asks for, counted.
+        tolerance: residual at which the solver stops [m/s or rad/s].
+        contacts: that push, per world, at the ends of the motion; null without shapes.
+        iterations: of the solver per world, there.
+        penetration: deepest contact there [m].
+        launches_per_step: kernel launches that a step asks for, counted; those of the motion are left out.
         bytes_per_world: growth of all device arrays with one more world.
         bytes_shared: device arrays that all worlds share.
         compile_s: from a model to the end of its first step [s].
@@ -57,6 +62,10 @@ class Row:
     residual: float | None = None
     position_error: float | None = None
     energy_gain: float | None = None
+    tolerance: float | None = None
+    contacts: float | None = None
+    iterations: float | None = None
+    penetration: float | None = None
     launches_per_step: int | None = None
     bytes_per_world: int | None = None
     bytes_shared: int | None = None
@@ -81,23 +90,71 @@ class SceneRun:
     def __init__(self, scene: BenchScene, worlds: int, device: str | None, dt: float | None) -> None:
         self.scene = scene
         self.dt = scene.dt if dt is None else dt
-        self.sim = Simulation(scene.build().finalize(world_count=worlds, device=device), dt=self.dt)
+        model = scene.build().finalize(world_count=worlds, device=device)
+        self.sim = Simulation(model, dt=self.dt, solver=scene.solver)
         self.worlds = worlds
         self.steps_per_call = 1
         self.horizon_steps = max(_MIN_HORIZON_STEPS, round(scene.horizon / self.dt))
-        self._call = self.sim.step
+        self.motion_command = None if scene.motion is None else scene.motion(self.sim, scene.variants)
+        self._call = self.single_step
 
     def set_motion(self) -> None:
         """Start and forces: world k gets the same ones whatever the number of worlds."""
-        sim, dofs = self.sim, self.sim.model.dof_count
+        if self.scene.settle > 0.0:
+            self._take(_settled(self.scene, str(self.sim.model.device), self.dt))
+        else:
+            self._draw()
+        self._start_here()
+
+    def set_motion_of(self, other: SceneRun) -> None:
+        """The start of another run of the same worlds."""
+        other.restart()
+        self._take({name: array.numpy() for name, array in other._arrays().items()})
+        self._start_here()
+
+    def _start_here(self) -> None:
+        self._start = self.sim.snapshot()
+        self.examiner = Examiner(
+            self.sim, energy_gain=self.scene.energy_gain, position_error=self.scene.position_error,
+            penetration=self.scene.penetration,
+        )  # fmt: skip
+
+    def single_step(self) -> None:
+        """The motion's forces, then one step."""
+        if self.motion_command is not None:
+            self.motion_command.launch()
+        self.sim.step()
+
+    def settle(self) -> dict[str, Any]:
+        """Runs the motion for as long as it settles: everything that a step reads, by name."""
+        self._draw()
+        for _ in range(round(self.scene.settle / self.dt)):
+            self.single_step()
+        return {name: array.numpy().copy() for name, array in self._arrays().items()}
+
+    def _draw(self) -> None:
+        sim, dofs, bodies = self.sim, self.sim.model.dof_count, self.sim.model.body_count
         rng = np.random.default_rng(_SEED)
         draws = rng.uniform(-1.0, 1.0, (self.worlds, 2, max(dofs, 1)))[:, :, :dofs].astype(np.float32)
         if self.scene.start:
             sim.set_joint_state(None, draws[:, 0] * np.asarray(self.scene.start, np.float32), None)
         if self.scene.force:
             sim.control.joint_force.assign(draws[:, 1] * np.asarray(self.scene.force, np.float32))
-        self._start = sim.snapshot()
-        self.examiner = Examiner(sim, energy_gain=self.scene.energy_gain, position_error=self.scene.position_error)
+        if self.scene.start_velocity:
+            velocity = rng.uniform(-1.0, 1.0, (self.worlds, bodies, 3)) * self.scene.start_velocity
+            sim.state.body_v.assign(velocity.astype(np.float32))
+            sim.measure()
+
+    def _take(self, settled: dict[str, Any]) -> None:
+        """Hands the settled worlds out in turn."""
+        for name, array in self._arrays().items():
+            values = settled[name]
+            if values.size:
+                array.assign(np.take(values, np.arange(self.worlds) % len(values), axis=0))
+
+    def _arrays(self) -> dict[str, Any]:
+        owners = {"state": self.sim.state, "control": self.sim.control, "contacts": self.sim.contacts}
+        return {f"{key}.{name}": getattr(owner, name) for key, owner in owners.items() for name in owner.NAMES}
 
     def capture(self) -> None:
         """On CUDA, records a graph of several steps; elsewhere nothing."""
@@ -106,7 +163,7 @@ class SceneRun:
             return
         with wp.ScopedCapture(device=device) as capture:
             for _ in range(_GRAPH_STEPS):
-                self.sim.step()
+                self.single_step()
         self.steps_per_call = _GRAPH_STEPS
         self.horizon_steps = max(1, self.horizon_steps // _GRAPH_STEPS)
         self._call = lambda: wp.capture_launch(capture.graph)
@@ -124,6 +181,12 @@ class SceneRun:
         wp.synchronize_device(self.sim.model.device)
 
 
+@functools.lru_cache(maxsize=2)
+def _settled(scene: BenchScene, device: str, dt: float) -> dict[str, Any]:
+    """All variants of a scene, settled; the same for every number of worlds."""
+    return SceneRun(scene, scene.variants, device, dt).settle()
+
+
 def measure_scene(scene: BenchScene, worlds: int, device: str | None, dt: float | None, seconds: float) -> Row:
     """Builds, steps, judges and times one scene.
 
@@ -139,8 +202,9 @@ def measure_scene(scene: BenchScene, worlds: int, device: str | None, dt: float 
     check_memory(scene.name, worlds, row.bytes_per_world, single.sim.model.device)
     run = SceneRun(scene, worlds, device, dt)
     run.set_motion()
+    row.tolerance = run.sim.solver.tolerance
     with counted_launches() as launches:
-        run.step()
+        run.sim.step()
     row.launches_per_step = launches.total
     run.restart()
     run.capture()
@@ -170,11 +234,19 @@ def judge(row: Row, verdicts: list[Health]) -> Row:
     for other in verdicts[1:]:
         worst = worst.worse(other)
     row.residual, row.position_error, row.energy_gain = worst.residual, worst.position_error, worst.energy_gain
+    row.penetration = worst.penetration
+    row.contacts = _mean([verdict.contacts for verdict in verdicts])
+    row.iterations = _mean([verdict.iterations for verdict in verdicts])
     row.problems = worst.problems
     row.valid = not worst.problems
     if not row.valid:
         row.steps_per_s = row.steps_per_cpu_s = row.steps_per_s_range = row.steps_per_cpu_s_range = row.split = None
     return row
+
+
+def _mean(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
 
 
 def bytes_of(one: Simulation, two: Simulation) -> tuple[int, int]:

@@ -1,4 +1,7 @@
-"""Other engines on the same scene in the same run: MuJoCo C on the cart-pole, one thread, no Python in its loop."""
+"""Other engines on the same scene in the same run: MuJoCo C on the cart-pole, one thread, no Python in its loop.
+
+Scenes with contacts have theirs in `contact_peers`.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.cli.bench.contact_peers import CONTACT_SCENES, Measure, contact_peer_notes, contact_peers
 from simwarp.cli.bench.health import Health
 from simwarp.cli.bench.measure import Row, SceneRun, judge
 from simwarp.cli.bench.timing import measure_speed
@@ -46,8 +50,11 @@ _XML = """
 def peer_notes(scene: str) -> list[str]:
     """Why peers are missing from the table, one line each."""
     notes = []
+    if scene in CONTACT_SCENES:
+        return contact_peer_notes(scene)
     if scene != PEER_SCENE:
-        notes.append(f"peers: no other engine has a model of '{scene}' here; '{PEER_SCENE}' has one")
+        there = ", ".join(f"'{name}'" for name in (PEER_SCENE, *CONTACT_SCENES))
+        notes.append(f"peers: no other engine has a model of '{scene}' here; they have {there}")
     elif importlib.util.find_spec("mujoco") is None:
         notes.append("peer mujoco: not installed; pip install 'simwarp[import]'")
     for module, name in _OTHERS.items():
@@ -58,9 +65,11 @@ def peer_notes(scene: str) -> list[str]:
     return notes
 
 
-def has_mujoco(scene: str) -> bool:
-    """Whether MuJoCo can stand beside this scene."""
-    return scene == PEER_SCENE and importlib.util.find_spec("mujoco") is not None
+def peer_measures(scene: str) -> list[Measure]:
+    """Measurements of the engines that can stand beside this scene."""
+    if scene in CONTACT_SCENES:
+        return contact_peers(scene)
+    return [measure_mujoco] if scene == PEER_SCENE and importlib.util.find_spec("mujoco") is not None else []
 
 
 class MuJoCoRun:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from simwarp.cli.verify import chain_problem, laws, mechanisms
+from simwarp.cli.verify import chain_problem, contact, laws, mechanisms
 from simwarp.cli.verify.rows import Row
 
 SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
@@ -34,6 +34,19 @@ SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
     "drives": laws.drives,
     "prescribed": laws.prescribed,
     "couplings": laws.couplings,
+    "incline": contact.incline,
+    "rolling-ball": contact.rolling_ball,
+    "rolling-box": contact.rolling_box,
+    "stopping": contact.stopping,
+    "heavy-on-light": contact.heavy_on_light,
+    "three-balls": contact.three_balls,
+    "bouncing": contact.bouncing,
+    "convex-law": contact.convex_law,
+    "card-house": contact.card_house,
+    "arch": contact.arch,
+    "stack": contact.stack,
+    "wall": contact.wall,
+    "pile": contact.pile,
 }
 """Name -> check, in the order in which they run. The argument is the device."""
 

@@ -1,0 +1,311 @@
+"""Convex hulls as assets of the collision kernels; mass, inertia and bounds of every convex shape (host, float64)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.kernels.collision.shape import Assets
+from simwarp.types import ModelError, ShapeType
+
+Array = npt.NDArray[np.float64]
+
+DROPPED: Final = 1e-7
+"""Points this close to a hull do not become vertices; times the extent of the points."""
+COPLANAR: Final = 2e-6
+"""Triangles of a hull that are this flat together become one face; times the extent."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Hull:
+    """A convex polyhedron.
+
+    Attributes:
+        vertices: (V, 3) [m].
+        faces: vertex indices of every face, counter-clockwise seen from outside.
+        normals: (F, 3) outward unit normals.
+        edges: (E, 3) unit directions of the edges, parallel ones merged.
+    """
+
+    vertices: Array
+    faces: tuple[tuple[int, ...], ...]
+    normals: Array
+    edges: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class MassProperties:
+    """Mass [kg], centre of mass [m] and inertia about it [kg·m²], both in the shape's axes."""
+
+    mass: float
+    centre: Array
+    inertia: Array
+
+
+@dataclasses.dataclass
+class _Triangle:
+    corners: tuple[int, int, int]
+    normal: Array
+    offset: float
+    outside: npt.NDArray[np.int64]
+
+
+def convex_hull(points: npt.ArrayLike) -> Hull:
+    """Convex hull of (N, 3) points [m], where they are; coplanar triangles are merged into polygons.
+
+    Raises:
+        ModelError: fewer than four points, a value that is not finite, or all points in one plane.
+    """
+    p = np.asarray(points, dtype=np.float64)
+    if p.ndim != 2 or p.shape[1] != 3 or len(p) < 4 or not np.isfinite(p).all():
+        raise ModelError(f"convex hull: points must be (N >= 4, 3) finite numbers, got shape {p.shape}; pass vertices")
+    extent = float(np.ptp(p, axis=0).max())
+    triangles = _quick_hull(p, extent)
+    faces, normals = _merged_faces(p, triangles, COPLANAR * extent)
+    used = np.unique([i for face in faces for i in face])
+    index = {int(old): new for new, old in enumerate(used)}
+    vertices = p[used]
+    polygons = tuple(tuple(index[i] for i in face) for face in faces)
+    return Hull(vertices, polygons, normals, _edge_directions(vertices, polygons))
+
+
+def _triangle(p: Array, corners: tuple[int, int, int], candidates: npt.NDArray[np.int64], slack: float) -> _Triangle:
+    a, b, c = p[list(corners)]
+    normal = np.cross(b - a, c - a)
+    normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
+    offset = float(normal @ a)
+    return _Triangle(corners, normal, offset, candidates[p[candidates] @ normal > offset + slack])
+
+
+def _first_tetrahedron(p: Array, extent: float) -> tuple[int, int, int, int]:
+    """Four points far out of each other's plane, the last one below the plane of the others."""
+    i = int(p[:, 0].argmin())
+    j = int(np.linalg.norm(p - p[i], axis=1).argmax())
+    line = p[j] - p[i]
+    k = int(np.linalg.norm(np.cross(p - p[i], line), axis=1).argmax())
+    normal = np.cross(line, p[k] - p[i])
+    length = float(np.linalg.norm(normal))
+    heights = (p - p[i]) @ (normal / max(length, 1e-300))
+    m = int(np.abs(heights).argmax())
+    if extent <= 0.0 or length < 1e-9 * extent**2 or abs(heights[m]) < 1e-6 * extent:
+        raise ModelError("convex hull: the points lie in one plane, got no volume; give the body a thickness")
+    return (i, j, k, m) if heights[m] < 0.0 else (i, k, j, m)
+
+
+def _quick_hull(p: Array, extent: float) -> list[tuple[int, int, int]]:
+    """Triangles of the hull (Barber, Dobkin and Huhdanpaa 1996)."""
+    slack = DROPPED * extent
+    i, j, k, m = _first_tetrahedron(p, extent)
+    every = np.arange(len(p))
+    live: dict[int, _Triangle] = {}
+    owner: dict[tuple[int, int], int] = {}
+    created = 0
+
+    def add(corners: tuple[int, int, int], candidates: npt.NDArray[np.int64]) -> None:
+        nonlocal created
+        live[created] = _triangle(p, corners, candidates, slack)
+        for a, b in _sides(corners):
+            owner[a, b] = created
+        created += 1
+
+    for corners in ((i, j, k), (i, m, j), (j, m, k), (k, m, i)):
+        add(corners, every)
+    while True:
+        seed = next((key for key, triangle in live.items() if triangle.outside.size), None)
+        if seed is None:
+            return [triangle.corners for triangle in live.values()]
+        triangle = live[seed]
+        apex = int(triangle.outside[(p[triangle.outside] @ triangle.normal).argmax()])
+        visible = {seed}
+        stack = [seed]
+        while stack:
+            for a, b in _sides(live[stack.pop()].corners):
+                other = owner[b, a]
+                if other not in visible and live[other].normal @ p[apex] > live[other].offset + 0.01 * slack:
+                    visible.add(other)
+                    stack.append(other)
+        horizon = [
+            (a, b) for key in sorted(visible) for a, b in _sides(live[key].corners) if owner[b, a] not in visible
+        ]
+        candidates = np.unique(np.concatenate([live[key].outside for key in visible]))
+        candidates = candidates[candidates != apex]
+        for key in visible:
+            del live[key]
+        for a, b in horizon:
+            add((a, b, apex), candidates)
+
+
+def _sides(corners: Sequence[int]) -> list[tuple[int, int]]:
+    return [(corners[i], corners[(i + 1) % len(corners)]) for i in range(len(corners))]
+
+
+def _merged_faces(
+    p: Array, triangles: list[tuple[int, int, int]], flatness: float
+) -> tuple[list[tuple[int, ...]], Array]:
+    """Polygons of adjacent coplanar triangles, the largest triangle of each giving its plane first."""
+    corners = np.array(triangles)
+    cross = np.cross(p[corners[:, 1]] - p[corners[:, 0]], p[corners[:, 2]] - p[corners[:, 0]])
+    area = np.linalg.norm(cross, axis=1)
+    unit = cross / np.maximum(area, 1e-300)[:, None]
+    owner = {side: index for index, t in enumerate(triangles) for side in _sides(t)}
+    free = set(range(len(triangles)))
+    faces, normals = [], []
+    for first in np.argsort(-area, kind="stable"):
+        if first not in free:
+            continue
+        group, stack = {int(first)}, [int(first)]
+        free.discard(int(first))
+        while stack:
+            for a, b in _sides(triangles[stack.pop()]):
+                other = owner[b, a]
+                height = (p[corners[other]] - p[corners[first, 0]]) @ unit[first]
+                # a sliver may point anywhere: its corners tell
+                if other in free and np.abs(height).max() < flatness:
+                    free.discard(other)
+                    group.add(other)
+                    stack.append(other)
+        following = {a: b for t in group for a, b in _sides(triangles[t]) if owner[b, a] not in group}
+        loop = [min(following)]
+        while following[loop[-1]] != loop[0]:
+            loop.append(following[loop[-1]])
+        normal = cross[sorted(group)].sum(axis=0)
+        faces.append(tuple(loop))
+        normals.append(normal / np.linalg.norm(normal))
+    return faces, np.array(normals)
+
+
+def _edge_directions(vertices: Array, faces: tuple[tuple[int, ...], ...]) -> Array:
+    """Unit directions of all edges, one of each set of parallel ones."""
+    found: list[Array] = []
+    for a, b in sorted({(min(side), max(side)) for face in faces for side in _sides(face)}):
+        d = vertices[b] - vertices[a]
+        d = d / np.linalg.norm(d)
+        if not found or np.abs(np.array(found) @ d).max() < 1.0 - 1e-9:
+            found.append(d)
+    return np.array(found)
+
+
+def hull_assets(hulls: Sequence[Hull], device: wp.DeviceLike = None) -> Assets:
+    """All hulls as arrays on a device; their order gives the asset indices."""
+
+    def starts(counts: list[int]) -> npt.NDArray[np.int32]:
+        return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+
+    def rows(blocks: list[Array]) -> Array:
+        return np.concatenate(blocks) if blocks else np.zeros((0, 3))
+
+    centres = [hull_mass(hull, 1.0).centre for hull in hulls]
+    radii = [float(np.linalg.norm(h.vertices - c, axis=1).max()) for h, c in zip(hulls, centres, strict=True)]
+    faces = [face for hull in hulls for face in hull.faces]
+    integers = {
+        "hull_vertex_start": starts([len(hull.vertices) for hull in hulls]),
+        "hull_face": np.array([i for face in faces for i in face], np.int32),
+        "hull_face_vertex_start": starts([len(face) for face in faces]),
+        "hull_face_start": starts([len(hull.faces) for hull in hulls]),
+        "hull_edge_start": starts([len(hull.edges) for hull in hulls]),
+    }
+    vectors = {
+        "hull_vertex": rows([hull.vertices for hull in hulls]),
+        "hull_normal": rows([hull.normals for hull in hulls]),
+        "hull_edge": rows([hull.edges for hull in hulls]),
+        "hull_centre": np.array(centres).reshape(-1, 3),
+    }
+    assets = Assets()
+    for name, values in integers.items():
+        setattr(assets, name, wp.array(values, dtype=wp.int32, device=device))
+    for name, points in vectors.items():
+        setattr(assets, name, wp.array(points.astype(np.float32), dtype=wp.vec3, device=device))
+    assets.hull_radius = wp.array(np.array(radii, np.float32), dtype=wp.float32, device=device)
+    return assets
+
+
+def hull_mass(hull: Hull, density: float, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> MassProperties:
+    """Of a solid hull of given density [kg/m³], scaled by `scale`."""
+    vertices = hull.vertices * np.asarray(scale, dtype=np.float64)
+    origin = vertices.mean(axis=0)
+    triangles = [(face[0], face[k], face[k + 1]) for face in hull.faces for k in range(1, len(face) - 1)]
+    corners = vertices[np.array(triangles)] - origin
+    # tetrahedra from the origin: volume, first and second moments (the latter exact for a linear field)
+    volume = np.linalg.det(corners) / 6.0
+    total = float(volume.sum())
+    first = np.einsum("t,tki->i", volume, corners) / 4.0
+    sums = corners.sum(axis=1)
+    second = np.einsum("t,tki,tkj->ij", volume, corners, corners) + np.einsum("t,ti,tj->ij", volume, sums, sums)
+    second = second / 20.0
+    centre = first / total
+    second -= total * np.outer(centre, centre)
+    inertia = np.trace(second) * np.eye(3) - second
+    return MassProperties(density * total, centre + origin, density * inertia)
+
+
+def shape_mass(kind: ShapeType, size: Sequence[float], density: float, hull: Hull | None = None) -> MassProperties:
+    """Of a solid convex shape of given density [kg/m³]; `size` as `ShapeType` tells, a hull's scale otherwise.
+
+    Raises:
+        ModelError: the shape encloses no finite volume, or a hull is missing.
+    """
+    a, b, c = (float(value) for value in size)
+    centre = np.zeros(3)
+    if kind == ShapeType.HULL:
+        if hull is None:
+            raise ModelError("shape mass: a HULL needs its hull, got None; pass convex_hull(points)")
+        return hull_mass(hull, density, size)
+    if kind in (ShapeType.SPHERE, ShapeType.ELLIPSOID):
+        half = np.array([a, a, a] if kind == ShapeType.SPHERE else [a, b, c])
+        mass = density * 4.0 / 3.0 * np.pi * float(half.prod())
+        second = mass / 5.0 * half**2
+    elif kind == ShapeType.BOX:
+        mass = density * 8.0 * a * b * c
+        second = mass / 3.0 * np.array([a, b, c]) ** 2
+    elif kind == ShapeType.CYLINDER:
+        mass = density * 2.0 * np.pi * a**2 * b
+        second = mass * np.array([a**2 / 4.0, a**2 / 4.0, b**2 / 3.0])
+    elif kind == ShapeType.CONE:
+        mass = density * 2.0 / 3.0 * np.pi * a**2 * b
+        centre = np.array([0.0, 0.0, -b / 2.0])
+        second = mass * np.array([3.0 / 20.0 * a**2, 3.0 / 20.0 * a**2, 3.0 / 20.0 * b**2])
+    elif kind == ShapeType.CAPSULE:
+        tube, caps = density * 2.0 * np.pi * a**2 * b, density * 4.0 / 3.0 * np.pi * a**3
+        mass = tube + caps
+        side = tube * a**2 / 4.0 + caps * a**2 / 5.0
+        second = np.array([side, side, tube * b**2 / 3.0 + caps * (a**2 / 5.0 + b**2 + 0.75 * a * b)])
+    else:
+        raise ModelError(f"shape mass: {kind.name} encloses no volume of its own; give the body its mass and inertia")
+    return MassProperties(mass, centre, np.diag(second.sum() - second))
+
+
+def half_extents(
+    kind: ShapeType, size: Sequence[float], rotation: npt.ArrayLike | None = None, hull: Hull | None = None
+) -> Array:
+    """Half lengths [m] of the box along the axes that is centred on the shape's origin and holds the shape.
+
+    Args:
+        kind: Any convex shape; a plane is 1e10 m large.
+        size: As `ShapeType` tells.
+        rotation: (3, 3), shape axes to the axes of the box; None: the same.
+        hull: Of a HULL.
+    """
+    r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
+    s = np.asarray(size, dtype=np.float64)
+    if kind == ShapeType.SPHERE:
+        return np.full(3, s[0])
+    if kind == ShapeType.CAPSULE:
+        return s[0] + np.abs(r[:, 2]) * s[1]
+    if kind == ShapeType.BOX:
+        return np.abs(r) @ s
+    if kind == ShapeType.ELLIPSOID:
+        return np.linalg.norm(r * s, axis=1)
+    rim = s[0] * np.sqrt(np.maximum(0.0, 1.0 - r[:, 2] ** 2))
+    along = s[1] * np.abs(r[:, 2])
+    if kind == ShapeType.CYLINDER:
+        return rim + along
+    if kind == ShapeType.CONE:
+        return np.maximum(along, np.maximum(rim + along, rim - along))
+    if kind == ShapeType.HULL and hull is not None:
+        return np.abs((hull.vertices * s) @ r.T).max(axis=0)
+    return np.full(3, 1e10)

@@ -1,0 +1,1 @@
+"""Shapes and the contacts between them."""

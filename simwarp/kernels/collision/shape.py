@@ -1,0 +1,75 @@
+"""One shape as the narrow phase sees it: placed in the pair's frame, float32."""
+
+import warp as wp
+
+from simwarp.types import ShapeType
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+PLANE = wp.constant(int(ShapeType.PLANE))
+SPHERE = wp.constant(int(ShapeType.SPHERE))
+CAPSULE = wp.constant(int(ShapeType.CAPSULE))
+CYLINDER = wp.constant(int(ShapeType.CYLINDER))
+BOX = wp.constant(int(ShapeType.BOX))
+ELLIPSOID = wp.constant(int(ShapeType.ELLIPSOID))
+CONE = wp.constant(int(ShapeType.CONE))
+HULL = wp.constant(int(ShapeType.HULL))
+TRIANGLE = wp.constant(64)  # internal: the columns of `rot` are the three vertices relative to `x`; no size
+
+MANIFOLD_CONTACTS = wp.constant(8)
+POLYGON_CAPACITY = wp.constant(32)
+FACE_VERTICES = wp.constant(16)  # most vertices of a support polygon
+
+
+@wp.struct
+class Shape:
+    """A placed shape. The pair's frame has world axes and its origin near the two shapes, so that float32 suffices."""
+
+    kind: int  # ShapeType
+    x: wp.vec3  # origin [m]
+    rot: wp.mat33  # shape axes to world axes
+    size: wp.vec3  # ShapeType tells its meaning
+    margin: float  # the surface is thickened by this much [m]
+    asset: int  # index into `Assets`, -1: none
+
+
+@wp.struct
+class Assets:
+    """Geometry shared by all worlds and shapes: convex hulls, concatenated. Local frame of the asset, unscaled."""
+
+    hull_vertex: wp.array[wp.vec3]
+    hull_vertex_start: wp.array[int]  # CSR over assets
+    hull_face: wp.array[
+        int
+    ]  # vertices of all faces in turn, counter-clockwise seen from outside; index within the hull
+    hull_face_vertex_start: wp.array[int]  # CSR over faces
+    hull_face_start: wp.array[int]  # CSR over assets: its faces
+    hull_normal: wp.array[wp.vec3]  # outward unit normals of the faces
+    hull_edge: wp.array[wp.vec3]  # directions of the edges, parallel ones merged
+    hull_edge_start: wp.array[int]  # CSR over assets
+    hull_centre: wp.array[wp.vec3]  # a point well inside, one per asset
+    hull_radius: wp.array[float]  # of the sphere about that point that holds all vertices
+
+
+@wp.struct
+class Manifold:
+    """Scratch that receives the contacts of one pair, all in the pair's frame."""
+
+    normal: wp.array[wp.vec3]  # from shape 0 to shape 1
+    point: wp.array[wp.vec3]  # on the surface of shape 0; that of shape 1 is point + gap * normal
+    gap: wp.array[float]  # negative: penetration [m]
+    feature: wp.array[int]  # equal for the same geometric contact in the next step
+    polygon: wp.array2d[wp.vec3]  # (4, POLYGON_CAPACITY) scratch of the clipping
+
+
+@wp.func
+def triangle_shape(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, margin: float) -> Shape:
+    """A triangle as a shape: both its sides are solid."""
+    s = Shape()
+    s.kind = TRIANGLE
+    s.x = (p0 + p1 + p2) / 3.0
+    s.rot = wp.matrix_from_cols(p0 - s.x, p1 - s.x, p2 - s.x)
+    s.size = wp.vec3()
+    s.margin = margin
+    s.asset = -1
+    return s

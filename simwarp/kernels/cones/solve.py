@@ -1,0 +1,86 @@
+"""One entry for all cone solvers."""
+
+import warp as wp
+
+from simwarp.kernels.cones.apgd import solve_apgd
+from simwarp.kernels.cones.interior_point import can_factorise, solve_interior_point
+from simwarp.kernels.cones.padmm import solve_padmm
+from simwarp.kernels.cones.problem import LOW, ConeConfig, ConeProblem, SolveReport
+from simwarp.kernels.cones.psor import solve_psor
+from simwarp.kernels.cones.spg import solve_spg
+from simwarp.types import ConeSolver
+
+wp.set_module_options({"enable_backward": False})
+
+APGD = wp.constant(int(ConeSolver.APGD))
+PSOR = wp.constant(int(ConeSolver.PSOR))
+SPG = wp.constant(int(ConeSolver.SPG))
+PADMM = wp.constant(int(ConeSolver.PADMM))
+INTERIOR_POINT = wp.constant(int(ConeSolver.INTERIOR_POINT))
+
+FALLBACK = wp.constant(40)
+"""Accelerated gradient steps in the place of one Newton step."""
+RESCUE_STEPS = wp.constant(25)
+"""Newton steps of a rescue."""
+
+
+@wp.func
+def solve(problem: ConeProblem, config: ConeConfig) -> SolveReport:
+    """Sets gamma <- the solution by the solver of the configuration, from the warm start in gamma.
+
+    Accelerated gradient descent stands in for PADMM and the interior point where there is no dense S, and for the
+    interior point where there is rolling friction.
+    """
+    solver = int(config.solver)
+    most = int(config.max_iterations)
+    if solver == INTERIOR_POINT and not can_factorise(problem):
+        solver = APGD
+        most = FALLBACK * config.max_iterations
+    if solver == PADMM and problem.dense == 0:
+        solver = APGD
+    report = SolveReport()
+    if solver == PSOR:
+        report = solve_psor(problem, config)
+    elif solver == SPG:
+        report = solve_spg(problem, config)
+    elif solver == PADMM:
+        report = solve_padmm(problem, config)
+    elif solver == INTERIOR_POINT:
+        report = solve_interior_point(problem, config)
+    else:
+        chosen = ConeConfig()
+        chosen.law = config.law
+        chosen.tolerance = config.tolerance
+        chosen.max_iterations = most
+        report = solve_apgd(problem, chosen)
+    return report
+
+
+@wp.func
+def solve_surely(problem: ConeProblem, config: ConeConfig, rescue: int, kept: wp.array[float]) -> SolveReport:
+    """As `solve`; with `rescue`, what misses the tolerance is solved by the interior point and the better one kept."""
+    chosen = ConeConfig()
+    chosen.law = config.law
+    chosen.solver = config.solver
+    chosen.tolerance = config.tolerance
+    chosen.max_iterations = config.max_iterations
+    best = SolveReport()
+    attempt = int(0)
+    while attempt <= rescue:
+        # One call for both solves: the code of the solvers is large.
+        report = solve(problem, chosen)
+        best.iterations += report.iterations
+        if attempt == 0 or report.residual < best.residual:
+            best.residual = report.residual
+        else:
+            for row in range(problem.row_count):
+                problem.gamma[row] = kept[row]
+                problem.vectors[LOW, row] = 0.0
+        attempt += 1
+        if best.residual <= config.tolerance or not can_factorise(problem):
+            attempt = 2
+        for row in range(problem.row_count):
+            kept[row] = problem.gamma[row]
+        chosen.solver = INTERIOR_POINT
+        chosen.max_iterations = RESCUE_STEPS
+    return best

@@ -1,0 +1,269 @@
+"""Cone projections and the solvers' kernels on single problems: rolling friction, cohesion, boxes, matrix-free."""
+
+# mypy: disable-error-code="index,assignment,attr-defined,arg-type"
+
+from typing import Any
+
+import numpy as np
+import pytest
+import warp as wp
+
+from simwarp.kernels.cones.operator import multiply, natural_residual, refresh, set_scales
+from simwarp.kernels.cones.problem import (
+    AX,
+    OWN,
+    SOLVER_VECTORS,
+    WIDE_VECTORS,
+    ConeConfig,
+    ConeProblem,
+    SolveReport,
+    X,
+)
+from simwarp.kernels.cones.projection import project_all
+from simwarp.kernels.cones.solve import solve
+from simwarp.kernels.world import CPU_FLAGS
+from simwarp.types import BlockKind, ConeSolver, FrictionLaw
+from tests.reference import cones as twin
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
+
+KINDS = {"box": BlockKind.BOX, "contact": BlockKind.CONTACT, "rolling": BlockKind.ROLLING}
+PROJECT, MULTIPLY, RESIDUAL, SOLVE = range(4)
+
+
+@wp.kernel(enable_backward=False)
+def run_problem(
+    # inputs
+    operation: int,
+    config: ConeConfig,
+    # in and out
+    problem: ConeProblem,
+    # outputs
+    results: wp.array[float],
+):
+    """Projects gamma, multiplies gamma by S, measures gamma, or solves."""
+    report = SolveReport()
+    for row in range(problem.row_count):
+        problem.vectors[X, row] = problem.gamma[row]
+    if operation == 0:
+        project_all(problem, problem.gamma)
+    elif operation == 1:
+        results[0] = multiply(problem, X, AX)
+        refresh(problem, X, OWN)
+    elif operation == 2:
+        set_scales(problem)
+        refresh(problem, X, AX)
+        results[0] = natural_residual(problem, X, AX, config.law, 0)
+    else:
+        report = solve(problem, config)
+        results[0] = report.residual
+        results[1] = float(report.iterations)
+
+
+class Single:
+    """One problem on the device; dense unless `entries` (matrix-free: y, slots of each block, w, compliance)."""
+
+    def __init__(self, n, r, blocks, entries=None):
+        def floats(values):
+            return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=float)
+
+        def ints(values):
+            return wp.array(np.ascontiguousarray(values, dtype=np.int32), dtype=int)
+
+        rows = len(r)
+        p: Any = ConeProblem()
+        p.row_count, p.block_count, p.dense = rows, len(blocks), 1
+        p.block_row = ints([*(b.row for b in blocks), rows])
+        p.block_kind = ints([KINDS[b.kind] for b in blocks])
+        slopes = np.array([(*b.slopes, 0.0, 0.0, 0.0)[:3] for b in blocks])
+        p.friction, p.rolling, p.spinning = (floats(slopes[:, k]) for k in range(3))
+        p.cohesion = floats([b.cohesion for b in blocks])
+        lower, upper = np.zeros(rows), np.zeros(rows)
+        for b in blocks:
+            lower[b.row], upper[b.row] = b.bounds
+        p.lower, p.upper, p.r = floats(lower), floats(upper), floats(r)
+        p.diagonal, p.s, p.gamma = floats(np.diag(n)), floats(n), floats(np.zeros(rows))
+        p.scale, p.vectors = floats(np.full(rows, np.nan)), floats(np.full((SOLVER_VECTORS, rows), np.nan))
+        p.factor = floats(np.full(n.shape, np.nan))
+        p.wide = wp.array(np.full((WIDE_VECTORS, rows), np.nan), dtype=wp.float64)
+        if entries is not None:
+            y, slots, w, compliance = entries
+            p.dense, p.slot_count, p.loop_count = 0, int(slots.max()) + 1, w.shape[1]
+            p.y, p.block_slot, p.w, p.compliance = floats(y), ints(slots), floats(w), floats(compliance)
+            p.block_entries = ints(np.full(len(blocks), slots.shape[1]))
+            p.slot_sum, p.loop_sum = floats(np.zeros(p.slot_count)), floats(np.zeros(max(w.shape[1], 1)))
+            p.s, p.factor = floats(np.zeros((1, 1))), floats(np.zeros((1, 1)))
+        self.problem = p
+
+    def run(self, operation, gamma, law=FrictionLaw.EXACT, solver=ConeSolver.APGD, iterations=20000, tolerance=2e-6):
+        """Impulses and the two numbers of a run that starts from gamma."""
+        config = ConeConfig()
+        config.law, config.solver = int(law), int(solver)
+        config.max_iterations, config.tolerance = iterations, tolerance
+        self.problem.gamma.assign(np.asarray(gamma, dtype=np.float32))
+        results = wp.zeros(2, dtype=float)
+        wp.launch(run_problem, dim=1, inputs=[operation, config, self.problem, results])
+        return self.problem.gamma.numpy().astype(float), results.numpy()
+
+
+def mixed_blocks(rng, count):
+    """Boxes, contacts and rolling contacts in turn, with slopes that include zero."""
+    blocks, row = [], 0
+    for i in range(count):
+        kind = ("rolling", "box", "contact")[i % 3]
+        slopes = tuple(rng.choice([0.0, 0.3, 1.0], 3) * rng.uniform(0.5, 1.5, 3))
+        cohesion = float(rng.choice([0.0, 0.5])) if kind != "box" else 0.0
+        bounds = [(0.0, np.inf), (-0.2, 0.3), (-np.inf, np.inf), (-np.inf, 0.1)][i % 4]
+        blocks.append(twin.Block(kind, row, slopes[: {"box": 0, "contact": 1, "rolling": 3}[kind]], cohesion, bounds))
+        row = blocks[-1].rows.stop
+    return blocks, row
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_projection_satisfies_moreau(seed):
+    rng = np.random.default_rng(seed)
+    blocks, rows = mixed_blocks(rng, 600)
+    p = (rng.normal(size=rows) * 10.0 ** rng.uniform(-2, 2, rows)).astype(np.float32).astype(float)
+    p[rng.random(rows) < 0.1] = 0.0
+    q, _ = project_rows(blocks, p)
+    for b in blocks:
+        a, x = p[b.rows], q[b.rows]
+        size = 1.0 + np.abs(a).max()
+        np.testing.assert_allclose(x, twin.project(b, a), atol=2e-6 * size)
+        if b.kind != "box":
+            apex = np.zeros(len(a))
+            apex[0] = -b.cohesion
+            # x in the cone, x - a in its dual, and the two orthogonal.
+            np.testing.assert_allclose(twin.project(b, x), x, atol=2e-6 * size)
+            dual = twin.Block(b.kind, 0, b.slopes)
+            np.testing.assert_allclose(twin.project(dual, -(x - a)), 0.0, atol=4e-6 * size)
+            assert abs((x - apex) @ (x - a)) <= 1e-5 * size**2
+
+
+def project_rows(blocks, p):
+    """Projection by the kernel; S is of no use there and stays small."""
+    return Single(np.zeros((1, 1)), np.zeros(len(p)), blocks).run(PROJECT, p)
+
+
+def test_projection_in_the_order_that_is_safe_without_friction():
+    block = [twin.Block("contact", 0, (0.0,))]
+    for p, q in [((1, 2, 3), (1, 0, 0)), ((-1, 2, 3), (0, 0, 0)), ((0, 0, 0), (0, 0, 0)), ((0, 1, 0), (0, 0, 0))]:
+        np.testing.assert_array_equal(project_rows(block, np.array(p, float))[0], q)
+
+
+def test_tiny_and_huge_impulses_project_without_overflow():
+    block = [twin.Block("contact", 0, (0.5,))]
+    for size in (1e-30, 1e-15, 1e15):
+        q, _ = project_rows(block, size * np.array([0.1, 1.0, 0.0]))
+        assert np.isfinite(q).all()
+        if size > 1e-20:
+            np.testing.assert_allclose(q / size, twin.project(block[0], np.array([0.1, 1.0, 0.0])), rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", twin.NAMES)
+def test_residual_vanishes_at_the_stored_solutions(name):
+    p = twin.load(name)
+    assert twin.residual(p.n, p.r, p.blocks, p.gamma, exact=False) <= 1e-11
+    if p.bilateral == 0:
+        single = Single(p.n, p.r, p.blocks)
+        _, results = single.run(RESIDUAL, p.gamma, law=FrictionLaw.CONVEX)
+        assert results[0] <= 2.0 * 6e-8 * (np.abs(p.n) @ np.abs(p.gamma)).max() + 1e-7
+        off = p.gamma + 1e-2
+        _, results = single.run(RESIDUAL, off)
+        np.testing.assert_allclose(results[0], twin.residual(p.n, p.r, p.blocks, off, exact=True), rtol=1e-3)
+
+
+def rows_with_factor(rng, blocks, rows, entries=5, slots=14, loops=2):
+    """N and the y, slots, w, compliance that make it."""
+    y = rng.normal(size=(rows, entries))
+    slot = np.array([rng.choice(slots, entries, replace=False) for _ in blocks])
+    full = np.zeros((rows, slots))
+    for b, s in zip(blocks, slot, strict=True):
+        full[b.rows, s] = y[b.rows]
+    # W W^T takes away part of what Y Y^T has: N stays semidefinite.
+    w = full @ np.linalg.qr(rng.normal(size=(slots, loops)))[0]
+    compliance = rng.uniform(0.0, 0.1, rows)
+    return full @ full.T - w @ w.T + np.diag(compliance), (y, slot, w, compliance)
+
+
+def test_products_dense_and_matrix_free():
+    rng = np.random.default_rng(12)
+    for count in (1, 2, 4, 7, 11):
+        blocks, rows = mixed_blocks(rng, count)
+        n, entries = rows_with_factor(rng, blocks, rows)
+        gamma = rng.normal(size=rows)
+        for single in (Single(n, np.zeros(rows), blocks), Single(n, np.zeros(rows), blocks, entries)):
+            _, results = single.run(MULTIPLY, gamma)
+            vectors = single.problem.vectors.numpy()
+            size = (np.abs(n) @ np.abs(gamma)).max()
+            np.testing.assert_allclose(vectors[int(AX)], n @ gamma, atol=1e-5 * size)
+            np.testing.assert_allclose(vectors[int(OWN)], n @ gamma, atol=1e-5 * size)
+            np.testing.assert_allclose(results[0], gamma @ n @ gamma, atol=1e-5 * size * rows)
+
+
+@pytest.mark.parametrize("solver", list(ConeSolver))
+@pytest.mark.parametrize("law", list(FrictionLaw))
+def test_mixed_blocks_dense_and_matrix_free_against_the_twin(solver, law):
+    rng = np.random.default_rng(13)
+    for count in (2, 5):
+        blocks, rows = mixed_blocks(rng, count)
+        n, entries = rows_with_factor(rng, blocks, rows)
+        r = rng.normal(size=rows)
+        exact = law == FrictionLaw.EXACT
+        expected = n @ twin.solve(n, r, blocks, exact)
+        for single in (Single(n, r, blocks), Single(n, r, blocks, entries)):
+            gamma, results = single.run(SOLVE, np.zeros(rows), law=law, solver=solver)
+            assert twin.residual(n, r, blocks, gamma, exact) <= 5e-5
+            assert results[0] <= 5e-5
+            if not exact:
+                np.testing.assert_allclose(n @ gamma, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("law", list(FrictionLaw))
+def test_interior_point_with_boxes_cohesion_and_bounds_of_all_kinds(law):
+    rng = np.random.default_rng(14)
+    for trial in range(6):
+        bounds = [(0.0, np.inf), (-0.2, 0.3), (-np.inf, np.inf), (-np.inf, 0.1), (0.25, 0.25)]
+        blocks = [twin.Block("box", i, bounds=b) for i, b in enumerate(bounds)]
+        blocks += [twin.Block("contact", 5 + 3 * i, (mu,), c) for i, (mu, c) in enumerate([(0.7, 0.2), (0.0, 0.1)])]
+        n, _ = rows_with_factor(rng, blocks, 11, loops=0)
+        r = rng.normal(size=11)
+        single = Single(n, r, blocks)
+        for solver in (ConeSolver.INTERIOR_POINT, ConeSolver.APGD):
+            steps = 25 if solver == ConeSolver.INTERIOR_POINT else 20000
+            gamma, _ = single.run(SOLVE, np.zeros(11), law=law, solver=solver, iterations=steps)
+            assert gamma[4] == pytest.approx(0.25)
+            found = twin.residual(n, r, blocks, gamma, law == FrictionLaw.EXACT)
+            assert found <= 3e-5, (trial, solver)
+
+
+@pytest.mark.parametrize("solver", list(ConeSolver))
+def test_exact_law_keeps_a_rolling_contact_from_lifting(solver):
+    # A ball that slides, rolls and spins at once: all three frictions saturate, and u_n is zero.
+    blocks = [twin.Block("rolling", 0, (0.3, 0.1, 0.05))]
+    n, r = np.diag([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]), np.array([-0.2, 1.0, 0.5, 1.0, -1.0, 2.0])
+    single = Single(n, r, blocks)
+    gamma, _ = single.run(SOLVE, np.zeros(6), solver=solver)
+    u = n @ gamma + r
+    assert abs(u[0]) <= 1e-5
+    np.testing.assert_allclose(np.linalg.norm(gamma[1:3]), 0.3 * gamma[0], rtol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(gamma[3:5]), 0.1 * gamma[0], rtol=1e-4)
+    np.testing.assert_allclose(abs(gamma[5]), 0.05 * gamma[0], rtol=1e-4)
+
+
+@pytest.mark.parametrize("solver", list(ConeSolver))
+def test_nan_comes_back_as_nan_and_ends(solver):
+    blocks = [twin.Block("contact", 0, (0.5,)), twin.Block("contact", 3, (0.5,))]
+    r = np.array([-1.0, np.nan, 0.0, -1.0, 0.0, 0.0])
+    _, results = Single(np.eye(6), r, blocks).run(SOLVE, np.zeros(6), solver=solver)
+    assert not np.isfinite(results[0])
+
+
+def test_scratch_of_another_problem_has_no_effect():
+    p = twin.load("incline_slip")
+    single = Single(p.n, p.r, p.blocks)
+    for solver in ConeSolver:
+        first, _ = single.run(SOLVE, np.zeros(12), solver=solver)
+        single.run(SOLVE, np.full(12, np.nan), solver=ConeSolver.INTERIOR_POINT)
+        again, _ = single.run(SOLVE, np.zeros(12), solver=solver)
+        np.testing.assert_array_equal(first, again)
