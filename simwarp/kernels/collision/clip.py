@@ -11,9 +11,12 @@ import warp as wp
 from simwarp.kernels.collision.axis import Axis
 from simwarp.kernels.collision.polygon import support_polygon
 from simwarp.kernels.collision.shape import (
+    BOX,
     CAPSULE,
     FACE_VERTICES,
+    HULL,
     MANIFOLD_CONTACTS,
+    TRIANGLE,
     Assets,
     Manifold,
     Shape,
@@ -25,6 +28,8 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 INSIDE = wp.constant(1.0e-5)  # times a side's length: a corner this far outside still counts as inside
 PARALLEL_SINE = wp.constant(0.02)
 SAME_DEPTH = wp.constant(8.0e-6)  # times the smaller shape: the deepest contact may miss the separation by this much
+FEW = wp.constant(4)
+BESIDE = wp.constant(0.03)  # times the manifold's width: a contact this near to others adds nothing
 WITNESS = wp.constant(2048)  # feature of a contact that no corner of the polygons accounts for
 
 
@@ -244,9 +249,30 @@ def write_contact(k: int, n: wp.vec3, point: wp.vec3, gap: float, feature: int, 
 
 
 @wp.func
+def between(taken: int, at: wp.vec3, slack: float, flip: int, out: Manifold) -> bool:
+    """Whether a point lies on the line between two contacts that are taken, up to sqrt(slack)."""
+    for i in range(taken):
+        p = out.point[i]
+        if flip == 1:
+            p = p + out.gap[i] * out.normal[i]
+        for j in range(i):
+            q = out.point[j]
+            if flip == 1:
+                q = q + out.gap[j] * out.normal[j]
+            d = q - p
+            t = wp.clamp(wp.dot(at - p, d) / wp.max(wp.length_sq(d), 1.0e-30), 0.0, 1.0)
+            if wp.length_sq(at - p - t * d) < slack:
+                return True
+    return False
+
+
+@wp.func
 def write_kept(count: int, n: wp.vec3, flip: int, out: Manifold) -> int:
-    """Writes the kept contacts. Of too many, the deepest and then always the one farthest from those taken."""
-    if count <= MANIFOLD_CONTACTS:
+    """Writes the kept contacts. Of more than four, the deepest and then always the one farthest from those taken, until
+    there are enough. What lies beside one of them or between two adds nothing: faces that nearly match have their
+    corners twice, and points where their sides cross.
+    """
+    if count <= FEW:
         for i in range(count):
             c = out.polygon[3, i]
             write_contact(i, n, out.polygon[2, i], c[1], int(c[0]), flip, out)
@@ -257,11 +283,18 @@ def write_kept(count: int, n: wp.vec3, flip: int, out: Manifold) -> int:
         if c[1] < out.polygon[3, last][1]:
             last = i
         out.polygon[3, i] = wp.vec3(c[0], c[1], 3.0e38)  # squared distance from those taken; negative: taken
-    for k in range(MANIFOLD_CONTACTS):
+    taken = int(0)
+    passed = int(0)
+    span = float(0.0)
+    farthest = float(3.0e38)
+    while taken < MANIFOLD_CONTACTS and passed < count and farthest > BESIDE * BESIDE * span:
         chosen = out.polygon[3, last]
         at = out.polygon[2, last]
         out.polygon[3, last] = wp.vec3(chosen[0], chosen[1], -1.0)
-        write_contact(k, n, at, chosen[1], int(chosen[0]), flip, out)
+        passed += 1
+        if taken < FEW or not between(taken, at, BESIDE * BESIDE * span, flip, out):
+            write_contact(taken, n, at, chosen[1], int(chosen[0]), flip, out)
+            taken += 1
         farthest = float(-1.0)
         for i in range(count):
             c = out.polygon[3, i]
@@ -270,7 +303,14 @@ def write_kept(count: int, n: wp.vec3, flip: int, out: Manifold) -> int:
             if c[2] > 1.001 * farthest:  # nearly equal ones keep their order
                 farthest = c[2]
                 last = i
-    return MANIFOLD_CONTACTS
+        span = wp.max(span, farthest)
+    return taken
+
+
+@wp.func
+def is_flat(a: Shape) -> bool:
+    """Whether the shape has flat faces only."""
+    return a.kind == BOX or a.kind == HULL or a.kind == TRIANGLE
 
 
 @wp.func
@@ -322,7 +362,9 @@ def contact_manifold(a: Shape, b: Shape, axis: Axis, reach: float, flip: int, as
         deepest = wp.min(deepest, c[1])
         if out.polygon[3, i][1] > out.polygon[3, shallowest][1]:
             shallowest = i
-    if gap < reach and deepest > gap + SAME_DEPTH * axis.size:
+    # flat faces meet in their corners alone; polygons stand for round edges with less than their depth
+    flat = m > 0 and is_flat(a) and is_flat(b)
+    if not flat and gap < reach and deepest > gap + SAME_DEPTH * axis.size:
         slot = m
         if m > 1 and (a.kind == CAPSULE or b.kind == CAPSULE):
             slot = shallowest
