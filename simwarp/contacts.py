@@ -24,7 +24,8 @@ class Contacts:
         contact_arm0, contact_arm1: (W, C) vec3, from the bodies' centres of mass (the world's origin) to the contact
             points on the two surfaces, world axes [m].
         contact_impulse: (W, C) vec3, along the normal and the two tangents [N·s].
-        contact_moment: (W, C) vec3, rolling and spinning impulses about the two tangents and the normal [N·m·s].
+        contact_moment: (W, C) vec3, rolling and spinning impulses about the two tangents and the normal [N·m·s]; in the
+            smooth model the displacement (s1, s2, 0) of the tangential spring [m].
         shape_contact_force: (W, S) vec3, sum over a shape's contacts, world axes [N].
         body_contact_force: (W, B) vec3, the same over a body's shapes [N].
         penetration: (W,) deepest penetration [m].

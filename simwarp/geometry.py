@@ -1,10 +1,13 @@
-"""Convex hulls as assets of the collision kernels; mass, inertia and bounds of every convex shape (host, float64)."""
+"""Hulls, height fields and meshes as assets of the collision kernels; mass, inertia and bounds of convex shapes.
+
+All on the host, in float64.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +39,29 @@ class Hull:
     faces: tuple[tuple[int, ...], ...]
     normals: Array
     edges: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class HeightField:
+    """Heights on a grid about the origin: row j, column i of `heights` [m] is at x = (i - (columns - 1) / 2) dx,
+    y = (j - (rows - 1) / 2) dy; `spacing` is (dx, dy) [m].
+    """
+
+    heights: npt.NDArray[np.float32]
+    spacing: tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class TriangleMesh:
+    """Triangles with one outer side, the one that sees them counter-clockwise.
+
+    Attributes:
+        vertices: (V, 3) float32 [m].
+        triangles: (T, 3) vertex indices.
+    """
+
+    vertices: npt.NDArray[np.float32]
+    triangles: npt.NDArray[np.int32]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -222,6 +248,111 @@ def hull_assets(hulls: Sequence[Hull], device: wp.DeviceLike = None) -> Assets:
         setattr(assets, name, wp.array(points.astype(np.float32), dtype=wp.vec3, device=device))
     assets.hull_radius = wp.array(np.array(radii, np.float32), dtype=wp.float32, device=device)
     return assets
+
+
+def height_field(heights: npt.ArrayLike, size: Sequence[float]) -> HeightField:
+    """A height field from (rows, columns) heights [m] that spans size (x, y) [m].
+
+    Raises:
+        ModelError: fewer than two rows or columns, a value that is not finite, or a size that is not positive.
+    """
+    values = np.asarray(heights, dtype=np.float32)
+    if values.ndim != 2 or min(values.shape) < 2 or not np.isfinite(values).all():
+        raise ModelError(
+            f"height field: heights must be (rows >= 2, columns >= 2) finite numbers, got shape {values.shape}; "
+            "columns run along x"
+        )
+    span = np.asarray(size, dtype=np.float64).reshape(-1)
+    if span.shape != (2,) or not np.isfinite(span).all() or span.min() <= 0.0:
+        raise ModelError(f"height field: size must be two lengths > 0 m, got {size!r}; pass its extents along x and y")
+    rows, columns = values.shape
+    return HeightField(values, (float(span[0]) / (columns - 1), float(span[1]) / (rows - 1)))
+
+
+def triangle_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> TriangleMesh:
+    """A mesh from (V, 3) vertices [m] and (T, 3) indices. Equal vertices become one, so that triangles know their
+    neighbours; triangles without area go.
+
+    Raises:
+        ModelError: wrong shapes, values that are not finite, indices without vertices, or no triangle left.
+    """
+    points = np.asarray(vertices, dtype=np.float32)
+    corners = np.asarray(triangles, dtype=np.int64)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise ModelError(f"mesh: vertices must be (V, 3) finite numbers, got shape {points.shape}; pass metres")
+    if corners.ndim != 2 or corners.shape[1] != 3 or corners.size == 0:
+        raise ModelError(f"mesh: triangles must be (T >= 1, 3) indices, got shape {corners.shape}; split polygons")
+    if corners.min() < 0 or corners.max() >= len(points):
+        raise ModelError(
+            f"mesh: triangle indices must be in 0..{len(points) - 1}, got {corners.min()}..{corners.max()}; "
+            "count vertices from 0"
+        )
+    unique, inverse = np.unique(points + np.float32(0.0), axis=0, return_inverse=True)
+    corners = inverse.reshape(-1)[corners]
+    p = unique[corners].astype(np.float64)
+    area = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+    longest = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2).max(axis=1)
+    corners = corners[area > 1e-7 * longest**2]
+    if not len(corners):
+        raise ModelError("mesh: triangles must have an area, got none that has; check the unit of the vertices")
+    return TriangleMesh(unique, corners.astype(np.int32))
+
+
+def neighbour_normals(mesh: TriangleMesh) -> Array:
+    """(T, 3, 3) unit normal of the triangle across edge k (corner k to k + 1) of each triangle; zero at borders and
+    where more than two triangles meet or the other one faces the other way.
+    """
+    p = mesh.vertices.astype(np.float64)[mesh.triangles]
+    normals = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    count = len(mesh.vertices)
+    start = mesh.triangles.astype(np.int64)
+    end = np.roll(start, -1, axis=1)
+    codes, back = (start * count + end).reshape(-1), (end * count + start).reshape(-1)
+    order = np.argsort(codes, kind="stable")
+    first = np.searchsorted(codes[order], back)
+    found = np.searchsorted(codes[order], back, side="right") - first
+    mine = np.searchsorted(codes[order], codes, side="right") - np.searchsorted(codes[order], codes)
+    other = order[np.minimum(first, len(codes) - 1)] // 3
+    result = np.where(((found == 1) & (mine == 1))[:, None], normals[other], 0.0)
+    return result.reshape(-1, 3, 3)
+
+
+def add_ground_assets(
+    assets: Assets, fields: Sequence[HeightField], meshes: Sequence[TriangleMesh], device: wp.DeviceLike = None
+) -> list[wp.Mesh]:
+    """Puts height fields and meshes into `assets`; their order gives the asset indices.
+
+    Returns the meshes on the device, which `assets` only refers to: keep them as long as it is used.
+    """
+
+    def starts(counts: list[int]) -> wp.array:
+        return wp.array(np.cumsum([0, *counts]).astype(np.int32), dtype=wp.int32, device=device)
+
+    def floats(rows: list[npt.NDArray[Any]], dtype: Any, width: int = 3) -> wp.array:
+        data = np.concatenate([np.zeros((0, width)), *rows]) if width else np.concatenate([np.zeros(0), *rows])
+        return wp.array(data, dtype=dtype, device=device)
+
+    assets.field_height = floats([field.heights.reshape(-1) for field in fields], wp.float32, 0)
+    assets.field_start = starts([field.heights.size for field in fields])
+    nodes = np.array([field.heights.shape[::-1] for field in fields], np.int32).reshape(-1, 2)
+    assets.field_nodes = wp.array(nodes, dtype=wp.vec2i, device=device)
+    assets.field_spacing = floats([np.array([field.spacing]) for field in fields], wp.vec2d, 2)
+    assets.field_range = floats([np.array([[f.heights.min(), f.heights.max()]]) for f in fields], wp.vec2, 2)
+    built = [
+        wp.Mesh(
+            points=wp.array(mesh.vertices, dtype=wp.vec3, device=device),
+            indices=wp.array(mesh.triangles.reshape(-1), dtype=wp.int32, device=device),
+            bvh_constructor="sah",  # built on the host, slower, once: rays and queries are what counts
+        )
+        for mesh in meshes
+    ]
+    assets.mesh = wp.array(np.array([mesh.id for mesh in built], np.uint64), dtype=wp.uint64, device=device)
+    assets.mesh_neighbour = floats([neighbour_normals(mesh).reshape(-1, 3) for mesh in meshes], wp.vec3)
+    assets.mesh_neighbour_start = starts([len(mesh.triangles) for mesh in meshes])
+    assets.mesh_lower = floats([mesh.vertices.min(axis=0)[None] for mesh in meshes], wp.vec3)
+    assets.mesh_upper = floats([mesh.vertices.max(axis=0)[None] for mesh in meshes], wp.vec3)
+    return built
 
 
 def hull_mass(hull: Hull, density: float, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> MassProperties:

@@ -14,7 +14,7 @@ import warp as wp
 from simwarp.arrays import writable_from
 from simwarp.dynamics.topology import Tables, build_tables, collect_tables, drive_mode, longest_path, row_paths
 from simwarp.elements import ELEMENTS
-from simwarp.geometry import hull_assets
+from simwarp.geometry import add_ground_assets, hull_assets
 from simwarp.kernels.tables import Parameters, Topology
 from simwarp.rotation import matrix_of
 from simwarp.shapes import ShapeSpec, contact_limit, shape_pairs
@@ -76,6 +76,8 @@ PARAMETERS: dict[str, Parameter] = {
     "shape_cohesion": Parameter(wp.float32, "(1 or W, S) [N]"),
     "shape_compliance": Parameter(wp.float32, "(1 or W, S) [m/N]"),
     "shape_damping": Parameter(wp.float32, "(1 or W, S) relaxation time of the compliance [s]"),
+    "shape_young_modulus": Parameter(wp.float32, "(1 or W, S) of the smooth contact model [Pa]"),
+    "shape_poisson_ratio": Parameter(wp.float32, "(1 or W, S) of the smooth contact model"),
 }
 
 
@@ -134,6 +136,8 @@ class Model:
         self.topology = _device_topology(builder, tables, device)
         self.parameters = Parameters()
         self.assets = hull_assets(builder.hulls, device)
+        # the assets hold their ids only
+        self.meshes = add_ground_assets(self.assets, builder.height_fields, builder.meshes, device)
 
     @classmethod
     def from_builder(
@@ -275,6 +279,8 @@ def _shape_values(shapes: list[ShapeSpec]) -> dict[str, npt.NDArray[Any]]:
         "shape_cohesion": material("cohesion"),
         "shape_compliance": material("compliance"),
         "shape_damping": material("damping"),
+        "shape_young_modulus": material("young_modulus"),
+        "shape_poisson_ratio": material("poisson_ratio"),
     }
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from simwarp.checks import checked_pose, finite_number, positive_number
-from simwarp.geometry import Hull, convex_hull, shape_mass
+from simwarp.geometry import HeightField, Hull, TriangleMesh, convex_hull, height_field, shape_mass, triangle_mesh
 from simwarp.rotation import rotate
 from simwarp.types import WORLD, Material, ModelError, Pose, ShapeType, Vec3, finite_vector
 from simwarp.types import pose as make_pose
@@ -52,6 +53,8 @@ class ShapeList:
     def __init__(self) -> None:
         self.shapes: list[ShapeSpec] = []
         self.hulls: list[Hull] = []
+        self.height_fields: list[HeightField] = []
+        self.meshes: list[TriangleMesh] = []
         self.excluded_bodies: set[tuple[int, int]] = set()
 
     def add_shape_plane(self, body: int = WORLD, **options: Any) -> int:
@@ -85,6 +88,73 @@ class ShapeList:
     def add_shape_hull(self, body: int, points: npt.ArrayLike, *, scale: Vec3 = (1.0, 1.0, 1.0), **options: Any) -> int:
         """The convex hull of points (N, 3) [m], times `scale`. Equal points share one asset."""
         return self._add_shape(ShapeType.HULL, body, scale, options, self._hull_asset(points))
+
+    def add_shape_height_field(
+        self, body: int, heights: npt.ArrayLike, *, size: Sequence[float], scale: Vec3 = (1.0, 1.0, 1.0), **options: Any
+    ) -> int:
+        """Terrain: heights (rows, columns) [m] above z = 0 of its frame, columns along x, rows along y, spread over
+        size (x, y) [m] about its origin; all times `scale`. It is solid below. Meets convex shapes only.
+        """
+        asset = self.add_height_field_asset(heights, size=size)
+        return self._add_shape(ShapeType.HEIGHT_FIELD, body, scale, options, asset)
+
+    def add_shape_mesh(
+        self, body: int, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None, *,
+        scale: Vec3 = (1.0, 1.0, 1.0), convex: bool = False, decompose: bool | dict[str, Any] = False, **options: Any,
+    ) -> int | list[int]:  # fmt: skip
+        """Triangles, times `scale`, that meet convex shapes only. They have one outer side, from which their corners
+        are counter-clockwise; what touches them from the other side is taken to be sunk, and lifted out.
+
+        Args:
+            body: or WORLD.
+            vertices: (V, 3) [m], or the path of an OBJ, STL, PLY or GLB file.
+            triangles: (T, 3) vertex indices; None with a path.
+            scale: factors of x, y, z.
+            convex: take their convex hull instead, which meets everything.
+            decompose: take several hulls instead (needs coacd or vhacdx; a dict holds its options).
+            options: see `ShapeList`.
+
+        Returns:
+            The index of the shape slot; with `decompose` a list of them.
+        """
+        if convex and decompose is not False:
+            raise ModelError("add_shape_mesh: give convex or decompose, got both; drop one")
+        points, corners = loaded_mesh(vertices, triangles)
+        if convex:
+            return self.add_shape_hull(body, points, scale=scale, **options)
+        if decompose is False:
+            asset = self.add_mesh_asset(points, corners)
+            return self._add_shape(ShapeType.MESH, body, scale, options, asset)
+        from simwarp.mesh import convex_parts  # trimesh takes a while to import
+
+        parts = convex_parts(points, corners, **(decompose if isinstance(decompose, dict) else {}))
+        name = options.pop("name", f"mesh{len(self.shapes)}")
+        return [
+            self.add_shape_hull(body, part, scale=scale, name=f"{name}_{index}", **options)
+            for index, part in enumerate(parts)
+        ]
+
+    def add_hull_asset(self, points: npt.ArrayLike) -> int:
+        """A hull that no shape shows as built: index for `Model.shape_asset` of HULL shapes. Equal ones share it."""
+        return self._hull_asset(points)
+
+    def add_height_field_asset(self, heights: npt.ArrayLike, *, size: Sequence[float]) -> int:
+        """The same for HEIGHT_FIELD shapes; see `add_shape_height_field`."""
+        field = height_field(heights, size)
+        for index, other in enumerate(self.height_fields):
+            if field.spacing == other.spacing and np.array_equal(field.heights, other.heights):
+                return index
+        self.height_fields.append(field)
+        return len(self.height_fields) - 1
+
+    def add_mesh_asset(self, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None) -> int:
+        """The same for MESH shapes; see `add_shape_mesh`."""
+        mesh = triangle_mesh(*loaded_mesh(vertices, triangles))
+        for index, other in enumerate(self.meshes):
+            if np.array_equal(mesh.vertices, other.vertices) and np.array_equal(mesh.triangles, other.triangles):
+                return index
+        self.meshes.append(mesh)
+        return len(self.meshes) - 1
 
     def add_solid(
         self, name: str, kind: ShapeType | str, size: Vec3 | float | None = None, *, mass: float | None = None,
@@ -188,6 +258,21 @@ class ShapeList:
             )
         )  # fmt: skip
         return len(self.shapes) - 1
+
+
+def loaded_mesh(
+    vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None
+) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+    """Vertices and triangles, from a file where a path is given."""
+    if isinstance(vertices, (str, Path)):
+        if triangles is not None:
+            raise ModelError("mesh: triangles come from the file, got both a path and triangles; drop one")
+        from simwarp.mesh import load_mesh  # trimesh takes a while to import
+
+        return load_mesh(vertices)
+    if triangles is None:
+        raise ModelError("mesh: triangles must be given with vertices, got None; pass (T, 3) indices or a path")
+    return vertices, triangles
 
 
 def checked_kind(thing: str, kind: ShapeType | str) -> ShapeType:

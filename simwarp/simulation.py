@@ -18,7 +18,7 @@ from simwarp.kernels.tables import StepConfig
 from simwarp.kernels.world import Operation, Sizes, copy_worlds, make_scratch, run_worlds_kernel
 from simwarp.model import Model
 from simwarp.state import Control, State, initial_arrays
-from simwarp.types import ConeSolver, FrictionLaw, ModelError
+from simwarp.types import ConeSolver, ContactModel, FrictionLaw, ModelError
 
 REFINED_MASS_RATIO = 100.0
 
@@ -43,6 +43,8 @@ class SolverOptions:
         rescue: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;
             when None, where models have contacts and masses that differ by more than 100.
         friction_law: "exact" (Coulomb) or "convex" (its relaxation, in which sliding contacts separate).
+        contact_model: "rigid" (unilateral rows), "smooth" or "smooth_hooke" (penalty forces by the law of Hertz or
+            Hooke from Young's modulus and Poisson's ratio; dt has to resolve the collision time).
         bounce_speed: restitution acts where the rebound is faster than this [m/s].
         contact_envelope: contacts nearer than this always take part; those further away if the step would close
             them [m].
@@ -62,6 +64,7 @@ class SolverOptions:
     solver: str = "apgd"
     rescue: bool | None = None
     friction_law: str = "exact"
+    contact_model: str = "rigid"
     bounce_speed: float = 0.15
     contact_envelope: float = 1.0e-3
     dense_rows: int = 128
@@ -221,6 +224,7 @@ class Simulation:
         config.gyroscopic = int(self.solver.gyroscopic)
         config.friction_law = int(_choice("friction_law", FrictionLaw, self.solver.friction_law))
         config.solver = int(_choice("solver", ConeSolver, self.solver.solver))
+        config.contact_model = int(_choice("contact_model", ContactModel, self.solver.contact_model))
         config.bounce_speed = self.solver.bounce_speed
         config.contact_envelope = self.solver.contact_envelope
         config.dense_rows = self.solver.dense_rows

@@ -119,6 +119,14 @@ class FrictionLaw(IntEnum):
     CONVEX = 1
 
 
+class ContactModel(IntEnum):
+    """How contacts act: as unilateral rows, or as penalty forces with the normal law of Hertz or Hooke."""
+
+    RIGID = 0
+    SMOOTH = 1
+    SMOOTH_HOOKE = 2
+
+
 class ShapeType(IntEnum):
     """Geometry of a shape and the meaning of its size; the axis of round shapes is z."""
 

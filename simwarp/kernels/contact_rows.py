@@ -221,11 +221,7 @@ def publish_contacts(
     world: int, dt: float, first: int, blocks: int, topology: Topology, contacts: ContactArrays, work: Work,
     cone: ConeProblem,
 ):  # fmt: skip
-    """Impulses of the contacts, and the forces on shapes and bodies that they add up to."""
-    for shape in range(topology.shape_count):
-        contacts.shape_contact_force[world, shape] = wp.vec3()
-    for body in range(contacts.body_contact_force.shape[1]):
-        contacts.body_contact_force[world, body] = wp.vec3()
+    """Impulses of the contacts from their blocks, and the forces that they add up to."""
     for block in range(first, blocks):
         contact = work.active[block] - topology.bounded_count
         row = cone.block_row[block]
@@ -238,14 +234,27 @@ def publish_contacts(
                 cone.gamma[row + 3], cone.gamma[row + 4], cone.gamma[row + 5]
             )
         contacts.contact_impulse[world, contact] = impulse
-        force = (impulse * contact_frame(contacts.contact_normal_w[world, contact])) / dt
-        shape0 = contacts.contact_shape0[world, contact]
-        shape1 = contacts.contact_shape1[world, contact]
-        contacts.shape_contact_force[world, shape0] = contacts.shape_contact_force[world, shape0] - force
-        contacts.shape_contact_force[world, shape1] = contacts.shape_contact_force[world, shape1] + force
-        body0 = topology.shape_body[shape0]
-        body1 = topology.shape_body[shape1]
-        if body0 >= 0:
-            contacts.body_contact_force[world, body0] = contacts.body_contact_force[world, body0] - force
-        if body1 >= 0:
-            contacts.body_contact_force[world, body1] = contacts.body_contact_force[world, body1] + force
+    sum_forces(world, dt, topology, contacts)
+
+
+@wp.func
+def sum_forces(world: int, dt: float, topology: Topology, contacts: ContactArrays):
+    """Forces on shapes and bodies."""
+    for shape in range(topology.shape_count):
+        contacts.shape_contact_force[world, shape] = wp.vec3()
+    for body in range(contacts.body_contact_force.shape[1]):
+        contacts.body_contact_force[world, body] = wp.vec3()
+    for contact in range(contacts.contact_count[world]):
+        impulse = contacts.contact_impulse[world, contact]
+        if impulse[0] != 0.0:
+            force = (impulse * contact_frame(contacts.contact_normal_w[world, contact])) / dt
+            shape0 = contacts.contact_shape0[world, contact]
+            shape1 = contacts.contact_shape1[world, contact]
+            contacts.shape_contact_force[world, shape0] = contacts.shape_contact_force[world, shape0] - force
+            contacts.shape_contact_force[world, shape1] = contacts.shape_contact_force[world, shape1] + force
+            body0 = topology.shape_body[shape0]
+            body1 = topology.shape_body[shape1]
+            if body0 >= 0:
+                contacts.body_contact_force[world, body0] = contacts.body_contact_force[world, body0] - force
+            if body1 >= 0:
+                contacts.body_contact_force[world, body1] = contacts.body_contact_force[world, body1] + force

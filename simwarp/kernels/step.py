@@ -11,6 +11,7 @@ from simwarp.kernels.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.projection import project_positions
 from simwarp.kernels.reactions import record_reactions
 from simwarp.kernels.rows import apply_rows, coupling_row, factor_rows, loop_joint_rows, rows_residual, solve_rows
+from simwarp.kernels.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.spatial import matrix_to_float
 from simwarp.kernels.tables import (
     ContactArrays,
@@ -158,6 +159,8 @@ def begin_step(
     load_poses(world, topology, state, work)
     load_bodies(world, dt, topology, parameters, state, control, config, work)
     apply_row_forces(world, dt, topology, parameters, control, work)
+    if config.contact_model != RIGID and topology.pair_count > 0:
+        apply_smooth_contacts(world, dt, topology, parameters, contacts, config, work)
     load_slots(world, dt, time, topology, parameters, state, control, config, work)
     progress.position_error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
 
@@ -182,9 +185,12 @@ def begin_step(
         for index in range(topology.bounded_count):
             state.bounded_impulse[world, index] = 0.0
         progress.limits = limits
-        progress.blocks = collect_contacts(
-            world, dt, limits, limits, topology, parameters, contacts, config, work, cone
-        )
+        progress.blocks = limits
+        cone.block_row[limits] = limits
+        if config.contact_model == RIGID:
+            progress.blocks = collect_contacts(
+                world, dt, limits, limits, topology, parameters, contacts, config, work, cone
+            )
     return progress
 
 

@@ -115,6 +115,8 @@ class Parameters:
     shape_cohesion: wp.array2d[float]
     shape_compliance: wp.array2d[float]
     shape_damping: wp.array2d[float]
+    shape_young_modulus: wp.array2d[float]
+    shape_poisson_ratio: wp.array2d[float]
 
 
 @wp.struct
@@ -200,6 +202,7 @@ class StepConfig:
     gyroscopic: int
     solver: int  # ConeSolver
     friction_law: int  # FrictionLaw
+    contact_model: int  # ContactModel
     bounce_speed: float  # m/s: slower impacts do not bounce
     contact_envelope: float  # m: contacts nearer than this always take part
     dense_rows: int  # most rows of a dense Schur complement

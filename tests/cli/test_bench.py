@@ -12,7 +12,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import cli, scenes
-from simwarp.cli.bench import health, measure, workloads
+from simwarp.cli.bench import health, measure, motion, workloads
 from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.cli.bench.workloads import BenchScene, bench_scenes
 
@@ -92,6 +92,48 @@ def test_the_cart_pole_is_that_of_the_task_on_a_rail_with_ends():
     assert np.asarray(mine.parameters.joint_limit_lower)[0, 0] == -2.0
 
 
+def test_the_ant_swings_its_legs_as_the_benchmark_says():
+    run = measure.SceneRun(bench_scenes()["ant"], 3, "cpu", None)
+    run.set_motion()
+    run.step()
+    state = run.sim.state
+    q, qd, time = state.joint_q.numpy().copy(), state.joint_qd.numpy().copy(), state.world_time.numpy().copy()
+    run.motion_command.launch()
+    phase = 2.0 * np.pi * (1.5 * time + np.arange(3) / run.scene.variants)
+    target = 0.3 * np.sin(phase[:, None] + np.arange(8))
+    np.testing.assert_allclose(run.sim.control.joint_force.numpy(), 20.0 * (target - q) - qd, atol=1e-4)
+    np.testing.assert_allclose(motion.swing_targets(time[:, None], 8, 3, run.scene.variants)[:, 0], target, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["ant", "stack"])
+def test_a_settled_world_starts_the_same_whatever_the_number_of_worlds(name):
+    few, many = (measure.SceneRun(bench_scenes()[name], worlds, "cpu", None) for worlds in (2, 19))
+    for run in (few, many):
+        run.set_motion()
+    for state in ("body_x", "body_v"):
+        start = getattr(many.sim.state, state).numpy()
+        np.testing.assert_array_equal(getattr(few.sim.state, state).numpy(), start[:2])
+        assert np.abs(start[0] - start[1]).max() > 1e-6
+        np.testing.assert_array_equal(start[:3], start[16:])
+
+
+def test_rows_of_scenes_with_contacts_tell_of_them(bench):
+    code, result, err = bench("ant", "--worlds", "1,20")
+    assert code == 0, err
+    for row in result["rows"]:
+        assert row["tolerance"] == 1e-4
+        assert row["residual"] <= 1e-3
+        assert 2.0 <= row["contacts"] <= 5.0
+        assert row["iterations"] > 0.0
+        assert 0.0 <= row["penetration"] < 1e-3
+        assert row["launches_per_step"] == 2
+        assert row["bytes_per_world"] <= 24 * 1024
+    assert "iterations" in err
+    code, result, _ = bench("pendulum", "--worlds", "1")
+    assert code == 0
+    assert result["rows"][0]["contacts"] is result["rows"][0]["penetration"] is None
+
+
 # ---- what must never be told as a speed --------------------------------------------------------------------------
 
 
@@ -130,6 +172,30 @@ def test_a_scene_at_rest_is_refused(bench, with_scene):
     code, result, _ = bench("test", "--worlds", "1")
     assert code == 1
     assert "nothing moves" in result["rows"][0]["problems"][0]
+
+
+def overlapping_balls(count=2):
+    builder = sw.ModelBuilder()
+    builder.add_shape_plane(sw.WORLD, name="ground")
+    for k in range(count):
+        body = builder.add_body(f"ball{k}", mass=1.0, inertia=(0.01,) * 3, pose=sw.pose((0.15 * k, 0.0, 0.05)))
+        builder.add_shape_sphere(body, radius=0.1)
+    return builder
+
+
+def test_deep_contacts_are_refused():
+    run = measure.SceneRun(BenchScene(name="test", summary="", build=overlapping_balls), 1, "cpu", None)
+    run.set_motion()
+    run.step()
+    assert any("m deep" in problem for problem in run.examiner.examine().problems)
+
+
+def test_contacts_without_room_are_refused():
+    run = measure.SceneRun(bench_scenes()["ant"], 2, "cpu", None)
+    run.set_motion()
+    assert run.examiner.examine().problems == ()
+    run.sim.contacts.contact_overflow.assign(np.array([0, 3], np.int32))
+    assert any("3 contacts of a world" in problem for problem in run.examiner.examine().problems)
 
 
 def test_one_bad_world_among_many_is_enough():
@@ -261,6 +327,62 @@ def test_a_peer_with_another_model_is_refused(monkeypatch):
     assert "not the same motion" in row.problems[0]
 
 
+def test_the_ant_of_mujoco_is_ours_in_the_air():
+    pytest.importorskip("mujoco")
+    from simwarp.cli.bench.contact_peers import MuJoCoRun, start_of
+
+    # without ground nothing but the model and its motors can differ
+    scene = dataclasses.replace(bench_scenes()["ant"], build=lambda: scenes.ant(ground=False), settle=0.0)
+    run = measure.SceneRun(scene, 3, "cpu", 1e-3)
+    run.set_motion()
+    theirs = MuJoCoRun(scene, start_of(run), run.dt, 500, True)
+    theirs.model.geom_contype[:] = 0
+    theirs.model.geom_conaffinity[:] = 0
+    for _ in range(500):
+        run.single_step()
+    for _ in range(theirs.horizon_steps):
+        theirs.step()
+    mine = start_of(run)
+    np.testing.assert_allclose(theirs.now[:, 1:16], mine.qpos, atol=2e-3)
+    np.testing.assert_allclose(theirs.now[:, 16:], mine.qvel, atol=0.05)
+
+
+@pytest.mark.parametrize("name", ["ant", "stack"])
+def test_mujoco_stands_beside_scenes_with_contacts(bench, name):
+    pytest.importorskip("mujoco")
+    code, result, err = bench(name, "--worlds", "2", "--peers")
+    assert code == 0, err
+    row = result["peers"][0]
+    assert set(row) >= CONTRACT
+    assert row["engine"].startswith("mujoco ")
+    assert row["valid"]
+    assert row["residual"] is None
+    assert row["contacts"] > 2.0
+
+
+def test_an_ant_with_weak_motors_is_no_peer(monkeypatch):
+    pytest.importorskip("mujoco")
+    from simwarp.cli.bench import contact_peers
+
+    text = contact_peers.model_text("ant").replace('kp="20"', 'kp="4"')
+    monkeypatch.setattr(contact_peers, "model_text", lambda name: text)
+    contact_peers.their_motion.cache_clear()
+    row = contact_peers.measure_peer("mujoco", bench_scenes()["ant"], 1, None, 0.02)
+    contact_peers.their_motion.cache_clear()
+    assert not row.valid
+    assert row.steps_per_s is None
+    assert "mean height" in row.problems[0]
+
+
+@pytest.mark.parametrize("module", ["mujoco_warp", "newton"])
+def test_the_other_engines_stand_beside_the_ant_where_they_are_installed(module):
+    pytest.importorskip(module)
+    from simwarp.cli.bench import contact_peers
+
+    row = contact_peers.measure_peer(module, bench_scenes()["ant"], 2, None, 0.02)
+    assert row.valid, row.problems
+
+
 def test_scenes_without_a_peer_say_so(bench):
     code, result, err = bench("four-bar", "--worlds", "1", "--peers")
     assert code == 0
@@ -291,6 +413,22 @@ def test_the_last_of_many_models_compiles_nothing(tmp_path):
     assert result["last_compiled"] == 0
 
 
+@pytest.mark.slow
+def test_the_script_writes_tables_and_what_the_time_goes_to(tmp_path):
+    done = subprocess.run(
+        [
+            sys.executable, "benchmarks/contact_peers.py", "--scenes", "ant", "--seconds", "0.02", "--no-peers",
+            "--out", str(tmp_path),
+        ],
+        capture_output=True, text=True, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((tmp_path / "ant.json").read_text(encoding="utf-8"))
+    assert [row["worlds"] for row in result["rows"]] == [1, 256, 1024, 4096]
+    parts = result["breakdown_us"]
+    assert all(parts[key] > 0.0 for key in ("whole", "motion", "collision", "free_motion", "contact_rows", "solve"))
+
+
 # ---- wrong input -------------------------------------------------------------------------------------------------
 
 
@@ -300,8 +438,8 @@ def test_the_last_of_many_models_compiles_nothing(tmp_path):
         ([], "which scene?"),
         (["pendulm"], "did you mean pendulum"),
         (["fast-taks"], "did you mean"),
-        (["stack"], "needs contacts"),
-        (["ant"], "needs contacts"),
+        (["hexapod"], "needs the hexapod"),
+        (["stak"], "did you mean stack"),
         (["camera"], "needs sensors"),
         (["hmmwv"], "needs vehicles"),
         (["pendulum", "--worlds", "0"], "at least 1"),

@@ -378,7 +378,8 @@ def disagreement(scene: BenchScene, dt: float | None, theirs: tuple[float, float
     height, contacts = our_motion(scene, dt)
     if not abs(theirs[0] - height) <= HEIGHT_AGREEMENT:
         problems.append(f"not the same motion as simwarp's: mean height {theirs[0]:.3f} m, not {height:.3f} m")
-    if theirs[1] is not None and not abs(theirs[1] - contacts) <= CONTACT_SHARE * contacts:
+    # how many contacts two faces have is a choice of the engine; feet have one each
+    if scene.name == "ant" and theirs[1] is not None and not abs(theirs[1] - contacts) <= CONTACT_SHARE * contacts:
         problems.append(f"not the same motion as simwarp's: {theirs[1]:.1f} contacts on average, not {contacts:.1f}")
     return problems
 

@@ -95,7 +95,7 @@ class SceneRun:
         self.worlds = worlds
         self.steps_per_call = 1
         self.horizon_steps = max(_MIN_HORIZON_STEPS, round(scene.horizon / self.dt))
-        self.motion_command = None if scene.motion is None else scene.motion(self.sim, scene.variants)
+        self.motion_command: Any = None if scene.motion is None else scene.motion(self.sim, scene.variants)
         self._call = self.single_step
 
     def set_motion(self) -> None:
@@ -153,7 +153,7 @@ class SceneRun:
                 array.assign(np.take(values, np.arange(self.worlds) % len(values), axis=0))
 
     def _arrays(self) -> dict[str, Any]:
-        owners = {"state": self.sim.state, "control": self.sim.control, "contacts": self.sim.contacts}
+        owners: dict[str, Any] = {"state": self.sim.state, "control": self.sim.control, "contacts": self.sim.contacts}
         return {f"{key}.{name}": getattr(owner, name) for key, owner in owners.items() for name in owner.NAMES}
 
     def capture(self) -> None:

@@ -3,6 +3,9 @@
 Worlds differ by where they are in the motion: `variants` of them are spread over one period, then they repeat.
 """
 
+# Kernel bodies are Warp's language, as in simwarp.kernels.
+# mypy: disable-error-code="attr-defined, arg-type, index, operator"
+
 from __future__ import annotations
 
 import math

@@ -142,7 +142,8 @@ def bench_scenes() -> dict[str, BenchScene]:
             continue
         name = _NAMES.get(function, function.replace("_", "-"))
         summary = (inspect.getdoc(build) or "").partition("\n")[0]
-        found[name] = BenchScene(**{"name": name, "summary": summary, "build": build} | _SETTINGS.get(function, {}))
+        fields: dict[str, Any] = {"name": name, "summary": summary, "build": build}
+        found[name] = BenchScene(**fields | _SETTINGS.get(function, {}))
     return found
 
 

@@ -42,6 +42,7 @@ SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
     "three-balls": contact.three_balls,
     "bouncing": contact.bouncing,
     "convex-law": contact.convex_law,
+    "smooth": contact.smooth,
     "card-house": contact.card_house,
     "arch": contact.arch,
     "stack": contact.stack,
