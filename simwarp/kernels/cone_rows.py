@@ -21,6 +21,21 @@ class Wrenches:
 
 
 @wp.func
+def put_columns(row: int, count: int, entry: int, m: wp.mat33, cone: ConeProblem):
+    """Three entries of one or three rows."""
+    cone.y[row, entry] = m[0, 0]
+    cone.y[row, entry + 1] = m[0, 1]
+    cone.y[row, entry + 2] = m[0, 2]
+    if count == 3:
+        cone.y[row + 1, entry] = m[1, 0]
+        cone.y[row + 1, entry + 1] = m[1, 1]
+        cone.y[row + 1, entry + 2] = m[1, 2]
+        cone.y[row + 2, entry] = m[2, 0]
+        cone.y[row + 2, entry + 1] = m[2, 1]
+        cone.y[row + 2, entry + 2] = m[2, 2]
+
+
+@wp.func
 def walk_rows(
     block: int, row: int, count: int, entries: int, link0: int, w0: Wrenches, link1: int, w1: Wrenches,
     topology: Topology, work: Work, cone: ConeProblem,
@@ -55,9 +70,8 @@ def walk_rows(
             for k in range(3):
                 cone.block_slot[block, e + k] = first + k
                 cone.block_slot[block, e + 3 + k] = first + 3 + k
-                for i in range(count):
-                    cone.y[row + i, e + k] = y_lin[i, k]
-                    cone.y[row + i, e + 3 + k] = y_ang[i, k]
+            put_columns(row, count, e, y_lin, cone)
+            put_columns(row, count, e + 3, y_ang, cone)
             e += 6
         else:
             end = topology.link_slot[link + 1]
@@ -65,8 +79,10 @@ def walk_rows(
                 slot = end - 1 - index
                 value = (ang * work.s_ang[slot] + lin * work.s_lin[slot]) * work.inv_sqrt_d[slot]
                 cone.block_slot[block, e] = slot
-                for i in range(count):
-                    cone.y[row + i, e] = value[i]
+                cone.y[row, e] = value[0]
+                if count == 3:
+                    cone.y[row + 1, e] = value[1]
+                    cone.y[row + 2, e] = value[2]
                 e += 1
                 ang -= wp.outer(value, work.u_ang[slot])
                 lin -= wp.outer(value, work.u_lin[slot])
@@ -148,6 +164,25 @@ def loop_share(block: int, row: int, count: int, topology: Topology, work: Work,
 
 
 @wp.func
+def gram(r: int, c: int, other: int, entries: int, cone: ConeProblem) -> float:
+    """y_r . y_c, with y_r spread out in `slot_sum`."""
+    total = float(0.0)
+    for e in range(entries):
+        total += cone.y[c, e] * cone.slot_sum[cone.block_slot[other, e]]
+    return total
+
+
+@wp.func
+def gram3(c: int, other: int, entries: int, cone: ConeProblem) -> wp.vec3:
+    """y_r . y of three rows from c on."""
+    total = wp.vec3()
+    for e in range(entries):
+        value = cone.slot_sum[cone.block_slot[other, e]]
+        total += wp.vec3(cone.y[c, e], cone.y[c + 1, e], cone.y[c + 2, e]) * value
+    return total
+
+
+@wp.func
 def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
     """The dense S = Y Y^T - W W^T + C. `slot_sum` is zero before and after."""
     for block in range(blocks):
@@ -157,14 +192,27 @@ def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
                 cone.slot_sum[cone.block_slot[block, e]] = cone.y[r, e]
             for other in range(block + 1):
                 other_entries = cone.block_entries[other]
-                for c in range(cone.block_row[other], wp.min(cone.block_row[other + 1], r + 1)):
-                    total = float(0.0)
-                    for e in range(other_entries):
-                        total += cone.y[c, e] * cone.slot_sum[cone.block_slot[other, e]]
-                    for loop_row in range(topology.row_count):
-                        total -= cone.w[r, loop_row] * cone.w[c, loop_row]
-                    cone.s[r, c] = total
-                    cone.s[c, r] = total
+                first = cone.block_row[other]
+                end = cone.block_row[other + 1]
+                c = int(first)
+                while c + 2 < end:
+                    total = gram3(c, other, other_entries, cone)
+                    for i in range(3):
+                        cone.s[r, c + i] = total[i]
+                        cone.s[c + i, r] = total[i]
+                    c += 3
+                if c < end:
+                    total1 = gram(r, c, other, other_entries, cone)
+                    cone.s[r, c] = total1
+                    cone.s[c, r] = total1
             for e in range(entries):
                 cone.slot_sum[cone.block_slot[block, e]] = 0.0
-            cone.s[r, r] = cone.s[r, r] + cone.compliance[r]
+    for r in range(cone.block_row[blocks]):
+        if topology.row_count > 0:
+            for c in range(r + 1):
+                total2 = float(0.0)
+                for loop_row in range(topology.row_count):
+                    total2 += cone.w[r, loop_row] * cone.w[c, loop_row]
+                cone.s[r, c] = cone.s[r, c] - total2
+                cone.s[c, r] = cone.s[r, c]
+        cone.s[r, r] = cone.s[r, r] + cone.compliance[r]
