@@ -26,6 +26,7 @@ class Contacts:
         contact_impulse: (W, C) vec3, along the normal and the two tangents [N·s].
         contact_moment: (W, C) vec3, rolling and spinning impulses about the two tangents and the normal [N·m·s]; in the
             smooth model the displacement (s1, s2, 0) of the tangential spring [m].
+        contact_force_w: (W, C) vec3, on shape 1, world axes [N].
         shape_contact_force: (W, S) vec3, sum over a shape's contacts, world axes [N].
         body_contact_force: (W, B) vec3, the same over a body's shapes [N].
         penetration: (W,) deepest penetration [m].
@@ -34,7 +35,7 @@ class Contacts:
     NAMES = (
         "contact_count", "contact_overflow", "contact_shape0", "contact_shape1", "contact_feature",
         "contact_normal_w", "contact_gap", "contact_arm0", "contact_arm1", "contact_impulse", "contact_moment",
-        "shape_contact_force", "body_contact_force", "penetration",
+        "contact_force_w", "shape_contact_force", "body_contact_force", "penetration",
     )  # fmt: skip
 
     def __init__(self, model: Model) -> None:
@@ -55,6 +56,7 @@ class Contacts:
         self.contact_arm1 = zeros(capacity, wp.vec3)
         self.contact_impulse = zeros(capacity, wp.vec3)
         self.contact_moment = zeros(capacity, wp.vec3)
+        self.contact_force_w = zeros(capacity, wp.vec3)
         self.shape_contact_force = zeros(model.shape_count, wp.vec3)
         self.body_contact_force = zeros(model.body_count if model.shape_count else 0, wp.vec3)
         self.penetration = wp.zeros(worlds, dtype=wp.float32, device=device)

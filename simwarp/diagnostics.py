@@ -26,7 +26,7 @@ class Diagnostics:
         row_residual: (W,) largest speed error of the bilateral rows [m/s or rad/s].
         bounded_residual: (W,) natural residual of limits, friction, motors and contacts [m/s or rad/s].
         bounded_count: (W,) int32, rows on coordinates and contacts that took part.
-        iterations: (W,) int32, of their solve.
+        iterations: (W,) int32, of their solve, those of a rescue by the interior point included.
         position_error: (W,) largest joint violation [m or rad], at the step's start (after it when projected).
         energy: (W,) float64 mechanical energy [J] as of the last `Simulation.measure_energy`.
         joint_reaction_force, joint_reaction_torque: (W, J) vec3, what the joint applies to its second body at
@@ -74,8 +74,8 @@ def explain_worlds(state: State, contacts: Contacts, diagnostics: Diagnostics, t
             )
         if not residual[world] <= SUSPICIOUS * tolerance:
             found.append(
-                f"not converged: residual {residual[world]:.2g} after {diagnostics.iterations.numpy()[world]} "
-                "iterations; raise SolverOptions.max_iterations, or choose a smaller dt"
+                f"not converged: residual {residual[world]:.2g} m/s after {diagnostics.iterations.numpy()[world]} "
+                "iterations; raise SolverOptions.max_iterations, or look for bodies that joints press into each other"
             )
         lines.append(f"world {world}: " + "; ".join(found))
     return lines

@@ -46,8 +46,7 @@ class SolverOptions:
         contact_model: "rigid" (unilateral rows), "smooth" or "smooth_hooke" (penalty forces by the law of Hertz or
             Hooke from Young's modulus and Poisson's ratio; dt has to resolve the collision time).
         bounce_speed: restitution acts where the rebound is faster than this [m/s].
-        contact_envelope: contacts nearer than this always take part; those further away if the step would close
-            them [m].
+        contact_envelope: a contact takes part if its gap, after a step without contacts, would be below this [m].
         dense_rows: most rows for which the Schur complement of the contacts is formed; larger worlds apply it row by
             row.
     """

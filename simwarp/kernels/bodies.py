@@ -6,7 +6,7 @@ from simwarp.kernels.joints import FREE, POINT_AXIS0, SHAFT, coordinate, joint_f
 from simwarp.kernels.laws import PRESCRIBED_POSITION, dof_law, prescribed_rate
 from simwarp.kernels.rows import link_of, rate_of, row_geometry
 from simwarp.kernels.spatial import matrix_to_float, turned
-from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
 from simwarp.kernels.tree import Wrench
 
 wp.set_module_options({"enable_backward": False})
@@ -94,9 +94,9 @@ def load_bodies(
 
     The step solves for the change of velocity: a momentum that nothing changes is not rounded at all.
     """
-    gravity = parameters.gravity[world % parameters.gravity.shape[0]]
-    wm = world % parameters.body_mass.shape[0]
-    wi = world % parameters.body_inertia_b.shape[0]
+    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
+    wm = own(world, parameters.body_mass.shape[0])
+    wi = own(world, parameters.body_inertia_b.shape[0])
     for link in range(topology.link_count):
         work.o_ang[link] = wp.vec3()
         work.o_lin[link] = wp.vec3()

@@ -11,7 +11,7 @@ from simwarp.kernels.cones.problem import BOX, ConeProblem
 from simwarp.kernels.joints import DISTANCE, POINT_AXIS0, joint_frames
 from simwarp.kernels.laws import INFINITE_EFFORT, drive_law
 from simwarp.kernels.rows import apply_rows, dof_rate, link_of, row_geometry, solve_rows_backward
-from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
 from simwarp.types import BoundedKind
 
 wp.set_module_options({"enable_backward": False})
@@ -45,8 +45,8 @@ def candidate(
     row.sign = 1.0
     q = float(state.joint_x[world, dof])
     if kind == LIMIT:
-        lower = q - parameters.joint_limit_lower[world % parameters.joint_limit_lower.shape[0], dof]
-        upper = parameters.joint_limit_upper[world % parameters.joint_limit_upper.shape[0], dof] - q
+        lower = q - parameters.joint_limit_lower[own(world, parameters.joint_limit_lower.shape[0]), dof]
+        upper = parameters.joint_limit_upper[own(world, parameters.joint_limit_upper.shape[0]), dof] - q
         gap = lower
         # the stop that the free motion would pass further, not the nearer one: it may be leaving that
         if upper - dt * rate < lower + dt * rate:
@@ -61,10 +61,10 @@ def candidate(
         row.bias = wp.max(gap / dt, -recovery)
         row.upper = INFINITE_EFFORT
     elif kind == FRICTION:
-        row.upper = dt * parameters.joint_friction[world % parameters.joint_friction.shape[0], dof]
+        row.upper = dt * parameters.joint_friction[own(world, parameters.joint_friction.shape[0]), dof]
         row.lower = -row.upper
     else:
-        limit = parameters.drive_effort_limit[world % parameters.drive_effort_limit.shape[0], dof]
+        limit = parameters.drive_effort_limit[own(world, parameters.drive_effort_limit.shape[0]), dof]
         row.upper = dt * limit
         row.lower = -row.upper
         if kind == MOTOR:

@@ -9,13 +9,14 @@ import warp as wp
 from simwarp.kernels.cone_rows import Wrenches, loop_share, walk_rows
 from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
 from simwarp.kernels.rows import link_of
-from simwarp.kernels.tables import ContactArrays, Parameters, StepConfig, Topology, Work
+from simwarp.kernels.tables import ContactArrays, Parameters, StepConfig, Topology, Work, own
 from simwarp.types import FrictionLaw
 
 wp.set_module_options({"enable_backward": False})
 
 CONVEX = wp.constant(int(FrictionLaw.CONVEX))
 FREE_MOBILITY = wp.constant(1.0e-12)  # [1/kg] below it neither side can move
+STICKY = wp.constant(0.1)  # times the envelope: gap up to which cohesion holds
 UNBOUNDED = wp.constant(1.0e30)
 
 
@@ -36,19 +37,19 @@ class Surface:
 def combined_surface(world: int, shape0: int, shape1: int, parameters: Parameters) -> Surface:
     """The smaller friction, restitution, cohesion and damping of the two; compliances add up."""
     s = Surface()
-    w = world % parameters.shape_friction.shape[0]
+    w = own(world, parameters.shape_friction.shape[0])
     s.friction = wp.min(parameters.shape_friction[w, shape0], parameters.shape_friction[w, shape1])
-    w = world % parameters.shape_rolling_friction.shape[0]
+    w = own(world, parameters.shape_rolling_friction.shape[0])
     s.rolling = wp.min(parameters.shape_rolling_friction[w, shape0], parameters.shape_rolling_friction[w, shape1])
-    w = world % parameters.shape_spinning_friction.shape[0]
+    w = own(world, parameters.shape_spinning_friction.shape[0])
     s.spinning = wp.min(parameters.shape_spinning_friction[w, shape0], parameters.shape_spinning_friction[w, shape1])
-    w = world % parameters.shape_restitution.shape[0]
+    w = own(world, parameters.shape_restitution.shape[0])
     s.restitution = wp.min(parameters.shape_restitution[w, shape0], parameters.shape_restitution[w, shape1])
-    w = world % parameters.shape_cohesion.shape[0]
+    w = own(world, parameters.shape_cohesion.shape[0])
     s.cohesion = wp.min(parameters.shape_cohesion[w, shape0], parameters.shape_cohesion[w, shape1])
-    w = world % parameters.shape_compliance.shape[0]
+    w = own(world, parameters.shape_compliance.shape[0])
     s.compliance = parameters.shape_compliance[w, shape0] + parameters.shape_compliance[w, shape1]
-    w = world % parameters.shape_damping.shape[0]
+    w = own(world, parameters.shape_damping.shape[0])
     s.damping = wp.min(parameters.shape_damping[w, shape0], parameters.shape_damping[w, shape1])
     return s
 
@@ -82,21 +83,21 @@ def point_velocity(link: int, arm: wp.vec3, ang: wp.array[wp.vec3], lin: wp.arra
 
 
 @wp.func
-def normal_bias(dt: float, gap: float, incoming: float, surface: Surface, config: StepConfig) -> float:
-    """Right-hand side of the normal row [m/s]: bounce, compliance with clamped recovery, or gap and clamped recovery.
+def bounces(dt: float, gap: float, incoming: float, free: float, surface: Surface, config: StepConfig) -> bool:
+    """Whether Newton's law of impact acts: the rebound is fast enough, and the step would close the gap.
 
-    `incoming` is the normal velocity before the step, negative when approaching.
+    `incoming` is the normal velocity before the step, `free` that without contacts [m/s], negative when approaching.
     """
     rebound = surface.restitution * incoming
-    if rebound < -config.bounce_speed and gap + dt * rebound < 0.0:
-        return rebound
-    time = dt
+    return rebound < -config.bounce_speed and gap + dt * wp.min(incoming, free) < 0.0
+
+
+@wp.func
+def normal_bias(dt: float, gap: float, surface: Surface, config: StepConfig) -> float:
+    """Right-hand side of the normal row of a contact that does not bounce [m/s]."""
     if surface.compliance > 0.0:
-        time = dt + surface.damping
-    bias = wp.max(gap / time, -config.recovery_speed)
-    if surface.cohesion > 0.0:
-        bias = wp.min(bias, 0.0)
-    return bias
+        return gap / (dt + surface.damping)
+    return wp.max(gap / dt, -config.recovery_speed)
 
 
 @wp.func
@@ -178,6 +179,8 @@ def collect_contacts(
         u = frame * (point_velocity(link1, arm1, work.t_ang, work.t_lin)
                      - point_velocity(link0, arm0, work.t_ang, work.t_lin))  # fmt: skip
         surface = combined_surface(world, shape0, shape1, parameters)
+        if gap > STICKY * config.contact_envelope:
+            surface.cohesion = 0.0
         closing = -wp.min(u[0], 0.0)
         if config.friction_law == CONVEX:
             closing += surface.friction * wp.sqrt(u[1] * u[1] + u[2] * u[2])  # sliding lifts by as much
@@ -190,8 +193,12 @@ def collect_contacts(
                     before = frame * (point_velocity(link1, arm1, work.o_ang, work.o_lin)
                                       - point_velocity(link0, arm0, work.o_ang, work.o_lin))  # fmt: skip
                     incoming = before[0]
+                if surface.restitution > 0.0 and bounces(dt, gap, incoming, u[0], surface, config):
+                    cone.compliance[row] = 0.0
+                    cone.r[row] = u[0] + surface.restitution * incoming
+                else:
+                    cone.r[row] = u[0] + normal_bias(dt, gap, surface, config)
                 cone.diagonal[row] = cone.diagonal[row] + cone.compliance[row]
-                cone.r[row] = u[0] + normal_bias(dt, gap, incoming, surface, config)
                 cone.gamma[row] = warm[0]
                 if count >= 3:
                     for i in range(1, 3):
@@ -246,8 +253,10 @@ def sum_forces(world: int, dt: float, topology: Topology, contacts: ContactArray
         contacts.body_contact_force[world, body] = wp.vec3()
     for contact in range(contacts.contact_count[world]):
         impulse = contacts.contact_impulse[world, contact]
+        contacts.contact_force_w[world, contact] = wp.vec3()
         if impulse[0] != 0.0:
             force = (impulse * contact_frame(contacts.contact_normal_w[world, contact])) / dt
+            contacts.contact_force_w[world, contact] = force
             shape0 = contacts.contact_shape0[world, contact]
             shape1 = contacts.contact_shape1[world, contact]
             contacts.shape_contact_force[world, shape0] = contacts.shape_contact_force[world, shape0] - force

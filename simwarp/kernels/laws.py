@@ -7,7 +7,7 @@ spring and the damper, which stays stable however stiff they are.
 
 import warp as wp
 
-from simwarp.kernels.tables import ControlArrays, Parameters, Topology
+from simwarp.kernels.tables import ControlArrays, Parameters, Topology, own
 from simwarp.types import DriveMode
 
 wp.set_module_options({"enable_backward": False})
@@ -62,11 +62,11 @@ def dof_law(
 ) -> Law:  # fmt: skip
     """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
     law = Law()
-    armature = parameters.joint_armature[world % parameters.joint_armature.shape[0], dof]
-    k = parameters.joint_stiffness[world % parameters.joint_stiffness.shape[0], dof]
-    d = parameters.joint_damping[world % parameters.joint_damping.shape[0], dof]
-    stretch = q - parameters.joint_rest[world % parameters.joint_rest.shape[0], dof]
-    force = parameters.joint_preload[world % parameters.joint_preload.shape[0], dof]
+    armature = parameters.joint_armature[own(world, parameters.joint_armature.shape[0]), dof]
+    k = parameters.joint_stiffness[own(world, parameters.joint_stiffness.shape[0]), dof]
+    d = parameters.joint_damping[own(world, parameters.joint_damping.shape[0]), dof]
+    stretch = q - parameters.joint_rest[own(world, parameters.joint_rest.shape[0]), dof]
+    force = parameters.joint_preload[own(world, parameters.joint_preload.shape[0]), dof]
     spring_force = -k * stretch
     damper_force = -d * qd
     if topology.dof_table[dof, 0] >= 0:
@@ -81,7 +81,7 @@ def dof_law(
     law.gain = armature + dt * d + dt * dt * k
     law.effort = armature * qd + dt * (force + d * qd)
     if topology.dof_drive[dof] == POSITION:
-        if parameters.drive_effort_limit[world % parameters.drive_effort_limit.shape[0], dof] >= INFINITE_EFFORT:
+        if parameters.drive_effort_limit[own(world, parameters.drive_effort_limit.shape[0]), dof] >= INFINITE_EFFORT:
             drive = drive_law(dof, world, dt, q, parameters, control)
             law.gain += drive.gain
             law.effort += drive.effort
@@ -92,8 +92,8 @@ def dof_law(
 def drive_law(dof: int, world: int, dt: float, q: float, parameters: Parameters, control: ControlArrays) -> Law:
     """The PD drive alone: stiffness (target_q - q⁺) + damping (target_qd - u)."""
     law = Law()
-    stiffness = parameters.drive_stiffness[world % parameters.drive_stiffness.shape[0], dof]
-    damping = parameters.drive_damping[world % parameters.drive_damping.shape[0], dof]
+    stiffness = parameters.drive_stiffness[own(world, parameters.drive_stiffness.shape[0]), dof]
+    damping = parameters.drive_damping[own(world, parameters.drive_damping.shape[0]), dof]
     law.gain = dt * (damping + dt * stiffness)
     law.effort = dt * (
         stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof]

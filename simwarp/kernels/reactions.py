@@ -17,6 +17,7 @@ from simwarp.kernels.tables import (
     StepConfig,
     Topology,
     Work,
+    own,
 )
 
 wp.set_module_options({"enable_backward": False})
@@ -68,15 +69,15 @@ def unexplained_impulses(
     config: StepConfig, work: Work,
 ):  # fmt: skip
     """F <- change of momentum minus applied impulses of every body [N·s, N·m·s], about its centre."""
-    gravity = parameters.gravity[world % parameters.gravity.shape[0]]
+    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
     for link in range(topology.link_count):
         body = topology.link_body[link]
         work.f_ang[link] = wp.vec3()
         work.f_lin[link] = wp.vec3()
         if body >= 0:
             rot = matrix_to_float(wp.quat_to_matrix(state.body_rot[world, body]))
-            mass = parameters.body_mass[world % parameters.body_mass.shape[0], body]
-            inertia_b = parameters.body_inertia_b[world % parameters.body_inertia_b.shape[0], body]
+            mass = parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
+            inertia_b = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
             torque_b = control.body_torque_b[world, body]
             if config.gyroscopic == 1:
                 torque_b += gyroscopic_torque(

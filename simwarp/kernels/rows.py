@@ -20,7 +20,7 @@ from simwarp.kernels.joints import (
 )
 from simwarp.kernels.laws import PRESCRIBED_POSITION, dof_law, prescribed_rate
 from simwarp.kernels.spatial import column, to_float
-from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
 from simwarp.kernels.tree import Wrench, project_slot, walk_to_root
 
 wp.set_module_options({"enable_backward": False})
@@ -86,7 +86,7 @@ def row_offset(kind: int, joint: int, world: int, parameters: Parameters) -> wp.
     """The constant of a DISTANCE or POINT_AXIS1 row [m]."""
     offset = wp.float64(0.0)
     if kind == DISTANCE or kind == POINT_AXIS1:
-        offset = parameters.joint_offset[world % parameters.joint_offset.shape[0], joint]
+        offset = parameters.joint_offset[own(world, parameters.joint_offset.shape[0]), joint]
     return offset
 
 
@@ -152,8 +152,8 @@ def free_mobility(body: int, world: int, wrench: Wrench, parameters: Parameters)
         return 0.0
     force = wp.dot(wrench.lin, wrench.lin)
     if force > 0.0:
-        return force / parameters.body_mass[world % parameters.body_mass.shape[0], body]
-    inertia = parameters.body_inertia_b[world % parameters.body_inertia_b.shape[0], body]
+        return force / parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
+    inertia = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
     return 3.0 * wp.dot(wrench.ang, wrench.ang) / wp.trace(inertia)
 
 
@@ -219,9 +219,9 @@ def coupling_row(
     row = topology.joint_row_count + coupling
     for slot in range(topology.slot_count):
         work.y[row, slot] = 0.0
-    value = -parameters.coupling_offset[world % parameters.coupling_offset.shape[0], coupling]
+    value = -parameters.coupling_offset[own(world, parameters.coupling_offset.shape[0]), coupling]
     limit = config.recovery_rate
-    wc = world % parameters.coupling_coefficient.shape[0]
+    wc = own(world, parameters.coupling_coefficient.shape[0])
     for term in range(3):
         dof = topology.coupling_dof[coupling, term]
         if dof >= 0:
@@ -313,7 +313,7 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
         link1 = link_of(topology.joint_body1[joint], topology)
         for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
             work.row_r[row] = row_speed(row, topology, work, link0, link1)
-    wc = world % parameters.coupling_coefficient.shape[0]
+    wc = own(world, parameters.coupling_coefficient.shape[0])
     for row in range(topology.joint_row_count, topology.row_count):
         coupling = row - topology.joint_row_count
         speed = float(0.0)

@@ -22,6 +22,7 @@ from simwarp.kernels.tables import (
     StepConfig,
     Topology,
     Work,
+    own,
 )
 from simwarp.kernels.tree import factor_tree, impulses_up, velocities_down
 from simwarp.types import WorldStatus
@@ -95,8 +96,8 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
         body = topology.link_body[link]
         if body >= 0:
             rot = matrix_to_float(work.rot[body])
-            mass = parameters.body_mass[world % parameters.body_mass.shape[0], body]
-            inertia_b = parameters.body_inertia_b[world % parameters.body_inertia_b.shape[0], body]
+            mass = parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
+            inertia_b = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
             work.p_ang[link] = work.f_ang[link] - rot * (inertia_b * (work.v_ang[link] * rot))
             work.p_lin[link] = work.f_lin[link] - mass * work.v_lin[link]
     for slot in range(topology.slot_count):

@@ -7,6 +7,12 @@
 import warp as wp
 
 
+@wp.func
+def own(world: int, copies: int) -> int:
+    """Row of a parameter: the world's own, or the only one."""
+    return wp.min(world, copies - 1)
+
+
 @wp.struct
 class Topology:
     """Level-ordered tables: links (bodies and shafts) parents first, slots (tree degrees of freedom), rows."""
@@ -154,6 +160,7 @@ class ContactArrays:
     contact_arm1: wp.array2d[wp.vec3]
     contact_impulse: wp.array2d[wp.vec3]
     contact_moment: wp.array2d[wp.vec3]
+    contact_force_w: wp.array2d[wp.vec3]
     shape_contact_force: wp.array2d[wp.vec3]
     body_contact_force: wp.array2d[wp.vec3]
     penetration: wp.array[float]

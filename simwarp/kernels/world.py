@@ -315,5 +315,11 @@ def copy_worlds(
     for row in range(source.bounded_impulse.shape[1]):
         target.bounded_impulse[world, row] = source.bounded_impulse[world, row]
     contacts.contact_count[world] = 0
+    contacts.contact_overflow[world] = 0
+    contacts.penetration[world] = 0.0
+    for shape in range(contacts.shape_contact_force.shape[1]):
+        contacts.shape_contact_force[world, shape] = wp.vec3()
+    for body in range(contacts.body_contact_force.shape[1]):
+        contacts.body_contact_force[world, body] = wp.vec3()
     target.world_time[world] = source.world_time[world]
     target.world_status[world] = source.world_status[world]

@@ -42,17 +42,18 @@ def mixed(a: Material, b: Material) -> Material:
     return Material(compliance=a.compliance + b.compliance, **least)
 
 
-def contact_bias(m: Material, gap: float, before: float, h: float, recovery: float, bounce: float) -> tuple:
-    """(bias of the normal row, what its diagonal gains) for normal speed `before` at the step's start."""
+def contact_bias(
+    m: Material, gap: float, before: float, free: float, h: float, recovery: float, bounce: float
+) -> tuple[float, float]:
+    """(bias of the normal row, what its diagonal gains) for normal speed `before` at the step's start and `free`
+    after a step without contacts.
+    """
     rebound = m.restitution * before
-    if rebound < -bounce and gap + h * rebound < 0.0:
+    if rebound < -bounce and gap + h * min(before, free) < 0.0:
         return rebound, 0.0
     if m.compliance > 0.0:
-        bias, gain = gap / (h + m.damping), m.compliance / (h * (h + m.damping))
-    else:
-        bias, gain = gap / h, 0.0
-    bias = max(bias, -recovery)
-    return (min(bias, 0.0) if m.cohesion > 0.0 else bias), gain
+        return gap / (h + m.damping), m.compliance / (h * (h + m.damping))
+    return max(gap / h, -recovery), 0.0
 
 
 def tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +158,9 @@ class ContactTwin(Twin):
 
     # ---- rows ----------------------------------------------------------------------------------------------------
 
-    def _contact_rows(self, touches: list[Touch]) -> tuple[np.ndarray, np.ndarray, np.ndarray, Cones]:
+    def _contact_rows(
+        self, touches: list[Touch], smooth: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Cones]:
         """Jacobian, bias and added diagonal of six rows per contact, and their cones (without boxes)."""
         h, width = self.dt, self.rows.width
         jacobian = np.zeros((6 * len(touches), width))
@@ -177,9 +180,10 @@ class ContactTwin(Twin):
                 for row, axis in enumerate((t1, t2, touch.normal)):
                     jacobian[6 * k + 3 + row, columns] += sign * np.concatenate([np.zeros(3), axis])
             before = float(jacobian[6 * k] @ self.velocity)
-            bias[6 * k], gain[6 * k] = contact_bias(material, touch.gap, before, h, self.recovery, self.bounce)
+            free = float(jacobian[6 * k] @ smooth)
+            bias[6 * k], gain[6 * k] = contact_bias(material, touch.gap, before, free, h, self.recovery, self.bounce)
             slopes[k] = material.friction, material.rolling_friction, material.spinning_friction
-            apex[k] = h * material.cohesion
+            apex[k] = h * material.cohesion if touch.gap <= 0.1 * self.envelope else 0.0
         empty = np.zeros(0)
         return jacobian, bias, gain, Cones(empty, empty, slopes, apex)
 
@@ -202,7 +206,7 @@ class ContactTwin(Twin):
         boxes = self._boxes(inputs)
         smooth = bilateral.project(free, bias)
         self.touches = self.find_contacts(smooth)
-        contact_jacobian, contact_bias_, gain, cones = self._contact_rows(self.touches)
+        contact_jacobian, contact_bias_, gain, cones = self._contact_rows(self.touches, smooth)
         cones.low, cones.high = boxes.low, boxes.high
         rows = np.vstack([boxes.jacobian, contact_jacobian])
         columns = bilateral.compliance(rows)
