@@ -21,6 +21,7 @@ EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
     "four_bar.py": ["--seconds", "0.5", "--plot", "four_bar.png"],
     "drives.py": ["--seconds", "0.5"],
+    "contacts.py": [],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
 }
 DTYPES = {

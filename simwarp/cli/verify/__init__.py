@@ -46,6 +46,7 @@ SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
     "card-house": contact.card_house,
     "arch": contact.arch,
     "stack": contact.stack,
+    "cube-stack": contact.cube_stack,
     "wall": contact.wall,
     "pile": contact.pile,
 }
