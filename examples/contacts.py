@@ -18,7 +18,9 @@ ball = builder.add_solid(
 )
 # every world gets its own speed of the ball and its own friction of the ground
 model = builder.finalize(WORLDS, "cpu", per_world=["shape_friction"])
-model.shape_friction[:, 0] = np.linspace(0.2, 0.8, WORLDS)
+friction = model.shape_friction.numpy()
+friction[:, 0] = np.linspace(0.2, 0.8, WORLDS)
+model.shape_friction.assign(friction)
 sim = sw.Simulation(model, dt=5e-3)
 velocity = sim.state.body_v.numpy()
 velocity[:, ball, 0] = np.linspace(2.0, 8.0, WORLDS)

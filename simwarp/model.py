@@ -108,6 +108,21 @@ class Model:
     joint_armature: wp.array
     drive_stiffness: wp.array
     drive_damping: wp.array
+    shape_x: wp.array
+    shape_rot: wp.array
+    shape_size: wp.array
+    shape_margin: wp.array
+    shape_asset: wp.array
+    shape_enabled: wp.array
+    shape_friction: wp.array
+    shape_rolling_friction: wp.array
+    shape_spinning_friction: wp.array
+    shape_restitution: wp.array
+    shape_cohesion: wp.array
+    shape_compliance: wp.array
+    shape_damping: wp.array
+    shape_young_modulus: wp.array
+    shape_poisson_ratio: wp.array
 
     def __init__(
         self, world_count: int, device: Any, builder: ModelBuilder, tables: Tables, contact_capacity: int | None = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import simwarp as sw
@@ -23,7 +25,7 @@ def random_material(rng: np.random.Generator, kinds: str) -> Material:
     )
 
 
-def single(x: np.ndarray | float) -> np.ndarray:
+def single(x: Any) -> Any:
     """Rounded to float32, as the parameters of shapes are: a rounded radius is a gap, and gaps are divided by h."""
     return np.float64(np.float32(x))
 
@@ -42,7 +44,7 @@ def heap(
     builder.add_shape_plane(material=random_material(rng, kinds), name="ground")
     for index in range(bodies):
         kind = ("sphere", "box" if boxes else "sphere", "capsule")[index % 3]
-        size = {
+        size: Any = {
             "sphere": single(rng.uniform(0.1, 0.3)), "box": tuple(single(rng.uniform(0.1, 0.3, 3))),
             "capsule": tuple(single(rng.uniform(0.1, 0.3, 2))),
         }[kind]  # fmt: skip
@@ -53,7 +55,7 @@ def heap(
             turn = quat_multiply(turn, half_turn)
         height = size if kind == "sphere" else (size[2] if kind == "box" else size[0])
         mass = float(10.0 ** rng.uniform(-0.5, 0.5))
-        speeds = {"velocity": 0.5 * rng.normal(size=3), "omega": 2.0 * rng.normal(size=3)}
+        speeds: dict[str, Any] = {"velocity": 0.5 * rng.normal(size=3), "omega": 2.0 * rng.normal(size=3)}
         at = np.array([1.5 * index, 0.0, height - depth * rng.uniform()])
         surface = random_material(rng, kinds)
         builder.add_solid(f"b{index}", kind, size, mass=mass, pose=sw.pose(at, turn), material=surface, **speeds)

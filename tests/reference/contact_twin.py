@@ -189,7 +189,7 @@ class ContactTwin(Twin):
 
     # ---- step ----------------------------------------------------------------------------------------------------
 
-    def step(
+    def step(  # type: ignore[override]
         self, joint_force: np.ndarray | None = None, body_force: np.ndarray | None = None,
         body_torque: np.ndarray | None = None, target_q: np.ndarray | None = None, target_qd: np.ndarray | None = None,
     ) -> None:  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import simwarp as sw
@@ -41,10 +43,11 @@ def add_joint(builder: ModelBuilder, rng: np.random.Generator, parent: int, chil
     if kind == "fixed":
         builder.add_joint_fixed(name, parent, child, anchor=anchor)
     elif kind in ("revolute", "prismatic"):
-        options = [
+        choices: list[dict[str, Any]] = [
             {}, {"limit": (-0.5, 0.5)}, {"friction": 0.1}, {"damping": 0.1, "stiffness": 1.0},
             {"drive": sw.VelocityMotor(effort_limit=1.0)},
-        ][rng.integers(5)]  # fmt: skip
+        ]  # fmt: skip
+        options = choices[rng.integers(5)]
         getattr(builder, f"add_joint_{kind}")(name, parent, child, axis=unit(rng), anchor=anchor, **options)
     elif kind == "spherical":
         builder.add_joint_spherical(name, parent, child, anchor=anchor)

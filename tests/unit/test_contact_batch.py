@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def scene() -> sw.ModelBuilder:
     return builder
 
 
-def simulation(worlds: int = 6, builder: Callable[[], sw.ModelBuilder] = scene, **options: object) -> sw.Simulation:
+def simulation(worlds: int = 6, builder: Callable[[], sw.ModelBuilder] = scene, **options: Any) -> sw.Simulation:
     return sw.Simulation(builder().finalize(worlds, "cpu", **options), 2e-3)
 
 
@@ -77,7 +78,7 @@ def test_two_runs_are_identical() -> None:
         sim = simulation()
         stir(sim)
         runs.append(steps(sim, 60))
-    assert_equal(*runs)
+    assert_equal(runs[0], runs[1])
     assert runs[0]["contact_count"].min() > 0
 
 
@@ -99,7 +100,7 @@ def test_a_disturbed_world_leaves_the_others_alone(how: str) -> None:
             values[3] = np.nan if how == "nan" else values[3] + 0.05
             array.assign(values)
         results.append(steps(sim, 40))
-    assert_equal(*results, [0, 1, 2, 4, 5])
+    assert_equal(results[0], results[1], [0, 1, 2, 4, 5])
     assert not np.array_equal(results[0]["body_x"][3], results[1]["body_x"][3], equal_nan=True)
     if how == "nan":
         assert results[1]["world_status"][3] != 0
@@ -163,7 +164,7 @@ def test_shape_friction_per_world() -> None:
     sim = simulation(3, lambda: stack(count=1, friction=0.8), per_world=["shape_friction"])
     friction = np.repeat(np.array([[0.1], [0.4], [0.8]], np.float32), 2, axis=1)
     sim.model.shape_friction.assign(friction)
-    sim.control.body_force.assign(np.tile(np.float32([5.0, 0.0, 0.0]), (3, 1, 1)))
+    sim.control.body_force.assign(np.tile(np.array([5.0, 0.0, 0.0], np.float32), (3, 1, 1)))
     steps(sim, 100)
     # 1 kg: a = 5 - mu g, or it sticks; impulses to the solver's 1e-5 m/s in each of 100 steps
     expected = [0.2 * (5.0 - 0.1 * 9.81), 0.2 * (5.0 - 0.4 * 9.81), 0.0]
@@ -227,7 +228,8 @@ def many() -> sw.ModelBuilder:
         at = np.array([0.3 * (index % 3), 0.3 * (index // 3 % 3), 0.2 + 0.3 * (index // 9)])
         q = rng.normal(size=4)
         kind = kinds[index % 6]
-        size = {"sphere": 0.15, "box": (0.15, 0.1, 0.12), "ellipsoid": (0.15, 0.1, 0.12)}.get(kind, (0.1, 0.1))
+        sizes: dict[str, Any] = {"sphere": 0.15, "box": (0.15, 0.1, 0.12), "ellipsoid": (0.15, 0.1, 0.12)}
+        size = sizes.get(kind, (0.1, 0.1))
         mask = 0x7FFFFFFF if index % 5 else 1
         builder.add_solid(f"b{index}", kind, size, mass=1.0, pose=sw.pose(at, q), mask=mask, group=1 + (index % 7 == 0))
     builder.exclude_collision(0, 1)

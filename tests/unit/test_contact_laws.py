@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ G = 9.81
 TIGHT = sw.SolverOptions(tolerance=1e-6)
 
 
-def simulate(builder: sw.ModelBuilder, dt: float = 1e-3, **options: object) -> sw.Simulation:
+def simulate(builder: sw.ModelBuilder, dt: float = 1e-3, **options: Any) -> sw.Simulation:
     options.setdefault("solver", TIGHT)
     return sw.Simulation(builder.finalize(1, "cpu"), dt, **options)
 
@@ -38,9 +39,7 @@ def force(sim: sw.Simulation, body: int = 0) -> np.ndarray:
     return sim.contacts.body_contact_force.numpy()[0, body].astype(float)
 
 
-def ball_on_ground(
-    material: Material, *, mass: float = 1.0, radius: float = 0.25, **options: object
-) -> sw.ModelBuilder:
+def ball_on_ground(material: Material, *, mass: float = 1.0, radius: float = 0.25, **options: Any) -> sw.ModelBuilder:
     builder = sw.ModelBuilder()
     builder.add_shape_plane(material=material, name="ground")
     at = sw.pose((0.0, 0.0, radius))
@@ -339,7 +338,7 @@ def test_compliant_contact_sinks_by_its_load(damping: float) -> None:
 # ---- joints and contacts ---------------------------------------------------------------------------------------------
 
 
-def arm(tip: float = 0.1, **options: object) -> sw.ModelBuilder:
+def arm(tip: float = 0.1, **options: Any) -> sw.ModelBuilder:
     """1 m long, 2 kg, hinged at (0, 0, tip); a ball of radius 0.1 m at its end touches the ground."""
     builder = sw.ModelBuilder()
     builder.add_shape_plane(name="ground")
@@ -351,7 +350,7 @@ def arm(tip: float = 0.1, **options: object) -> sw.ModelBuilder:
 
 @pytest.mark.parametrize("limit", [None, (-1.0, 1.0)])
 def test_arm_rests_on_the_ground(limit: tuple[float, float] | None) -> None:
-    sim = simulate(arm(**({} if limit is None else {"limit": limit})), joint_reactions=True)
+    sim = simulate(arm() if limit is None else arm(limit=limit), joint_reactions=True)
     run(sim, 0.3)
     # the tip carries half of the weight; friction along the arm has a lever of the ball's radius
     weight = np.array([0.0, 0.0, -2.0 * G])

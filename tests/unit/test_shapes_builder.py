@@ -16,7 +16,7 @@ Case = tuple[str, Callable[[sw.ModelBuilder], Any], list[str]]
 CASES: list[Case] = [
     ("body", lambda b: b.add_shape_sphere(3, radius=0.1, name="ball"), ["shape 'ball'", "body", "3", "add_body"]),
     ("body_bool", lambda b: b.add_shape_sphere(True, radius=0.1, name="ball"), ["shape 'ball'", "True"]),
-    ("body_name", lambda b: b.add_shape_sphere("torso", radius=0.1, name="ball"), ["shape 'ball'", "'torso'"]),
+    ("body_name", lambda b: b.add_shape_sphere("torso", radius=0.1, name="ball"), ["shape 'ball'", "'torso'"]),  # type: ignore[arg-type]
     ("radius", lambda b: b.add_shape_sphere(0, radius=-0.1, name="ball"), ["shape 'ball'", "size", "-0.1", "m"]),
     ("radius_nan", lambda b: b.add_shape_sphere(0, radius=float("nan"), name="ball"), ["shape 'ball'", "nan"]),
     ("half_zero", lambda b: b.add_shape_box(0, half=(0.1, 0.0, 0.1), name="box"), ["shape 'box'", "size", "0.0"]),
