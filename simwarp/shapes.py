@@ -184,7 +184,7 @@ class ShapeList:
         extent = checked_size(thing, shape_type, (values[0], values[1], values[0]) if len(values) == 2 else values)
         if (mass is None) == (density is None):
             raise ModelError(f"{thing}: give mass or density, got mass={mass!r}, density={density!r}; drop one")
-        solid = shape_mass(shape_type, extent, 1.0, self.hulls[asset] if asset >= 0 else None)
+        solid = shape_mass(shape_type, extent.tolist(), 1.0, self.hulls[asset] if asset >= 0 else None)
         given = positive_number(thing, "mass" if density is None else "density", mass or density, "kg or kg/m³", "")
         weight = given if density is None else given * solid.mass
         frame = checked_pose(thing, pose)
@@ -196,7 +196,10 @@ class ShapeList:
         self._add_shape(shape_type, body, extent, {"name": name, "pose": offset, **options}, asset)
         return body
 
-    def add_body(self, name: str, **options: Any) -> int:
+    def add_body(
+        self, name: str, *, mass: float, inertia: Any, pose: Pose | None = None, velocity: Vec3 = (0.0, 0.0, 0.0),
+        omega: Vec3 = (0.0, 0.0, 0.0),
+    ) -> int:  # fmt: skip
         """See `ModelBuilder.add_body`."""
         raise NotImplementedError
 
@@ -290,7 +293,10 @@ def checked_kind(thing: str, kind: ShapeType | str) -> ShapeType:
 def checked_size(thing: str, kind: ShapeType, size: Vec3 | Sequence[float]) -> Array:
     """Three finite numbers, positive where the kind needs them."""
     values = finite_vector(thing, "size", size, 3)
-    if kind != ShapeType.PLANE:
+    if kind in (ShapeType.HULL, ShapeType.HEIGHT_FIELD, ShapeType.MESH):
+        for value in values.tolist():
+            positive_number(thing, "scale", value, "along every axis", "mirror the geometry itself")
+    elif kind != ShapeType.PLANE:
         for value in values:
             positive_number(thing, "every size (radius, half_length, half)", value, "m", "sizes are half lengths")
     return values

@@ -14,6 +14,8 @@ BOX = wp.constant(int(ShapeType.BOX))
 ELLIPSOID = wp.constant(int(ShapeType.ELLIPSOID))
 CONE = wp.constant(int(ShapeType.CONE))
 HULL = wp.constant(int(ShapeType.HULL))
+HEIGHT_FIELD = wp.constant(int(ShapeType.HEIGHT_FIELD))
+MESH = wp.constant(int(ShapeType.MESH))
 TRIANGLE = wp.constant(64)  # internal: the columns of `rot` are the three vertices relative to `x`; no size
 
 MANIFOLD_CONTACTS = wp.constant(8)
@@ -35,7 +37,9 @@ class Shape:
 
 @wp.struct
 class Assets:
-    """Geometry shared by all worlds and shapes: convex hulls, concatenated. Local frame of the asset, unscaled."""
+    """Geometry shared by all worlds and shapes, in the local frame of the asset, unscaled. Each kind (hulls, height
+    fields, meshes) counts its own assets; their data are concatenated.
+    """
 
     hull_vertex: wp.array[wp.vec3]
     hull_vertex_start: wp.array[int]  # CSR over assets
@@ -49,6 +53,18 @@ class Assets:
     hull_edge_start: wp.array[int]  # CSR over assets
     hull_centre: wp.array[wp.vec3]  # a point well inside, one per asset
     hull_radius: wp.array[float]  # of the sphere about that point that holds all vertices
+
+    field_height: wp.array[float]  # row by row, columns along x [m]
+    field_start: wp.array[int]  # CSR over assets
+    field_nodes: wp.array[wp.vec2i]  # columns and rows of grid nodes
+    field_spacing: wp.array[wp.vec2d]  # between columns and between rows [m]; the grid's middle is the origin
+    field_range: wp.array[wp.vec2]  # lowest and highest node [m]
+
+    mesh: wp.array[wp.uint64]  # ids of wp.Mesh
+    mesh_neighbour: wp.array[wp.vec3]  # unit normal of the triangle across edge k of triangle t: [3 t + k]; 0: border
+    mesh_neighbour_start: wp.array[int]  # CSR over assets
+    mesh_lower: wp.array[wp.vec3]  # bounds
+    mesh_upper: wp.array[wp.vec3]
 
 
 @wp.struct

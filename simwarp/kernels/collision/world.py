@@ -7,9 +7,10 @@ read in step with them.
 import warp as wp
 
 from simwarp.kernels.collision.broad import Grid, candidates, fill_grid
-from simwarp.kernels.collision.narrow import MANIFOLD_CONTACTS, collide
-from simwarp.kernels.collision.shape import POLYGON_CAPACITY, Assets, Manifold, Shape
-from simwarp.kernels.collision.support import shape_bounds
+from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY, Assets, Manifold, Shape
+from simwarp.kernels.collision.support import Bounds, shape_bounds
+from simwarp.kernels.collision.terrain import TRIANGLE_BATCH, Ground, ground_bounds, ground_of, is_ground
+from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_contacts
 from simwarp.kernels.contact_rows import contact_frame
 from simwarp.kernels.spatial import matrix_to_float, to_float
 from simwarp.kernels.tables import ContactArrays, Parameters, StateArrays, StepConfig, Topology
@@ -45,6 +46,13 @@ class CollisionScratch:
     contact_feature: wp.array2d[int]
     polygon: wp.array3d[wp.vec3]
 
+    triangle: wp.array2d[int]  # of a height field or mesh (triangles.py)
+    raw_normal: wp.array2d[wp.vec3]
+    raw_point: wp.array2d[wp.vec3]
+    raw_gap: wp.array2d[float]
+    raw_feature: wp.array2d[int]
+    raw_spread: wp.array2d[float]
+
     cell: wp.array2d[wp.vec3i]  # of the grid (broad.py)
     home: wp.array2d[int]
     start: wp.array2d[int]
@@ -71,6 +79,10 @@ def make_collision_scratch(device: wp.Device, lanes: int, shapes: int, contacts:
     s.normal, s.point = zeros(manifold, dtype=wp.vec3), zeros(manifold, dtype=wp.vec3)
     s.gap, s.contact_feature = zeros(manifold), zeros(manifold, dtype=int)
     s.polygon = zeros(4, int(POLYGON_CAPACITY), dtype=wp.vec3)
+    raw = int(RAW_CONTACTS)
+    s.triangle = zeros(int(TRIANGLE_BATCH), dtype=int)
+    s.raw_normal, s.raw_point = zeros(raw, dtype=wp.vec3), zeros(raw, dtype=wp.vec3)
+    s.raw_gap, s.raw_feature, s.raw_spread = zeros(raw), zeros(raw, dtype=int), zeros(raw)
     in_grid = shapes if buckets else 0
     s.cell, s.home = zeros(in_grid, dtype=wp.vec3i), zeros(in_grid, dtype=int)
     s.start, s.member = zeros(buckets + 1, dtype=int), zeros(in_grid, dtype=int)
@@ -99,6 +111,17 @@ def placed(
 
 
 @wp.func
+def bounds_of(s: Shape, assets: Assets) -> Bounds:
+    """Bounds of any shape."""
+    b = Bounds()
+    if is_ground(s.kind):
+        b = ground_bounds(s, assets)
+    else:
+        b = shape_bounds(s, assets)
+    return b
+
+
+@wp.func
 def place_shapes(
     world: int, lane: int, topology: Topology, parameters: Parameters, state: StateArrays, assets: Assets,
     scratch: CollisionScratch,
@@ -120,7 +143,7 @@ def place_shapes(
         scratch.x[lane, shape] = x
         scratch.rot[lane, shape] = rot
         scratch.velocity[lane, shape] = velocity
-        bounds = shape_bounds(placed(shape, world, x, lane, topology, parameters, scratch), assets)
+        bounds = bounds_of(placed(shape, world, x, lane, topology, parameters, scratch), assets)
         scratch.lower[lane, shape] = bounds.lower
         scratch.upper[lane, shape] = bounds.upper
         sweep = float(0.0)
@@ -266,6 +289,31 @@ class Progress:
 
 
 @wp.func
+def pack_manifold(lane: int, scratch: CollisionScratch) -> Manifold:
+    """The contacts of one pair in one lane of the scratch."""
+    manifold = Manifold()
+    manifold.normal = scratch.normal[lane]
+    manifold.point = scratch.point[lane]
+    manifold.gap = scratch.gap[lane]
+    manifold.feature = scratch.contact_feature[lane]
+    manifold.polygon = scratch.polygon[lane]
+    return manifold
+
+
+@wp.func
+def pack_raw(lane: int, scratch: CollisionScratch) -> RawContacts:
+    """The contacts of one pair's triangles in one lane of the scratch."""
+    raw = RawContacts()
+    raw.triangle = scratch.triangle[lane]
+    raw.normal = scratch.raw_normal[lane]
+    raw.point = scratch.raw_point[lane]
+    raw.gap = scratch.raw_gap[lane]
+    raw.feature = scratch.raw_feature[lane]
+    raw.spread = scratch.raw_spread[lane]
+    return raw
+
+
+@wp.func
 def collide_pair(
     world: int, lane: int, shape0: int, shape1: int, reach: float, cached: int, progress: Progress,
     topology: Topology, parameters: Parameters, assets: Assets, state: StateArrays, contacts: ContactArrays,
@@ -273,18 +321,33 @@ def collide_pair(
 ) -> Progress:  # fmt: skip
     """The contacts of one pair of shapes."""
     now = progress
+    ground = int(-1)
+    convex = int(-1)
     origin = scratch.x[lane, shape0]
     if topology.shape_body[shape0] < 0:
         origin = scratch.x[lane, shape1]
+    if is_ground(topology.shape_type[shape0]):
+        ground = shape0
+        convex = shape1
+    elif is_ground(topology.shape_type[shape1]):
+        ground = shape1
+        convex = shape0
+    if ground >= 0:
+        origin = scratch.x[lane, convex]
     a = placed(shape0, world, origin, lane, topology, parameters, scratch)
     b = placed(shape1, world, origin, lane, topology, parameters, scratch)
-    manifold = Manifold()
-    manifold.normal = scratch.normal[lane]
-    manifold.point = scratch.point[lane]
-    manifold.gap = scratch.gap[lane]
-    manifold.feature = scratch.contact_feature[lane]
-    manifold.polygon = scratch.polygon[lane]
-    found = collide(a, b, reach, assets, manifold)
+    flip = int(0)
+    if ground == shape1:
+        swap = a
+        a = b
+        b = swap
+        flip = 1
+    g = Ground()
+    g.kind = -1
+    if ground >= 0:
+        offset = scratch.x[lane, ground] - origin
+        g = ground_of(a, offset, scratch.lower[lane, convex], scratch.upper[lane, convex], reach)
+    found = pair_contacts(a, b, g, flip, reach, assets, pack_manifold(lane, scratch), pack_raw(lane, scratch))
     if found > 0:
         while now.cursor < cached and (
             scratch.shape0[lane, now.cursor] < shape0

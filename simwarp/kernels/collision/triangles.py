@@ -1,0 +1,475 @@
+"""Contacts of a convex shape with the triangles of a height field or mesh, and the walk over a pair's pieces.
+
+Triangles have one outer side; what lies behind them is solid. Their contacts are kept only where the whole surface
+would have them: along the face normal, or, over an edge that bends away, between the normals of its two faces
+("internal edges", Moravanszky and Terdiman 2004). Over flat and inner edges the neighbour's face does the work.
+"""
+
+import warp as wp
+
+from simwarp.kernels.collision.narrow import collide
+from simwarp.kernels.collision.shape import (
+    HEIGHT_FIELD,
+    MANIFOLD_CONTACTS,
+    MESH,
+    SPHERE,
+    Assets,
+    Manifold,
+    Shape,
+    triangle_shape,
+)
+from simwarp.kernels.collision.support import core_radius, inner_point, rounding, safe_direction, support
+from simwarp.kernels.collision.terrain import (
+    NEVER,
+    TRIANGLE_BATCH,
+    Ground,
+    gather,
+    ground_vertex,
+    neighbour_normal,
+)
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+RAW_CONTACTS = wp.constant(64)  # of all triangles before the reduction
+THINNED = wp.constant(24)  # what is left of them when they become too many on the way
+SAME_NORMAL = wp.constant(2.0e-3)  # [rad] normals this close to a face's are that; edges that bend less are flat
+MERGED_NORMAL = wp.constant(1.0e-4)  # squared difference of normals, and
+MERGED = wp.constant(2.0e-3)  # distance in radii of the shape, below which two contacts are one
+NEAR_EDGE = wp.constant(1.0e-3)  # of the triangle or the shape's radius: points this close to two edges are on both
+TILT = wp.constant(0.02)  # [rad] of the directions along which lowest points are looked for
+STEEP = wp.constant(10.0)  # they are deeper than the sideways overlap by this factor at most
+AROUND = wp.constant(16)  # directions in which the outermost contacts are kept, the first at
+FIRST_ANGLE = wp.constant(0.61)  # [rad] where boxes along the axes have one corner farthest out
+SHALLOW = wp.constant(5.0)  # a contact that is farther out must not be shallower by a fifth of that
+SLOPE = wp.constant(0.02)  # of the radius: a contact this much shallower than the deepest counts half in the reduction
+EDGE_CONTACT = wp.constant(0x40000000)  # bit of the feature of contacts along other normals than the face's
+
+
+@wp.struct
+class Triangle:
+    """A triangle in the pair's frame."""
+
+    index: int
+    p0: wp.vec3
+    p1: wp.vec3
+    p2: wp.vec3
+    normal: wp.vec3
+
+
+@wp.struct
+class RawContacts:
+    """Scratch: contacts of all triangles, from the triangle to the convex shape; points on the triangle's surface."""
+
+    triangle: wp.array[int]  # TRIANGLE_BATCH
+    normal: wp.array[wp.vec3]
+    point: wp.array[wp.vec3]
+    gap: wp.array[float]
+    feature: wp.array[int]
+    spread: wp.array[float]
+
+
+@wp.struct
+class Found:
+    """Raw contacts so far, and the shallowest of those that lift a sunk shape out."""
+
+    count: int
+    sunk: int  # 1: there is one
+    gap: float
+    normal: wp.vec3
+    point: wp.vec3
+    feature: int
+
+
+@wp.func
+def ground_triangle(g: Ground, index: int, assets: Assets) -> Triangle:
+    """A triangle in the pair's frame."""
+    t = Triangle()
+    t.index = index
+    t.p0 = ground_vertex(g, index, 0, assets)
+    t.p1 = ground_vertex(g, index, 1, assets)
+    t.p2 = ground_vertex(g, index, 2, assets)
+    t.normal = safe_direction(wp.cross(t.p1 - t.p0, t.p2 - t.p0), wp.vec3(0.0, 0.0, 1.0))
+    return t
+
+
+@wp.func
+def corner_of(t: Triangle, k: int) -> wp.vec3:
+    """Corner k modulo 3."""
+    if k == 1:
+        return t.p1
+    if k == 2:
+        return t.p2
+    return t.p0
+
+
+@wp.func
+def covers(t: Triangle, along: wp.vec3, p: wp.vec3) -> bool:
+    """Whether a line through p along a direction on the outer side meets the triangle."""
+    inside = bool(True)
+    for k in range(3):
+        a = corner_of(t, k)
+        if wp.dot(wp.cross(corner_of(t, (k + 1) % 3) - a, p - a), along) < 0.0:
+            inside = False
+    return inside
+
+
+@wp.func
+def nearest_on_triangle(t: Triangle, c: wp.vec3) -> wp.vec3:
+    """The point of a triangle's border that is nearest to c, which is not above or below its inside."""
+    best = t.p0
+    least = float(NEVER)
+    for k in range(3):
+        a = corner_of(t, k)
+        e = corner_of(t, (k + 1) % 3) - a
+        s = wp.clamp(wp.dot(e, c - a) / wp.max(wp.length_sq(e), 1.0e-30), 0.0, 1.0)
+        q = a + s * e
+        d = wp.length_sq(c - q)
+        if d < least:
+            least = d
+            best = q
+    return best
+
+
+@wp.func
+def distance_to(t: Triangle, c: wp.vec3) -> float:
+    """Distance of a point from a triangle [m]."""
+    if covers(t, t.normal, c):
+        return wp.abs(wp.dot(t.normal, c - t.p0))
+    return wp.length(c - nearest_on_triangle(t, c))
+
+
+@wp.func
+def triangle_sphere(t: Triangle, margin: float, b: Shape, reach: float, out: Manifold) -> int:
+    """Contact of a triangle and a sphere, from the triangle to the sphere."""
+    n = t.normal
+    distance = wp.dot(n, b.x - t.p0)
+    if distance < 0.0:
+        n = -n
+        distance = -distance
+    if not covers(t, t.normal, b.x):
+        d = b.x - nearest_on_triangle(t, b.x)
+        n = safe_direction(d, n)
+        distance = wp.length(d)
+    gap = distance - margin - rounding(b)
+    if gap >= reach:
+        return 0
+    out.normal[0] = n
+    out.point[0] = b.x - (distance - margin) * n
+    out.gap[0] = gap
+    out.feature[0] = 0
+    return 1
+
+
+@wp.func
+def fits_surface(g: Ground, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets) -> bool:
+    """Whether a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
+    every edge near p that n leans over the surface bends away by at least as much.
+    """
+    if wp.dot(n, t.normal) < -SAME_NORMAL:
+        return False
+    nearest = float(NEVER)
+    longest = float(0.0)
+    for k in range(3):
+        a = corner_of(t, k)
+        e = corner_of(t, (k + 1) % 3) - a
+        longest = wp.max(longest, wp.length(e))
+        nearest = wp.min(nearest, wp.dot(safe_direction(wp.cross(t.normal, e), wp.vec3()), p - a))
+    slack = NEAR_EDGE * wp.min(longest, size)
+    leans = bool(False)
+    fits = bool(True)
+    for k in range(3):
+        a = corner_of(t, k)
+        outwards = safe_direction(wp.cross(corner_of(t, (k + 1) % 3) - a, t.normal), wp.vec3())
+        if -wp.dot(outwards, p - a) <= nearest + slack:
+            angle = wp.atan2(wp.dot(n, outwards), wp.dot(n, t.normal))
+            if angle > SAME_NORMAL:
+                leans = True
+                other = neighbour_normal(g, t.index, k, assets)
+                if wp.length_sq(other) > 0.0:
+                    bend = wp.atan2(wp.dot(other, outwards), wp.dot(other, t.normal))
+                    if bend <= SAME_NORMAL or angle > bend + SAME_NORMAL:
+                        fits = False
+    return leans and fits
+
+
+@wp.func
+def feature_of(triangle: int, feature: int) -> int:
+    """One number for a feature of a triangle."""
+    return ((triangle * 73856093) ^ (feature * 19349663 + 83492791)) & 0x3FFFFFFF
+
+
+@wp.func
+def exchange(i: int, j: int, raw: RawContacts):
+    """Two raw contacts change places."""
+    normal = raw.normal[i]
+    point = raw.point[i]
+    gap = raw.gap[i]
+    feature = raw.feature[i]
+    spread = raw.spread[i]
+    raw.normal[i] = raw.normal[j]
+    raw.point[i] = raw.point[j]
+    raw.gap[i] = raw.gap[j]
+    raw.feature[i] = raw.feature[j]
+    raw.spread[i] = raw.spread[j]
+    raw.normal[j] = normal
+    raw.point[j] = point
+    raw.gap[j] = gap
+    raw.feature[j] = feature
+    raw.spread[j] = spread
+
+
+@wp.func
+def thin_out(count: int, left: int, size: float, raw: RawContacts) -> int:
+    """Keeps at most `left` contacts: the deepest; those farthest out around it, which hold the shape's edge; then
+    always the one farthest, in place and normal, from those kept. Shallow ones count less. Returns how many.
+    """
+    if count <= left:
+        return count
+    best = int(0)
+    for i in range(count):
+        if raw.gap[i] < raw.gap[best]:
+            best = i
+    exchange(0, best, raw)
+    deepest = raw.gap[0]
+    n = raw.normal[0]
+    u = safe_direction(wp.cross(n, wp.vec3(0.0, 1.0, 0.0)), wp.vec3(1.0, 0.0, 0.0))
+    v = wp.cross(n, u)
+    kept = int(1)
+    directions = wp.min(left, AROUND)
+    for k in range(directions):
+        angle = FIRST_ANGLE + 6.2831853 * float(k) / float(directions)
+        d = wp.cos(angle) * u + wp.sin(angle) * v
+        best = int(0)
+        highest = float(-NEVER)
+        for i in range(count):
+            height = wp.dot(d, raw.point[i]) - SHALLOW * (raw.gap[i] - deepest)
+            if height > highest:
+                highest = height
+                best = i
+        if best >= kept and kept < left:
+            exchange(kept, best, raw)
+            kept += 1
+    for i in range(count):
+        raw.spread[i] = NEVER
+    for k in range(left):
+        farthest = float(-1.0)
+        for i in range(k + 1, count):
+            apart = wp.length_sq(raw.point[i] - raw.point[k])
+            apart += size * size * wp.length_sq(raw.normal[i] - raw.normal[k])
+            raw.spread[i] = wp.min(raw.spread[i], apart)
+            score = raw.spread[i] * SLOPE * size / (SLOPE * size + raw.gap[i] - deepest)
+            if score > 1.001 * farthest:
+                farthest = score
+                best = i
+        if k + 1 >= kept and k + 1 < left:
+            exchange(k + 1, best, raw)
+    return left
+
+
+@wp.func
+def add_raw(
+    count: int, n: wp.vec3, point: wp.vec3, gap: float, feature: int, size: float, raw: RawContacts
+) -> int:  # fmt: skip
+    """Adds a contact unless an equal one is there, which then keeps the smaller gap; returns how many there are."""
+    for i in range(count):
+        near = wp.length_sq(raw.point[i] - point) < MERGED * MERGED * size * size
+        if near and wp.length_sq(raw.normal[i] - n) < MERGED_NORMAL:
+            raw.gap[i] = wp.min(raw.gap[i], gap)
+            return count
+    last = int(count)
+    if last == RAW_CONTACTS:
+        last = thin_out(count, THINNED, size, raw)
+    raw.normal[last] = n
+    raw.point[last] = point
+    raw.gap[last] = gap
+    raw.feature[last] = feature
+    return last + 1
+
+
+@wp.func
+def add_sunk(found: Found, t: Triangle, low: wp.vec3, gap: float) -> Found:
+    """A sunk shape leaves along the face normal; of several ways the shortest."""
+    now = found
+    if now.sunk == 0 or gap > now.gap:
+        now.sunk = 1
+        now.gap = gap
+        now.normal = t.normal
+        now.point = low - gap * t.normal
+        now.feature = feature_of(t.index, 8191)
+    return now
+
+
+@wp.func
+def add_lowest(
+    count: int, deepest: float, g: Ground, t: Triangle, b: Shape, size: float, assets: Assets, raw: RawContacts
+) -> int:
+    """Contacts along the face normal at the shape's lowest points (corners, the ends of an edge) behind a triangle.
+
+    For overlaps that leave the triangle sideways by less than they are deep, as that of a box's corner pushed into a
+    node of the grid does for each triangle around it. `deepest`: that sideways overlap [m].
+    """
+    now = int(count)
+    u = safe_direction(wp.cross(t.normal, t.p1 - t.p0), wp.vec3(1.0, 0.0, 0.0))
+    v = wp.cross(t.normal, u)
+    for k in range(4):
+        tilt = wp.where(k % 2 == 0, TILT, -TILT) * u + wp.where(k < 2, TILT, -TILT) * v
+        low = b.x + support(b, wp.normalize(tilt - t.normal), assets) - rounding(b) * t.normal
+        height = wp.dot(t.normal, low - t.p0)
+        gap = height - g.margin
+        distance = distance_to(t, low)
+        if gap < 0.0 and gap > -STEEP * deepest and distance * distance < height * height + 0.25 * gap * gap:
+            now = add_raw(now, t.normal, low - gap * t.normal, gap, feature_of(t.index, 8187 + k), size, raw)
+    return now
+
+
+@wp.func
+def add_contacts(
+    found: Found, contacts: int, g: Ground, t: Triangle, b: Shape, ahead: int, size: float, assets: Assets,
+    manifold: Manifold, raw: RawContacts,
+) -> Found:  # fmt: skip
+    """Those of the contacts with one triangle that the surface as a whole has. `ahead`: the shape's middle is on the
+    triangle's outer side.
+    """
+    now = found
+    dropped = float(0.0)
+    for i in range(contacts):
+        n = manifold.normal[i]
+        point = manifold.point[i]
+        at = point + manifold.gap[i] * n
+        if wp.length_sq(n - t.normal) < SAME_NORMAL * SAME_NORMAL:
+            face_gap = wp.dot(t.normal, at - t.p0) - g.margin
+            feature = feature_of(t.index, manifold.feature[i])
+            now.count = add_raw(now.count, t.normal, at - face_gap * t.normal, face_gap, feature, size, raw)
+        elif fits_surface(g, t, n, point - g.margin * n, size, assets):
+            feature = feature_of(t.index, manifold.feature[i]) | EDGE_CONTACT
+            now.count = add_raw(now.count, n, point, manifold.gap[i], feature, size, raw)
+        else:
+            dropped = wp.max(dropped, -manifold.gap[i])
+    if dropped > 0.0 and ahead == 1 and b.kind != SPHERE:  # whose contact is exact
+        now.count = add_lowest(now.count, dropped, g, t, b, size, assets, raw)
+    return now
+
+
+@wp.func
+def drop_voided(count: int, g: Ground, size: float, assets: Assets, raw: RawContacts) -> int:
+    """Drops contacts on edges and corners where a triangle around them reaches farther along the normal: the shape is
+    nearer to another point of that triangle. Returns how many are left.
+    """
+    triangles = int(0)
+    for i in range(count):
+        if raw.feature[i] >= EDGE_CONTACT:
+            triangles = TRIANGLE_BATCH
+    if triangles > 0:
+        triangles = gather(g, 0, raw.triangle, assets)
+    while triangles > 0:
+        for k in range(triangles):
+            t = ground_triangle(g, raw.triangle[k], assets)
+            for i in range(count):
+                n = raw.normal[i]
+                p = raw.point[i] - g.margin * n
+                if raw.feature[i] >= EDGE_CONTACT and distance_to(t, p) < MERGED * size:
+                    a = t.p0 - p
+                    b = t.p1 - p
+                    c = t.p2 - p
+                    longest = wp.max(wp.length(a), wp.max(wp.length(b), wp.length(c)))
+                    beyond = wp.max(wp.dot(n, a), wp.max(wp.dot(n, b), wp.dot(n, c)))
+                    if beyond > 2.0 * SAME_NORMAL * longest:
+                        raw.gap[i] = NEVER
+        if triangles == TRIANGLE_BATCH:
+            triangles = gather(g, raw.triangle[triangles - 1] + 1, raw.triangle, assets)
+        else:
+            triangles = 0
+    left = int(0)
+    for i in range(count):
+        if raw.gap[i] < NEVER:
+            if left < i:
+                exchange(left, i, raw)
+            left += 1
+    return left
+
+
+@wp.func
+def write_raw(found: Found, flip: int, size: float, raw: RawContacts, out: Manifold) -> int:
+    """The pair's contacts; with `flip` the ground is its shape 1."""
+    room = MANIFOLD_CONTACTS - found.sunk
+    count = thin_out(found.count, room, size, raw)
+    for i in range(count + found.sunk):
+        n = found.normal
+        point = found.point
+        gap = found.gap
+        feature = found.feature
+        if i < count:
+            n = raw.normal[i]
+            point = raw.point[i]
+            gap = raw.gap[i]
+            feature = raw.feature[i]
+        out.gap[i] = gap
+        out.feature[i] = feature
+        out.normal[i] = n
+        out.point[i] = point
+        if flip == 1:
+            out.normal[i] = -n
+            out.point[i] = point + gap * n
+    return count + found.sunk
+
+
+@wp.func
+def pair_contacts(
+    a: Shape, b: Shape, g: Ground, flip: int, reach: float, assets: Assets, manifold: Manifold, raw: RawContacts
+) -> int:
+    """Contacts of two shapes within `reach` [m], at most MANIFOLD_CONTACTS, to `manifold`; returns how many.
+
+    If `g` is a ground, it stands for `a`, and with `flip` the two change places in the result.
+    """
+    found = Found()
+    middle = inner_point(b, assets)
+    size = core_radius(b, assets) + rounding(b)
+    up = wp.vec3(g.rot[0, 2], g.rot[1, 2], g.rot[2, 2])
+    contacts = int(0)
+    count = gather(g, 0, raw.triangle, assets)
+    while count > 0:
+        for k in range(count):
+            first = a
+            t = Triangle()
+            low = wp.vec3()
+            gap = float(0.0)
+            height = float(1.0)
+            sunk = int(0)
+            wanted = int(1)
+            if g.kind >= 0:
+                t = ground_triangle(g, raw.triangle[k], assets)
+                first = triangle_shape(t.p0, t.p1, t.p2, g.margin)
+                low = b.x + support(b, -t.normal, assets) - rounding(b) * t.normal
+                gap = wp.dot(t.normal, low - t.p0) - g.margin
+                top = wp.dot(t.normal, b.x + support(b, t.normal, assets) - t.p0) + rounding(b) + g.margin
+                height = wp.dot(t.normal, middle - t.p0)
+                if height < 0.0 and covers(t, wp.where(g.kind == MESH, t.normal, up), middle):
+                    sunk = 1
+                if gap >= reach or top < 0.0:
+                    wanted = 0
+                if sunk == 1 and g.kind == HEIGHT_FIELD:
+                    found = add_sunk(found, t, low, gap)
+                    wanted = 0
+            if wanted == 1:
+                if g.kind >= 0 and b.kind == SPHERE:
+                    contacts = triangle_sphere(t, g.margin, b, reach, manifold)
+                else:
+                    contacts = collide(first, b, reach, assets, manifold)
+                if g.kind >= 0:
+                    if sunk == 1:
+                        overlap = float(NEVER)
+                        for i in range(contacts):
+                            overlap = wp.min(overlap, manifold.gap[i])
+                        if overlap < 0.0:
+                            found = add_sunk(found, t, low, gap)
+                    else:
+                        ahead = wp.where(height >= 0.0, 1, 0)
+                        found = add_contacts(found, contacts, g, t, b, ahead, size, assets, manifold, raw)
+        if g.kind >= 0 and count == TRIANGLE_BATCH:
+            count = gather(g, raw.triangle[count - 1] + 1, raw.triangle, assets)
+        else:
+            count = 0
+    if g.kind < 0:
+        return contacts
+    found.count = drop_voided(found.count, g, size, assets, raw)
+    return write_raw(found, flip, size, raw, manifold)
