@@ -188,12 +188,13 @@ class ShapeList:
         given = positive_number(thing, "mass" if density is None else "density", mass or density, "kg or kg/m³", "")
         weight = given if density is None else given * solid.mass
         frame = checked_pose(thing, pose)
+        offset = {"name": name, "pose": make_pose(-solid.centre)}
+        shape = self._shape_spec(shape_type, self.body_total, extent, {**offset, **options}, asset)
         body = self.add_body(
             name, mass=weight, inertia=solid.inertia * (weight / solid.mass), velocity=velocity, omega=omega,
             pose=make_pose(frame.position + rotate(frame.rotation, solid.centre), frame.rotation),
         )  # fmt: skip
-        offset = make_pose(-solid.centre)
-        self._add_shape(shape_type, body, extent, {"name": name, "pose": offset, **options}, asset)
+        self.shapes.append(shape)
         return body
 
     def add_body(
@@ -232,10 +233,17 @@ class ShapeList:
     def _add_shape(
         self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: dict[str, Any], asset: int = -1
     ) -> int:
+        self._check_body(f"shape '{options.get('name', f'{kind.name.lower()}{len(self.shapes)}')}'", body)
+        self.shapes.append(self._shape_spec(kind, body, size, options, asset))
+        return len(self.shapes) - 1
+
+    def _shape_spec(
+        self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: dict[str, Any], asset: int
+    ) -> ShapeSpec:
+        """The shape, checked but not added."""
         values = dict(options)
         name = str(values.pop("name", f"{kind.name.lower()}{len(self.shapes)}"))
         thing = f"shape '{name}'"
-        self._check_body(thing, body)
         if any(shape.name == name for shape in self.shapes):
             raise ModelError(f"{thing}: the name must be unique, got it twice; choose another")
         pose = checked_pose(thing, values.pop("pose", None))
@@ -253,14 +261,10 @@ class ShapeList:
                 raise ModelError(f"{thing}: {field} must be 31 bits, got {bits!r}; 1 is the default group")
         if margin < 0.0:
             raise ModelError(f"{thing}: margin must be >= 0 m, got {margin!r}; make the shape smaller instead")
-        self.shapes.append(
-            ShapeSpec(
-                name, int(body), kind, pose, checked_size(thing, kind, size),
-                checked_material(thing, material or Material()),
-                margin, group, mask, asset,
-            )
+        return ShapeSpec(
+            name, int(body), kind, pose, checked_size(thing, kind, size),
+            checked_material(thing, material or Material()), margin, group, mask, asset,
         )  # fmt: skip
-        return len(self.shapes) - 1
 
 
 def loaded_mesh(

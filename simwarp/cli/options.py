@@ -107,6 +107,19 @@ def take_task(arguments: list[str], command: str, known: Iterable[str]) -> tuple
     raise UsageError(f"which task? usage: simwarp {command} TASK [options]; tasks: {', '.join(known)}")
 
 
+def take_path(arguments: list[str], command: str, what: str) -> tuple[Path, list[str]]:
+    """Split the first argument, a path, off the others; help does not need one.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if arguments and not arguments[0].startswith("-"):
+        return Path(arguments[0]), arguments[1:]
+    if {"-h", "--help"} & set(arguments):
+        return Path(), arguments
+    raise UsageError(f"usage: simwarp {command} {what} [options]")
+
+
 def option_value(arguments: list[str], name: str) -> str | None:
     """Return the value of one option before the others are parsed, since their defaults depend on it."""
     for index, argument in enumerate(arguments):

@@ -17,6 +17,8 @@ class TrainOptions(CommonOptions):
 
     resume: Path | None = None
     """Run folder to go on with; its configuration is the default of all other options."""
+    warm_start: Path | None = None
+    """Checkpoint or run whose policy a new run starts from; its networks are the default of the network options."""
     runs: Path = Path("runs")
     """Folder in which run folders are made, as TASK/TIME."""
 
@@ -26,8 +28,10 @@ def run(arguments: list[str]) -> int:
     name, arguments = take_task(arguments, "train", task_names())
     cls = task_class(name)
     # Only now what takes seconds to import: an unknown task is known at once
+    from simwarp.train.checkpoint import load_checkpoint
     from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
-    from simwarp.train.run_folder import open_run
+    from simwarp.train.distributed import processes
+    from simwarp.train.run_folder import open_run, resolve_checkpoint
     from simwarp.train.training import train
 
     config, task_config = default_config(cls), cls.config_type()
@@ -37,11 +41,27 @@ def run(arguments: list[str]) -> int:
         if saved["task"] == name:
             config = train_config_from_plain(saved["train_config"])
             task_config = task_config_from_plain(cls, saved["task_config"])
+    start = option_value(arguments, "--warm-start")
+    if start is not None:
+        content = load_checkpoint(resolve_checkpoint(Path(start)))
+        if content["task"] == name:
+            network = train_config_from_plain(content["train_config"]).network
+            config = dataclasses.replace(config, network=network)
     kind = task_options("TrainCommand", TrainOptions, flat_train=config, task=task_config)
     options: Any = parse_options(kind, arguments, f"simwarp train {name}")
     options.check()
     console = options.console()
-    result = train(name, options.flat_train, options.task, root=options.runs, resume=options.resume, console=console)
+    result = train(
+        name,
+        options.flat_train,
+        options.task,
+        root=options.runs,
+        resume=options.resume,
+        warm_start=options.warm_start,
+        console=console,
+    )
+    if not processes().first:
+        return INTERRUPTED if result.interrupted else DONE
     options.emit(dataclasses.asdict(result))
     state = "interrupted and saved" if result.interrupted else "done"
     console.print(

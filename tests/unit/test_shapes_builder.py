@@ -90,3 +90,11 @@ def test_friction_law() -> None:
     with pytest.raises(ModelError) as error:
         sw.Simulation(with_body().finalize(1, "cpu"), 1e-3, solver=sw.SolverOptions(friction_law="coulomb"))
     assert_line(error, ["friction_law", "exact", "convex", "'coulomb'"])
+
+
+def test_a_solid_that_is_refused_leaves_nothing_behind() -> None:
+    builder = sw.ModelBuilder()
+    with pytest.raises(ModelError, match="unknown option 'frction'"):
+        builder.add_solid("ball", "sphere", 0.1, mass=1.0, frction=0.3)
+    assert builder.add_solid("ball", "sphere", 0.1, mass=1.0) == 0
+    assert len(builder.shapes) == len(builder.bodies) == 1

@@ -1,0 +1,74 @@
+"""``simwarp clone``."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from simwarp.cli import DONE, UsageError
+from simwarp.cli.options import CommonOptions, option_value, parse_options, take_task, task_options
+from simwarp.tasks import make, task_class, task_names
+
+
+@dataclasses.dataclass(frozen=True)
+class CloneOptions(CommonOptions):
+    """Fit a policy to recorded trajectories. The file it writes plays, evaluates, exports, and starts a training."""
+
+    data: Path | None = None
+    """File of trajectories that `record` wrote."""
+    output: Path | None = None
+    """Checkpoint to write, .pt; by default TASK_clone.pt in the working folder."""
+
+
+def run(arguments: list[str]) -> int:
+    """Clone as the arguments say."""
+    name, arguments = take_task(arguments, "clone", task_names())
+    cls = task_class(name)
+    import torch
+
+    from simwarp.train.checkpoint import save_checkpoint
+    from simwarp.train.cloning import CloneConfig, clone
+    from simwarp.train.config import default_config, task_config_from_plain
+    from simwarp.train.trajectories import load_trajectories
+
+    torch.set_num_threads(1)
+    train_config = default_config(cls)
+    kind = task_options("CloneCommand", CloneOptions, flat_clone=CloneConfig(), network=train_config.network)
+    options: Any = parse_options(kind, arguments, f"simwarp clone {name}")
+    options.check()
+    if option_value(arguments, "--data") is None:
+        raise UsageError(f"which trajectories? usage: simwarp clone {name} --data FILE.npz")
+    target = options.output or Path(f"{name}_clone.pt")
+    if not target.parent.is_dir():
+        raise UsageError(f"cannot write '{target}': folder {target.parent} does not exist")
+    data = load_trajectories(options.data, name)
+    task = make(name, 1, config=task_config_from_plain(cls, data.about["task_config"]))
+    console = options.console()
+
+    def report(epoch: int, loss: float) -> None:
+        if epoch == 1 or epoch % 10 == 0 or epoch == options.flat_clone.epochs:
+            console.print(f"epoch {epoch}/{options.flat_clone.epochs}  loss {loss:.3g}", highlight=False)
+
+    config = dataclasses.replace(train_config, network=options.network)
+    result = clone(task, data, options.flat_clone, config, report)
+    save_checkpoint(target, result.content)
+    console.print(
+        f"imitates {result.steps:,} steps: mean squared error {result.loss:.3g}, {result.held_out_loss:.3g} on"
+        " episodes held out",
+        highlight=False,
+    )
+    console.print(f"wrote {target}", highlight=False, soft_wrap=True)
+    console.print(
+        f"next   simwarp train {name} --warm-start {target} --critic-warmup 10", highlight=False, soft_wrap=True
+    )
+    options.emit(
+        {
+            "task": name,
+            "output": str(target),
+            "steps": result.steps,
+            "loss": result.loss,
+            "held_out_loss": result.held_out_loss,
+        }
+    )
+    return DONE

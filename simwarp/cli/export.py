@@ -1,0 +1,41 @@
+"""``simwarp export``."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Literal
+
+from simwarp.cli import DONE
+from simwarp.cli.options import CommonOptions, parse_options, take_path
+
+
+@dataclasses.dataclass(frozen=True)
+class ExportOptions(CommonOptions):
+    """Write a policy, its observation normaliser included, as a file that runs without simwarp; and check the file."""
+
+    format: Literal["onnx", "torchscript"] = "onnx"
+    """Kind of file."""
+    output: Path | None = None
+    """File to write; by default TASK.onnx or TASK.ts in the working folder."""
+
+
+def run(arguments: list[str]) -> int:
+    """Export as the arguments say."""
+    source, arguments = take_path(arguments, "export", "RUN_OR_CHECKPOINT")
+    options = parse_options(ExportOptions, arguments, "simwarp export RUN_OR_CHECKPOINT")
+    options.check()
+    import torch
+
+    from simwarp.train.export import ExportFormat, export_policy
+
+    torch.set_num_threads(1)
+    result = export_policy(source, ExportFormat(options.format), options.output)
+    console = options.console()
+    console.print(
+        f"largest difference from the trained policy over {result.samples} observations: {result.max_difference:.2g}",
+        highlight=False,
+    )
+    console.print(f"wrote {result.output}", highlight=False, soft_wrap=True)
+    options.emit(dataclasses.asdict(result))
+    return DONE

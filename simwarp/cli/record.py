@@ -1,0 +1,81 @@
+"""``simwarp record``."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from simwarp.cli import DONE, UsageError
+from simwarp.cli.evaluating import policy_defaults
+from simwarp.cli.options import CommonOptions, parse_options, take_task, task_options
+from simwarp.tasks import make, resolve_device, task_class, task_names
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordOptions(CommonOptions):
+    """Write whole episodes of a policy, observations and actions of every step, to a file that `clone` reads."""
+
+    episodes: int = 64
+    """Episodes, each world's first ones."""
+    output: Path | None = None
+    """File to write, .npz; by default TASK.npz in the working folder."""
+    checkpoint: Path | None = None
+    """Checkpoint file or run folder; by default the newest run of the task, else the shipped policy."""
+    num_envs: int | None = None
+    """Worlds stepped together; by default one per episode, at most 256."""
+    seed: int = 2_000_003
+    """Seed of the worlds, other than those of training and evaluation."""
+    device: str = "auto"
+    """cpu, cuda, cuda:N or auto."""
+    runs: Path = Path("runs")
+    """Folder of the run folders."""
+
+
+def run(arguments: list[str]) -> int:
+    """Record as the arguments say."""
+    name, arguments = take_task(arguments, "record", task_names())
+    cls = task_class(name)
+    import torch
+
+    from simwarp.train.config import task_config_from_plain
+    from simwarp.train.policies import find_policy, network_policy
+    from simwarp.train.trajectories import record, save_trajectories
+
+    torch.set_num_threads(1)
+    source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
+    options: Any = parse_options(
+        task_options("RecordCommand", RecordOptions, task=config or cls.config_type()),
+        arguments,
+        f"simwarp record {name}",
+    )
+    options.check()
+    for field in ("episodes", "num_envs"):
+        value = getattr(options, field)
+        if value is not None and value < 1:
+            raise UsageError(f"{field.replace('_', '-')} must be at least 1, got {value}")
+    target = options.output or Path(f"{name}.npz")
+    if target.suffix != ".npz" or not target.parent.is_dir():
+        raise UsageError(f"cannot write '{target}': the name must end in .npz, in a folder that exists")
+    worlds = min(options.episodes, options.num_envs or 256)
+    task = make(name, worlds, device=resolve_device(options.device), seed=options.seed, config=options.task)
+    about = {"policy": str(source.path), "seed": options.seed}
+    data = record(task, network_policy(source.content, task), options.episodes, options.seed, about)
+    save_trajectories(target, data)
+    console = options.console()
+    console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
+    console.print(
+        f"{data.episodes} episodes, {data.steps:,} steps, mean return {data.about['mean_return']:.1f}", highlight=False
+    )
+    console.print(f"wrote {target}", highlight=False, soft_wrap=True)
+    options.emit(
+        {
+            "task": name,
+            "output": str(target),
+            "episodes": data.episodes,
+            "steps": data.steps,
+            "mean_return": data.about["mean_return"],
+            "checkpoint": str(source.path),
+        }
+    )
+    return DONE
