@@ -59,7 +59,7 @@ def test_references_by_the_other_solvers(name, solver):
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_exact_law_on_the_references(name, solver):
     p = load(name)
-    done = solve_cone_problems(p.n, p.r, p.mu, **p.counts, solver=solver)
+    done = solve_cone_problems(p.n, p.r, p.mu, **p.counts, solver=solver, friction_law="exact")
     limit = HEAVY["exact"][solver] if name == "massratio1000" else 3e-5
     assert residual(p.n, p.r, p.blocks, done.impulse.astype(float), exact=True) <= limit
 
@@ -68,7 +68,7 @@ def test_exact_law_on_the_references(name, solver):
 def test_exact_law_slides_and_the_convex_one_dilates(solver):
     # A unit mass at 1 m/s on a plane with friction 0.5, pressed at 0.1 m/s: 0.05 N·s of friction cannot stop it.
     n, r = np.eye(3), np.array([-0.1, 1.0, 0.0])
-    exact = solve_cone_problems(n, r, [0.5], solver=solver)
+    exact = solve_cone_problems(n, r, [0.5], solver=solver, friction_law="exact")
     convex = solve_cone_problems(n, r, [0.5], solver=solver, friction_law="convex")
     np.testing.assert_allclose(exact.impulse, [0.1, -0.05, 0.0], atol=2e-6)
     # The relaxed cone projects -r: n' = (0.1 + 0.5) / 1.25.
@@ -167,10 +167,10 @@ def test_nothing_that_moves_at_all():
 def test_mixed_rows_with_joints_agree_with_and_without_the_mechanics():
     rng = np.random.default_rng(8)
     n, r, mu, mechanics = random_problem(rng, contacts=3, limits=2, bilateral=5, spread=0.5)
-    alone = solve_cone_problems(n, r, mu, bilateral_count=5, limit_count=2)
-    full = solve_cone_problems(None, None, mu, bilateral_count=5, limit_count=2, **mechanics)
+    alone = solve_cone_problems(n, r, mu, bilateral_count=5, limit_count=2, friction_law="exact")
+    full = solve_cone_problems(None, None, mu, bilateral_count=5, limit_count=2, **mechanics, friction_law="exact")
     diagonal = {**mechanics, "inverse_mass": np.diag(mechanics["inverse_mass"])}
-    short = solve_cone_problems(n, r, mu, bilateral_count=5, limit_count=2, **diagonal)
+    short = solve_cone_problems(n, r, mu, bilateral_count=5, limit_count=2, **diagonal, friction_law="exact")
     blocks = standard_blocks(5, 2, mu)
     for done in (alone, full, short):
         assert residual(n, r, blocks, done.impulse.astype(float), exact=True) <= 5e-5
@@ -183,7 +183,7 @@ def test_compliance_on_the_diagonal_counts_with_the_mechanics_too():
     rng = np.random.default_rng(9)
     n, r, mu, mechanics = random_problem(rng, contacts=2, limits=1, bilateral=3, spread=0.3)
     soft = n + np.diag([0.5, 0.0, 0.2, 0.3, *[0.1] * 6])
-    done = solve_cone_problems(soft, r, mu, bilateral_count=3, limit_count=1, **mechanics)
+    done = solve_cone_problems(soft, r, mu, bilateral_count=3, limit_count=1, **mechanics, friction_law="exact")
     assert np.abs((soft @ done.impulse + r)[:3]).max() <= 2e-5
     assert residual(soft, r, standard_blocks(3, 1, mu), done.impulse.astype(float), exact=True) <= 2e-5
 
@@ -217,10 +217,10 @@ def test_a_problem_does_not_feel_its_neighbours(solver):
 @pytest.mark.parametrize("solver", ["apgd", "psor", "spg", "padmm"])
 def test_a_warm_start_saves_iterations(solver):
     p = load("incline_stick")
-    cold = solve_cone_problems(p.n, p.r, p.mu, solver=solver, tolerance=1e-5)
+    cold = solve_cone_problems(p.n, p.r, p.mu, solver=solver, tolerance=2e-4)
     moved = p.r + 1e-4 * np.random.default_rng(11).normal(size=p.r.shape)
-    warm = solve_cone_problems(p.n, moved, p.mu, solver=solver, tolerance=1e-5, warm_start=cold.impulse)
-    same = solve_cone_problems(p.n, p.r, p.mu, solver=solver, tolerance=1e-5, warm_start=cold.impulse)
+    warm = solve_cone_problems(p.n, moved, p.mu, solver=solver, tolerance=2e-4, warm_start=cold.impulse)
+    same = solve_cone_problems(p.n, p.r, p.mu, solver=solver, tolerance=2e-4, warm_start=cold.impulse)
     assert same.iterations == 0
     assert 0 < warm.iterations <= 0.7 * cold.iterations
 

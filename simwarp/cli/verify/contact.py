@@ -148,7 +148,10 @@ def _stands(name: str, builder: ModelBuilder, dt: float, duration: float, bound:
 
 
 def stack(device: str = "cpu") -> list[Row]:
-    """Ten cubes on top of each other stand for 60 s at 5 ms."""
+    """Ten cubes on top of each other stand for 60 s at 5 ms: they drift by less than 1 mm.
+
+    What the solver leaves, 1e-5 m/s, comes back as a gap of the next step and is taken out there.
+    """
     return _stands("stack", scenes.stack(), 5e-3, 60.0, 1e-3, device)
 
 
@@ -174,17 +177,17 @@ def cube_stack(device: str = "cpu") -> list[Row]:
 
 
 def wall(device: str = "cpu") -> list[Row]:
-    """A wall of twenty bricks stands for 60 s at 5 ms."""
+    """A wall of twenty bricks stands for 60 s at 5 ms: they drift by less than 1 mm, for the reason given at `stack`."""
     return _stands("wall", scenes.wall(), 5e-3, 60.0, 1e-3, device)
 
 
 def card_house(device: str = "cpu") -> list[Row]:
-    """Three levels of leaning cards stand for 10 s at 2 ms."""
+    """Three levels of leaning cards stand for 10 s at 2 ms, held by friction alone: nothing moves by 5 mm."""
     return _stands("card-house", scenes.card_house(), 2e-3, 10.0, 5e-3, device)
 
 
 def arch(device: str = "cpu") -> list[Row]:
-    """Fifteen wedges hold each other for 10 s at 2 ms."""
+    """Fifteen wedges hold each other for 10 s at 2 ms: their faces carry the thrust, and nothing moves by 5 mm."""
     return _stands("arch", scenes.arch(), 2e-3, 10.0, 5e-3, device)
 
 
