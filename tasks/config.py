@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from .errors import InputError, near_names
+from .uncertainty import Curriculum, Range, Sensing, coerce, delay_range
 
 ConfigT = TypeVar("ConfigT")
 
@@ -49,6 +51,33 @@ def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
     return dataclasses.replace(config, **direct)  # type: ignore[type-var]
 
 
+def config_to_plain(config: Any) -> dict[str, Any]:
+    """Return a configuration as JSON-ready values; enums become their values."""
+    return {key: _plain(value) for key, value in dataclasses.asdict(config).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, enum.Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def config_from_plain(kind: type[TaskConfig], plain: Mapping[str, Any]) -> TaskConfig:
+    """Return the configuration that :func:`config_to_plain` wrote; unknown names are errors."""
+    default = kind()
+    changes = {}
+    for key, value in plain.items():
+        like = getattr(default, key, None)
+        if isinstance(like, enum.Enum):
+            value = type(like)(value)
+        elif isinstance(like, tuple):
+            value = tuple(value)
+        changes[key] = value
+    return replace_fields(default, changes)
+
+
 @dataclasses.dataclass(frozen=True)
 class TaskConfig:
     """Fields that every task has; a task adds its own in a frozen subclass."""
@@ -61,17 +90,42 @@ class TaskConfig:
     """Physics steps per control step; one action lasts decimation * dt seconds."""
     max_episode_steps: int = 1000
     """Control steps after which an episode is truncated."""
-    action_rise_time: float = 0.0
-    """Time an action takes from 0 to 1 [s]: it moves at most control_dt / rise time per control step; 0 is at once."""
+    action_rise_time: float | tuple[float, ...] = 0.0
+    """Time an action takes from 0 to 1 [s], of all components or of each: it moves towards what the policy asks for by
+    at most dt / rise time per physics step; 0 is at once."""
+    action_delay: tuple[int, int] = (0, 0)
+    """Least and largest delay of the actions [control steps], drawn for every world and episode."""
+    guard_steps: int = 100
+    """Control steps kept in memory for the dump of a world whose physics breaks down; 0 keeps none."""
+    randomise: Mapping[str, Range] = dataclasses.field(default_factory=dict)
+    """Model parameter -> range: what differs from world to world and from episode to episode."""
+    sensing: Mapping[str, Sensing] = dataclasses.field(default_factory=dict)
+    """Observation group -> noise, bias and delay."""
+    curriculum: Curriculum = dataclasses.field(default_factory=Curriculum)
+    """What moves the level of difficulty."""
 
     def __post_init__(self) -> None:
+        self._make_typed()
         require_finite(self)
         require(self.dt > 0.0, self, "dt", "positive")
         require(self.substeps >= 1, self, "substeps", "at least 1")
         require(self.decimation >= 1, self, "decimation", "at least 1")
         require(self.max_episode_steps >= 1, self, "max_episode_steps", "at least 1")
-        require(self.action_rise_time >= 0.0, self, "action_rise_time", "zero or positive")
+        times = self.action_rise_time if isinstance(self.action_rise_time, tuple) else (self.action_rise_time,)
+        good = all(math.isfinite(time) and time >= 0.0 for time in times)
+        require(good, self, "action_rise_time", "zero or positive")
+        require(self.guard_steps >= 0, self, "guard_steps", "zero or positive")
         self.validate()
+
+    def _make_typed(self) -> None:
+        """Turn the plain values that a run folder keeps into those of the fields' types."""
+        if isinstance(self.action_rise_time, list):
+            object.__setattr__(self, "action_rise_time", tuple(self.action_rise_time))
+        object.__setattr__(self, "action_delay", delay_range("action-delay", self.action_delay))
+        object.__setattr__(self, "randomise", coerce("randomise", Range, self.randomise))
+        object.__setattr__(self, "sensing", coerce("sensing", Sensing, self.sensing))
+        if isinstance(self.curriculum, Mapping):
+            object.__setattr__(self, "curriculum", Curriculum(**self.curriculum))
 
     def validate(self) -> None:
         """Check the fields of a subclass with :func:`require`; called after the shared ones."""

@@ -114,6 +114,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         infos: dict[str, Any] = {}
         if not ended.any():
             return infos
+        non_finite = result.non_finite.cpu().numpy()
         assert result.final_observations is not None
         final = to_numpy(result.final_observations)
         reason = result.end_reason.cpu().numpy()
@@ -126,6 +127,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
                 "length": int(self._lengths[index]),
                 "end_reason": self.task.end_reasons[reason[index]],
                 "success": bool(success[index]),
+                "non_finite": bool(non_finite[index]),
             }
             infos = self._add_info(infos, {"final_obs": last, "final_info": final_info}, index)
         self._returns[ended] = 0.0

@@ -99,9 +99,12 @@ class PendulumTask(Task[PendulumConfig]):
         spread = [config.start_position, config.start_angle, config.start_rate, config.start_rate]
         self._spread = moving * torch.tensor(spread, device=self.device)
 
+    def begin_step(self) -> None:
+        """Keep the angular speed that the original shows one step late."""
+        self._late_speed.copy_(self.qd[:, _HINGE].abs())
+
     def apply(self, action: torch.Tensor) -> None:
         """Push the cart with ``force_gain`` newtons per unit of action."""
-        self._late_speed.copy_(self.qd[:, _HINGE].abs())
         self.views.joint_force[:, _SLIDE] = action[:, 0] * self.config.force_gain
 
     def observations(self) -> dict[str, torch.Tensor]:

@@ -13,7 +13,7 @@ from .config import TaskConfig
 from .errors import InputError
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder
+    from simwarp import ModelBuilder, SolverOptions
 
 _NON_FINITE_BIT = 1
 
@@ -26,6 +26,8 @@ class PhysicsViews:
         joint_q: (W, dofs) joint positions [m or rad].
         joint_qd: (W, dofs) joint velocities.
         joint_force: (W, dofs) control: joint forces [N or N m].
+        body_force: (W, B, 3) control: forces at the centres of mass [N], world frame.
+        body_torque: (W, B, 3) control: torques [N m], world frame.
         body_q: (W, B, 7) poses of the centres of mass: x y z, quaternion x y z w.
         body_v: (W, B, 3) linear velocities [m/s], world frame.
         body_omega: (W, B, 3) angular velocities [rad/s], world frame.
@@ -35,6 +37,8 @@ class PhysicsViews:
     joint_q: torch.Tensor
     joint_qd: torch.Tensor
     joint_force: torch.Tensor
+    body_force: torch.Tensor
+    body_torque: torch.Tensor
     body_q: torch.Tensor
     body_v: torch.Tensor
     body_omega: torch.Tensor
@@ -46,21 +50,41 @@ class PhysicsViews:
 
 
 def build_physics(
-    build: Callable[[ModelBuilder], None], config: TaskConfig, num_worlds: int, device: str
+    build: Callable[[ModelBuilder], ModelBuilder | None],
+    config: TaskConfig,
+    num_worlds: int,
+    device: str,
+    *,
+    per_world: Iterable[str] = (),
+    solver: SolverOptions | None = None,
 ) -> tuple[Any, PhysicsViews]:
-    """Build model and simulation from a task's ``build`` and its configuration."""
+    """Build model and simulation from a task's ``build`` and its configuration.
+
+    Args:
+        build: fills the builder it gets, or returns one of its own, which then gets the configured gravity.
+        config: dt, sub-steps and, if it has that field, gravity.
+        num_worlds: W.
+        device: device name.
+        per_world: names of model parameters that get a copy per world.
+        solver: numbers of the solver.
+    """
     import simwarp as sw
     from simwarp.interop import to_torch
 
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, -getattr(config, "gravity", 9.81)))
-    build(builder)
-    model = builder.finalize(world_count=num_worlds, device=device)
-    simulation = sw.Simulation(model, dt=config.dt, substeps=config.substeps)
+    made = build(builder)
+    if made is not None:
+        made.gravity = builder.gravity
+        builder = made
+    model = builder.finalize(world_count=num_worlds, device=device, per_world=per_world)
+    simulation = sw.Simulation(model, dt=config.dt, substeps=config.substeps, solver=solver)
     state, control = simulation.state, simulation.control
     views = PhysicsViews(
         joint_q=to_torch(state.joint_q),
         joint_qd=to_torch(state.joint_qd),
         joint_force=to_torch(control.joint_force),
+        body_force=to_torch(control.body_force),
+        body_torque=to_torch(control.body_torque),
         body_q=to_torch(state.body_q),
         body_v=to_torch(state.body_v),
         body_omega=to_torch(state.body_omega),
@@ -105,3 +129,11 @@ def unpack_snapshot(saved: Mapping[str, Any], snapshot: Any) -> Any:
             )
         part.assign(values)
     return snapshot
+
+
+def copy_snapshot(simulation: Any, snapshot: Any) -> None:
+    """Bring an existing snapshot up to date: what ``Simulation.snapshot`` holds, without new memory."""
+    for group, parts in _rooms(snapshot):
+        current = getattr(simulation, group)
+        for name, array in _rooms(parts):
+            wp.copy(array, getattr(current, name))

@@ -22,12 +22,16 @@ from .config import TaskConfig
 from .contract import check_action, check_flags, check_observations, check_terms
 from .drawing import Drawing, Line
 from .errors import InputError, TaskError
+from .guard import Guard
+from .randomising import Randomiser, check_ranges
 from .randomness import WorldRandom
+from .sensing import DelayLine, Sensors
 from .simulation_access import PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
 from .statistics import EpisodeStatistics, EpisodeSummary
+from .uncertainty import Driver
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder
+    from simwarp import ModelBuilder, SolverOptions
 
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
@@ -47,6 +51,7 @@ class StepResult:
         truncated: (W,) bool, cut off by the clock: the future is unknown, not empty. Never with ``terminated``.
         end_reason: (W,) int64, index into ``Task.end_reasons``; -1 while the episode runs.
         success: (W,) bool, the episode ended and counts as a success.
+        non_finite: (W,) bool, the physics of the world broke down in this step.
         reward_terms: (W, T) float32 in the order of ``Task.reward_terms``.
         metrics: name -> (W,), what ``Task.metrics`` said before the reset.
         final_observations: like ``observations``, before the reset; only where ``keep_final_observations``.
@@ -58,6 +63,7 @@ class StepResult:
     truncated: torch.Tensor
     end_reason: torch.Tensor
     success: torch.Tensor
+    non_finite: torch.Tensor
     reward_terms: torch.Tensor
     metrics: dict[str, torch.Tensor]
     final_observations: dict[str, torch.Tensor] | None
@@ -74,6 +80,8 @@ class Task(ABC, Generic[ConfigT]):
         first_world: global index of world 0, where several processes share one batch.
     """
 
+    _climbing: bool
+
     name: ClassVar[str] = ""
     """Set by ``@register``."""
     summary: ClassVar[str] = ""
@@ -84,6 +92,8 @@ class Task(ABC, Generic[ConfigT]):
     """Number of action components A."""
     physics: ClassVar[bool] = True
     """False for a task without a simulation; then ``build`` is not called."""
+    per_world: ClassVar[tuple[str, ...]] = ()
+    """Model parameters that the task itself writes, world by world; those of ``randomise`` need no mention."""
     success_reasons: ClassVar[frozenset[str]] = frozenset({TIME_LIMIT})
     """End reasons that count as success, unless ``metrics`` has a ``success``."""
     training: ClassVar[Mapping[str, Any]] = {}
@@ -100,25 +110,42 @@ class Task(ABC, Generic[ConfigT]):
         self.keep_final_observations = True
         self.iteration = 0
         """Training iteration, told by the trainer; for a curriculum."""
+        self.first_world = first_world
         with self._acting():
             self._allocate(seed, first_world)
             self.simulation, self._views = self._make_physics(device)
+            self._randomiser = Randomiser(config.randomise, self.simulation.model) if config.randomise else None
+            self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
+            """Remembers the last steps, for the dump of a world whose physics breaks down."""
             self.setup()
             self._probe()
             self.restart(seed=seed)
 
     # ---- what a task author writes -----------------------------------------------------------------------------
 
-    def build(self, builder: ModelBuilder) -> None:
-        """Add the bodies and joints of one world to ``builder``."""
+    def build(self, builder: ModelBuilder) -> ModelBuilder | None:
+        """Add the bodies and joints of one world to ``builder``, or return a builder of your own."""
         raise NotImplementedError(f"{type(self).__name__} has no build(builder); set physics = False if it needs none")
+
+    def solver_options(self) -> SolverOptions | None:
+        """Return the numbers of the solver; None takes its defaults."""
+        return None
 
     def setup(self) -> None:
         """Allocate the task's own buffers, once, after the simulation exists. Optional."""
 
+    def begin_step(self) -> None:
+        """Hear that a control step begins, before its action: remember what a difference needs. Optional."""
+
     @abstractmethod
     def apply(self, action: torch.Tensor) -> None:
-        """Turn ``action`` ((W, A) float32, each in [-1, 1]) into controls; they hold for the whole control step."""
+        """Turn ``action`` ((W, A) float32, each in [-1, 1]) into controls; they hold until written again.
+
+        Called once per control step, and once per physics step where ``action_rise_time`` limits the action's rate.
+        """
+
+    def after_physics(self) -> None:
+        """Hear that one physics step is done: for what must not be missed between control steps. Optional."""
 
     @abstractmethod
     def observations(self) -> dict[str, torch.Tensor]:
@@ -167,8 +194,14 @@ class Task(ABC, Generic[ConfigT]):
         """Take back what :meth:`extra_state` returned; write into existing buffers."""
 
     def on_iteration(self, iteration: int) -> None:
-        """Hear that training iteration ``iteration`` begins; the hook of a curriculum."""
+        """Hear that training iteration ``iteration`` begins; the hook of a curriculum. Call ``super()`` first."""
         self.iteration = iteration
+        curriculum = self.config.curriculum
+        if curriculum.driver is Driver.ITERATION:
+            self.level.fill_(curriculum.at_iteration(iteration))
+        elif curriculum.driver is Driver.PROGRESS and not self._climbing:
+            self._climbing = True
+            self.level.zero_()
 
     # ---- what runners and adapters call ------------------------------------------------------------------------
 
@@ -184,7 +217,13 @@ class Task(ABC, Generic[ConfigT]):
             self._reset_worlds(torch.ones_like(self._every_world))
             if self._statistics is not None:
                 self._statistics.running.zero_()
-            return self.observations()
+            groups = self.observations()
+            self._sensors.begin(self._every_world, groups)
+            return self._sensors.sense(groups)
+
+    def observe(self) -> dict[str, torch.Tensor]:
+        """Return the present observations as a policy gets them: late and noisy where the configuration says so."""
+        return self._sensors.sense(self.observations())
 
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1].
@@ -194,12 +233,35 @@ class Task(ABC, Generic[ConfigT]):
         """
         check_action(self, action)
         with self._acting():
-            self._advance_action(action)
-            self.apply(self.action)
-            self._advance_physics()
+            request = action.to(self.device, torch.float32).clamp(-1.0, 1.0)
+            if self._action_line is not None:
+                self._action_line.push(request)
+                request = self._action_line.read()
+            if self.guard is not None:
+                self.guard.before_step(request)
+            self.advance(request)
+            return self._conclude()
+
+    def advance(self, request: torch.Tensor) -> None:
+        """Take the physics through one control step towards ``request`` (W, A): no rewards, no reset.
+
+        What :meth:`step` does after the action's delay, and what a replay repeats.
+        """
+        with self._acting():
+            if self._randomiser is not None:
+                self._randomiser.begin_step(self.random, self._every_world, self.level)
+            self.begin_step()
+            if self._reach is None or self.simulation is None:
+                self._move_action(request, self.config.decimation)
+                self.apply(self.action)
+            for _ in range(self.config.decimation if self.simulation is not None else 0):
+                if self._reach is not None:
+                    self._move_action(request, 1)
+                    self.apply(self.action)
+                self.simulation.step()
+                self.after_physics()
             self.episode_steps += 1
             self.episode_clock += 1
-            return self._conclude()
 
     def drain_statistics(self) -> EpisodeSummary:
         """Read and clear the statistics of the episodes that ended. This waits for the device.
@@ -208,6 +270,8 @@ class Task(ABC, Generic[ConfigT]):
             TaskError: a reward term or an observation held NaN or infinity while the physics was sound.
         """
         summary = self._stats.drain()
+        if self.guard is not None:
+            self.guard.look()
         if summary.bad_values:
             name, count = next(iter(summary.bad_values.items()))
             raise TaskError(f"task '{self.name}': {name} was NaN or infinite in {count} world-steps")
@@ -240,6 +304,9 @@ class Task(ABC, Generic[ConfigT]):
             "episode_clock": self.episode_clock.clone(),
             "action": self.action.clone(),
             "running_terms": self._stats.running.clone(),
+            "level": self.level.clone(),
+            "climbing": self._climbing,
+            "sensing": self._sensors.state() | (self._action_line.state("action") if self._action_line else {}),
             "extra": {key: value.clone() for key, value in self.extra_state().items()},
         }
         if self.simulation is not None:
@@ -259,6 +326,15 @@ class Task(ABC, Generic[ConfigT]):
             self.episode_clock.copy_(state["episode_clock"])
             self.action.copy_(state["action"])
             self._stats.running.copy_(state["running_terms"])
+            if "level" not in state:
+                raise InputError("saved state of the task was made by an older version of simwarp: start a new run")
+            self.level.copy_(state["level"])
+            self._climbing = bool(state["climbing"])
+            self._sensors.load(state["sensing"])
+            if self._action_line is not None:
+                self._action_line.load("action", state["sensing"])
+            if self._randomiser is not None:
+                self._randomiser.begin_episodes(self.random, self._every_world, self.level)
             if self.simulation is not None:
                 self.simulation.restore(unpack_snapshot(state["simulation"], self.simulation.snapshot()))
             self.load_extra_state(state["extra"])
@@ -290,8 +366,26 @@ class Task(ABC, Generic[ConfigT]):
         """(W, A) float32: the action in force, clipped and rate-limited."""
         self._every_world = torch.ones(worlds, dtype=torch.bool, device=device)
         self._nowhere = torch.zeros(worlds, dtype=torch.bool, device=device)
+        self.level = torch.ones(worlds, device=device)
+        """(W,) float32: the curriculum's level in [0, 1]; 1 outside training."""
+        self._climbing = False
+        self._action_line = self._make_action_line()
+        self._reach = self._make_reach()
         self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
         self._statistics: EpisodeStatistics | None = None
+
+    def _make_action_line(self) -> DelayLine | None:
+        bounds = self.config.action_delay
+        return DelayLine(self.action, bounds, "delay of actions") if bounds[1] else None
+
+    def _make_reach(self) -> torch.Tensor | None:
+        """(A,) how far an action may move in one physics step; None where nothing limits it."""
+        times = self.config.action_rise_time
+        if isinstance(times, tuple) and len(times) != self.action_size:
+            raise InputError(f"action-rise-time has {len(times)} values, task '{self.name}' {self.action_size} actions")
+        rise = torch.tensor(times, dtype=torch.float32, device=self.device).expand(self.action_size)
+        reach = torch.where(rise > 0.0, self.config.dt / rise, 2.0)
+        return reach if bool((rise > 0.0).any()) else None
 
     @property
     def _stats(self) -> EpisodeStatistics:
@@ -299,15 +393,23 @@ class Task(ABC, Generic[ConfigT]):
         return self._statistics
 
     def _make_physics(self, device: str) -> tuple[Any, PhysicsViews | None]:
+        check_ranges(self.config.randomise)
         if not self.physics:
+            if self.config.randomise:
+                raise InputError(f"randomise: task '{self.name}' has no physics whose parameters could differ")
             return None, None
-        return build_physics(self.build, self.config, self.num_worlds, device)
+        drawn = {*self.per_world, *self.config.randomise}
+        return build_physics(
+            self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options()
+        )
 
     def _probe(self) -> None:
         """Call the author's methods once to learn their names and hold them to the contract."""
         self._reset_worlds(self._every_world)
+        self.begin_step()
         self.apply(self.action)
         groups = check_observations(self, self.observations())
+        self._sensors = Sensors(self.config.sensing, groups, self.random)
         self.observation_shapes = {name: tuple(group.shape[1:]) for name, group in groups.items()}
         self.observation_dtypes = {name: group.dtype for name, group in groups.items()}
         terms = list(check_terms(self, self.rewards()))
@@ -326,21 +428,17 @@ class Task(ABC, Generic[ConfigT]):
         self._reason_index = torch.arange(1, len(reasons) + 1, device=self.device)
         self._statistics = EpisodeStatistics(self.num_worlds, terms, reasons, list(groups), self.device)
 
-    def _advance_action(self, action: torch.Tensor) -> None:
-        target = action.to(self.device).clamp(-1.0, 1.0)
-        if self.config.action_rise_time > 0.0:
-            reach = self.config.control_dt / self.config.action_rise_time
-            target = torch.minimum(torch.maximum(target, self.action - reach), self.action + reach)
-        self.action.copy_(target)
-
-    def _advance_physics(self) -> None:
-        if self.simulation is not None:
-            for _ in range(self.config.decimation):
-                self.simulation.step()
+    def _move_action(self, request: torch.Tensor, physics_steps: int) -> None:
+        if self._reach is not None:
+            reach = self._reach * physics_steps
+            request = torch.minimum(torch.maximum(request, self.action - reach), self.action + reach)
+        self.action.copy_(request)
 
     def _conclude(self) -> StepResult:
         """Judge the state reached, reset the worlds that ended, and observe."""
         broken = self._nowhere if self._views is None else self._views.broken()
+        if self.guard is not None:
+            self.guard.after_step(broken)
         terms = torch.stack(list(self.rewards().values()), dim=1)
         sane = torch.isfinite(terms)
         terms = torch.where(sane & ~broken.unsqueeze(1), terms, 0.0)
@@ -357,10 +455,19 @@ class Task(ABC, Generic[ConfigT]):
         end_reason = (first * self._reason_index).sum(dim=1) - 1
         self._stats.add_endings(ended, self.episode_steps, first)
 
+        if self._climbing:
+            curriculum = self.config.curriculum
+            self.level += torch.where(success, curriculum.up, torch.where(ended, -curriculum.down, 0.0))
+            self.level.clamp_(0.0, 1.0)
+
+        if self._sensors.late:
+            self._sensors.push(self.observations())
         final = self._final_observations(broken) if self.keep_final_observations else None
         self._reset_worlds(ended)
         groups = self.observations()
         self._watch_observations(groups)
+        self._sensors.begin(ended, groups)
+        groups = self._sensors.sense(groups)
         return StepResult(
             observations=groups,
             rewards=terms.sum(dim=1),
@@ -368,6 +475,7 @@ class Task(ABC, Generic[ConfigT]):
             truncated=ended & ~terminated,
             end_reason=end_reason,
             success=success,
+            non_finite=broken.clone(),
             reward_terms=terms,
             metrics=metrics,
             final_observations=final,
@@ -376,7 +484,7 @@ class Task(ABC, Generic[ConfigT]):
     def _final_observations(self, broken: torch.Tensor) -> dict[str, torch.Tensor]:
         """Clone the observations before the reset; those of a world whose physics broke down become finite."""
         final = {}
-        for name, group in self.observations().items():
+        for name, group in self.observe().items():
             if group.is_floating_point():
                 mask = broken.view(-1, *(1,) * (group.dim() - 1))
                 final[name] = torch.where(mask, torch.nan_to_num(group, 0.0, 0.0, 0.0), group)
@@ -396,6 +504,10 @@ class Task(ABC, Generic[ConfigT]):
         self.episode_steps.masked_fill_(mask, 0)
         self.episode_clock.masked_fill_(mask, 0)
         self.action.masked_fill_(mask.unsqueeze(1), 0.0)
+        if self._action_line is not None:
+            self._action_line.fill(mask, self.action, self.random)
+        if self._randomiser is not None:
+            self._randomiser.begin_episodes(self.random, mask, self.level)
         if self.simulation is not None:
             self.simulation.reset(mask)
         self.reset(mask)

@@ -20,7 +20,7 @@ _REQUIRED = ("format", "task", "iteration", "train_config", "task_config", "acto
 
 def write_atomically(path: Path, data: bytes) -> None:
     """Write a file so that whoever looks sees the old content or the new one, even if the process dies."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)

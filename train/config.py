@@ -6,7 +6,7 @@ import dataclasses
 import enum
 from typing import Any
 
-from simwarp.tasks import Task, TaskConfig, replace_fields, require
+from simwarp.tasks import InputError, Task, TaskConfig, replace_fields, require
 from simwarp.tasks.config import require_finite
 
 
@@ -25,35 +25,84 @@ class Schedule(enum.Enum):
     FIXED = "fixed"
 
 
+class Objective(enum.Enum):
+    """What keeps a new policy near the old one: a clipped probability ratio, or a penalty on the KL divergence."""
+
+    CLIP = "clip"
+    KL_PENALTY = "kl-penalty"
+
+
+class NetworkKind(enum.Enum):
+    """Networks by name; see ``simwarp.train.networks``."""
+
+    MLP = "mlp"
+    THESIS_MLP = "thesis-mlp"
+    RECURRENT = "recurrent"
+    NATURE_CNN = "nature-cnn"
+    EARLY_FUSION = "early-fusion"
+    LATE_FUSION = "late-fusion"
+
+
+class Cell(enum.Enum):
+    """Memory cell of a recurrent network."""
+
+    GRU = "gru"
+    LSTM = "lstm"
+
+
+class LoggerKind(enum.Enum):
+    """Where scalars go beside ``progress.csv``."""
+
+    TENSORBOARD = "tensorboard"
+    CSV = "csv"
+    WANDB = "wandb"
+
+
 @dataclasses.dataclass(frozen=True)
 class NetworkConfig:
-    """Actor and critic: two multi-layer perceptrons of the same size."""
+    """Actor and critic: two networks of the same kind."""
 
+    kind: NetworkKind = NetworkKind.MLP
+    """mlp: perceptron with the layers of `hidden`; thesis-mlp: three layers sized by inputs and outputs; recurrent: a
+    memory cell before the perceptron; nature-cnn: images alone; early-fusion, late-fusion: images and vectors."""
     hidden: tuple[int, ...] = (64, 64)
-    """Units of each hidden layer."""
+    """Units of each hidden layer of mlp and recurrent; the other kinds have rules of their own."""
     activation: Activation = Activation.ELU
     """Non-linearity between layers."""
     normalise: bool = True
     """Normalise observations by their running mean and deviation."""
     init_std: float = 1.0
     """Standard deviation of the actions at the start."""
+    tanh_output: bool = False
+    """Bound the mean action to (-1, 1) by a tanh."""
+    cell: Cell = Cell.GRU
+    """Memory cell of recurrent."""
+    memory: int = 64
+    """Units of the memory cell of recurrent."""
 
     def __post_init__(self) -> None:
         require_finite(self)
         require(len(self.hidden) > 0 and min(self.hidden) > 0, self, "hidden", "at least one layer of positive size")
         require(self.init_std > 0.0, self, "init_std", "positive")
+        require(self.memory >= 1, self, "memory", "at least 1")
 
 
 @dataclasses.dataclass(frozen=True)
 class PPOConfig:
-    """Proximal policy optimisation (Schulman et al. 2017) with clipping."""
+    """Proximal policy optimisation (Schulman et al. 2017)."""
 
+    objective: Objective = Objective.CLIP
+    """clip: bound the probability ratio; kl-penalty: penalise the KL divergence, with a weight that adapts."""
     learning_rate: float = 1e-3
     """Step size of Adam at the start."""
     schedule: Schedule = Schedule.ADAPTIVE
-    """How the learning rate moves."""
+    """How the learning rate moves; the KL penalty has a rule of its own."""
     desired_kl: float = 0.01
-    """KL divergence per update that the adaptive schedule aims at."""
+    """KL divergence per update that the adaptive schedule, or the KL penalty, aims at."""
+    kl_beta: float = 1.0
+    """Weight of the KL penalty at the start; it adapts between 1/35 and 35."""
+    kl_hinge: float = 50.0
+    """Weight of the squared KL divergence beyond twice the desired one, under the KL penalty."""
     epochs: int = 5
     """Passes over each batch."""
     mini_batches: int = 4
@@ -77,6 +126,8 @@ class PPOConfig:
         require_finite(self)
         require(self.learning_rate > 0.0, self, "learning_rate", "positive")
         require(self.desired_kl > 0.0, self, "desired_kl", "positive")
+        require(self.kl_beta > 0.0, self, "kl_beta", "positive")
+        require(self.kl_hinge >= 0.0, self, "kl_hinge", "zero or positive")
         require(self.epochs >= 1, self, "epochs", "at least 1")
         require(self.mini_batches >= 1, self, "mini_batches", "at least 1")
         require(self.clip > 0.0, self, "clip", "positive")
@@ -92,7 +143,7 @@ class TrainConfig:
     """A training run."""
 
     num_envs: int = 256
-    """Worlds stepped together."""
+    """Worlds stepped together, by each process where there are several."""
     device: str = "auto"
     """Where physics and networks run: cpu, cuda, cuda:N, or auto (the first GPU, else the CPU)."""
     seed: int = 0
@@ -109,6 +160,10 @@ class TrainConfig:
     """Shift the episode clocks at the start, so that time limits do not strike in all worlds at once."""
     threads: int = 1
     """CPU threads of torch; small networks are fastest with one."""
+    critic_warmup: int = 0
+    """Iterations at the start in which only the critic learns; after a warm start, whose critic knows nothing."""
+    logger: LoggerKind = LoggerKind.TENSORBOARD
+    """Where scalars go beside progress.csv: tensorboard, wandb, or csv for nowhere else."""
     ppo: PPOConfig = PPOConfig()
     """The learning algorithm."""
     network: NetworkConfig = NetworkConfig()
@@ -122,6 +177,12 @@ class TrainConfig:
         require(self.save_interval >= 1, self, "save_interval", "at least 1")
         require(self.keep_checkpoints >= 0, self, "keep_checkpoints", "zero or positive")
         require(self.threads >= 1, self, "threads", "at least 1")
+        require(self.critic_warmup >= 0, self, "critic_warmup", "zero or positive")
+        if self.network.kind is NetworkKind.RECURRENT:
+            # Mini-batches are then whole worlds, and a single one would lose its axis
+            least = 2 * self.ppo.mini_batches
+            require(self.num_envs >= least, self, "num_envs", f"at least {least}: two worlds per mini-batch")
+            require(self.steps_per_iteration >= 2, self, "steps_per_iteration", "at least 2 for a recurrent network")
         batch = self.num_envs * self.steps_per_iteration
         if batch < self.ppo.mini_batches:
             require(False, self, "num_envs", f"large enough for {self.ppo.mini_batches} mini-batches")
@@ -132,46 +193,81 @@ def default_config(task: type[Task[Any]]) -> TrainConfig:
     return replace_fields(TrainConfig(), task.training)
 
 
-def rsl_rl_config(config: TrainConfig, groups: list[str]) -> dict[str, Any]:
+_CLASSES = {
+    NetworkKind.MLP: "Perceptron",
+    NetworkKind.THESIS_MLP: "Perceptron",
+    NetworkKind.RECURRENT: "Recurrent",
+    NetworkKind.NATURE_CNN: "NatureCNN",
+    NetworkKind.EARLY_FUSION: "EarlyFusion",
+    NetworkKind.LATE_FUSION: "LateFusion",
+}
+
+
+def _model_config(network: NetworkConfig, action_size: int) -> dict[str, Any]:
+    """Return what actor and critic have in common."""
+    kind = network.kind
+    model: dict[str, Any] = {
+        "class_name": f"simwarp.train.networks:{_CLASSES[kind]}",
+        "activation": network.activation.value,
+        "obs_normalization": network.normalise,
+    }
+    if kind in (NetworkKind.MLP, NetworkKind.RECURRENT):
+        model["hidden_dims"] = list(network.hidden)
+    if kind is NetworkKind.RECURRENT:
+        model |= {"rnn_type": network.cell.value, "rnn_hidden_dim": network.memory}
+    if kind in (NetworkKind.NATURE_CNN, NetworkKind.EARLY_FUSION, NetworkKind.LATE_FUSION):
+        model["action_size"] = action_size
+    return model
+
+
+def _algorithm_config(ppo: PPOConfig) -> dict[str, Any]:
+    algorithm = {
+        "class_name": "PPO",
+        "learning_rate": ppo.learning_rate,
+        "schedule": ppo.schedule.value,
+        "desired_kl": ppo.desired_kl,
+        "num_learning_epochs": ppo.epochs,
+        "num_mini_batches": ppo.mini_batches,
+        "clip_param": ppo.clip,
+        "gamma": ppo.gamma,
+        "lam": ppo.lam,
+        "value_loss_coef": ppo.value_loss,
+        "use_clipped_value_loss": ppo.clip_value_loss,
+        "entropy_coef": ppo.entropy,
+        "max_grad_norm": ppo.max_grad_norm,
+        "rnd_cfg": None,
+        "symmetry_cfg": None,
+    }
+    if ppo.objective is Objective.KL_PENALTY:
+        algorithm |= {
+            "class_name": "simwarp.train.kl_penalty:KLPenaltyPPO",
+            "schedule": Schedule.FIXED.value,
+            "beta": ppo.kl_beta,
+            "hinge": ppo.kl_hinge,
+        }
+    return algorithm
+
+
+def rsl_rl_config(config: TrainConfig, groups: list[str], action_size: int = 1) -> dict[str, Any]:
     """Return the dictionary rsl-rl wants; a fresh one each time, since rsl-rl changes it.
 
     Args:
         config: the configuration.
         groups: observation groups that actor and critic see.
+        action_size: number of action components.
     """
-    ppo, network = config.ppo, config.network
-    model = {
-        "class_name": "MLPModel",
-        "hidden_dims": list(network.hidden),
-        "activation": network.activation.value,
-        "obs_normalization": network.normalise,
-    }
+    network = config.network
     return {
         "num_steps_per_env": config.steps_per_iteration,
         "save_interval": config.save_interval,
         "obs_groups": {"actor": list(groups), "critic": list(groups)},
-        "algorithm": {
-            "class_name": "PPO",
-            "learning_rate": ppo.learning_rate,
-            "schedule": ppo.schedule.value,
-            "desired_kl": ppo.desired_kl,
-            "num_learning_epochs": ppo.epochs,
-            "num_mini_batches": ppo.mini_batches,
-            "clip_param": ppo.clip,
-            "gamma": ppo.gamma,
-            "lam": ppo.lam,
-            "value_loss_coef": ppo.value_loss,
-            "use_clipped_value_loss": ppo.clip_value_loss,
-            "entropy_coef": ppo.entropy,
-            "max_grad_norm": ppo.max_grad_norm,
-            "rnd_cfg": None,
-            "symmetry_cfg": None,
-        },
+        "algorithm": _algorithm_config(config.ppo),
         "actor": {
-            **model,
+            **_model_config(network, action_size),
+            "tanh_output": network.tanh_output,
             "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": network.init_std},
         },
-        "critic": dict(model),
+        "critic": _model_config(network, action_size),
     }
 
 
@@ -188,29 +284,35 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
+def _typed(default: Any, plain: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the changes that :func:`replace_fields` takes, with enums and tuples where ``default`` has them."""
+    changes: dict[str, Any] = {}
+    for key, value in plain.items():
+        like = getattr(default, key, None)
+        if dataclasses.is_dataclass(like) and isinstance(value, dict):
+            changes |= _typed(like, value, f"{prefix}{key}.")
+            continue
+        if isinstance(like, enum.Enum):
+            try:
+                value = type(like)(value)
+            except ValueError as error:
+                raise InputError(f"{prefix}{key.replace('_', '-')}: {error}") from error
+        elif isinstance(like, tuple):
+            value = _tuples(value)
+        changes[f"{prefix}{key}"] = value
+    return changes
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value
+
+
 def train_config_from_plain(plain: dict[str, Any]) -> TrainConfig:
     """Return the training configuration that :func:`to_plain` wrote; unknown names are errors."""
-    plain = dict(plain)
-    nested = {"ppo": dict(plain.pop("ppo", {})), "network": dict(plain.pop("network", {}))}
-    changes: dict[str, Any] = dict(plain)
-    changes |= {f"{head}.{key}": value for head, items in nested.items() for key, value in items.items()}
-    for key, kind in (("ppo.schedule", Schedule), ("network.activation", Activation)):
-        if key in changes:
-            changes[key] = kind(changes[key])
-    if "network.hidden" in changes:
-        changes["network.hidden"] = tuple(changes["network.hidden"])
-    return replace_fields(TrainConfig(), changes)
+    return replace_fields(TrainConfig(), _typed(TrainConfig(), plain))
 
 
 def task_config_from_plain(task: type[Task[Any]], plain: dict[str, Any]) -> TaskConfig:
     """Return the task configuration that :func:`to_plain` wrote; unknown names are errors."""
     default = task.config_type()
-    changes = {}
-    for key, value in plain.items():
-        like = getattr(default, key, None)
-        if isinstance(like, enum.Enum):
-            value = type(like)(value)
-        elif isinstance(like, tuple):
-            value = tuple(value)
-        changes[key] = value
-    return replace_fields(default, changes)
+    return replace_fields(default, _typed(default, plain))

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from simwarp.tasks import InputError, StepResult, Task, TaskConfig, make
 
-from .policies import Policy, random_policy, zero_policy
+from .policies import Policy, forget, random_policy, zero_policy
 
 _MAX_WORLDS = 4096
 _CHECK_INTERVAL = 25
@@ -140,12 +140,14 @@ def evaluate(task: Task[Any], policy: Policy, episodes: int, seed: int) -> Evalu
         raise InputError(f"episodes must be at least 1, got {episodes}")
     task.keep_final_observations = False
     observations = task.restart(seed=seed)
+    forget(policy)
     tally = _Tally(task, episodes)
     step = 0
     # Waiting for the device in every step would slow it down; a few steps too many change nothing
     while step % _CHECK_INTERVAL or not tally.finished():
         result = task.step(policy(observations))
         observations = result.observations
+        forget(policy, result.terminated | result.truncated)
         tally.add(result)
         step += 1
     task.drain_statistics()

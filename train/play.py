@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from simwarp.tasks import Drawing, InputError, Task
 
-from .policies import Policy
+from .policies import Policy, forget
 
 PICTURE_SUFFIXES = (".png",)
 VIDEO_SUFFIXES = (".gif", ".mp4")
@@ -70,6 +70,7 @@ def record(task: Task[Any], policy: Policy, seconds: float, seed: int) -> tuple[
         raise InputError(f"seconds must be positive, got {seconds}")
     task.keep_final_observations = False
     observations = task.restart(seed=seed)
+    forget(policy)
     every = max(1, round(1.0 / (_FRAMES_PER_SECOND * task.config.control_dt)))
     steps = max(1, round(seconds / task.config.control_dt))
     drawing = task.drawing()
@@ -80,7 +81,9 @@ def record(task: Task[Any], policy: Policy, seconds: float, seed: int) -> tuple[
         result = task.step(policy(observations))
         observations = result.observations
         total += torch.where(running, result.rewards, 0.0)
-        running &= ~(result.terminated | result.truncated)
+        ended = result.terminated | result.truncated
+        running &= ~ended
+        forget(policy, ended)
         if step % every == 0:
             frames.append(_frame(task.drawing(), step * task.config.control_dt))
     return frames, drawing, float(total.mean())

@@ -8,16 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_class
 from simwarp.tasks import InputError, Task
 from tensordict import TensorDict
 
 from .checkpoint import SUFFIX, load_checkpoint
 from .config import rsl_rl_config, train_config_from_plain
+from .networks import check_groups
 from .run_folder import RUNS, latest_run, resolve_checkpoint
 
 Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
-"""Observation groups -> (W, A) actions."""
+"""Observation groups -> (W, A) actions. One with a memory has a method ``forget`` too; see :func:`forget`."""
 
 SHIPPED = Path(__file__).parent / "shipped"
 
@@ -70,7 +72,49 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS) -> P
     return PolicySource(path, content, origin)
 
 
-def network_policy(content: dict[str, Any], task: Task[Any]) -> Policy:
+class NetworkPolicy:
+    """The deterministic policy of a trained network.
+
+    Attributes:
+        actor: the network, in evaluation mode.
+        groups: names of the observation groups, in the order the network knows them.
+    """
+
+    def __init__(self, actor: MLPModel, groups: list[str]) -> None:
+        self.actor = actor
+        self.groups = groups
+
+    def __call__(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Return (W, A) actions: the mean, which the task clips to [-1, 1]."""
+        with torch.inference_mode():
+            worlds = len(observations[self.groups[0]])
+            actions: torch.Tensor = self.actor(TensorDict(dict(observations), batch_size=[worlds]))
+            return actions
+
+    def forget(self, ended: torch.Tensor | None = None) -> None:
+        """Clear the memory of a recurrent network where episodes ended ((W,) bool), or everywhere."""
+        if self.actor.is_recurrent:
+            with torch.inference_mode():
+                self.actor.reset(ended)
+
+
+def forget(policy: Policy, ended: torch.Tensor | None = None) -> None:
+    """Tell a policy which episodes ended, or with None that all begin; one without a memory does not care."""
+    clear: Callable[[torch.Tensor | None], None] | None = getattr(policy, "forget", None)
+    if clear is not None:
+        clear(ended)
+
+
+def build_actor(settings: dict[str, Any], task: Task[Any]) -> MLPModel:
+    """Return a new actor for a task, as ``rsl_rl_config`` describes it."""
+    model_class, options = resolve_class(settings["actor"])
+    groups = {name: group.clone() for name, group in task.observations().items()}
+    example = TensorDict(groups, batch_size=[task.num_worlds])
+    actor: MLPModel = model_class(example, settings["obs_groups"], "actor", task.action_size, **options)
+    return actor.to(task.device)
+
+
+def network_policy(content: dict[str, Any], task: Task[Any]) -> NetworkPolicy:
     """Return the deterministic policy of a checkpoint, for the observations of ``task``.
 
     Raises:
@@ -78,12 +122,8 @@ def network_policy(content: dict[str, Any], task: Task[Any]) -> Policy:
     """
     config = train_config_from_plain(content["train_config"])
     groups = list(task.observation_shapes)
-    settings = rsl_rl_config(config, groups)
-    model_class, options = resolve_class(settings["actor"])
-    example = TensorDict(
-        {name: group.clone() for name, group in task.observations().items()}, batch_size=[task.num_worlds]
-    )
-    actor = model_class(example, settings["obs_groups"], "actor", task.action_size, **options).to(task.device)
+    check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
+    actor = build_actor(rsl_rl_config(config, groups, task.action_size), task)
     try:
         actor.load_state_dict(content["actor_state_dict"], strict=True)
     except RuntimeError as error:
@@ -93,14 +133,7 @@ def network_policy(content: dict[str, Any], task: Task[Any]) -> Policy:
             " actions)"
         ) from error
     actor.eval()
-
-    def act(observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        with torch.inference_mode():
-            batch = TensorDict(dict(observations), batch_size=[task.num_worlds])
-            actions: torch.Tensor = actor(batch)
-            return actions
-
-    return act
+    return NetworkPolicy(actor, groups)
 
 
 def zero_policy(task: Task[Any]) -> Policy:

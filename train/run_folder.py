@@ -65,9 +65,19 @@ class RunFolder:
             raise InputError(f"run {self.path} has no checkpoint")
         return files[-1]
 
+    def checkpoint_path(self, iteration: int) -> Path:
+        """Return where the checkpoint after ``iteration`` iterations is written."""
+        return self.checkpoints / checkpoint_name(iteration)
+
+    def sweep(self) -> None:
+        """Remove half-written files that a killed process left."""
+        for folder in (self.path, self.checkpoints):
+            for left in folder.glob(".*.tmp"):
+                left.unlink(missing_ok=True)
+
     def save(self, content: dict[str, Any], keep: int) -> Path:
         """Write a checkpoint and drop the oldest beyond ``keep`` (0: drop none)."""
-        path = self.checkpoints / checkpoint_name(content["iteration"])
+        path = self.checkpoint_path(content["iteration"])
         save_checkpoint(path, content)
         if keep > 0:
             for old in self.checkpoint_files()[:-keep]:

@@ -11,11 +11,16 @@ from collections import deque
 from typing import Any
 
 import torch
-from rsl_rl.runners import OnPolicyRunner
+from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
-from simwarp.tasks import InputError, Task
+from rsl_rl.utils import resolve_callable
+from simwarp.tasks import EpisodeSummary, InputError, Task
+from torch import nn
 
 from .config import TrainConfig, rsl_rl_config, to_plain
+from .distributed import Processes
+from .kl_penalty import KLPenaltyPPO
+from .networks import check_groups
 from .vec_env import TaskVecEnv
 
 _WINDOW_EPISODES = 100
@@ -57,20 +62,27 @@ class Trainer:
     and can be stopped only by killing it.
 
     Args:
-        task: the worlds.
+        task: the worlds of this process.
         config: the training configuration.
+        group: the processes that train together; this one alone by default. They must be connected.
     """
 
-    def __init__(self, task: Task[Any], config: TrainConfig) -> None:
+    def __init__(self, task: Task[Any], config: TrainConfig, group: Processes | None = None) -> None:
         torch.manual_seed(config.seed)
         self.task = task
         self.config = config
+        self.group = group or Processes()
         self.device = str(task.device)
+        check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
         self.env = TaskVecEnv(task)
-        _check_groups(task)
-        settings = rsl_rl_config(config, list(task.observation_shapes))
+        settings = rsl_rl_config(config, list(task.observation_shapes), task.action_size)
+        settings["multi_gpu"] = self.group.rsl_rl()
+        kind: Any = resolve_callable(settings["algorithm"]["class_name"])
         with contextlib.redirect_stdout(io.StringIO()):  # rsl-rl prints both networks
-            self.algorithm = OnPolicyRunner(self.env, settings, log_dir=None, device=self.device).alg
+            self.algorithm: PPO = kind.construct_algorithm(self.env.get_observations(), self.env, settings, self.device)
+        if self.group.several:
+            self.algorithm.broadcast_parameters()
+            torch.manual_seed(config.seed + self.group.rank)  # exploration differs
         self.iteration = 0
         self._window: deque[tuple[int, float, float]] = deque()
         if config.spread_start:
@@ -86,7 +98,12 @@ class Trainer:
     @property
     def env_steps(self) -> int:
         """Control steps of all worlds so far."""
-        return self.iteration * self.config.steps_per_iteration * self.config.num_envs
+        return self.iteration * self.steps_per_iteration
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """Control steps of all worlds of all processes per iteration."""
+        return self.config.steps_per_iteration * self.config.num_envs * self.group.count
 
     def iterate(self) -> IterationReport:
         """Collect one rollout, learn from it and report.
@@ -99,7 +116,7 @@ class Trainer:
         self.task.on_iteration(self.iteration)
         self.collect()
         collected = time.perf_counter()
-        summary = self.task.drain_statistics()  # complains about NaN before the optimiser meets it
+        summary = self._totals(self.task.drain_statistics())  # complains about NaN before the optimiser meets it
         losses = self._learn()
         finished = time.perf_counter()
         self.iteration += 1
@@ -112,13 +129,12 @@ class Trainer:
         ended = max(summary.episodes, 1)
         values |= {f"reward/{name}": value / ended for name, value in summary.terms.items()}
         values |= {f"end/{name}": count for name, count in summary.end_reasons.items()}
-        steps = self.config.steps_per_iteration * self.config.num_envs
         return IterationReport(
             iteration=self.iteration,
             env_steps=self.env_steps,
             mean_reward=returns / episodes if episodes else math.nan,
             mean_episode_length=lengths / episodes if episodes else math.nan,
-            env_steps_per_s=steps / (finished - started),
+            env_steps_per_s=self.steps_per_iteration / (finished - started),
             collect_s=collected - started,
             learn_s=finished - collected,
             values=values,
@@ -139,7 +155,8 @@ class Trainer:
             f"learning diverged in iteration {self.iteration + 1}; try a lower --ppo.learning-rate"
         )
         try:
-            losses: dict[str, float] = self.algorithm.update()
+            warming = self.iteration < self.config.critic_warmup
+            losses: dict[str, float] = self._warm_critic() if warming else self.algorithm.update()
         except (RuntimeError, ValueError) as error:
             # Sampling from a distribution of NaN fails inside the update, with words about its deviation only
             sound = all(bool(tensor.isfinite().all()) for tensor in self.algorithm.get_policy().parameters())
@@ -150,6 +167,61 @@ class Trainer:
             raise diverged
         return losses
 
+    def _totals(self, summary: EpisodeSummary) -> EpisodeSummary:
+        """Return the statistics of all processes."""
+        if not self.group.several:
+            return summary
+        mine: dict[str, float] = {"episodes": summary.episodes, "returns": summary.return_sum}
+        mine |= {"lengths": summary.length_sum}
+        mine |= {f"term {name}": value for name, value in summary.terms.items()}
+        mine |= {f"end {name}": value for name, value in summary.end_reasons.items()}
+        total = self.group.sums(mine, self.device)
+        return EpisodeSummary(
+            episodes=round(total["episodes"]),
+            return_sum=total["returns"],
+            length_sum=total["lengths"],
+            terms={name: total[f"term {name}"] for name in summary.terms},
+            end_reasons={name: round(total[f"end {name}"]) for name in summary.end_reasons},
+            bad_values={},
+        )
+
+    def _warm_critic(self) -> dict[str, float]:
+        """Let only the critic learn from the rollout; the actor and its normaliser stay as they are."""
+        algorithm, ppo = self.algorithm, self.config.ppo
+        recurrent = algorithm.critic.is_recurrent
+        make = self.storage.recurrent_mini_batch_generator if recurrent else self.storage.mini_batch_generator
+        total = 0.0
+        for batch in make(ppo.mini_batches, ppo.epochs):
+            values = algorithm.critic(batch.observations, masks=batch.masks, hidden_state=batch.hidden_states[1])
+            loss = (values - batch.returns).square().mean()
+            algorithm.optimizer.zero_grad()
+            loss.backward()
+            if self.group.several:
+                algorithm.reduce_parameters()
+            nn.utils.clip_grad_norm_(algorithm.critic.parameters(), ppo.max_grad_norm)
+            algorithm.optimizer.step()
+            total += float(loss.detach())
+        algorithm.critic.update_normalization(self.storage.observations.flatten(0, 1))
+        self.storage.clear()
+        losses = {"value": total / (ppo.mini_batches * ppo.epochs), "surrogate": 0.0, "entropy": 0.0}
+        if isinstance(algorithm, KLPenaltyPPO):
+            losses |= {"kl": 0.0, "kl_beta": algorithm.penalty.beta, "policy_epochs": 0.0}
+        return losses
+
+    def warm_start(self, content: dict[str, Any]) -> None:
+        """Take the actor of a checkpoint, its normaliser included; the critic stays as it is.
+
+        Raises:
+            InputError: its network does not fit this task and configuration.
+        """
+        try:
+            self.algorithm.get_policy().load_state_dict(content["actor_state_dict"], strict=True)
+        except RuntimeError as error:
+            raise InputError(
+                f"the policy to start from, of task '{content['task']}', has another network than this configuration:"
+                " give the same --network options"
+            ) from error
+
     def _remember(self, episodes: int, returns: float, lengths: float) -> None:
         self._window.append((episodes, returns, lengths))
         while (
@@ -158,18 +230,28 @@ class Trainer:
             self._window.popleft()
 
     def checkpoint(self) -> dict[str, Any]:
-        """Return everything a resumed run needs, between two iterations."""
-        cuda = torch.cuda.get_rng_state(self.device) if self.device.startswith("cuda") else None
+        """Return everything a resumed run needs, between two iterations. All processes must call this together."""
+        first, *others = self.group.gather(self._own_state())
         return {
             "task": self.task.name,
             "iteration": self.iteration,
             "train_config": to_plain(self.config),
             "task_config": to_plain(self.task.config),
             **self.algorithm.save(),
+            **first,
+            "other_processes": others,
+            "window": [list(entry) for entry in self._window],
+        }
+
+    def _own_state(self) -> dict[str, Any]:
+        """Return what each process has of its own: random numbers, worlds, and what recurrent networks remember."""
+        cuda = torch.cuda.get_rng_state(self.device) if self.device.startswith("cuda") else None
+        memories = (self.algorithm.actor.get_hidden_state(), self.algorithm.critic.get_hidden_state())
+        return {
             "torch_rng": torch.get_rng_state(),
             "cuda_rng": cuda,
-            "window": [list(entry) for entry in self._window],
             "worlds": self.task.state_dict(),
+            "memories": [_cells(memory) for memory in memories],
         }
 
     def load(self, content: dict[str, Any]) -> bool:
@@ -187,21 +269,28 @@ class Trainer:
             ) from error
         self.iteration = int(content["iteration"])
         self._window = deque((int(entry[0]), float(entry[1]), float(entry[2])) for entry in content["window"])
-        same_worlds = len(content["worlds"]["episode_index"]) == self.task.num_worlds
+        owns = [content, *content.get("other_processes", [])]
+        if len(owns) != self.group.count:
+            return False
+        own = owns[self.group.rank]
+        same_worlds = len(own["worlds"]["episode_index"]) == self.task.num_worlds
         if same_worlds:
-            self.task.load_state_dict(content["worlds"])
+            self.task.load_state_dict(own["worlds"])
             self.env.refresh()
-        torch.set_rng_state(content["torch_rng"].cpu())
-        if content["cuda_rng"] is not None and self.device.startswith("cuda"):
-            torch.cuda.set_rng_state(content["cuda_rng"].cpu(), self.device)
+            for model, cells in zip(
+                (self.algorithm.actor, self.algorithm.critic), own.get("memories", ()), strict=False
+            ):
+                if cells:
+                    copies = tuple(cell.to(self.device) for cell in cells)
+                    model.reset(hidden_state=copies if len(copies) > 1 else copies[0])
+        torch.set_rng_state(own["torch_rng"].cpu())
+        if own["cuda_rng"] is not None and self.device.startswith("cuda"):
+            torch.cuda.set_rng_state(own["cuda_rng"].cpu(), self.device)
         return same_worlds
 
 
-def _check_groups(task: Task[Any]) -> None:
-    """Multi-layer perceptrons take flat float32 groups only."""
-    for name, shape in task.observation_shapes.items():
-        if len(shape) != 1 or task.observation_dtypes[name] != torch.float32:
-            raise InputError(
-                f"observation '{name}' of task '{task.name}' is {shape} {task.observation_dtypes[name]};"
-                " the networks here take (N,) float32 groups"
-            )
+def _cells(memory: torch.Tensor | tuple[torch.Tensor, ...] | None) -> list[torch.Tensor]:
+    """Return copies of what a recurrent network remembers: nothing, one tensor of a GRU, or two of an LSTM."""
+    if memory is None:
+        return []
+    return [cell.detach().clone() for cell in (memory if isinstance(memory, tuple) else (memory,))]

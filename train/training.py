@@ -14,16 +14,16 @@ from typing import Any
 
 import torch
 from rich.console import Console
-from simwarp.tasks import InputError, TaskConfig, make, resolve_device
+from simwarp.tasks import InputError, TaskConfig, make
 
 from .checkpoint import load_checkpoint
 from .config import TrainConfig, to_plain
 from .curve import draw_learning_curve
+from .distributed import Processes, connect, processes
+from .loggers import RunLog, check_logger
 from .progress import ProgressDisplay
-from .run_folder import RUNS, ProgressTable, RunFolder, create_run, open_run, provenance, write_json
+from .run_folder import RUNS, RunFolder, create_run, open_run, provenance, resolve_checkpoint, write_json
 from .trainer import IterationReport, Trainer
-
-_COLUMNS = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "env_steps_per_s")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,39 +74,6 @@ def stop_on_signals() -> Iterator[StopRequest]:
             signal.signal(number, handler)
 
 
-class _Log:
-    """``progress.csv`` and TensorBoard events of one run."""
-
-    def __init__(self, folder: RunFolder, first: IterationReport) -> None:
-        from torch.utils.tensorboard import SummaryWriter
-
-        done = first.iteration - 1
-        self._table = ProgressTable(folder.progress, [*_COLUMNS, *sorted(first.values)], keep_below=done)
-        self._events = SummaryWriter(log_dir=str(folder.path), purge_step=first.iteration)
-
-    def add(self, report: IterationReport, wall: float) -> None:
-        row: dict[str, float | int] = {
-            "iteration": report.iteration,
-            "env_steps": report.env_steps,
-            "wall_s": round(wall, 3),
-            "mean_reward": report.mean_reward,
-            "mean_episode_length": report.mean_episode_length,
-            "env_steps_per_s": round(report.env_steps_per_s, 1),
-        }
-        self._table.append(row | report.values)
-        for name in ("mean_reward", "mean_episode_length"):
-            if math.isfinite(row[name]):
-                self._events.add_scalar(f"train/{name}", row[name], report.iteration)
-        self._events.add_scalar("speed/env_steps_per_s", report.env_steps_per_s, report.iteration)
-        self._events.add_scalar("speed/collect_s", report.collect_s, report.iteration)
-        self._events.add_scalar("speed/learn_s", report.learn_s, report.iteration)
-        for name, value in report.values.items():
-            self._events.add_scalar(name if "/" in name else f"train/{name}", value, report.iteration)
-
-    def close(self) -> None:
-        self._events.close()
-
-
 def train(
     task_name: str,
     config: TrainConfig,
@@ -114,9 +81,12 @@ def train(
     *,
     root: Path = RUNS,
     resume: Path | None = None,
+    warm_start: Path | None = None,
     console: Console | None = None,
 ) -> TrainResult:
     """Train a policy and leave a run folder.
+
+    Under ``torchrun`` all processes train one policy, each with worlds of its own; the first one writes the folder.
 
     Args:
         task_name: a registered task.
@@ -124,6 +94,7 @@ def train(
         task_config: the task's configuration.
         root: folder of all runs.
         resume: run folder to go on with, in place of a new one.
+        warm_start: checkpoint or run whose actor a new run starts from.
         console: where the progress goes; standard output by default.
 
     Raises:
@@ -131,25 +102,66 @@ def train(
         TaskError: the task broke its contract.
         TrainingError: learning diverged.
     """
-    console = console or Console()
-    device = resolve_device(config.device)
+    group = processes()
+    console = (console or Console()) if group.first else Console(quiet=True)
+    device = group.device(config.device)
     torch.set_num_threads(config.threads)
+    check_logger(config.logger)
+    if resume is not None and warm_start is not None:
+        raise InputError("--warm-start begins a new run and --resume goes on with one: give one of them")
     saved = None if resume is None else _saved_run(resume, task_name, config)
+    start = None if warm_start is None else _start_policy(warm_start, task_name)
     # Kernels are compiled once per machine, which takes a while in which nothing else is shown
     console.print(f"building {config.num_envs} worlds of '{task_name}' on {device} ...", highlight=False)
-    task = make(task_name, config.num_envs, device=device, seed=config.seed, config=task_config)
-    trainer = Trainer(task, config)
+    connect(group, device)
+    first_world = group.rank * config.num_envs
+    task = make(
+        task_name, config.num_envs, device=device, seed=config.seed, config=task_config, first_world=first_world
+    )
+    trainer = Trainer(task, config, group)
     if saved is not None and not trainer.load(saved):
-        console.print(f"the checkpoint has another number of worlds than {config.num_envs}: they start afresh")
+        console.print(
+            "the checkpoint has another number of worlds or processes: the worlds start afresh", soft_wrap=True
+        )
     description = {"task": task_name, "train_config": to_plain(config), "task_config": to_plain(task_config)}
-    if resume is None:
-        folder = create_run(root, task_name, description)
-    else:
-        folder = open_run(resume)
-        write_json(folder.path / "config.json", description)
-        write_json(folder.path / f"provenance_{trainer.iteration:06d}.json", provenance())
+    if start is not None:
+        trainer.warm_start(start)
+        description["warm_start"] = str(warm_start)
+    folder = _folder(trainer, root, resume, description)
+    _keep_breaks(trainer, folder)
     console.print(f"run folder {folder.path}", highlight=False, soft_wrap=True)
-    return _run(trainer, folder, console)
+    return _run(trainer, folder, console, description)
+
+
+def _folder(trainer: Trainer, root: Path, resume: Path | None, description: dict[str, Any]) -> RunFolder:
+    """Make or open the run folder, in the first process; the others are told which one it is."""
+    path: Path | None = None
+    if trainer.group.first:
+        if resume is None:
+            path = create_run(root, trainer.task.name, description).path
+        else:
+            path = open_run(resume).path
+            kept = {key: value for key, value in RunFolder(path).load_config().items() if key not in description}
+            write_json(path / "config.json", description | kept)
+            write_json(path / f"provenance_{trainer.iteration:06d}.json", provenance())
+            RunFolder(path).sweep()
+    told: Path = trainer.group.gather(path)[0]
+    return RunFolder(told)
+
+
+def _keep_breaks(trainer: Trainer, folder: RunFolder) -> None:
+    """Let the task write the first breakdown of its physics to the run folder, for ``simwarp replay``."""
+    guard = getattr(trainer.task, "guard", None)
+    if guard is not None:
+        number = f"_{trainer.group.rank}" if trainer.group.several else ""
+        guard.path = folder.path / f"broken{number}.npz"
+
+
+def _start_policy(path: Path, task_name: str) -> dict[str, Any]:
+    content = load_checkpoint(resolve_checkpoint(path))
+    if content["task"] != task_name:
+        raise InputError(f"the policy to start from, {path}, is of task '{content['task']}', not '{task_name}'")
+    return content
 
 
 def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> dict[str, Any]:
@@ -164,33 +176,52 @@ def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> dict[str, A
     return content
 
 
-def _run(trainer: Trainer, folder: RunFolder, console: Console) -> TrainResult:
-    config = trainer.config
+def _stops(group: Processes, stop: StopRequest, device: str) -> bool:
+    """Whether any process was asked to stop: all must leave in the same iteration."""
+    return group.sums({"stop": float(stop.requested)}, device)["stop"] > 0.0
+
+
+def _save(trainer: Trainer, folder: RunFolder) -> Path:
+    """Write a checkpoint, all processes together; return its path."""
+    content = trainer.checkpoint()
+    if trainer.group.first:
+        folder.save(content, trainer.config.keep_checkpoints)
+    trainer.group.gather(None)  # none goes on before the file is there
+    return folder.checkpoint_path(content["iteration"])
+
+
+def _run(trainer: Trainer, folder: RunFolder, console: Console, description: dict[str, Any]) -> TrainResult:
+    config, group = trainer.config, trainer.group
     first, first_steps = trainer.iteration, trainer.env_steps
     started = time.perf_counter()
-    log: _Log | None = None
+    log: RunLog | None = None
     report: IterationReport | None = None
     display = ProgressDisplay(console, first, config.iterations)
-    checkpoint = None
+    checkpoint: Path | None = None
+    stopped = False
     with stop_on_signals() as stop:
         try:
             with display:
-                while trainer.iteration < config.iterations and not stop.requested:
+                while trainer.iteration < config.iterations and not stopped:
                     report = trainer.iterate()
-                    log = log or _Log(folder, report)
-                    log.add(report, time.perf_counter() - started)
-                    display.update(report)
+                    if group.first:
+                        log = log or RunLog(folder, report, config.logger, description)
+                        log.add(report, time.perf_counter() - started)
+                        display.update(report)
                     if report.iteration % config.save_interval == 0:
-                        checkpoint = folder.save(trainer.checkpoint(), config.keep_checkpoints)
+                        checkpoint = _save(trainer, folder)
+                    stopped = _stops(group, stop, trainer.device)
             if report is not None and report.iteration % config.save_interval != 0:
-                checkpoint = folder.save(trainer.checkpoint(), config.keep_checkpoints)
+                checkpoint = _save(trainer, folder)
         finally:
             if log is not None:
                 log.close()
     wall = time.perf_counter() - started
     if report is None or checkpoint is None:
         raise KeyboardInterrupt
-    draw_learning_curve(folder.progress, folder.curve, f"{trainer.task.name}: {config.num_envs} worlds")
+    if group.first:
+        worlds = config.num_envs * group.count
+        draw_learning_curve(folder.progress, folder.curve, f"{trainer.task.name}: {worlds} worlds")
     return TrainResult(
         task=trainer.task.name,
         run=str(folder.path),
@@ -202,5 +233,5 @@ def _run(trainer: Trainer, folder: RunFolder, console: Console) -> TrainResult:
         wall_s=wall,
         mean_reward=report.mean_reward if math.isfinite(report.mean_reward) else None,
         mean_episode_length=report.mean_episode_length if math.isfinite(report.mean_episode_length) else None,
-        interrupted=stop.requested and trainer.iteration < config.iterations,
+        interrupted=stopped and trainer.iteration < config.iterations,
     )

@@ -140,7 +140,7 @@ def test_doctor_sees_a_gpu_that_the_libraries_do_not(monkeypatch):
         (["trian", "fast"], "unknown command 'trian'; did you mean train?"),
         (["train"], "which task?"),
         (["train", "pendulm"], "unknown task 'pendulm'; did you mean pendulum?"),
-        (["eval", "fats"], "unknown task 'fats'; did you mean fast?"),
+        (["eval", "fats"], "unknown task 'fats'; did you mean fast"),
         (["train", "fast", "--num-envs", "0"], "num-envs must be at least 1, got 0"),
         (["train", "fast", "--num-envs", "-4"], "num-envs must be at least 1, got -4"),
         (["train", "fast", "--num-envs", "many"], "--num-envs"),

@@ -77,7 +77,7 @@ def test_the_same_seed_gives_the_same_start_and_no_seed_another():
     assert not np.array_equal(first, second)
 
 
-@pytest.mark.parametrize("name", ["Fast", "Pendulum"])
+@pytest.mark.parametrize("name", ["Ant", "Fast", "Pendulum"])
 def test_gymnasium_accepts_the_single_world(name):
     with warnings.catch_warnings():
         warnings.filterwarnings("error", category=UserWarning)

@@ -1,11 +1,9 @@
 """The loop of the base class: episodes, their ends, what is reported of them, and the contract with a task author."""
 
-import dataclasses
-
 import pytest
 import simwarp.tasks as tasks
 import torch
-from simwarp.tasks import InputError, Task, TaskConfig, TaskError
+from simwarp.tasks import InputError, Task, TaskConfig, TaskError, replace_fields
 
 from tests.tasks.samples import Counter, SampleConfig, counter
 
@@ -243,7 +241,7 @@ def test_state_of_another_number_of_worlds_is_refused():
 @pytest.mark.parametrize("field", ["dt", "decimation", "max_episode_steps", "substeps"])
 def test_configuration_is_validated_by_name(field):
     with pytest.raises(InputError, match=f"{field.replace('_', '-')} must be"):
-        dataclasses.replace(TaskConfig(), **{field: 0})
+        replace_fields(TaskConfig(), {field: 0})
 
 
 def test_nan_in_a_configuration_is_refused():

@@ -177,7 +177,7 @@ def cube_stack(device: str = "cpu") -> list[Row]:
 
 
 def wall(device: str = "cpu") -> list[Row]:
-    """A wall of twenty bricks stands for 60 s at 5 ms: they drift by less than 1 mm, for the reason given at `stack`."""
+    """A wall of twenty bricks stands for 60 s at 5 ms and drifts by less than 1 mm, for the reason at `stack`."""
     return _stands("wall", scenes.wall(), 5e-3, 60.0, 1e-3, device)
 
 
