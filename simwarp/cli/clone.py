@@ -57,6 +57,7 @@ def run(arguments: list[str]) -> int:
         f"imitates {result.steps:,} steps: mean squared error {result.loss:.3g}, {result.held_out_loss:.3g} on"
         " episodes held out",
         highlight=False,
+        soft_wrap=True,
     )
     console.print(f"wrote {target}", highlight=False, soft_wrap=True)
     console.print(

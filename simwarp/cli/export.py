@@ -35,6 +35,7 @@ def run(arguments: list[str]) -> int:
     console.print(
         f"largest difference from the trained policy over {result.samples} observations: {result.max_difference:.2g}",
         highlight=False,
+        soft_wrap=True,
     )
     console.print(f"wrote {result.output}", highlight=False, soft_wrap=True)
     options.emit(dataclasses.asdict(result))

@@ -1,0 +1,264 @@
+"""``simwarp new-task``: a package of its own with a task that trains, a test that passes, and a page that explains."""
+
+from __future__ import annotations
+
+import dataclasses
+import keyword
+import re
+from pathlib import Path
+
+from simwarp.cli import DONE, UsageError
+from simwarp.cli.options import CommonOptions, parse_options, take_path
+
+_PYPROJECT = """[build-system]
+requires = ["setuptools>=77"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "@name@"
+version = "0.1.0"
+description = "A simwarp task: an arm on a hinge points where it is told"
+requires-python = ">=3.11"
+dependencies = ["simwarp"]
+
+[project.optional-dependencies]
+dev = ["pytest"]
+
+# Importing this module registers the task: `simwarp list` then shows it.
+[project.entry-points."simwarp.tasks"]
+@name@ = "@module@.task"
+
+[tool.setuptools]
+packages = ["@module@"]
+
+[tool.pytest.ini_options]
+testpaths = ["tests"]
+pythonpath = ["."]
+"""
+
+_INIT = '''"""The simwarp task `@name@`."""
+'''
+
+_TASK = '''"""An arm on a hinge, moved against gravity by a torque motor, has to point where it is told.
+
+Change `build` for other bodies and joints; the other methods work in torch, for all worlds (W) at once.
+"""
+
+import dataclasses
+
+import simwarp as sw
+import torch
+from simwarp.tasks import Task, TaskConfig, register, require
+
+
+@dataclasses.dataclass(frozen=True)
+class @Class@Config(TaskConfig):
+    """Each field is an option of the command line, as --task.torque."""
+
+    max_episode_steps: int = 200
+    """Control steps after which an episode is truncated."""
+    torque: float = 4.0
+    """Torque of a full action [N m]."""
+    max_rate: float = 20.0
+    """Angular speed at which an episode fails [rad/s]."""
+
+    def validate(self):
+        require(self.torque > 0.0, self, "torque", "positive")
+        require(self.max_rate > 0.0, self, "max_rate", "positive")
+
+
+@register("@name@")
+class @Class@Task(Task[@Class@Config]):
+    """Observation `policy` (W, 5): direction of the arm, its rate, direction of the target."""
+
+    summary = "an arm on a hinge points at a random angle"
+    config_type = @Class@Config
+    action_size = 1
+    # Defaults of `simwarp train @name@`; a dot reaches into ppo and network
+    training = {"iterations": 60, "num_envs": 128, "ppo.gamma": 0.97}
+
+    def build(self, builder):
+        """One world: a 0.6 m arm that turns about the y axis, in gravity."""
+        arm = builder.add_body("arm", mass=0.5, inertia=(0.001, 0.015, 0.015), pose=sw.pose((0.3, 0, 0)))
+        builder.add_joint_revolute("hinge", sw.WORLD, arm, axis=(0, -1, 0), anchor=(0, 0, 0), damping=0.05)
+
+    def setup(self):
+        """Buffers of the task's own, allocated once and written in place."""
+        self.target = torch.zeros(self.num_worlds, device=self.device)
+
+    def apply(self, action):
+        """`action` is (W, 1) in [-1, 1] and holds for one control step."""
+        self.views.joint_force[:, 0] = action[:, 0] * self.config.torque
+
+    def observations(self):
+        """Named groups, each (W, ...)."""
+        q, qd = self.views.joint_q[:, 0], self.views.joint_qd[:, 0]
+        return {"policy": torch.stack([q.sin(), q.cos(), 0.1 * qd, self.target.sin(), self.target.cos()], dim=1)}
+
+    def rewards(self):
+        """Named terms, each (W,); the reward is their sum."""
+        error = 1.0 - torch.cos(self.views.joint_q[:, 0] - self.target)
+        return {"near": torch.exp(-4.0 * error), "effort": -0.01 * self.action[:, 0].square()}
+
+    def terminations(self):
+        """Named failures and goals, each (W,) bool."""
+        return {"too_fast": self.views.joint_qd[:, 0].abs() > self.config.max_rate}
+
+    def metrics(self):
+        """What `simwarp eval` reports; `success` decides about success."""
+        error = (1.0 - torch.cos(self.views.joint_q[:, 0] - self.target)).clamp(0.0, 2.0)
+        return {"final_error": torch.acos(1.0 - error), "success": error < 0.005}
+
+    def reset(self, world_mask):
+        """A new episode in the worlds of the mask, nothing in the others: choose with torch.where."""
+        target = self.random.uniform("target", -1.5, 1.5)[:, 0]
+        self.target.copy_(torch.where(world_mask, target, self.target))
+        start = self.random.uniform("start", -1.5, 1.5)
+        self.simulation.set_joint_state(world_mask, start, torch.zeros_like(start))
+
+    def extra_state(self):
+        """State of the task's own that a checkpoint must keep."""
+        return {"target": self.target}
+
+    def load_extra_state(self, state):
+        """Take it back."""
+        self.target.copy_(state["target"])
+'''
+
+_TEST = '''"""What the task promises; run with pytest."""
+
+import dataclasses
+
+import pytest
+import torch
+from simwarp.tasks import InputError, make
+from simwarp.train.config import default_config
+from simwarp.train.training import train
+
+import @module@.task as mine
+
+
+def test_a_step_returns_what_it_should():
+    task = make("@name@", num_worlds=4, seed=1)
+    result = task.step(torch.zeros(4, 1))
+    assert result.observations["policy"].shape == (4, 5)
+    assert torch.isfinite(result.rewards).all()
+    assert task.reward_terms == ["near", "effort"]
+
+
+def test_episodes_repeat_with_their_seed():
+    def play(seed):
+        task = make("@name@", num_worlds=4, seed=seed)
+        return torch.stack([task.step(torch.full((4, 1), 0.3)).rewards for _ in range(20)])
+
+    assert torch.equal(play(1), play(1))
+    assert not torch.equal(play(1), play(2))
+
+
+def test_torque_moves_the_arm():
+    task = make("@name@", num_worlds=2)
+    before = task.views.joint_q[:, 0].clone()
+    for _ in range(10):
+        task.step(torch.tensor([[1.0], [-1.0]]))
+    moved = task.views.joint_q[:, 0] - before
+    # 4 N m against the 1.5 N m of the arm's weight
+    assert moved[0] > 0 > moved[1]
+
+
+def test_impossible_values_are_refused():
+    with pytest.raises(InputError, match="torque must be positive"):
+        make("@name@", torque=-1.0)
+
+
+def test_it_trains(tmp_path):
+    config = dataclasses.replace(default_config(mine.@Class@Task), iterations=2, num_envs=8, device="cpu")
+    result = train("@name@", config, mine.@Class@Config(), root=tmp_path)
+    assert result.iterations == 2
+'''
+
+_README = """# @name@
+
+A task for simwarp: an arm on a hinge points where it is told. `@module@/task.py` is the place to change.
+
+```sh
+pip install -e '.[dev]'
+pytest
+simwarp train @name@
+simwarp eval @name@
+simwarp play @name@ --video @name@.gif
+```
+
+`pip install -e .` makes the task known to the `simwarp` command through the entry point in `pyproject.toml`.
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class NewTaskOptions(CommonOptions):
+    """Write a package with a working task, its test and an entry point, outside of simwarp itself."""
+
+    output: Path | None = None
+    """Folder to make; by default NAME in the working folder. It must not exist, or be empty."""
+
+
+def files(name: str) -> dict[str, str]:
+    """Return the files of the package of a task: path -> text."""
+    module = name.replace("-", "_")
+    words = {"@name@": name, "@module@": module, "@Class@": "".join(word.capitalize() for word in name.split("-"))}
+    templates = {
+        "pyproject.toml": _PYPROJECT,
+        "README.md": _README,
+        f"{module}/__init__.py": _INIT,
+        f"{module}/task.py": _TASK,
+        f"tests/test_{module}.py": _TEST,
+    }
+    return {path: re.sub(r"@\w+@", lambda match: words[match[0]], text) for path, text in templates.items()}
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that no task, package and module can all have.
+
+    Raises:
+        UsageError: it is none, or another thing has it already.
+    """
+    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
+        raise UsageError(f"a task's name is lower-case letters, digits and single hyphens, as my-task; got '{name}'")
+    module = name.replace("-", "_")
+    from importlib.util import find_spec
+
+    from simwarp.tasks import task_names
+
+    if name in task_names():
+        raise UsageError(f"there is a task '{name}' already; choose another name")
+    if keyword.iskeyword(module) or find_spec(module) is not None:
+        raise UsageError(f"there is a Python module '{module}' already; choose another name")
+
+
+def run(arguments: list[str]) -> int:
+    """Write the package."""
+    path, arguments = take_path(arguments, "new-task", "NAME")
+    options = parse_options(NewTaskOptions, arguments, "simwarp new-task NAME")
+    options.check()
+    name = str(path)
+    check_name(name)
+    target = options.output or Path(name)
+    try:
+        if target.exists() and (not target.is_dir() or any(target.iterdir())):
+            raise UsageError(f"cannot write '{target}': it exists and is not an empty folder")
+        written = files(name)
+        for relative, text in written.items():
+            file = target / relative
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"cannot write '{target}': {error.strerror}") from error
+    console = options.console()
+    for relative in written:
+        console.print(f"wrote {target / relative}", highlight=False, soft_wrap=True)
+    console.print(
+        f"next   cd {target} && pip install -e '.[dev]' && pytest && simwarp train {name}",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )
+    options.emit({"task": name, "folder": str(target), "files": sorted(written)})
+    return DONE

@@ -1,0 +1,105 @@
+"""A world whose physics breaks down: reset, counted, kept with what led there, and repeated from the file."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from simwarp.tasks import InputError, Range, make
+from simwarp.tasks.replay import replay
+
+
+def guard_of(task):
+    assert task.guard is not None
+    return task.guard
+
+
+def break_world(task, world, step, steps):
+    """Act at random; one world gets a NaN action in one step."""
+    generator = torch.Generator().manual_seed(0)
+    for index in range(steps):
+        action = torch.rand(task.num_worlds, task.action_size, generator=generator) * 0.2 - 0.1
+        if index == step:
+            action[world] = torch.nan
+        result = task.step(action)
+        if index == step:
+            assert result.non_finite.tolist() == [number == world for number in range(task.num_worlds)]
+
+
+@pytest.mark.parametrize(
+    ("step", "limit", "from_reset"),
+    [(3, 1000, True), (75, 1000, False), (75, 60, True), (0, 1000, True), (20, 1000, False)],
+)
+def test_a_break_is_kept_and_repeated(tmp_path, step, limit, from_reset):
+    task = make("pendulum", 4, seed=5, guard_steps=20, max_angle=1e6, max_position=1e6, max_episode_steps=limit,
+                first_world=8, decimation=2, action_rise_time=0.2, action_delay=(0, 0),
+                randomise={"body_mass": Range(0.8, 1.2)})  # fmt: skip
+    guard_of(task).path = tmp_path / "broken.npz"
+    break_world(task, 2, step, step + 15)
+    task.drain_statistics()
+    report = replay(guard_of(task).path)
+    assert report.reproduced
+    assert (report.task, report.world, report.seed) == ("pendulum", 10, 5)
+    assert report.from_reset is from_reset
+    assert report.episode_step == step % limit + 1
+    assert report.largest_difference == 0.0
+    assert np.isnan(report.largest_action)
+    assert report.problems
+    with np.load(guard_of(task).path) as file:
+        meta = json.loads(str(file["meta"]))
+        assert meta["config"]["randomise"]["body_mass"]["low"] == 0.8
+        assert {"actions", "joint_q", "joint_qd", "start/state/body_x", "start/control/joint_force"} <= set(file.files)
+        assert 0.8 * 0.1 <= file["model/body_mass"][0] <= 1.2 * 0.1
+        assert len(file["actions"]) == min(step + 1, 20)
+
+
+def test_only_the_first_break_is_kept_and_a_sound_run_writes_nothing(tmp_path):
+    task = make("pendulum", 3, guard_steps=10)
+    guard_of(task).path = tmp_path / "broken.npz"
+    for _ in range(25):
+        task.step(torch.zeros(3, 1))
+    task.drain_statistics()
+    assert guard_of(task).dump is None
+    assert not guard_of(task).path.exists()
+    with pytest.raises(ValueError, match="no world has broken down"):
+        guard_of(task).write(guard_of(task).path)
+    break_world(task, 1, 2, 4)
+    guard_of(task).look()
+    first = guard_of(task).path.read_bytes()
+    break_world(task, 0, 2, 4)
+    guard_of(task).look()
+    assert guard_of(task).path.read_bytes() == first
+    assert task.drain_statistics().end_reasons["non_finite"] == 2
+
+
+def test_nothing_is_kept_where_the_guard_is_off():
+    assert make("pendulum", 1, guard_steps=0).guard is None
+    assert make("fast", 1).guard is None
+
+
+def test_the_break_of_an_ant_is_repeated(tmp_path):
+    task = make("ant", 3, seed=2, guard_steps=30)
+    guard_of(task).path = tmp_path / "broken.npz"
+    for index in range(50):
+        action = torch.sin(torch.arange(24).view(3, 8) + 0.3 * index) * 0.3
+        if index == 44:
+            action[1, 3] = torch.nan
+        task.step(action)
+    guard_of(task).look()
+    report = replay(guard_of(task).path)
+    assert report.reproduced
+    assert report.largest_difference == 0.0
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot read"):
+        replay(tmp_path / "missing.npz")
+    (tmp_path / "text.npz").write_text("hello")
+    with pytest.raises(InputError, match="cannot read"):
+        replay(tmp_path / "text.npz")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    with pytest.raises(InputError, match="no dump of a broken world"):
+        replay(tmp_path / "other.npz")
+    np.savez(tmp_path / "future.npz", meta=np.array(json.dumps({"format": 99})))
+    with pytest.raises(InputError, match="format 99, this version of simwarp reads 1"):
+        replay(tmp_path / "future.npz")

@@ -1,0 +1,63 @@
+"""Where a run's scalars go."""
+
+import sys
+import types
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from simwarp.tasks import InputError, replace_fields, task_class
+from simwarp.train.config import LoggerKind, default_config
+from simwarp.train.run_folder import RunFolder, read_progress
+from simwarp.train.training import train
+
+from simwarp import cli
+
+QUIET = Console(quiet=True)
+
+
+def run(root, kind):
+    settings = {"num_envs": 8, "iterations": 3, "steps_per_iteration": 8, "device": "cpu", "logger": kind}
+    config = replace_fields(default_config(task_class("fast")), settings)
+    task_config = task_class("fast").config_type(max_episode_steps=12)
+    return RunFolder(Path(train("fast", config, task_config, root=root, console=QUIET).run))
+
+
+@pytest.mark.parametrize("kind", [LoggerKind.TENSORBOARD, LoggerKind.CSV])
+def test_csv_is_always_there_and_tensorboard_by_default(tmp_path, kind):
+    folder = run(tmp_path, kind)
+    assert [int(row["iteration"]) for row in read_progress(folder.progress)] == [1, 2, 3]
+    assert bool(list(folder.path.glob("events.out.tfevents.*"))) == (kind is LoggerKind.TENSORBOARD)
+
+
+def test_wandb_gets_every_iteration_and_needs_no_account(tmp_path, monkeypatch):
+    seen: dict = {"steps": []}
+
+    class Run:
+        def log(self, values, step):
+            seen["steps"].append(step)
+            seen["last"] = values
+
+        def finish(self):
+            seen["finished"] = True
+
+    module = types.ModuleType("wandb")
+    module.__dict__["init"] = lambda **options: seen.update(options) or Run()
+    monkeypatch.setitem(sys.modules, "wandb", module)
+    monkeypatch.delenv("WANDB_MODE", raising=False)
+    folder = run(tmp_path, LoggerKind.WANDB)
+    assert seen["mode"] == "offline"
+    assert (seen["steps"], seen["finished"], seen["dir"]) == ([1, 2, 3], True, str(folder.path))
+    assert {"train/mean_reward", "loss/value", "reward/near", "speed/learn_s"} <= set(seen["last"])
+    assert seen["config"]["train_config"]["num_envs"] == 8
+    assert len(read_progress(folder.progress)) == 3
+
+
+def test_a_logger_that_is_not_installed_is_one_line_that_names_the_extra(tmp_path, monkeypatch, capfd):
+    monkeypatch.setitem(sys.modules, "wandb", None)
+    with pytest.raises(InputError, match="simwarp\\[wandb\\]"):
+        run(tmp_path, LoggerKind.WANDB)
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["train", "fast", "--logger", "wandb"]) == 2
+    assert capfd.readouterr().err == ("simwarp: --logger wandb needs the package wandb: pip install 'simwarp[wandb]'\n")
+    assert list(tmp_path.iterdir()) == []

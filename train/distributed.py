@@ -1,0 +1,109 @@
+"""Several processes that train one policy: what ``torchrun`` says about them, and what they tell each other.
+
+Each process steps worlds of its own; gradients, normalisers, learning rate and statistics are averaged or summed over
+all, so that parameters stay equal. NCCL carries this between GPUs, gloo between CPUs.
+"""
+
+from __future__ import annotations
+
+import atexit
+import dataclasses
+import os
+from typing import Any
+
+import torch
+from simwarp.tasks import InputError, resolve_device
+from torch import distributed
+
+
+@dataclasses.dataclass(frozen=True)
+class Processes:
+    """The processes of a run.
+
+    Attributes:
+        rank: which one this is, from 0.
+        local_rank: which one on its machine.
+        count: how many there are.
+    """
+
+    rank: int = 0
+    local_rank: int = 0
+    count: int = 1
+
+    @property
+    def several(self) -> bool:
+        """Whether there is more than one."""
+        return self.count > 1
+
+    @property
+    def first(self) -> bool:
+        """Whether this one writes the run folder and speaks to the user."""
+        return self.rank == 0
+
+    def device(self, name: str) -> str:
+        """Return the device of this process; of several on one machine, each gets the GPU of its number."""
+        if not self.several:
+            return resolve_device(name)
+        gpu = name.startswith("cuda") or (name == "auto" and torch.cuda.is_available())
+        return resolve_device(f"cuda:{self.local_rank}" if gpu else name)
+
+    def rsl_rl(self) -> dict[str, int] | None:
+        """Return rsl-rl's description of the same; None for a single process."""
+        if not self.several:
+            return None
+        return {"global_rank": self.rank, "local_rank": self.local_rank, "world_size": self.count}
+
+    def sums(self, values: dict[str, float], device: str) -> dict[str, float]:
+        """Return each value summed over all processes; all must have the same names."""
+        if not self.several:
+            return values
+        total = torch.tensor(list(values.values()), dtype=torch.float64, device=device)
+        distributed.all_reduce(total)
+        return dict(zip(values, total.tolist(), strict=True))
+
+    def gather(self, value: Any) -> list[Any]:
+        """Return the values of all processes, by rank."""
+        if not self.several:
+            return [value]
+        values: list[Any] = [None] * self.count
+        distributed.all_gather_object(values, value)
+        return values
+
+
+def processes() -> Processes:
+    """Return what ``torchrun`` has put into the environment; a single process without it.
+
+    Raises:
+        InputError: its variables contradict each other.
+    """
+    try:
+        count = int(os.environ.get("WORLD_SIZE", "1"))
+        rank, local = int(os.environ.get("RANK", "0")), int(os.environ.get("LOCAL_RANK", "0"))
+    except ValueError as error:
+        raise InputError("RANK, LOCAL_RANK and WORLD_SIZE must be whole numbers; let torchrun set them") from error
+    if count <= 1:
+        return Processes()
+    if not 0 <= rank < count or "MASTER_ADDR" not in os.environ:
+        raise InputError(
+            f"WORLD_SIZE is {count}, but RANK or MASTER_ADDR does not fit: start the processes by torchrun"
+        )
+    return Processes(rank, local, count)
+
+
+def connect(group: Processes, device: str) -> None:
+    """Meet the other processes; nothing to do for a single one, or a second time.
+
+    They stay together until they exit: the same processes cannot meet anew.
+    """
+    if not group.several or distributed.is_initialized():
+        return
+    if device.startswith("cuda"):
+        torch.cuda.set_device(device)
+    backend = "nccl" if device.startswith("cuda") else "gloo"
+    distributed.init_process_group(backend, rank=group.rank, world_size=group.count)
+    atexit.register(_disconnect)
+
+
+def _disconnect() -> None:
+    if distributed.is_initialized():
+        distributed.destroy_process_group()
