@@ -114,7 +114,8 @@ _SETTINGS: dict[str, dict[str, Any]] = {
     "slider_crank": {"energy_gain": 50.0},
     # Eight motors swing legs of 1 kg and lift 10 kg by some centimetres in every period
     "ant": {
-        "dt": 5e-3, "motion": swinging_joints, "settle": 1.0, "solver": SolverOptions(tolerance=1e-3), "energy_gain": 10.0,
+        "dt": 5e-3, "motion": swinging_joints, "settle": 1.0, "energy_gain": 10.0,
+        "solver": SolverOptions(tolerance=1e-3),
     },
     # It stands, while the load on its contacts changes all the time
     "stack": {
