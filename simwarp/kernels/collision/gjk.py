@@ -91,6 +91,37 @@ def nearest_on_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> Nearest:
     return result
 
 
+@wp.struct
+class NearestFace:
+    """The nearest point of a simplex, on its newest corner and the corners i0 and i1."""
+
+    near: Nearest
+    i0: int
+    i1: int
+
+
+@wp.func
+def nearest_face(w: Corners, count: int) -> NearestFace:
+    """The nearest point lies on a face with the newest corner; of a tetrahedron three have it."""
+    found = NearestFace()
+    best = float(3.0e38)
+    last = count - 1
+    faces = wp.where(count == 4, 3, 1)
+    for face in range(faces):
+        j0 = wp.min(face, wp.max(last - 1, 0))
+        j1 = wp.where(count == 4, (face + 1) % 3, wp.min(1, last))
+        if count == 2:
+            j1 = 1
+        near = nearest_on_triangle(w[last], w[j0], w[j1])
+        vv = wp.dot(near.v, near.v)
+        if vv < best:
+            best = vv
+            found.near = near
+            found.i0 = j0
+            found.i1 = j1
+    return found
+
+
 @wp.func
 def gjk(a: Shape, b: Shape, offset: wp.vec3, start: wp.vec3, size: float, assets: Assets) -> Gap:
     """Direction of the shortest distance between core `a` and core `b`, its origin at `offset` from that of `a`.
@@ -128,25 +159,11 @@ def gjk(a: Shape, b: Shape, offset: wp.vec3, start: wp.vec3, size: float, assets
             w[count] = corner
             p[count] = pair.a
             count += 1
-            # the nearest point lies on a face with the newest corner; of a tetrahedron three have it
-            best = Nearest()
-            best_vv = float(3.0e38)
-            i0 = int(0)
-            i1 = int(0)
             last = count - 1
-            faces = wp.where(count == 4, 3, 1)
-            for face in range(faces):
-                j0 = wp.min(face, wp.max(last - 1, 0))
-                j1 = wp.where(count == 4, (face + 1) % 3, wp.min(1, last))
-                if count == 2:
-                    j1 = 1
-                near = nearest_on_triangle(w[last], w[j0], w[j1])
-                vv = wp.dot(near.v, near.v)
-                if vv < best_vv:
-                    best_vv = vv
-                    best = near
-                    i0 = j0
-                    i1 = j1
+            face = nearest_face(w, count)
+            best = face.near
+            i0 = face.i0
+            i1 = face.i1
             # drop the corners without weight
             w0 = w[i0]
             p0 = p[i0]
@@ -171,7 +188,7 @@ def gjk(a: Shape, b: Shape, offset: wp.vec3, start: wp.vec3, size: float, assets
                 weight[next_count] = share[0]
                 next_count += 1
             count = next_count
-            length = wp.sqrt(best_vv)
+            length = wp.sqrt(wp.dot(best.v, best.v))
             if length >= distance or length == 0.0:
                 running = 0
             else:
