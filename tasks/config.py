@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import json
 import math
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Annotated, Any, Final, TypeVar
+
+import tyro
 
 from .errors import InputError, near_names
 from .uncertainty import Curriculum, Range, Sensing, coerce, delay_range
@@ -78,6 +81,32 @@ def config_from_plain(kind: type[TaskConfig], plain: Mapping[str, Any]) -> TaskC
     return replace_fields(default, changes)
 
 
+def _settings_by_name(arguments: list[str]) -> dict[str, Any]:
+    """Read one JSON object from the command line."""
+    value = json.loads(arguments[0])
+    if not isinstance(value, dict):
+        raise ValueError('must be a JSON object: {"name": {"field": value}}')
+    return value
+
+
+def _as_json(value: Mapping[str, Any]) -> list[str]:
+    plain = {
+        name: dataclasses.asdict(entry) if dataclasses.is_dataclass(entry) and not isinstance(entry, type) else entry
+        for name, entry in value.items()
+    }
+    return [json.dumps(_plain(plain))]
+
+
+BY_NAME: Final = tyro.constructors.PrimitiveConstructorSpec(
+    nargs=1,
+    metavar="JSON",
+    instance_from_str=_settings_by_name,
+    is_instance=lambda value: isinstance(value, Mapping),
+    str_from_instance=_as_json,
+)
+"""A mapping from names to settings is one JSON object on the command line."""
+
+
 @dataclasses.dataclass(frozen=True)
 class TaskConfig:
     """Fields that every task has; a task adds its own in a frozen subclass."""
@@ -97,9 +126,9 @@ class TaskConfig:
     """Least and largest delay of the actions [control steps], drawn for every world and episode."""
     guard_steps: int = 100
     """Control steps kept in memory for the dump of a world whose physics breaks down; 0 keeps none."""
-    randomise: Mapping[str, Range] = dataclasses.field(default_factory=dict)
+    randomise: Annotated[Mapping[str, Range], BY_NAME] = dataclasses.field(default_factory=dict)
     """Model parameter -> range: what differs from world to world and from episode to episode."""
-    sensing: Mapping[str, Sensing] = dataclasses.field(default_factory=dict)
+    sensing: Annotated[Mapping[str, Sensing], BY_NAME] = dataclasses.field(default_factory=dict)
     """Observation group -> noise, bias and delay."""
     curriculum: Curriculum = dataclasses.field(default_factory=Curriculum)
     """What moves the level of difficulty."""

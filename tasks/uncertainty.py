@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from .errors import InputError
+from .errors import InputError, near_names
 
 ItemT = TypeVar("ItemT")
 
@@ -149,6 +149,18 @@ def delay_range(what: str, value: Any) -> tuple[int, int]:
     return (bounds[0], bounds[1])
 
 
+def _from_fields(kind: Callable[..., ItemT], fields: Mapping[str, Any]) -> ItemT:
+    """Return ``kind(**fields)``; a name that it does not have is an error that lists those it has."""
+    known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    for name in fields:
+        if name not in known:
+            raise InputError(f"has no field '{name}'{near_names(name, known)}; fields: {', '.join(known)}")
+    try:
+        return kind(**fields)
+    except TypeError as error:
+        raise InputError(f"{error}; fields: {', '.join(known)}") from None
+
+
 def coerce(field: str, kind: Callable[..., ItemT], values: Any) -> dict[str, ItemT]:
     """Return a dictionary of ``kind`` from one that may hold plain dictionaries, as a run folder keeps them."""
     if not isinstance(values, Mapping):
@@ -156,8 +168,8 @@ def coerce(field: str, kind: Callable[..., ItemT], values: Any) -> dict[str, Ite
     made = {}
     for name, value in values.items():
         try:
-            made[name] = kind(**value) if isinstance(value, Mapping) else value
-        except (TypeError, InputError) as error:
+            made[name] = _from_fields(kind, value) if isinstance(value, Mapping) else value
+        except InputError as error:
             raise InputError(f"{field} '{name}': {error}") from None
         if not isinstance(kind, type) or not isinstance(made[name], kind):
             raise InputError(f"{field} '{name}' must be a {getattr(kind, '__name__', kind)}, got {value!r}")

@@ -16,6 +16,8 @@ from types import ModuleType
 import pytest
 import warp as wp
 
+from simwarp.kernels.world import run_worlds_kernel
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
 HOOK = "kernels_for_cuda_check"
@@ -75,6 +77,12 @@ def compile_for_cuda(module: ModuleType, folder: Path | None = None) -> int:
 @pytest.mark.parametrize("name", kernel_modules())
 def test_kernels_compile_for_cuda(name):
     assert compile_for_cuda(importlib.import_module(name)) > 0
+
+
+@pytest.mark.slow
+def test_the_step_with_all_solvers_compiles_for_cuda():
+    # Minutes of NVRTC, as for the small one, whose module tells of itself only.
+    wp.compile_aot_module(run_worlds_kernel(True).module, device=None, arch=ARCH)
 
 
 TOY = '''

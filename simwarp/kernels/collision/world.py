@@ -13,7 +13,7 @@ from simwarp.kernels.collision.terrain import TRIANGLE_BATCH, Ground, ground_bou
 from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_contacts
 from simwarp.kernels.contact_rows import contact_frame
 from simwarp.kernels.spatial import matrix_to_float, to_float
-from simwarp.kernels.tables import ContactArrays, Parameters, StateArrays, StepConfig, Topology
+from simwarp.kernels.tables import ContactArrays, Parameters, StateArrays, StepConfig, Topology, own
 from simwarp.types import ShapeType, WorldStatus
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -104,9 +104,9 @@ def placed(
         n = wp.vec3d(wp.float64(s.rot[0, 2]), wp.float64(s.rot[1, 2]), wp.float64(s.rot[2, 2]))
         offset = n * (wp.dot(n, offset) / wp.dot(n, n))
     s.x = to_float(offset)
-    s.size = parameters.shape_size[world % parameters.shape_size.shape[0], shape]
-    s.margin = parameters.shape_margin[world % parameters.shape_margin.shape[0], shape]
-    s.asset = parameters.shape_asset[world % parameters.shape_asset.shape[0], shape]
+    s.size = parameters.shape_size[own(world, parameters.shape_size.shape[0]), shape]
+    s.margin = parameters.shape_margin[own(world, parameters.shape_margin.shape[0]), shape]
+    s.asset = parameters.shape_asset[own(world, parameters.shape_asset.shape[0]), shape]
     return s
 
 
@@ -129,8 +129,8 @@ def place_shapes(
     """Poses, bounds and speeds of all shapes."""
     for shape in range(topology.shape_count):
         body = topology.shape_body[shape]
-        x = parameters.shape_x[world % parameters.shape_x.shape[0], shape]
-        rot = wp.quat_to_matrix(parameters.shape_rot[world % parameters.shape_rot.shape[0], shape])
+        x = parameters.shape_x[own(world, parameters.shape_x.shape[0]), shape]
+        rot = wp.quat_to_matrix(parameters.shape_rot[own(world, parameters.shape_rot.shape[0]), shape])
         velocity = wp.vec3()
         omega = wp.vec3()
         if body >= 0:
@@ -372,9 +372,9 @@ def collide_world(
     cached = keep_last_contacts(world, lane, contacts, scratch)
     place_shapes(world, lane, topology, parameters, state, assets, scratch)
     contacts.contact_overflow[world] = 0
-    gravity = parameters.gravity[world % parameters.gravity.shape[0]]
+    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
     near = config.contact_envelope + wp.length(gravity) * config.dt * config.dt
-    we = world % parameters.shape_enabled.shape[0]
+    we = own(world, parameters.shape_enabled.shape[0])
     if topology.grid_buckets > 0:
         fastest = float(0.0)
         for shape in range(topology.shape_count):
@@ -428,5 +428,5 @@ def collide_worlds(
     world = wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
-    lane = world % scratch.x.shape[0]
+    lane = own(world, scratch.x.shape[0])
     collide_world(world, lane, config, topology, parameters, assets, state, contacts, scratch, pack_grid(scratch, lane))
