@@ -30,6 +30,7 @@ from simwarp.scenes.mechanisms import (
     pendulum,
     slider_crank,
 )
+from simwarp.scenes.phantomx import hexapod
 
 __all__ = [
     "ANDREWS_INITIAL",
@@ -50,6 +51,7 @@ __all__ = [
     "four_bar",
     "four_bar_angles",
     "heavy_on_light",
+    "hexapod",
     "incline",
     "linkage",
     "pendulum",

@@ -117,6 +117,17 @@ def test_a_settled_world_starts_the_same_whatever_the_number_of_worlds(name):
         np.testing.assert_array_equal(start[:3], start[16:])
 
 
+def test_the_drives_of_the_hexapod_aim_as_the_benchmark_says():
+    run = measure.SceneRun(bench_scenes()["hexapod"], 3, "cpu", None)
+    run.set_motion()
+    run.step()
+    time = run.sim.state.world_time.numpy().copy()
+    run.motion_command.launch()
+    target = motion.swing_targets(time[:, None], 18, 3, run.scene.variants)[:, 0]
+    np.testing.assert_allclose(run.sim.control.joint_target_q.numpy(), target, atol=1e-5)
+    assert np.abs(run.sim.state.joint_q.numpy() - target).mean() < 0.15
+
+
 def test_rows_of_scenes_with_contacts_tell_of_them(bench):
     code, result, err = bench("ant", "--worlds", "1,20")
     assert code == 0, err
@@ -438,7 +449,7 @@ def test_the_script_writes_tables_and_what_the_time_goes_to(tmp_path):
         ([], "which scene?"),
         (["pendulm"], "did you mean pendulum"),
         (["fast-taks"], "did you mean"),
-        (["hexapod"], "needs the hexapod"),
+        (["hexapood"], "did you mean hexapod"),
         (["stak"], "did you mean stack"),
         (["camera"], "needs sensors"),
         (["hmmwv"], "needs vehicles"),

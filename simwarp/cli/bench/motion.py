@@ -48,6 +48,14 @@ def hold_swing(
 
 
 @wp.kernel
+def aim_swing(variants: int, world_time: wp.array[wp.float64], joint_target_q: wp.array2d[float]) -> None:
+    """The targets for drives in the joints."""
+    world = wp.tid()
+    for dof in range(joint_target_q.shape[1]):
+        joint_target_q[world, dof] = swing(world_time[world], dof, world, variants)
+
+
+@wp.kernel
 def write_swing(variants: int, time: wp.array[float], targets: wp.array2d[float]) -> None:
     """The targets alone, for engines with position actuators."""
     world = wp.tid()
@@ -103,6 +111,15 @@ def swinging_joints(sim: Simulation, variants: int) -> Any:
     return wp.launch(
         hold_swing, dim=sim.model.world_count, device=sim.model.device, record_cmd=True,
         inputs=[variants, state.world_time, state.joint_q, state.joint_qd], outputs=[sim.control.joint_force],
+    )  # fmt: skip
+
+
+def swinging_drives(sim: Simulation, variants: int) -> Any:
+    """The benchmark motion of the hexapod: its drives aim at 0.3 sin(2π 1.5 Hz t + dof)."""
+    state = sim.state
+    return wp.launch(
+        aim_swing, dim=sim.model.world_count, device=sim.model.device, record_cmd=True,
+        inputs=[variants, state.world_time], outputs=[sim.control.joint_target_q],
     )  # fmt: skip
 
 
