@@ -16,7 +16,7 @@ import torch
 
 from .config import TaskConfig, require
 from .drawing import Drawing, Line, View
-from .frames import euler_123, heading_quaternion, rotate_back
+from .frames import Orientation, euler_123, heading_quaternion, rotate_back
 from .registry import register
 from .task import Task
 
@@ -32,13 +32,6 @@ _ANKLE_LIMITS = (-math.pi / 2.0, math.pi / 4.0)
 _NEAR_LIMIT = 0.02
 _TARGET_X = 1000.0
 _ARENA = 49.0
-
-
-class Orientation(enum.Enum):
-    """How the torso's orientation is observed."""
-
-    EULER = "euler"
-    QUATERNION = "quaternion"
 
 
 class AntReward(enum.Enum):

@@ -39,8 +39,10 @@ class Drawing:
         lines: the lines, drawn in order.
         view: projection plane.
         window: ((horizontal low, high), (vertical low, high)) [m]; None follows the lines.
+        panel: width of the panel of one world [inch].
     """
 
     lines: tuple[Line, ...]
     view: View = View.SIDE
     window: tuple[tuple[float, float], tuple[float, float]] | None = None
+    panel: float = 2.6

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+import enum
+
 import torch
+
+
+class Orientation(enum.Enum):
+    """How the orientation of a torso is observed."""
+
+    EULER = "euler"
+    QUATERNION = "quaternion"
 
 
 def rotate_back(rotation: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:

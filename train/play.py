@@ -105,8 +105,8 @@ class _Canvas:
         (left, right), (bottom, top) = _window(drawing, frames)
         columns = math.ceil(math.sqrt(task.num_worlds))
         rows = math.ceil(task.num_worlds / columns)
-        panel = 2.6
-        height = panel * min(2.0, max(0.4, (top - bottom) / (right - left)))
+        panel = drawing.panel
+        height = max(1.0, panel * min(2.0, (top - bottom) / (right - left)))
         # Even numbers of pixels: video encoders want them
         size = (round(panel * columns * 50) / 50, round((height * rows + 0.5) * 50) / 50)
         self._figure = Figure(figsize=size, dpi=100, layout="constrained")
