@@ -1,5 +1,6 @@
 """What the documentation says is true: its code runs, its tables name what exists, its links lead somewhere."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -23,7 +24,11 @@ EXAMPLES = {
     "drives.py": ["--seconds", "0.5"],
     "contacts.py": [],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
+    "train_sb3.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
+    "train_skrl.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
 }
+NEEDS = {"train_sb3.py": "stable_baselines3", "train_skrl.py": "skrl"}
+"""Examples that run only where an extra is installed: its module."""
 DTYPES = {
     "float32": wp.float32, "float64": wp.float64, "int32": wp.int32, "vec3": wp.vec3, "vec3d": wp.vec3d,
     "quat": wp.quat, "quatd": wp.quatd, "mat33": wp.mat33, "mat33d": wp.mat33d, "transform": wp.transform,
@@ -62,6 +67,8 @@ def test_the_code_of_a_page_runs(page, tmp_path):
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_an_example_runs(name, tmp_path):
+    if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None:
+        pytest.skip(f"the extra with {NEEDS[name]} is not installed")
     printed = run([str(ROOT / "examples" / name)], EXAMPLES[name], tmp_path)
     if name == "cart_pole.py":
         assert "upright: 16 of 16" in printed
@@ -70,6 +77,10 @@ def test_an_example_runs(name, tmp_path):
         difference = re.search(r"over 3 worlds: (\S+)", printed)
         assert difference is not None
         assert float(difference[1]) < 1e-3
+    if name in NEEDS:
+        returns = re.search(r"before (\S+), after \d+ steps (\S+)", printed)
+        assert returns is not None
+        assert float(returns[2]) > float(returns[1]) + 20.0  # best possible: 64
 
 
 def test_every_example_is_run():
