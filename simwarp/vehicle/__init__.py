@@ -1,0 +1,1 @@
+"""Wheeled vehicles: descriptions, assembly into a model, tires, powertrain, drivers."""

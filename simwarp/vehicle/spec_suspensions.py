@@ -1,0 +1,245 @@
+"""Descriptions of suspensions, one dataclass per template, and of anti-roll bars."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar, Literal, TypeAlias
+
+from simwarp.vehicle.spec_parts import Bushing, ForceLine, RigidPart, Spec, Vec3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DoubleWishbone(Spec):
+    """Two A-arms between chassis and upright, tie rod to the steering link or the chassis."""
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["double-wishbone"] = "double-wishbone"
+    inertia_axes: Literal["arm", "vehicle"] = "arm"
+    camber: float = 0.0
+    """[rad], as built."""
+    toe: float = 0.0
+    spindle: RigidPart
+    upright: RigidPart
+    upper_arm: RigidPart
+    lower_arm: RigidPart
+    upper_arm_front: Vec3
+    upper_arm_back: Vec3
+    upper_arm_upright: Vec3
+    lower_arm_front: Vec3
+    lower_arm_back: Vec3
+    lower_arm_upright: Vec3
+    tierod_chassis: Vec3
+    tierod_upright: Vec3
+    springs: tuple[ForceLine, ...]
+    """Between chassis and lower arm."""
+    axle_inertia: float
+    upper_arm_bushing: Bushing | None = None
+    lower_arm_bushing: Bushing | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DoubleWishboneReduced(Spec):
+    """The same with massless arms: every arm is two rods."""
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["double-wishbone-reduced"] = "double-wishbone-reduced"
+    camber: float = 0.0
+    toe: float = 0.0
+    spindle: RigidPart
+    upright: RigidPart
+    upper_arm_front: Vec3
+    upper_arm_back: Vec3
+    upper_arm_upright: Vec3
+    lower_arm_front: Vec3
+    lower_arm_back: Vec3
+    lower_arm_upright: Vec3
+    tierod_chassis: Vec3
+    tierod_upright: Vec3
+    springs: tuple[ForceLine, ...]
+    """Between chassis and upright."""
+    axle_inertia: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SingleWishbone(Spec):
+    """One arm that turns about a line of the chassis; the upright turns on it about the kingpin.
+
+    Axes "arm" of the arm's inertia: y from the chassis to the upright, x level.
+    """
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["single-wishbone"] = "single-wishbone"
+    inertia_axes: Literal["arm", "vehicle"] = "arm"
+    camber: float = 0.0
+    toe: float = 0.0
+    spindle: RigidPart
+    upright: RigidPart
+    arm: RigidPart
+    arm_chassis: Vec3
+    arm_axis: Vec3 = (1.0, 0.0, 0.0)
+    arm_upright: Vec3
+    kingpin_axis: Vec3 = (0.0, 0.0, 1.0)
+    tierod_chassis: Vec3
+    tierod_upright: Vec3
+    springs: tuple[ForceLine, ...]
+    """Between chassis and arm."""
+    axle_inertia: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MacPhersonStrut(Spec):
+    """A lower arm, and a strut that slides in the upright and is pinned to the chassis."""
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["macpherson-strut"] = "macpherson-strut"
+    inertia_axes: Literal["arm", "vehicle"] = "arm"
+    camber: float = 0.0
+    toe: float = 0.0
+    spindle: RigidPart
+    upright: RigidPart
+    strut: RigidPart
+    lower_arm: RigidPart
+    lower_arm_front: Vec3
+    lower_arm_back: Vec3
+    lower_arm_upright: Vec3
+    strut_chassis: Vec3
+    strut_upright: Vec3
+    tierod_chassis: Vec3
+    tierod_upright: Vec3
+    springs: tuple[ForceLine, ...]
+    """Between chassis and upright."""
+    axle_inertia: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MultiLink(Spec):
+    """Upper arm, lateral link, trailing link and tie rod."""
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["multi-link"] = "multi-link"
+    inertia_axes: Literal["arm", "vehicle"] = "arm"
+    camber: float = 0.0
+    toe: float = 0.0
+    spindle: RigidPart
+    upright: RigidPart
+    upper_arm: RigidPart
+    lateral: RigidPart
+    trailing_link: RigidPart
+    upper_arm_front: Vec3
+    upper_arm_back: Vec3
+    upper_arm_upright: Vec3
+    lateral_chassis: Vec3
+    lateral_upright: Vec3
+    trailing_link_chassis: Vec3
+    trailing_link_upright: Vec3
+    tierod_chassis: Vec3
+    tierod_upright: Vec3
+    springs: tuple[ForceLine, ...]
+    """Between chassis and trailing link."""
+    axle_inertia: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SolidAxle(Spec):
+    """A beam axle on two longitudinal links per side, with knuckles that a draglink and a tie rod steer."""
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["solid-axle"] = "solid-axle"
+    camber: float = 0.0
+    toe: float = 0.0
+    spindle: RigidPart
+    knuckle: RigidPart
+    axle_tube: RigidPart
+    upper_link: RigidPart
+    lower_link: RigidPart
+    knuckle_lower: Vec3
+    knuckle_upper: Vec3
+    upper_link_chassis: Vec3
+    upper_link_axle: Vec3
+    lower_link_chassis: Vec3
+    lower_link_axle: Vec3
+    tierod_knuckle: Vec3
+    draglink_chassis: Vec3 | None = None
+    draglink_knuckle: Vec3 | None = None
+    springs: tuple[ForceLine, ...]
+    """Between chassis and axle tube."""
+    axle_inertia: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RigidSuspension(Spec):
+    """Spindles that turn in the chassis itself."""
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["rigid-suspension"] = "rigid-suspension"
+    camber: float = 0.0
+    toe: float = 0.0
+    spindle: RigidPart
+    axle_inertia: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PinnedAxle(Spec):
+    """A rigid axle that rolls about one longitudinal pin."""
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["pinned-axle"] = "pinned-axle"
+    spindle: RigidPart
+    axle_tube: RigidPart
+    pin: Vec3
+    axle_inertia: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TrailingArm(Spec):
+    """An arm behind its pivot on the chassis carries the spindle."""
+
+    POSITIVE: ClassVar = frozenset({"axle_inertia"})
+
+    template: Literal["trailing-arm"] = "trailing-arm"
+    camber: float = 0.0
+    toe: float = 0.0
+    spindle: RigidPart
+    arm: RigidPart
+    pivot: Vec3
+    pivot_axis: Vec3 = (0.0, 1.0, 0.0)
+    springs: tuple[ForceLine, ...]
+    axle_inertia: float
+
+
+Suspension: TypeAlias = (
+    DoubleWishbone
+    | DoubleWishboneReduced
+    | SingleWishbone
+    | MacPhersonStrut
+    | MultiLink
+    | SolidAxle
+    | RigidSuspension
+    | PinnedAxle
+    | TrailingArm
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AntirollBar(Spec):
+    """Two arms joined by a torsion spring, each linked to its side of the axle."""
+
+    POSITIVE: ClassVar = frozenset({"arm_mass", "arm_inertia", "arm_length", "arm_width", "stiffness"})
+    NOT_NEGATIVE: ClassVar = frozenset({"damping"})
+
+    location: Vec3
+    arm_mass: float
+    arm_inertia: Vec3
+    arm_length: float
+    arm_width: float
+    droplink_height: float
+    stiffness: float
+    damping: float = 0.0
