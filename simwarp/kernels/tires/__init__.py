@@ -1,0 +1,1 @@
+"""Tire forces: contact geometry, terrain queries, one file per model, and the kernel that applies them."""
