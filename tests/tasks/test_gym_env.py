@@ -1,12 +1,8 @@
-"""Gymnasium over a task: ids, spaces, true final observations, and Gymnasium's own checker."""
-
-import warnings
+"""Gymnasium over a task: ids, spaces, true and true final observations."""
 
 import gymnasium as gym
 import numpy as np
-import pytest
 import torch
-from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from simwarp.tasks import TaskEnv, TaskVectorEnv
 
@@ -75,14 +71,6 @@ def test_the_same_seed_gives_the_same_start_and_no_seed_another():
     again, _ = env.reset(seed=3)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, second)
-
-
-@pytest.mark.parametrize("name", ["Ant", "Fast", "Pendulum"])
-def test_gymnasium_accepts_the_single_world(name):
-    with warnings.catch_warnings():
-        warnings.filterwarnings("error", category=UserWarning)
-        warnings.filterwarnings("ignore", message=".*Box observation space (min|max)imum value is.*infinity.*")
-        check_env(gym.make(f"simwarp/{name}-v0").unwrapped, skip_render_check=True)
 
 
 def test_a_single_world_shows_its_last_observation_and_waits_for_reset():
