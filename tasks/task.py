@@ -223,7 +223,8 @@ class Task(ABC, Generic[ConfigT]):
 
     def observe(self) -> dict[str, torch.Tensor]:
         """Return the present observations as a policy gets them: late and noisy where the configuration says so."""
-        return self._sensors.sense(self.observations())
+        with self._acting():
+            return self._sensors.sense(self.observations())
 
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1].

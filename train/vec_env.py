@@ -53,7 +53,7 @@ class TaskVecEnv(VecEnv):
 
     def refresh(self) -> None:
         """Observe again, after the task's state was replaced from outside."""
-        self._groups = self.task.observations()
+        self._groups = self.task.observe()
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """Advance all worlds; see rsl-rl's ``VecEnv.step`` for what comes back."""

@@ -1,4 +1,4 @@
-"""Gymnasium over a task: ids, spaces, true and true final observations."""
+"""Gymnasium over a task: ids, spaces and true final observations."""
 
 import gymnasium as gym
 import numpy as np

@@ -7,6 +7,7 @@ import pytest
 import simwarp.tasks as tasks
 import torch
 from rsl_rl.runners import OnPolicyRunner
+from simwarp.tasks import Sensing
 from simwarp.train.config import TrainConfig, rsl_rl_config
 from simwarp.train.vec_env import TaskVecEnv
 from tensordict import TensorDict
@@ -102,3 +103,24 @@ def test_every_group_is_a_copy(groups):
     env.step(torch.zeros(3, 2))
     assert all(torch.equal(handed[name], value) for name, value in before.items())
     assert handed["camera"].dtype == torch.uint8
+
+
+@pytest.mark.parametrize("name", ["ant", "fast", "pendulum"])
+@pytest.mark.parametrize("sensing", [{}, {"policy": Sensing(noise=0.1, bias=0.2, delay=(0, 3))}], ids=["exact", "noisy"])
+def test_after_resuming_the_first_observation_is_that_of_the_state_taken_over(name, sensing):
+    def build(seed):
+        return TaskVecEnv(tasks.make(name, 5, seed=seed, max_episode_steps=7, sensing=sensing))
+
+    torch.manual_seed(0)
+    left, right = build(1), build(2)
+    for _ in range(17):
+        left.step(torch.rand(5, left.num_actions) * 2.0 - 1.0)
+    expected = left.get_observations()["policy"].clone()
+    right.task.load_state_dict(left.task.state_dict())
+    right.refresh()
+    assert torch.equal(right.get_observations()["policy"], expected)
+    # And both go on alike
+    actions = torch.rand(5, left.num_actions) * 2.0 - 1.0
+    steps = left.step(actions), right.step(actions)
+    assert torch.equal(steps[0][0]["policy"], steps[1][0]["policy"])
+    assert torch.equal(steps[0][1], steps[1][1])
