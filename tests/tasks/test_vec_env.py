@@ -106,7 +106,9 @@ def test_every_group_is_a_copy(groups):
 
 
 @pytest.mark.parametrize("name", ["ant", "fast", "pendulum"])
-@pytest.mark.parametrize("sensing", [{}, {"policy": Sensing(noise=0.1, bias=0.2, delay=(0, 3))}], ids=["exact", "noisy"])
+@pytest.mark.parametrize(
+    "sensing", [{}, {"policy": Sensing(noise=0.1, bias=0.2, delay=(0, 3))}], ids=["exact", "noisy"]
+)
 def test_after_resuming_the_first_observation_is_that_of_the_state_taken_over(name, sensing):
     def build(seed):
         return TaskVecEnv(tasks.make(name, 5, seed=seed, max_episode_steps=7, sensing=sensing))
