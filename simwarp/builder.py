@@ -87,11 +87,14 @@ class JointSpec:
 
 @dataclasses.dataclass(frozen=True)
 class CouplingSpec:
-    """sum of coefficient x coordinate = offset, over up to three degrees of freedom (public dof indices)."""
+    """sum of coefficient x coordinate = offset, over up to three degrees of freedom (public dof indices); with
+    `damping`, effort = -damping x sum of coefficient x rate instead.
+    """
 
     name: str
     terms: tuple[tuple[int, float], ...]
     offset: float | None
+    damping: float = 0.0
 
 
 MAX_COUPLING_TERMS = 3
@@ -127,6 +130,7 @@ class ModelBuilder(ShapeList):
         pose: Pose | None = None,
         velocity: Vec3 = (0.0, 0.0, 0.0),
         omega: Vec3 = (0.0, 0.0, 0.0),
+        strict: bool = True,
     ) -> int:
         """A rigid body; returns its index.
 
@@ -136,12 +140,14 @@ class ModelBuilder(ShapeList):
             pose: of the centre of mass in the world; identity when None.
             velocity: of the centre of mass [m/s], world frame.
             omega: [rad/s], world frame.
+            strict: refuse an inertia that no distribution of mass has (a + b < c for principal moments); published
+                data of vehicles sometimes break the rule, and the equations of motion do not need it.
         """
         thing = self._new_name("body", name, (body.name for body in self.bodies))
         spec = BodySpec(
             name,
             positive_number(thing, "mass", mass, "kg", "use WORLD for what never moves"),
-            checked_inertia(thing, inertia),
+            checked_inertia(thing, inertia, strict=strict),
             checked_pose(thing, pose),
             finite_vector(thing, "velocity", velocity, 3),
             finite_vector(thing, "omega", omega, 3),
@@ -353,15 +359,29 @@ class ModelBuilder(ShapeList):
         frame = make_pose(rotation=rotation).rotation
         return self._add(JointType.BUSHING, name, parent, child, anchor, None, dofs, rotation=frame)
 
+    def add_turn(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
+        """The rotation of the child about an axis of its own, seen from the parent: a coordinate for couplings, as
+        where a shaft with joints drives a wheel that also steers. It constrains nothing.
+
+        Its rate [rad/s] is the relative angular velocity along the axis; its angle is that rate integrated, since a
+        rotation about an axis that itself turns has no other.
+
+        Args:
+            axis: direction, world frame, fixed in the child.
+        """
+        return self._add_single(JointType.TURN, name, parent, child, None, axis, {})
+
     def add_coupling(
-        self, name: str, terms: Iterable[tuple[int, float] | tuple[int, int, float]], *, offset: float | None = None
-    ) -> int:
+        self, name: str, terms: Iterable[tuple[int, float] | tuple[int, int, float]], *, offset: float | None = None,
+        damping: float = 0.0,
+    ) -> int:  # fmt: skip
         """One bilateral row on coordinates: sum of coefficient x q = offset (the initial value when None).
 
         Gears, racks, screws, belts and planetary sets are couplings: see `add_gear`, `add_rack`, `add_screw`.
 
         Args:
             terms: (joint, coefficient) or (joint, local dof, coefficient), at most three.
+            damping: of a viscous coupling, whose sum may slip [N·m·s/rad or N·s/m]; 0 holds it rigidly.
         """
         thing = self._new_name("coupling", name, (coupling.name for coupling in self.couplings))
         if not isinstance(terms, Iterable):
@@ -370,7 +390,10 @@ class ModelBuilder(ShapeList):
         if not 1 <= len(resolved) <= MAX_COUPLING_TERMS:
             raise ModelError(f"{thing}: needs 1 to {MAX_COUPLING_TERMS} terms, got {len(resolved)}; chain couplings")
         constant = None if offset is None else finite_number(thing, "offset", offset, "None keeps the initial value")
-        self.couplings.append(CouplingSpec(name, resolved, constant))
+        viscous = finite_number(thing, "damping", damping)
+        if viscous < 0.0:
+            raise ModelError(f"{thing}: damping must be >= 0 N·m·s/rad, got {damping!r}; 0 holds it rigidly")
+        self.couplings.append(CouplingSpec(name, resolved, constant, viscous))
         return len(self.couplings) - 1
 
     def add_gear(self, name: str, joint0: int, joint1: int, *, ratio: float) -> int:

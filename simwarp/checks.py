@@ -100,8 +100,8 @@ def check_perpendicular(thing: str, name0: str, vector0: Vec3, name1: str, vecto
         )
 
 
-def checked_inertia(thing: str, inertia: Any) -> Array:
-    """A 3x3 inertia that some body can have, symmetrised."""
+def checked_inertia(thing: str, inertia: Any, strict: bool = True) -> Array:
+    """A 3x3 inertia, symmetrised; one that some body can have unless not `strict`."""
     try:
         matrix = np.asarray(inertia, dtype=np.float64)
     except (TypeError, ValueError):
@@ -123,9 +123,10 @@ def checked_inertia(thing: str, inertia: Any) -> Array:
             "give a thin body a small inertia, not zero"
         )
     # 1 % of slack: published tables are rounded
-    if values[2] > (values[0] + values[1]) * 1.01:
+    if strict and values[2] > (values[0] + values[1]) * 1.01:
         raise ModelError(
-            f"{thing}: principal inertias must obey a + b >= c, got {values.tolist()}; check units and axes"
+            f"{thing}: principal inertias must obey a + b >= c, got {values.tolist()}; check units and axes, "
+            "or pass strict=False for published data"
         )
     return 0.5 * (matrix + matrix.T)
 

@@ -71,6 +71,7 @@ ELEMENTS: Final[dict[JointType, Element]] = {
     JointType.REVOLUTE_TRANSLATIONAL: Element(
         (), (*_dots((Z, X), (Z, Y)), *_points(Z), Row(RowKind.POINT_AXIS1, 0, X)), False
     ),
+    JointType.TURN: Element((Row(RowKind.ANGLE1, 0, Z),), (), False),
     JointType.BUSHING: Element(_points(X, Y, Z) + _angles(X, Y, Z), (), False),
 }
 """Sources: lock masks of the usual joint catalogue (Haug 1989, chapter 9); massless links as distance rows."""

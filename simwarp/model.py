@@ -12,7 +12,15 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.arrays import writable_from
-from simwarp.dynamics.topology import Tables, build_tables, collect_tables, drive_mode, longest_path, row_paths
+from simwarp.dynamics.topology import (
+    Tables,
+    build_tables,
+    collect_tables,
+    dof_joints,
+    drive_mode,
+    longest_path,
+    row_paths,
+)
 from simwarp.elements import ELEMENTS
 from simwarp.geometry import add_ground_assets, hull_assets
 from simwarp.kernels.tables import Parameters, Topology
@@ -63,6 +71,7 @@ PARAMETERS: dict[str, Parameter] = {
     "drive_effort_limit": Parameter(wp.float32, "(1 or W, dofs) [N or N·m]"),
     "coupling_coefficient": Parameter(wp.float32, "(1 or W, couplings, 3)"),
     "coupling_offset": Parameter(wp.float64, "(1 or W, couplings)"),
+    "coupling_damping": Parameter(wp.float32, "(1 or W, couplings) of a viscous coupling, 0: rigid [N·m·s/rad]"),
     "shape_x": Parameter(wp.vec3d, "(1 or W, S) origin from the body's centre of mass, body axes [m]"),
     "shape_rot": Parameter(wp.quat, "(1 or W, S) xyzw, shape axes to body axes"),
     "shape_size": Parameter(wp.vec3, "(1 or W, S) meaning by `ShapeType` [m]"),
@@ -94,6 +103,7 @@ class Model:
         contact_capacity: contact slots of every world.
         has_rolling_friction: whether contacts carry rolling and spinning friction.
         path_length: most slots between a link and the root of its tree.
+        turn_count: terms of couplings that are rotations between two bodies.
         has_loops: whether joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
@@ -146,6 +156,7 @@ class Model:
         )
         self.contact_capacity = default_capacity(builder) if contact_capacity is None else contact_capacity
         self.path_length = longest_path(tables)
+        self.turn_count = len(turn_terms(builder))
         self.tables = tables
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, device)
@@ -270,6 +281,7 @@ def _parameter_values(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
         "drive_effort_limit": np.minimum(efforts, INFINITE),
         "coupling_coefficient": coefficients,
         "coupling_offset": np.array(offsets),
+        "coupling_damping": np.array([coupling.damping for coupling in builder.couplings]),
         **_shape_values(builder.shapes),
     }
 
@@ -342,6 +354,17 @@ def _initial_coordinates(builder: ModelBuilder) -> list[float]:
     return [joint.initial_q for joint in builder.joints for _ in joint.dofs]
 
 
+def turn_terms(builder: ModelBuilder) -> list[tuple[int, int]]:
+    """(coupling, term) of every coupling term on the rotation between two bodies."""
+    owner = dof_joints(builder)
+    return [
+        (row, term)
+        for row, coupling in enumerate(builder.couplings)
+        for term, (dof, _) in enumerate(coupling.terms)
+        if builder.joints[owner[dof]].type == JointType.TURN
+    ]
+
+
 def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     """Start indices and concatenated entries."""
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
@@ -362,6 +385,9 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     coupling_dof = np.full((len(builder.couplings), 3), -1, np.int32)
     for row, coupling in enumerate(builder.couplings):
         coupling_dof[row, : len(coupling.terms)] = [dof for dof, _ in coupling.terms]
+    wrench = np.full((len(builder.couplings), 3), -1, np.int32)
+    for entry, (row, term) in enumerate(turn_terms(builder)):
+        wrench[row, term] = tables.row_count + len(builder.couplings) + entry
     curves, dof_table = collect_tables(builder)
     starts = np.cumsum([0] + [len(x) for x, _ in curves])
     t = Topology()
@@ -403,7 +429,7 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     t.row_axis1 = ints([max(row.axis1, row.axis0) if dof >= 0 else row.axis1
                         for row, dof in zip(tables.rows, tables.row_dof, strict=True)])  # fmt: skip
     t.row_dof = ints(tables.row_dof)
-    t.coupling_dof = ints(coupling_dof)
+    t.coupling_dof, t.coupling_wrench = ints(coupling_dof), ints(wrench)
     paths = row_paths(builder, tables)
     t.row_path, t.path_slot = _csr(paths, ints)
     t.pair_path, t.pair_slot = _csr(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, cast
 
@@ -12,10 +13,11 @@ import warp as wp
 
 from simwarp.contacts import Contacts
 from simwarp.diagnostics import Diagnostics, explain_worlds
+from simwarp.force_elements import ForceElement, words
 from simwarp.kernels.collision.world import collide_worlds, make_collision_scratch
 from simwarp.kernels.energy import measure_energy
 from simwarp.kernels.tables import StepConfig
-from simwarp.kernels.world import Operation, Sizes, copy_worlds, make_scratch, run_worlds_kernel
+from simwarp.kernels.world import Operation, Sizes, copy_rows, copy_worlds, make_scratch, run_worlds_kernel
 from simwarp.model import Model
 from simwarp.state import Control, State, initial_arrays
 from simwarp.types import ConeSolver, ContactModel, FrictionLaw, ModelError
@@ -76,6 +78,7 @@ class Snapshot:
     state: State
     control: Control
     contacts: Contacts
+    memory: tuple[wp.array, ...] = ()
 
 
 class Simulation:
@@ -89,6 +92,7 @@ class Simulation:
         substeps: equal parts that it is divided into.
         solver: see `SolverOptions`.
         joint_reactions: record the force and torque of every joint (`diagnostics.joint_reaction_force`).
+        elements: force elements, such as a Vehicle's, launched before each sub-step.
 
     Raises:
         ModelError: dt or substeps is not usable.
@@ -102,6 +106,7 @@ class Simulation:
         substeps: int = 1,
         solver: SolverOptions | None = None,
         joint_reactions: bool = False,
+        elements: Sequence[ForceElement] = (),
     ) -> None:
         if not (isinstance(dt, (int, float)) and math.isfinite(dt) and dt > 0.0):
             raise ModelError(f"Simulation: dt must be > 0 s, got {dt!r}")
@@ -111,7 +116,8 @@ class Simulation:
         self.dt = float(dt)
         self.substeps = int(substeps)
         self.solver = solver if solver is not None else SolverOptions()
-        self.control = Control(model)
+        self.elements = tuple(elements)
+        self.control = Control(model, elements=bool(self.elements))
         self.diagnostics = Diagnostics(model, reactions=joint_reactions)
         self._config = self._step_config(joint_reactions)
         solvers = _choice("solver", ConeSolver, self.solver.solver) != ConeSolver.APGD
@@ -131,6 +137,8 @@ class Simulation:
         self._launch(Operation.MEASURE, self._all_worlds)
         self._initial = State(model)
         self._initial.copy_from(self.state)
+        self._memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
+        self._initial_memory = [wp.clone(array) for array in self._memory]
         self._step_commands = self._record_step()
 
     @property
@@ -150,10 +158,16 @@ class Simulation:
         Args:
             world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads.
         """
+        mask = self._mask(world_mask)
         wp.launch(
             copy_worlds, dim=self.model.world_count, device=self.model.device,
-            inputs=[self._mask(world_mask), self._initial.arrays], outputs=[self.state.arrays, self.contacts.arrays],
+            inputs=[mask, self._initial.arrays], outputs=[self.state.arrays, self.contacts.arrays],
         )  # fmt: skip
+        for initial, present in zip(self._initial_memory, self._memory, strict=True):
+            wp.launch(
+                copy_rows, dim=self.model.world_count, device=self.model.device,
+                inputs=[mask, initial], outputs=[present],
+            )  # fmt: skip
 
     def set_joint_state(self, world_mask: Any, q: Any, qd: Any) -> None:
         """Sets coordinates and rates in the worlds of the mask: forward kinematics over the tree, then the loops
@@ -190,12 +204,13 @@ class Simulation:
 
     def snapshot(self) -> Snapshot:
         """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
-        state, control, contacts = State(self.model), Control(self.model), Contacts(self.model)
+        state, contacts = State(self.model), Contacts(self.model)
+        control = Control(self.model, elements=bool(self.elements))
         state.copy_from(self.state)
         contacts.copy_from(self.contacts)
         for name in Control.NAMES:
             wp.copy(getattr(control, name), getattr(self.control, name))
-        return Snapshot(state, control, contacts)
+        return Snapshot(state, control, contacts, tuple(wp.clone(array) for array in self._memory))
 
     def restore(self, snapshot: Snapshot) -> None:
         """Brings back what `snapshot` held, in place: views and captured steps stay valid."""
@@ -203,6 +218,8 @@ class Simulation:
         self.contacts.copy_from(snapshot.contacts)
         for name in Control.NAMES:
             wp.copy(getattr(self.control, name), getattr(snapshot.control, name))
+        for present, kept in zip(self._memory, snapshot.memory, strict=True):
+            wp.copy(present, kept)
 
     # ---- inside --------------------------------------------------------------------------------------------------
 
@@ -246,7 +263,7 @@ class Simulation:
 
     def _record_step(self) -> list[Any]:
         """The step as recorded launches: a fifth of the host time of fresh ones."""
-        commands = []
+        commands = [command for part in self.elements for command in part.record(self, self._config.dt)]
         if self.model.topology.pair_count > 0:
             commands.append(
                 wp.launch(
@@ -266,7 +283,7 @@ class Simulation:
         rows = model.bounded_count + rows_per_contact * model.contact_capacity
         dense = min(rows, self.solver.dense_rows)
         return Sizes(
-            links=topology.link_count, slots=topology.slot_count, rows=topology.row_count,
+            links=topology.link_count, slots=topology.slot_count, rows=topology.row_count, turns=model.turn_count,
             blocks=model.bounded_count + model.contact_capacity, cone_rows=rows, dense_rows=dense,
             factor_rows=dense if self._all_solvers else 0, entries=2 * model.path_length,
         )  # fmt: skip

@@ -75,15 +75,22 @@ class Control:
         joint_target_q, joint_target_qd: (W, dofs), of drives and of motions without a table.
         body_force, body_torque: (W, B) vec3 at the centre of mass, world frame [N, N·m].
         body_force_b, body_torque_b: (W, B) vec3, the same in the body frame (thrusters, propellers).
+        element_force, element_torque, element_joint_force: what the force elements of a model, such as tires and
+            engines, add to `body_force`, `body_torque` and `joint_force`; leading dimension 1 without such elements.
+            They write them every step.
     """
 
     NAMES = (
         "joint_force", "joint_target_q", "joint_target_qd", "body_force", "body_torque", "body_force_b",
-        "body_torque_b",
+        "body_torque_b", "element_force", "element_torque", "element_joint_force",
     )  # fmt: skip
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, *, elements: bool = False) -> None:
         joint_shape, body_shape = (model.world_count, model.dof_count), (model.world_count, model.body_count)
+        copies = model.world_count if elements else 1
+        self.element_force = writable((copies, model.body_count), wp.vec3, model.device)
+        self.element_torque = writable((copies, model.body_count), wp.vec3, model.device)
+        self.element_joint_force = writable((copies, model.dof_count), wp.float32, model.device)
         self.joint_force = writable(joint_shape, wp.float32, model.device)
         self.joint_target_q = writable(joint_shape, wp.float32, model.device)
         self.joint_target_qd = writable(joint_shape, wp.float32, model.device)

@@ -47,6 +47,7 @@ class JointType(IntEnum):
     REVOLUTE_SPHERICAL = 23
     REVOLUTE_TRANSLATIONAL = 24
     BUSHING = 25
+    TURN = 26
 
 
 class RowKind(IntEnum):

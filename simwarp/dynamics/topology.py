@@ -83,10 +83,22 @@ def row_paths(builder: ModelBuilder, tables: Tables) -> list[list[int]]:
         ends = (builder.joints[joint].parent, builder.joints[joint].child)
         slots = set().union(*(above(body_link[body]) for body in ends if body != WORLD))
         paths += [sorted(slots)] * (tables.loop_row[index + 1] - tables.loop_row[index])
+    owner = dof_joints(builder)
     for coupling in builder.couplings:
-        links = (tables.slot_link[tables.dof_slot[dof]] for dof, _ in coupling.terms)
+        links: list[int] = []
+        for dof, _ in coupling.terms:
+            spec = builder.joints[owner[dof]]
+            if tables.dof_slot[dof] >= 0:
+                links.append(tables.slot_link[tables.dof_slot[dof]])
+            else:
+                links += [body_link[body] for body in (spec.parent, spec.child) if body != WORLD]
         paths.append(sorted(set().union(*(above(link) for link in links))))
     return paths
+
+
+def dof_joints(builder: ModelBuilder) -> list[int]:
+    """The joint of every degree of freedom."""
+    return [joint for joint, spec in enumerate(builder.joints) for _ in spec.dofs]
 
 
 def longest_path(tables: Tables) -> int:
@@ -263,7 +275,7 @@ def _ordered_links(builder: ModelBuilder, tree: set[int]) -> list[Link]:
 
 
 def _check_couplings(builder: ModelBuilder, dof_slot: list[int], dof_start: list[int]) -> None:
-    owner = [joint for joint, spec in enumerate(builder.joints) for _ in spec.dofs]
+    owner = dof_joints(builder)
     for coupling in builder.couplings:
         for dof, _ in coupling.terms:
             spec: JointSpec = builder.joints[owner[dof]]
@@ -272,7 +284,7 @@ def _check_couplings(builder: ModelBuilder, dof_slot: list[int], dof_start: list
                     f"coupling '{coupling.name}': joint '{spec.name}' is {spec.type.name}, whose angles are no "
                     "integrable coordinates; couple revolute, prismatic, cylindrical, universal or planar joints"
                 )
-            if dof_slot[dof] < 0:
+            if dof_slot[dof] < 0 and spec.type != JointType.TURN:
                 raise ModelError(
                     f"coupling '{coupling.name}': joint '{spec.name}' closes a loop of coupled joints; "
                     "couple another joint of that loop"

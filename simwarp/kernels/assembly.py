@@ -304,6 +304,8 @@ def assemble_velocities(
             dof = -1
             if row < topology.joint_row_count:
                 dof = topology.row_dof[row]
+            elif work.row_compliance[row] > 0.0:
+                work.row_r[row] = 0.0  # a viscous coupling
             if dof >= 0:
                 if topology.dof_drive[dof] < PRESCRIBED_POSITION:
                     work.row_r[row] = 0.0

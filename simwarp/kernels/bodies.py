@@ -2,8 +2,18 @@
 
 import warp as wp
 
-from simwarp.kernels.joints import FREE, POINT_AXIS0, SHAFT, coordinate, joint_frames, turned_frames, unwrapped, wraps
-from simwarp.kernels.laws import PRESCRIBED_POSITION, dof_law, prescribed_rate
+from simwarp.kernels.joints import (
+    FREE,
+    POINT_AXIS0,
+    SHAFT,
+    TURN,
+    coordinate,
+    joint_frames,
+    turned_frames,
+    unwrapped,
+    wraps,
+)
+from simwarp.kernels.laws import PRESCRIBED_POSITION, applied_effort, dof_law, prescribed_rate
 from simwarp.kernels.rows import link_of, rate_of, row_geometry
 from simwarp.kernels.spatial import matrix_to_float, turned
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
@@ -86,6 +96,22 @@ def gyroscopic_torque(alone: int, inertia: wp.mat33, omega: wp.vec3, omega_last:
 
 
 @wp.func
+def applied_force(world: int, body: int, rot: wp.mat33, control: ControlArrays) -> wp.vec3:
+    """Force on a body from the user and from the model's force elements [N, world]."""
+    return (
+        control.body_force[world, body]
+        + rot * control.body_force_b[world, body]
+        + control.element_force[own(world, control.element_force.shape[0]), body]
+    )
+
+
+@wp.func
+def applied_torque(world: int, body: int, control: ControlArrays) -> wp.vec3:
+    """The same of torques about the centre of mass [N·m], but for `body_torque_b`, which joins the gyroscopic one."""
+    return control.body_torque[world, body] + control.element_torque[own(world, control.element_torque.shape[0]), body]
+
+
+@wp.func
 def load_bodies(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
     config: StepConfig, work: Work,
@@ -120,8 +146,8 @@ def load_bodies(
             work.inertia[link] = rot * inertia_b * wp.transpose(rot)
             work.coupling[link] = wp.mat33()
             work.mass[link] = wp.mat33(mass, 0.0, 0.0, 0.0, mass, 0.0, 0.0, 0.0, mass)
-            force = control.body_force[world, body] + rot * control.body_force_b[world, body] + mass * gravity
-            work.p_ang[link] = dt * (rot * torque_b + control.body_torque[world, body])
+            force = applied_force(world, body, rot, control) + mass * gravity
+            work.p_ang[link] = dt * (rot * torque_b + applied_torque(world, body, control))
             work.p_lin[link] = dt * force
 
 
@@ -167,7 +193,7 @@ def apply_row_forces(
     """`joint_force` on coordinates that neither a slot nor a compliant row holds: floating and loop joints."""
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]
-        force = control.joint_force[world, dof]
+        force = applied_effort(world, dof, control)
         if force != 0.0:
             joint = topology.dof_joint[dof]
             frames = joint_frames(joint, world, topology, parameters, work)
@@ -263,7 +289,7 @@ def publish_coordinates(
         kind = topology.joint_type[joint]
         first = topology.joint_dof[joint]
         end = topology.joint_dof[joint + 1]
-        if kind == SHAFT:
+        if kind == SHAFT or kind == TURN:
             q = state.joint_x[world, first] + wp.float64(dt) * wp.float64(state.joint_qd[world, first])
             state.joint_x[world, first] = q
             state.joint_q[world, first] = float(q)

@@ -56,6 +56,15 @@ def table_value(table: int, x: wp.float64, topology: Topology) -> wp.float64:
 
 
 @wp.func
+def applied_effort(world: int, dof: int, control: ControlArrays) -> float:
+    """Effort along a coordinate from the user and from the model's force elements [N or N·m]."""
+    return (
+        control.joint_force[world, dof]
+        + control.element_joint_force[own(world, control.element_joint_force.shape[0]), dof]
+    )
+
+
+@wp.func
 def dof_law(
     dof: int, world: int, dt: float, q: float, qd: float,
     topology: Topology, parameters: Parameters, control: ControlArrays,
@@ -77,7 +86,7 @@ def dof_law(
         table = topology.dof_table[dof, 1]
         d = float(table_slope(table_segment(table, wp.float64(qd), topology), topology))
         damper_force = -float(table_value(table, wp.float64(qd), topology))
-    force += spring_force + damper_force + control.joint_force[world, dof]
+    force += spring_force + damper_force + applied_effort(world, dof, control)
     law.gain = armature + dt * d + dt * dt * k
     law.effort = armature * qd + dt * (force + d * qd)
     if topology.dof_drive[dof] == POSITION:

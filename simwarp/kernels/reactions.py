@@ -2,10 +2,11 @@
 
 import warp as wp
 
-from simwarp.kernels.bodies import gyroscopic_torque
+from simwarp.kernels.bodies import applied_force, applied_torque, gyroscopic_torque
 from simwarp.kernels.cones.problem import ConeProblem
 from simwarp.kernels.contact_rows import contact_frame
 from simwarp.kernels.joints import FREE, joint_frames
+from simwarp.kernels.laws import applied_effort
 from simwarp.kernels.rows import link_of, row_geometry
 from simwarp.kernels.spatial import matrix_to_float, to_float
 from simwarp.kernels.tables import (
@@ -42,6 +43,21 @@ def take_contact(contact: int, world: int, topology: Topology, contacts: Contact
     link1 = link_of(topology.shape_body[contacts.contact_shape1[world, contact]], topology)
     take_wrench(link0, wp.cross(contacts.contact_arm0[world, contact], impulse) + moment, impulse, -1.0, work)
     take_wrench(link1, wp.cross(contacts.contact_arm1[world, contact], impulse) + moment, impulse, 1.0, work)
+
+
+@wp.func
+def take_turns(row: int, topology: Topology, work: Work):
+    """A coupling's impulses on the bodies that its TURN terms name, off the account of their joints."""
+    coupling = row - topology.joint_row_count
+    for term in range(3):
+        entry = topology.coupling_wrench[coupling, term]
+        if entry >= 0:
+            joint = topology.dof_joint[topology.coupling_dof[coupling, term]]
+            impulse = work.row_impulse[row]
+            link0 = link_of(topology.joint_body0[joint], topology)
+            link1 = link_of(topology.joint_body1[joint], topology)
+            take_wrench(link0, work.j0_ang[entry], work.j0_lin[entry], impulse, work)
+            take_wrench(link1, work.j1_ang[entry], work.j1_lin[entry], impulse, work)
 
 
 @wp.func
@@ -88,8 +104,8 @@ def unexplained_impulses(
                     dt,
                 )
             change = inertia_b * (work.v_ang[link] * rot) - dt * torque_b
-            work.f_ang[link] = rot * change - dt * control.body_torque[world, body]
-            force = control.body_force[world, body] + rot * control.body_force_b[world, body] + mass * gravity
+            work.f_ang[link] = rot * change - dt * applied_torque(world, body, control)
+            force = applied_force(world, body, rot, control) + mass * gravity
             work.f_lin[link] = mass * work.v_lin[link] - dt * force
 
 
@@ -119,6 +135,8 @@ def record_reactions(
         frames = joint_frames(joint, world, topology, parameters, work)
         reports.joint_reaction_force[world, joint] = force / dt
         reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
+    for row in range(topology.joint_row_count, topology.row_count):
+        take_turns(row, topology, work)
     for block in range(limits):
         dof = topology.bounded_dof[work.active[block]]
         if topology.dof_slot[dof] < 0:
@@ -127,7 +145,7 @@ def record_reactions(
         take_contact(work.active[block] - topology.bounded_count, world, topology, contacts, work)
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]
-        take_dof(dof, dt * control.joint_force[world, dof], world, dt, topology, parameters, work, reports)
+        take_dof(dof, dt * applied_effort(world, dof, control), world, dt, topology, parameters, work, reports)
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
         parent = topology.link_parent[link]

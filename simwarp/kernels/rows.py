@@ -211,6 +211,32 @@ def loop_joint_rows(
 
 
 @wp.func
+def turn_term(
+    row: int, coupling: int, term: int, coefficient: float, world: int, topology: Topology, parameters: Parameters,
+    work: Work,
+) -> float:  # fmt: skip
+    """A coupling's term on the rotation between two bodies: its wrenches and response; returns its rate at the start
+    of the step [rad/s].
+    """
+    joint = topology.dof_joint[topology.coupling_dof[coupling, term]]
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    frames = joint_frames(joint, world, topology, parameters, work)
+    axis = to_float(column(frames.f1, 2)) * coefficient
+    w0 = Wrench()
+    w1 = Wrench()
+    w0.ang = -axis
+    w1.ang = axis
+    entry = topology.coupling_wrench[coupling, term]
+    work.j0_ang[entry] = w0.ang
+    work.j0_lin[entry] = w0.lin
+    work.j1_ang[entry] = w1.ang
+    work.j1_lin[entry] = w1.lin
+    walk_to_root(row, link0, w0, link1, w1, topology, work, work.y)
+    return start_speed(entry, topology, work, link0, link1)
+
+
+@wp.func
 def coupling_row(
     coupling: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
     config: StepConfig, work: Work,
@@ -219,6 +245,7 @@ def coupling_row(
     row = topology.joint_row_count + coupling
     for slot in range(topology.slot_count):
         work.y[row, slot] = 0.0
+    start = float(0.0)
     value = -parameters.coupling_offset[own(world, parameters.coupling_offset.shape[0]), coupling]
     limit = config.recovery_rate
     wc = own(world, parameters.coupling_coefficient.shape[0])
@@ -229,9 +256,18 @@ def coupling_row(
             value += wp.float64(coefficient) * state.joint_x[world, dof]
             if topology.dof_kind[dof] == POINT_AXIS0:
                 limit = config.recovery_speed
-            project_slot(row, topology.dof_slot[dof], coefficient, topology, work, work.y)
-    work.row_b[row] = wp.clamp(float(value) / dt, -limit, limit)
-    work.row_compliance[row] = 0.0
+            if topology.dof_slot[dof] >= 0:
+                project_slot(row, topology.dof_slot[dof], coefficient, topology, work, work.y)
+            else:
+                start += turn_term(row, coupling, term, coefficient, world, topology, parameters, work)
+    bias = wp.clamp(float(value) / dt, -limit, limit)
+    compliance = float(0.0)
+    damping = parameters.coupling_damping[own(world, parameters.coupling_damping.shape[0]), coupling]
+    if damping > 0.0:
+        bias = 0.0
+        compliance = 1.0 / (damping * dt)
+    work.row_b[row] = bias + start
+    work.row_compliance[row] = compliance
     work.row_scale[row] = 0.0
 
 
@@ -320,7 +356,15 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
         for term in range(3):
             dof = topology.coupling_dof[coupling, term]
             if dof >= 0:
-                speed += parameters.coupling_coefficient[wc, coupling, term] * work.qd[topology.dof_slot[dof]]
+                slot = topology.dof_slot[dof]
+                if slot >= 0:
+                    speed += parameters.coupling_coefficient[wc, coupling, term] * work.qd[slot]
+                else:
+                    turn = topology.dof_joint[dof]
+                    speed += row_speed(
+                        topology.coupling_wrench[coupling, term], topology, work,
+                        link_of(topology.joint_body0[turn], topology), link_of(topology.joint_body1[turn], topology),
+                    )  # fmt: skip
         work.row_r[row] = speed
     for row in range(topology.row_count):
         work.row_r[row] = work.row_r[row] + work.row_b[row] + work.row_compliance[row] * work.row_impulse[row]

@@ -64,6 +64,7 @@ class Topology:
     row_axis1: wp.array[int]
     row_dof: wp.array[int]  # -1: rigid; else the row carries that degree of freedom's law or prescribed motion
     coupling_dof: wp.array2d[int]  # (couplings, 3), -1: none
+    coupling_wrench: wp.array2d[int]  # (couplings, 3): where j0, j1 hold a TURN term's wrenches, -1: a slot
     row_path: wp.array[int]  # CSR over rows: slots that a row can move
     path_slot: wp.array[int]
     pair_path: wp.array[int]  # CSR over pairs of rows (r, c <= r): slots that both can move
@@ -108,6 +109,7 @@ class Parameters:
     drive_effort_limit: wp.array2d[float]
     coupling_coefficient: wp.array3d[float]
     coupling_offset: wp.array2d[wp.float64]
+    coupling_damping: wp.array2d[float]
     shape_x: wp.array2d[wp.vec3d]
     shape_rot: wp.array2d[wp.quat]
     shape_size: wp.array2d[wp.vec3]
@@ -177,6 +179,9 @@ class ControlArrays:
     body_torque: wp.array2d[wp.vec3]
     body_force_b: wp.array2d[wp.vec3]
     body_torque_b: wp.array2d[wp.vec3]
+    element_force: wp.array2d[wp.vec3]  # (1 or W, B): what force elements of the model apply, such as tires
+    element_torque: wp.array2d[wp.vec3]
+    element_joint_force: wp.array2d[float]  # (1 or W, dofs)
 
 
 @wp.struct
@@ -256,7 +261,7 @@ class Work:
     k_qd: wp.array[float]  # kept while a correction is computed
     k_effort: wp.array[float]
 
-    j0_ang: wp.array[wp.vec3]  # per row
+    j0_ang: wp.array[wp.vec3]  # per row, then per TURN term of a coupling
     j0_lin: wp.array[wp.vec3]
     j1_ang: wp.array[wp.vec3]
     j1_lin: wp.array[wp.vec3]

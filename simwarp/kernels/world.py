@@ -90,6 +90,7 @@ class Sizes:
     links: int
     slots: int
     rows: int
+    turns: int
     blocks: int
     cone_rows: int
     dense_rows: int
@@ -112,7 +113,7 @@ def make_scratch(device: wp.Device, lanes: int, sizes: Sizes) -> Scratch:
     scratch.link_vectors = zeros(15, links, dtype=wp.vec3)
     scratch.slot_vectors = zeros(4, slots, dtype=wp.vec3)
     scratch.slot_scalars = zeros(8, slots)
-    scratch.row_vectors = zeros(4, rows, dtype=wp.vec3)
+    scratch.row_vectors = zeros(4, rows + sizes.turns, dtype=wp.vec3)
     scratch.row_scalars = zeros(7, rows)
     scratch.y = zeros(rows, slots)
     scratch.n = zeros(rows, rows)
@@ -284,6 +285,21 @@ def run_worlds_kernel(all_solvers: bool) -> wp.Kernel:
 def kernels_for_cuda_check() -> list[wp.Kernel]:
     """The small one: minutes of compilation. The solvers that the other one adds are those of `cones.batch`."""
     return [run_worlds_kernel(False)]
+
+
+@wp.kernel(enable_backward=False)
+def copy_rows(
+    # inputs
+    mask: wp.array[wp.bool],
+    source: wp.array2d[int],
+    # outputs
+    target: wp.array2d[int],
+):
+    """Masked reset of any array whose rows belong to worlds, seen as whole words."""
+    world = wp.tid()
+    if mask[world]:
+        for word in range(source.shape[1]):
+            target[world, word] = source[world, word]
 
 
 @wp.kernel(enable_backward=False)

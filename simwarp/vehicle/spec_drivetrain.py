@@ -74,6 +74,8 @@ class ShaftsDriveline2WD(Spec):
     """Box speed per drive shaft speed."""
     locking_limit: float = 0.0
     """Largest torque of the locked clutch [N·m]."""
+    reaction: float = 0.0
+    """Torque on the chassis about x per torque of the drive shaft; 0 closes the balance (docs/vehicles.md)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -99,6 +101,8 @@ class ShaftsDriveline4WD(Spec):
     rear_gear_ratio: float
     axle_locking_limit: float = 0.0
     central_locking_limit: float = 0.0
+    reaction: float = 0.0
+    """Torque on the chassis about x per torque of the drive shaft; 0 closes the balance (docs/vehicles.md)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -212,6 +216,8 @@ class AutomaticShafts(Spec):
     downshift_speed: float
     shift_latency: float = 0.5
     """Least time between two shifts [s]."""
+    reaction: float = 0.0
+    """Torque on the chassis about x per torque of the drive shaft; 0 closes the balance (docs/vehicles.md)."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,117 @@
+"""From the description of a vehicle to the bodies, joints, shafts and couplings of a ModelBuilder."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from simwarp.builder import ModelBuilder
+from simwarp.rotation import quat_multiply, rotate
+from simwarp.types import Pose, pose
+from simwarp.vehicle.corner import Array, Frame, inertia_matrix
+from simwarp.vehicle.drivelines import DrivelineParts, add_driveline
+from simwarp.vehicle.spec import AutomaticShafts, Chassis, ManualShafts, SpecError, VehicleSpec
+from simwarp.vehicle.steerings import SteeringParts, add_steering
+from simwarp.vehicle.suspensions import Side, add_side
+
+
+@dataclasses.dataclass(frozen=True)
+class VehicleParts:
+    """Indices, in the builder, of what a vehicle is made of."""
+
+    spec: VehicleSpec
+    chassis: int
+    reference: Array
+    """(3,) origin of the vehicle's frame of reference from the chassis' centre of mass, body axes [m]."""
+    sides: tuple[Side, ...]
+    """Wheels: front left, front right, then those of the axles behind."""
+    steerings: tuple[SteeringParts, ...]
+    driveline: DrivelineParts
+    motor_shaft: int
+    """Shaft that the engine drives, -1 without one."""
+    input_shaft: int
+    """Shaft between converter or clutch and gears, -1 without one."""
+    gear_coupling: int
+    """Coupling of the gears, -1 without one."""
+    clutch_shaft: int
+    """Slip of a manual clutch: a coordinate whose dry friction is the clutch's torque; -1 without one."""
+
+
+def merged_chassis(chassis: Chassis) -> tuple[float, Array, Array]:
+    """Mass [kg], centre of mass (3,) [m] and inertia (3, 3) about it [kg·m²] of all components."""
+    mass = sum(part.mass for part in chassis.components)
+    com = sum(part.mass * np.array(part.com) for part in chassis.components) / mass
+    inertia = np.zeros((3, 3))
+    for part in chassis.components:
+        offset = np.array(part.com) - com
+        inertia += inertia_matrix(part) + part.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    return float(mass), np.asarray(com), inertia
+
+
+def add_vehicle(builder: ModelBuilder, spec: VehicleSpec, *, at: Pose | None = None, prefix: str = "") -> VehicleParts:
+    """Adds a vehicle at rest.
+
+    Args:
+        at: pose of its frame of reference in the world; `spec.start_height` above the origin when None.
+        prefix: of the names of its bodies and joints.
+    """
+    origin = pose((0.0, 0.0, spec.start_height)) if at is None else at
+    mass, com, inertia = merged_chassis(spec.chassis)
+    center = pose(origin.position + rotate(origin.rotation, com), origin.rotation)
+    chassis = builder.add_body(f"{prefix}chassis", mass=mass, inertia=inertia, pose=center)
+
+    def place(name: str, location: object, side: float = 1.0, turn: object = (0.0, 0.0, 0.0, 1.0)) -> Frame:
+        position = origin.position + rotate(origin.rotation, np.asarray(location, float))
+        rotation = quat_multiply(origin.rotation, np.asarray(turn, float))
+        return Frame(builder, f"{prefix}{name}", pose(position, rotation), side)
+
+    steerings = tuple(
+        add_steering(place(f"steering{index}", mount.location, turn=mount.rotation), mount.steering, chassis)
+        for index, mount in enumerate(spec.steerings)
+    )
+    pairs: list[tuple[Side, Side]] = []
+    for index, axle in enumerate(spec.axles):
+        link = chassis if axle.steering is None else steerings[axle.steering].link
+        left, right = (
+            add_side(place(f"axle{index}.{name}", axle.location, side), index, axle, chassis, link)
+            for name, side in (("left", 1.0), ("right", -1.0))
+        )
+        pairs.append((left, right))
+    driveline = add_driveline(builder, prefix, spec.driveline, pairs)
+    sides = tuple(side for pair in pairs for side in pair)
+    shafts = _add_transmission(builder, prefix, spec, driveline)
+    return VehicleParts(spec, chassis, -com, sides, steerings, driveline, *shafts)
+
+
+EXCHANGE_TIME = 1.0e-3
+"""The drive shaft of a transmission slips against that of the driveline like a viscous coupling of inertia / this time
+[s]: what the exchange of speed and torque between the two amounts to in the models that the data are from.
+"""
+
+SLIP_INERTIA = 1.0e-4
+"""Of the coordinate that measures a clutch's slip [kg·m²]: far below any shaft's."""
+
+
+def _add_transmission(
+    builder: ModelBuilder, prefix: str, spec: VehicleSpec, driveline: DrivelineParts
+) -> tuple[int, int, int, int]:
+    """Motor shaft, input shaft, gear coupling and clutch of a transmission that has shafts."""
+    gears = spec.transmission
+    if not isinstance(gears, (AutomaticShafts, ManualShafts)):
+        return -1, -1, -1, -1
+    if driveline.shaft < 0:
+        raise SpecError(
+            f"transmission: '{gears.template}' needs a driveline with shafts, got '{getattr(spec.driveline, 'template', None)}'"
+        )
+    motor = builder.add_shaft(f"{prefix}motor_shaft", inertia=gears.motorshaft_inertia)
+    inner = builder.add_shaft(f"{prefix}gear_shaft", inertia=gears.input_inertia)
+    coupling = builder.add_coupling(
+        f"{prefix}gears", [(inner, gears.forward_ratios[0]), (driveline.shaft, -1.0)], offset=0.0,
+        damping=gears.driveshaft_inertia / EXCHANGE_TIME,
+    )  # fmt: skip
+    slip = -1
+    if isinstance(gears, ManualShafts):
+        slip = builder.add_shaft(f"{prefix}clutch", inertia=SLIP_INERTIA, friction=gears.clutch_limit)
+        builder.add_coupling(f"{prefix}clutch", [(motor, 1.0), (inner, -1.0), (slip, -1.0)])
+    return motor, inner, coupling, slip

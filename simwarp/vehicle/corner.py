@@ -1,0 +1,128 @@
+"""One side of an axle during assembly: hardpoints in the world, mirrored where the right side asks for it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.builder import ModelBuilder
+from simwarp.rotation import rotate
+from simwarp.types import Pose, Table, pose
+from simwarp.vehicle.spec import ForceLine, Points, RigidPart, Vec3
+
+Array = npt.NDArray[np.float64]
+
+
+def inertia_matrix(part: RigidPart) -> Array:
+    """(3, 3) inertia about the centre of mass in the axes that it was given in [kg·m²]."""
+    xy, xz, yz = part.products
+    return np.diag(part.inertia) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+
+
+def arm_axes(front: Vec3, back: Vec3, tip: Vec3) -> Array:
+    """Axes (columns) of an A-arm: x from its back to its front pivot, z normal to its plane."""
+    f, b, t = (np.asarray(p, float) for p in (front, back, tip))
+    z = np.cross(b - t, f - t)
+    x = f - b
+    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def link_axes(start: Vec3, end: Vec3) -> Array:
+    """Axes (columns) of a link: y from its start to its end, x level."""
+    y = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
+    x = np.cross(y, (0.0, 0.0, 1.0))
+    x /= np.linalg.norm(x)
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """A frame of the vehicle at rest in the world: origin [m], xyzw rotation; `side` -1 mirrors y."""
+
+    builder: ModelBuilder
+    name: str
+    origin: Pose
+    side: float = 1.0
+
+    def at(self, point: Vec3) -> Array:
+        """A point of the frame (of the left side) in the world [m]."""
+        return self.origin.position + self.along(point)
+
+    def along(self, vector: Vec3) -> Array:
+        """A direction or offset of the frame in the world."""
+        return rotate(self.origin.rotation, np.multiply(vector, (1.0, self.side, 1.0)))
+
+    def turning(self, axis: Vec3) -> Array:
+        """An axis of rotation in the world: mirrored, the left side's positive turn stays the right side's."""
+        return rotate(self.origin.rotation, np.multiply(axis, (self.side, 1.0, self.side)))
+
+    def add_body(self, name: str, part: RigidPart, axes: Array | None = None) -> int:
+        """A body with axes parallel to the frame's; `axes` are those that its inertia is given in."""
+        inertia = inertia_matrix(part)
+        if axes is not None:
+            inertia = axes @ inertia @ axes.T
+        mirror = np.diag([1.0, self.side, 1.0])
+        return self.builder.add_body(
+            f"{self.name}.{name}", mass=part.mass, inertia=mirror @ inertia @ mirror,
+            pose=pose(self.at(part.com), self.origin.rotation), strict=False,
+        )  # fmt: skip
+
+    def add_line(self, name: str, parent: int, child: int, line: ForceLine) -> int:
+        """A spring, a damper or both between the chassis and a body of this side."""
+        anchor0, anchor1 = self.at(line.chassis_point), self.at(line.arm_point)
+        rest = float(np.linalg.norm(anchor1 - anchor0)) if line.rest_length is None else line.rest_length
+        options: dict[str, object] = {"preload": line.preload, "rest": rest}
+        spring = spring_table(line, rest)
+        options |= {"stiffness": line.stiffness} if spring is None else {"spring_table": spring}
+        options |= (
+            {"damping": line.damping} if line.damper_curve is None else {"damper_table": table(line.damper_curve)}
+        )
+        return self.builder.add_spring(
+            f"{self.name}.{name}", parent, child, anchor0=anchor0, anchor1=anchor1, **options
+        )
+
+
+def table(points: Points) -> Table:
+    """Abscissae and values."""
+    return [float(x) for x, _ in points], [float(y) for _, y in points]
+
+
+def spring_table(line: ForceLine, rest: float) -> Table | None:
+    """Restoring force over deformation (length less rest length), with the bump stops; None if it is linear.
+
+    Both ends of a stop's curve go on with its last slope.
+    """
+    stops = [stop for stop in (line.min_length, line.max_length) if stop is not None]
+    if line.bump_curve is None or not stops:
+        return None if line.spring_curve is None else table(line.spring_curve)
+    bump_x, bump_y = (np.array(v) for v in zip(*line.bump_curve, strict=True))
+    knots: set[float] = set()
+    if line.spring_curve is not None:
+        knots |= {float(x) for x, _ in line.spring_curve}
+    if line.min_length is not None:
+        knots |= {float(line.min_length - rest - x) for x in bump_x}
+    if line.max_length is not None:
+        knots |= {float(line.max_length - rest + x) for x in bump_x}
+    x = np.array(sorted(knots))
+    x = np.concatenate([[x[0] - 0.1], x, [x[-1] + 0.1]])
+    y = (
+        line.stiffness * x
+        if line.spring_curve is None
+        else extended(x, *(np.array(v) for v in table(line.spring_curve)))
+    )
+    if line.min_length is not None:
+        y = y - np.where(x < line.min_length - rest, extended(line.min_length - rest - x, bump_x, bump_y), 0.0)
+    if line.max_length is not None:
+        y = y + np.where(x > line.max_length - rest, extended(x - line.max_length + rest, bump_x, bump_y), 0.0)
+    return x.tolist(), y.tolist()
+
+
+def extended(x: Array, knots: Array, values: Array) -> Array:
+    """Piecewise linear interpolation that goes on with its end slopes."""
+    y = np.interp(x, knots, values)
+    slopes = np.diff(values) / np.diff(knots)
+    y = np.where(x < knots[0], values[0] + slopes[0] * (x - knots[0]), y)
+    return np.where(x > knots[-1], values[-1] + slopes[-1] * (x - knots[-1]), y)

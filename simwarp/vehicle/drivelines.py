@@ -1,0 +1,78 @@
+"""Driveline templates: shafts, differentials and bevel gears as shafts and couplings of the builder.
+
+Speeds are positive in forward drive. A shaft's speed is seen from the chassis, so that the couplings' reactions act on
+it. Shafts that a rigid gear ties are one coordinate: a differential's box adds ratio² x inertia to the shaft before it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from simwarp.builder import ModelBuilder
+from simwarp.vehicle.spec import Driveline, ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline, SpecError
+from simwarp.vehicle.suspensions import Side
+
+
+@dataclasses.dataclass(frozen=True)
+class DrivelineParts:
+    """Where the transmission acts: a shaft, or straight on the axles of a simple driveline.
+
+    `split` lists (left turn, right turn, share of the torque x gear ratio, gear ratio, largest bias).
+    """
+
+    shaft: int = -1
+    split: tuple[tuple[int, int, float, float, float], ...] = ()
+
+
+def add_driveline(
+    builder: ModelBuilder, prefix: str, spec: Driveline | None, sides: list[tuple[Side, Side]]
+) -> DrivelineParts:
+    """Shafts and couplings between the transmission and the axles (left, right)."""
+    match spec:
+        case None:
+            return DrivelineParts()
+        case ShaftsDriveline2WD():
+            return _two_wheels(builder, prefix, spec, sides)
+        case ShaftsDriveline4WD():
+            return _four_wheels(builder, prefix, spec, sides)
+        case SimpleDriveline():
+            front, rear = (sides[axle] for axle in spec.axles)
+            return DrivelineParts(
+                split=(
+                    (front[0].turn, front[1].turn, spec.front_torque_fraction, spec.front_gear_ratio,
+                     spec.front_max_bias),
+                    (rear[0].turn, rear[1].turn, 1.0 - spec.front_torque_fraction, spec.rear_gear_ratio,
+                     spec.rear_max_bias),
+                )
+            )  # fmt: skip
+    raise SpecError(f"driveline: template '{spec.template}' is not known")
+
+
+def _add_differential(builder: ModelBuilder, name: str, shaft: int, ratio: float, sides: tuple[Side, Side]) -> None:
+    """Bevel gear and differential: the wheels' mean speed is ratio x the shaft's."""
+    left, right = sides
+    builder.add_coupling(name, [(left.turn, 0.5), (right.turn, 0.5), (shaft, -ratio)])
+
+
+def _two_wheels(
+    builder: ModelBuilder, prefix: str, spec: ShaftsDriveline2WD, sides: list[tuple[Side, Side]]
+) -> DrivelineParts:
+    inertia = spec.driveshaft_inertia + spec.box_inertia * spec.gear_ratio**2
+    shaft = builder.add_shaft(f"{prefix}driveline.shaft", inertia=inertia)
+    _add_differential(builder, f"{prefix}driveline.differential", shaft, spec.gear_ratio, sides[spec.axle])
+    return DrivelineParts(shaft)
+
+
+def _four_wheels(
+    builder: ModelBuilder, prefix: str, spec: ShaftsDriveline4WD, sides: list[tuple[Side, Side]]
+) -> DrivelineParts:
+    front_inertia = spec.front_shaft_inertia + spec.front_box_inertia * spec.front_gear_ratio**2
+    rear_inertia = spec.rear_shaft_inertia + spec.rear_box_inertia * spec.rear_gear_ratio**2
+    shaft = builder.add_shaft(f"{prefix}driveline.shaft", inertia=spec.driveshaft_inertia)
+    front = builder.add_shaft(f"{prefix}driveline.front_shaft", inertia=front_inertia)
+    rear = builder.add_shaft(f"{prefix}driveline.rear_shaft", inertia=rear_inertia)
+    builder.add_coupling(f"{prefix}driveline.center", [(front, 0.5), (rear, 0.5), (shaft, -1.0)])
+    first, last = (sides[axle] for axle in spec.axles)
+    _add_differential(builder, f"{prefix}driveline.front_differential", front, spec.front_gear_ratio, first)
+    _add_differential(builder, f"{prefix}driveline.rear_differential", rear, spec.rear_gear_ratio, last)
+    return DrivelineParts(shaft)

@@ -1,0 +1,86 @@
+"""Drivers: force elements that write a vehicle's inputs before each step."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from simwarp.kernels.drivers import Script, run_script
+from simwarp.vehicle.spec import Points, SpecError
+from simwarp.vehicle.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from simwarp.simulation import Simulation
+
+HELD: Points = ((0.0, 0.0),)
+COAST: Points = ((0.0, -1.0),)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ScriptSpec:
+    """Inputs as piecewise linear functions of time [s], constant beyond their ends; two points at one time are a jump.
+
+    Where `speed` [m/s] is not negative, a PI controller holds it with throttle and brake; elsewhere the pedals follow
+    their own functions.
+    """
+
+    steering: Points = HELD
+    throttle: Points = HELD
+    braking: Points = HELD
+    speed: Points = COAST
+    proportional: float = 0.5
+    """Pedal per speed error [s/m]."""
+    integral: float = 0.1
+    """Pedal per integrated speed error [1/m]."""
+    brake_share: float = 0.2
+    """Braking per negative pedal."""
+
+    def __post_init__(self) -> None:
+        for name in ("steering", "throttle", "braking", "speed"):
+            points = getattr(self, name)
+            times = [time for time, _ in points]
+            if not points or times != sorted(times):
+                raise SpecError(f"{name}: must be (time, value) points in order, got {points!r}")
+
+
+class ScriptedDriver:
+    """Drives all worlds by one script: a `ForceElement` that comes before its vehicle.
+
+    Args:
+        vehicle: whose `input` it writes.
+        script: what to do when.
+    """
+
+    def __init__(self, vehicle: Vehicle, script: ScriptSpec) -> None:
+        device = vehicle.model.device
+        self.vehicle = vehicle
+        self.script = script
+        channels = [script.steering, script.throttle, script.braking, script.speed]
+        self._script = Script()
+        self._script.start = wp.array(np.cumsum([0] + [len(c) for c in channels]), dtype=int, device=device)
+        self._script.time = wp.array([t for c in channels for t, _ in c], dtype=float, device=device)
+        self._script.value = wp.array([v for c in channels for _, v in c], dtype=float, device=device)
+        self._script.proportional = script.proportional
+        self._script.integral = script.integral
+        self._script.brake_share = script.brake_share
+        self.error_sum = wp.zeros(vehicle.model.world_count, dtype=float, device=device)
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """The controller's integral."""
+        return {"error_sum": self.error_sum}
+
+    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+        """The launch that writes the inputs."""
+        parts = self.vehicle.parts
+        return [
+            wp.launch(
+                run_script, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
+                inputs=[dt, self._script, parts.chassis, wp.vec3(*parts.reference), simulation.state.arrays],
+                outputs=[self.error_sum, self.vehicle.input],
+            )
+        ]  # fmt: skip

@@ -1,0 +1,149 @@
+"""A vehicle at work: the room that turns a driver's inputs into forces, in every world of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import warp as wp
+
+from simwarp.arrays import writable
+from simwarp.kernels.tires.terrain import TerrainTables
+from simwarp.kernels.tires.wheels import apply_tires
+from simwarp.kernels.vehicle import VehicleTables, run_vehicle
+from simwarp.model import Model
+from simwarp.types import ModelError
+from simwarp.vehicle.assembly import VehicleParts
+from simwarp.vehicle.powertrains import powertrain_state, powertrain_tables
+from simwarp.vehicle.tires import Mount, Tires, tire_row
+
+if TYPE_CHECKING:
+    from simwarp.simulation import Simulation
+
+PER_WORLD: Final = ("joint_friction", "coupling_coefficient", "coupling_offset")
+"""Model arrays that a vehicle writes: each world needs its own (`ModelBuilder.finalize(per_world=PER_WORLD)`)."""
+
+
+class Vehicle:
+    """Tires, powertrain, brakes and steering of one vehicle, in every world: a `ForceElement`.
+
+    Pass it to the Simulation: `Simulation(model, dt, elements=[vehicle])`.
+
+    Args:
+        parts: from `add_vehicle`.
+        model: made with `per_world=PER_WORLD` at least.
+        ground: what the tires stand on (`vehicle.ground`); the plane z = 0 when None.
+
+    Attributes:
+        input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
+            driver do so.
+        tires: forces, loads, slips and parameters of the tires, (W, wheels) in the order of `parts.sides`.
+        gear: (W,) -1 reverse, 0 neutral, 1 and up forward.
+        engine_speed, engine_torque, drive_speed, drive_torque: (W,) [rad/s, N·m].
+
+    Raises:
+        ModelError: the model shares an array that each world's vehicle has to write.
+    """
+
+    def __init__(self, parts: VehicleParts, model: Model, *, ground: TerrainTables | None = None) -> None:
+        for name in PER_WORLD:
+            array = getattr(model, name)
+            if array.size and array.shape[0] != model.world_count:
+                raise ModelError(
+                    f"Vehicle: every world needs its own {name}, but the model shares it; "
+                    f"finalize(..., per_world={list(PER_WORLD)})"
+                )
+        self.parts = parts
+        self.model = model
+        self.input = writable((model.world_count, 4), wp.float32, model.device)
+        self._tables = _tables(parts, model)
+        self._powertrain = powertrain_tables(parts, model)
+        self._powertrain_state = powertrain_state(parts, model)
+        self.tires = Tires(_mounts(parts), model.world_count, model.body_count, model.device, terrain=ground)
+
+    # ---- outputs ---------------------------------------------------------------------------------------------------
+
+    @property
+    def gear(self) -> wp.array:
+        """(W,) int32: -1 reverse, 0 neutral, forward gears from 1. Writable: a manual gearbox takes it as it is."""
+        return self._powertrain_state.gear
+
+    @property
+    def engine_speed(self) -> wp.array:
+        """(W,) [rad/s]."""
+        return self._powertrain_state.engine_speed
+
+    @property
+    def engine_torque(self) -> wp.array:
+        """(W,) of the engine alone [N·m]."""
+        return self._powertrain_state.engine_torque
+
+    @property
+    def drive_torque(self) -> wp.array:
+        """(W,) of the transmission on the drive shaft [N·m]."""
+        return self._powertrain_state.drive_torque
+
+    # ---- ForceElement ----------------------------------------------------------------------------------------------
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """What a reset brings back and a snapshot keeps."""
+        state = self._powertrain_state
+        arrays = {
+            "input": self.input, "tire_state": self.tires.state, "gear": state.gear, "shift_time": state.shift_time,
+            "engine_speed": state.engine_speed,
+            "last_input": state.last_input, "last_drive": state.last_drive, "coupling_coefficient": self.model.coupling_coefficient,
+            "coupling_offset": self.model.coupling_offset,
+        }  # fmt: skip
+        return {name: array for name, array in arrays.items() if array.size}
+
+    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+        """Launches of one sub-step: inputs and powertrain, then tires."""
+        model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
+        inputs = wp.launch(
+            run_vehicle, dim=model.world_count, device=model.device, record_cmd=True,
+            inputs=[dt, self._tables, self._powertrain, self.input, model.parameters, state],
+            outputs=[self._powertrain_state, control],
+        )  # fmt: skip
+        tires = wp.launch(
+            apply_tires, dim=self.tires.shape, device=model.device, record_cmd=True,
+            inputs=[
+                dt, self.tires.tables, self.tires.parameter, self.tires.ground_friction, self.tires.terrain,
+                model.assets, state, self.tires.state, self.tires.reports,
+            ],
+            outputs=[control.element_force, control.element_torque],
+        )  # fmt: skip
+        return [inputs, tires]
+
+
+def per_world(others: Iterable[str] = ()) -> list[str]:
+    """Names for `finalize(per_world=...)`: what a vehicle writes and what the caller randomises."""
+    return sorted({*PER_WORLD, *others})
+
+
+def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
+    starts = model.joint_dof_start
+    brakes = [
+        (starts[side.spin], parts.spec.axles[side.axle].brake)
+        for side in parts.sides
+        if parts.spec.axles[side.axle].brake is not None
+    ]
+    table = VehicleTables()
+    chassis = parts.spec.chassis
+    table.chassis = parts.chassis
+    table.drag = 0.5 * chassis.air_density * chassis.drag_coefficient * chassis.drag_area
+    table.steering_dof = wp.array([starts[s.joint] for s in parts.steerings], dtype=int, device=model.device)
+    table.steering_travel = wp.array([s.travel for s in parts.steerings], dtype=float, device=model.device)
+    table.brake_dof = wp.array([dof for dof, _ in brakes], dtype=int, device=model.device)
+    torques = [brake.max_torque for _, brake in brakes if brake is not None]
+    table.brake_torque = wp.array(torques, dtype=float, device=model.device)
+    return table
+
+
+def _mounts(parts: VehicleParts) -> list[Mount]:
+    """Tires on their spindles, whose centres of mass are the wheels' centres."""
+    axles = parts.spec.axles
+    return [
+        Mount(tire_row(axles[side.axle].tire), side.spindle, side="left" if side.side > 0.0 else "right")
+        for side in parts.sides
+    ]
