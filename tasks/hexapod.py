@@ -48,8 +48,8 @@ class HexapodReward(enum.Enum):
 class HexapodConfig(TaskConfig):
     """Configuration of :class:`HexapodTask`."""
 
-    # The original's physics step; it also acts 200 times a second. A gait of a few Hz needs no more than 50: exploration
-    # acts for longer, and an episode is a quarter as many decisions
+    # The original's physics step. It acts in every one, 200 times a second; a gait of a few Hz needs no more than 50:
+    # exploration acts for longer, and an episode is a quarter as many decisions
     dt: float = 0.005
     """Physics step [s]."""
     decimation: int = 4
@@ -270,7 +270,7 @@ class HexapodTask(Task[HexapodConfig]):
         for y in (-0.25, 0.0, 0.25):
             edge = q.new_tensor([[-100.0, y, 0.0], [100.0, y, 0.0]]).expand(self.num_worlds, 2, 3)
             lines.insert(0, Line(_oblique(edge), "0.8", 0.7))
-        return Drawing(tuple(lines), View.SIDE, ((-0.5, 2.7), (-0.15, 0.35)), panel=6.0)
+        return Drawing(tuple(lines), View.SIDE, ((-0.5, 2.7), (-0.2, 0.4)), panel=6.0)
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """What success remembers of the running episode."""

@@ -105,7 +105,7 @@ def test_the_ant_swings_its_legs_as_the_benchmark_says():
     np.testing.assert_allclose(motion.swing_targets(time[:, None], 8, 3, run.scene.variants)[:, 0], target, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["ant", "stack"])
+@pytest.mark.parametrize("name", ["ant", "hexapod", "stack"])
 def test_a_settled_world_starts_the_same_whatever_the_number_of_worlds(name):
     few, many = (measure.SceneRun(bench_scenes()[name], worlds, "cpu", None) for worlds in (2, 19))
     for run in (few, many):
