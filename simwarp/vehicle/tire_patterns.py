@@ -64,6 +64,17 @@ TMEASY_PATTERNS: dict[str, dict[str, tuple[float, float]]] = {
     },
 }  # fmt: skip
 
+TMSIMPLE_PATTERNS: dict[str, dict[str, tuple[float, float]]] = {
+    "truck": {
+        "slope_x": (19.1677, 15.1285), "max_x": (0.91432, 0.79538), "slide_x": (0.52273, 0.48517),
+        "slope_y": (6.8392, 6.4235), "max_y": (0.75948, 0.72714), "slide_y": (0.68739, 0.65594),
+    },
+    "car": {
+        "slope_x": (19.9774, 20.8424), "max_x": (1.1404, 1.1045), "slide_x": (0.84482, 0.82041),
+        "slope_y": (16.7895, 12.9866), "max_y": (1.0107, 0.91902), "slide_y": (0.84864, 0.78702),
+    },
+}  # fmt: skip
+
 
 def bearable_load(index: int) -> float:
     """The load of a load index [N]."""

@@ -8,25 +8,54 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from simwarp.kernels.tires.rows import BRISTLE_STATES, TMEASY_SIZE, Common, TireContact, TireModel, Tmeasy
+from simwarp.kernels.tires.rows import (
+    BRISTLE_STATES,
+    FIALA_SIZE,
+    LUGRE_SIZE,
+    PAC89_SIZE,
+    TMEASY_SIZE,
+    TMSIMPLE_SIZE,
+    Common,
+    Fiala,
+    Lugre,
+    Pac89,
+    TireContact,
+    TireModel,
+    Tmeasy,
+    Tmsimple,
+)
 from simwarp.vehicle.reading import Place, build, nearest
 from simwarp.vehicle.spec import Spec, SpecError, Tire
-from simwarp.vehicle.tire_parameters import CommonParameters, TmeasyParameters
-from simwarp.vehicle.tire_patterns import TMEASY_PATTERNS, horizontal_guess, rated_load, vertical_guess
-
-Row: TypeAlias = npt.NDArray[np.float64]
+from simwarp.vehicle.tire_parameters import (
+    CommonParameters,
+    FialaParameters,
+    LugreParameters,
+    Pacejka89Parameters,
+    Pacejka2002Parameters,
+    RatedParameters,
+    TmeasyParameters,
+    TmsimpleParameters,
+    VerticalParameters,
+)
+from simwarp.vehicle.tire_patterns import (
+    TMEASY_PATTERNS,
+    TMSIMPLE_PATTERNS,
+    horizontal_guess,
+    rated_load,
+    vertical_guess,
+)
+from simwarp.vehicle.tire_properties import fill_pacejka2002
+from simwarp.vehicle.tire_common import THIRD, Row, common_row, missing
 
 CONTACTS = {
     "single-point": TireContact.SINGLE_POINT,
     "four-point": TireContact.FOUR_POINT,
     "envelope": TireContact.ENVELOPE,
 }
-THIRD = 1.0 / 3.0
-"""Rill's estimate: the effective radius is the unloaded one less a third of the deflection."""
-NO_BOTTOM = 1.0e6
 RIM_CLEARANCE = 0.01
+"""How far above the rim the tire touches it [m]."""
+TYPICAL_RESISTANCE = 0.015
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,98 +69,149 @@ class TireRow:
     measured_side: str | None
 
 
-class Model(NamedTuple):
-    """A template: its law, its parameters, and what turns them into a row."""
-
-    law: TireModel
-    parameters: type[Spec]
-    fill: Callable[[Tire, CommonParameters, Any], Row]
+def resistance(common: CommonParameters) -> float:
+    """The coefficient that is given, or the typical one."""
+    return TYPICAL_RESISTANCE if common.rolling_resistance is None else common.rolling_resistance
 
 
-def missing(key: str, what: str) -> SpecError:
-    """The error for a value that nothing gives."""
-    return SpecError(f"{key}: missing; give {what}")
+# ---- TMeasy and TMsimple ---------------------------------------------------------------------------------------------
+
+Patterns: TypeAlias = dict[str, dict[str, tuple[float, float]]]
 
 
-def common_row(tire: Tire, common: CommonParameters, size: int, *, camber: float, share: float) -> Row:
-    """A row with the values of every model; `camber` is the usual limit [rad], `share` see `Common.RADIUS_SHARE`."""
-    row = np.zeros(size)
-    row[Common.RADIUS] = tire.radius
-    row[Common.WIDTH] = tire.width
-    row[Common.RADIUS_SHARE] = share
-    row[Common.REFERENCE_FRICTION] = common.reference_friction
-    row[[Common.FRICTION_LOWER, Common.FRICTION_UPPER]] = common.friction_limits
-    row[Common.CAMBER_LIMIT] = camber if common.camber_limit is None else common.camber_limit
-    row[Common.LOAD_LIMIT] = np.finfo(np.float32).max
-    row[Common.BOTTOM_DEFLECTION] = NO_BOTTOM
-    row[Common.BRISTLE_STIFFNESS] = common.bristle_stiffness
-    row[Common.BRISTLE_DAMPING] = common.bristle_damping
-    # what a patch moves at least: the tire alone, turning or carried along
-    row[Common.PATCH_MASS_X] = tire.inertia[1] / tire.radius**2
-    row[Common.PATCH_MASS_Y] = tire.mass
-    row[[Common.BLEND_BEGIN, Common.BLEND_END]] = common.blend
-    return row
+def given_values(part: Spec) -> dict[str, Any]:
+    """The fields that are not None."""
+    return {field.name: v for field in dataclasses.fields(part) if (v := getattr(part, field.name)) is not None}
 
 
-def pair(row: Row, entry: int, values: tuple[float, float]) -> None:
-    """Two values of an entry."""
-    row[entry : entry + 2] = values
-
-
-def guessed(tire: Tire, given: TmeasyParameters, patterns: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """The values that are given, over those of the pattern."""
+def rated_values(tire: Tire, rated: RatedParameters, horizontal: Spec, patterns: Patterns) -> dict[str, Any]:
+    """All values of a tire: those that are given, over those of its pattern."""
+    if rated.rim_radius >= tire.radius:
+        raise SpecError(f"rim_radius: must be less than the tire's radius {tire.radius} m, got {rated.rim_radius!r}")
     values: dict[str, Any] = {}
-    if given.rim_radius >= tire.radius:
-        raise SpecError(f"rim_radius: must be less than the tire's radius {tire.radius} m, got {given.rim_radius!r}")
-    if given.pattern is not None:
-        values = dict(
-            vertical_guess(
-                rated_load(given.load, given.load_index),
-                tire.radius - given.rim_radius,
-                tire.mass,
-                given.use_pressure / given.design_pressure,
-                given.damping_ratio,
-            )
-        )
-    values.update((key, v) for key, v in vars(given).items() if v is not None and key in ("nominal_load", "load_limit"))
-    if given.pattern is not None:
-        values |= horizontal_guess(patterns[given.pattern], values["nominal_load"])
-    values.update((key, v) for key, v in vars(given).items() if v is not None)
+    if rated.pattern is not None:
+        section_height = tire.radius - rated.rim_radius
+        pressure_ratio = rated.use_pressure / rated.design_pressure
+        load = rated_load(rated.load, rated.load_index)
+        values |= vertical_guess(load, section_height, tire.mass, pressure_ratio, rated.damping_ratio)
+    values |= given_values(rated)
+    for key in ("nominal_load", "load_limit", "vertical_stiffness", "vertical_damping"):
+        if key not in values:
+            raise missing(key, "it, or a pattern and the load that the tire is made for")
+    if rated.pattern is not None:
+        values |= horizontal_guess(patterns[rated.pattern], values["nominal_load"])
+    values |= given_values(horizontal)
+    for field in dataclasses.fields(horizontal):
+        if field.name not in values:
+            raise missing(field.name, "the values at the nominal and at twice the nominal load, or a pattern")
     return values
 
 
-def vertical_part(row: Row, tire: Tire, values: dict[str, Any]) -> None:
-    """Vertical law of TMeasy and TMsimple."""
-    for key in ("nominal_load", "load_limit", "vertical_stiffness", "vertical_damping"):
-        if values.get(key) is None:
-            raise missing(key, "it, or a pattern with the load that the tire is made for")
+def rated_row(tire: Tire, common: CommonParameters, values: dict[str, Any], size: int) -> Row:
+    """A row with the vertical law of TMeasy and TMsimple."""
+    row = common_row(tire, common, size, camber=4.0, share=THIRD)
     row[Common.LOAD_LIMIT] = values["load_limit"]
     row[Common.STIFFNESS] = values["vertical_stiffness"]
     row[Common.STIFFNESS_SQUARE] = values["vertical_stiffness_square"]
     row[Common.DAMPING] = values["vertical_damping"]
-    row[Common.BOTTOM_DEFLECTION] = values.get("bottom_deflection", tire.radius - values["rim_radius"] - RIM_CLEARANCE)
+    rim = tire.radius - values["rim_radius"] - RIM_CLEARANCE
+    row[Common.BOTTOM_DEFLECTION] = values.get("bottom_deflection", max(rim, 0.0))
     row[Common.BOTTOM_STIFFNESS] = values.get("bottom_stiffness", 5.0 * values["vertical_stiffness"])
-
-
-def fill_tmeasy(tire: Tire, common: CommonParameters, given: TmeasyParameters) -> Row:
-    """Row of a TMeasy tire."""
-    row = common_row(tire, common, TMEASY_SIZE, camber=np.deg2rad(4.0), share=THIRD)
-    values = guessed(tire, given, TMEASY_PATTERNS)
-    vertical_part(row, tire, values)
-    resistance = 0.015 if common.rolling_resistance is None else common.rolling_resistance
-    row[Common.ROLLING_RESISTANCE] = resistance * tire.radius
-    row[Tmeasy.NOMINAL_LOAD] = values["nominal_load"]
-    for entry in Tmeasy:
-        key = entry.name.lower()
-        if entry is not Tmeasy.NOMINAL_LOAD:
-            if values.get(key) is None:
-                raise missing(key, "the values at the nominal and at twice the nominal load, or a pattern")
-            pair(row, entry, values[key])
+    row[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius
     return row
 
 
+def fill_tmeasy(tire: Tire, common: CommonParameters, rated: RatedParameters, curve: TmeasyParameters) -> Row:
+    """Row of a TMeasy tire."""
+    values = rated_values(tire, rated, curve, TMEASY_PATTERNS)
+    row = rated_row(tire, common, values, TMEASY_SIZE)
+    row[Tmeasy.NOMINAL_LOAD] = values["nominal_load"]
+    for entry in list(Tmeasy)[1:]:
+        row[entry : entry + 2] = values[entry.name.lower()]
+    return row
+
+
+def fill_tmsimple(tire: Tire, common: CommonParameters, rated: RatedParameters, curve: TmsimpleParameters) -> Row:
+    """Row of a TMsimple tire."""
+    values = rated_values(tire, rated, curve, TMSIMPLE_PATTERNS)
+    row = rated_row(tire, common, values, TMSIMPLE_SIZE)
+    row[Tmsimple.NOMINAL_LOAD] = values["nominal_load"]
+    for entry in list(Tmsimple)[1:]:
+        row[entry : entry + 2] = values[entry.name.lower()]
+    return row
+
+
+# ---- the others ------------------------------------------------------------------------------------------------------
+
+
+def with_vertical(row: Row, vertical: VerticalParameters) -> Row:
+    """The row with its vertical law; a table follows its end."""
+    row[Common.STIFFNESS] = vertical.vertical_stiffness or 0.0
+    row[Common.DAMPING] = vertical.vertical_damping
+    if vertical.vertical_curve is None:
+        return row
+    row[Common.CURVE_START] = len(row)
+    row[Common.CURVE_POINTS] = len(vertical.vertical_curve)
+    return np.concatenate([row, np.ravel(vertical.vertical_curve)])
+
+
+def fill_fiala(tire: Tire, common: CommonParameters, vertical: VerticalParameters, brush: FialaParameters) -> Row:
+    """Row of a Fiala tire."""
+    row = common_row(tire, common, FIALA_SIZE, camber=3.0, share=1.0)
+    row[Common.ROLLING_RESISTANCE] = resistance(common)
+    for entry in Fiala:
+        row[entry] = getattr(brush, entry.name.lower())
+    return with_vertical(row, vertical)
+
+
+def fill_pacejka89(
+    tire: Tire, common: CommonParameters, vertical: VerticalParameters, coefficients: Pacejka89Parameters
+) -> Row:
+    """Row of a Pacejka 89 tire."""
+    row = common_row(tire, common, PAC89_SIZE, camber=3.0, share=1.0)
+    row[Common.ROLLING_RESISTANCE] = resistance(common)
+    row[Pac89.LATERAL_STIFFNESS] = coefficients.lateral_stiffness
+    row[Pac89.A : Pac89.A + 14] = coefficients.lateral
+    row[Pac89.B : Pac89.B + 11] = coefficients.longitudinal
+    row[Pac89.C : Pac89.C + 18] = coefficients.aligning
+    return with_vertical(row, vertical)
+
+
+def fill_lugre(tire: Tire, common: CommonParameters, vertical: VerticalParameters, lugre: LugreParameters) -> Row:
+    """Row of a LuGre tire."""
+    row = common_row(tire, common, LUGRE_SIZE, camber=3.0, share=1.0)
+    row[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius
+    row[Lugre.BRISTLE_STIFFNESS : Lugre.BRISTLE_STIFFNESS + 2] = lugre.bristle_rate
+    row[Lugre.BRISTLE_DAMPING : Lugre.BRISTLE_DAMPING + 2] = lugre.bristle_viscosity
+    row[Lugre.VISCOSITY : Lugre.VISCOSITY + 2] = lugre.viscosity
+    row[Lugre.KINETIC_FRICTION] = lugre.kinetic_friction
+    row[Lugre.STATIC_FRICTION] = lugre.static_friction
+    row[Lugre.STRIBECK_SPEED] = lugre.stribeck_speed
+    row[Lugre.CARRY_OFF] = lugre.carry_off
+    row[Lugre.DISC_COUNT] = lugre.disc_count
+    apart = 0.8 * tire.width / max(lugre.disc_count - 1, 1)
+    row[Lugre.DISC_SPACING] = apart if lugre.disc_spacing is None else lugre.disc_spacing
+    return with_vertical(row, vertical)
+
+
+# ---- all of them -----------------------------------------------------------------------------------------------------
+
+
+class Model(NamedTuple):
+    """A template: its law, the classes of its parameters beside the common ones, and what makes a row of them."""
+
+    law: TireModel
+    parts: tuple[type[Spec], ...]
+    fill: Callable[..., Row]
+
+
 MODELS: dict[str, Model] = {
-    "tmeasy": Model(TireModel.TMEASY, TmeasyParameters, fill_tmeasy),
+    "tmeasy": Model(TireModel.TMEASY, (RatedParameters, TmeasyParameters), fill_tmeasy),
+    "tmsimple": Model(TireModel.TMSIMPLE, (RatedParameters, TmsimpleParameters), fill_tmsimple),
+    "fiala": Model(TireModel.FIALA, (VerticalParameters, FialaParameters), fill_fiala),
+    "pacejka89": Model(TireModel.PAC89, (VerticalParameters, Pacejka89Parameters), fill_pacejka89),
+    "pacejka2002": Model(TireModel.PAC02, (Pacejka2002Parameters,), fill_pacejka2002),
+    "lugre": Model(TireModel.LUGRE, (VerticalParameters, LugreParameters), fill_lugre),
 }
 """The templates of force-element tires. A rigid tire is an ordinary shape in contact, and none of them."""
 
@@ -152,16 +232,20 @@ def tire_row(tire: Tire, place: str = "tire") -> TireRow:
         raise where.at("template").error(f"must be one of {', '.join(MODELS)}, got {tire.template!r}{near}")
     model = MODELS[tire.template]
     where = where.at("parameters")
-    shared = {field.name for field in dataclasses.fields(CommonParameters)}
-    known = shared | {field.name for field in dataclasses.fields(model.parameters)}
+    parts = (CommonParameters, *model.parts)
+    keys = [{field.name for field in dataclasses.fields(part)} for part in parts]
+    known = sorted(set().union(*keys))
     for key in tire.parameters:
         if key not in known:
-            raise where.at(key).error(f"unknown key{nearest(key, known)}; known: {', '.join(sorted(known))}")
-    common = build(CommonParameters, {k: v for k, v in tire.parameters.items() if k in shared}, where)
-    given = build(model.parameters, {k: v for k, v in tire.parameters.items() if k not in shared}, where)
+            raise where.at(key).error(f"unknown key{nearest(key, known)}; known: {', '.join(known)}")
+    built = [
+        build(part, {key: v for key, v in tire.parameters.items() if key in own}, where)
+        for part, own in zip(parts, keys, strict=True)
+    ]
     try:
-        values = model.fill(tire, common, given)
+        values = model.fill(tire, *built)
     except SpecError as error:
         key, _, rule = str(error).partition(": ")
         raise where.at(key).error(rule) from None
-    return TireRow(model.law, CONTACTS[common.contact], values, BRISTLE_STATES, common.measured_side)
+    states = 2 * int(values[Lugre.DISC_COUNT]) if model.law is TireModel.LUGRE else BRISTLE_STATES
+    return TireRow(model.law, CONTACTS[built[0].contact], values, states, built[0].measured_side)

@@ -14,10 +14,15 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.spatial import to_double, to_float
 from simwarp.kernels.tables import StateArrays, own
 from simwarp.kernels.tires.common import vertical_load
+from simwarp.kernels.tires.fiala import fiala_force
+from simwarp.kernels.tires.lugre import lugre_force
+from simwarp.kernels.tires.pac02 import pac02_force
+from simwarp.kernels.tires.pac89 import pac89_force
 from simwarp.kernels.tires.patch import Patch, TireForce, Wheel, contact_point, find_patch, slip_angle, slip_ratio
-from simwarp.kernels.tires.rows import Common
+from simwarp.kernels.tires.rows import Common, TireModel
 from simwarp.kernels.tires.terrain import TerrainTables, friction_at
 from simwarp.kernels.tires.tmeasy import tmeasy_force
+from simwarp.kernels.tires.tmsimple import tmsimple_force
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -62,8 +67,19 @@ def wheel_state(world: int, wheel: int, tables: TireTables, state: StateArrays) 
 
 
 @wp.func
-def model_force(model: int, patch: Patch, row: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
-    """Force of the wheel's model."""
+def model_force(
+    model: int, patch: Patch, mirrored: int, row: wp.array[float], z: wp.array[float], dt: float
+) -> TireForce:  # fmt: skip
+    """Force of a model that acts on one patch: all but LuGre."""
+    mirror = float(1 - 2 * mirrored)
+    if model == TireModel.TMSIMPLE:
+        return tmsimple_force(patch, row, z, dt)
+    if model == TireModel.FIALA:
+        return fiala_force(patch, row, z, dt)
+    if model == TireModel.PAC89:
+        return pac89_force(patch, mirror, row, z, dt)
+    if model == TireModel.PAC02:
+        return pac02_force(patch, mirror, row, z, dt)
     return tmeasy_force(patch, row, z, dt)
 
 
@@ -100,26 +116,35 @@ def apply_tires(
     row = tire_parameter[own(world, tire_parameter.shape[0]), wheel]
     z = tire_state[world, wheel]
     moving = wheel_state(world, wheel, tables, state)
-    patch = find_patch(world, moving, tables.contact[wheel], row, terrain, assets)
+    patch = Patch()
     force = wp.vec3()
     torque = wp.vec3()
-    patch.load = 0.0
-    if patch.touching == 1:
-        patch.load = vertical_load(patch, row)
+    if tables.model[wheel] == TireModel.LUGRE:
+        discs = lugre_force(
+            world, moving, tables.contact[wheel], row, z, ground_friction, terrain, assets, dt
+        )  # fmt: skip
+        patch = discs.patch
+        force = discs.force
+        torque = discs.torque
+    else:
+        patch = find_patch(world, moving, tables.contact[wheel], row, terrain, assets)
+        if patch.touching == 1:
+            patch.load = vertical_load(patch, row)
+        if patch.load > 0.0:
+            friction = friction_at(world, contact_point(moving, patch), ground_friction, terrain)
+            patch.friction = wp.clamp(friction, row[Common.FRICTION_LOWER], row[Common.FRICTION_UPPER])
+            local = model_force(tables.model[wheel], patch, tables.mirrored[wheel], row, z, dt)
+            axes = wp.matrix_from_cols(patch.forward, patch.left, patch.normal)
+            force = axes * local.force
+            torque = axes * local.torque + wp.cross(patch.arm, force)
+        else:
+            for slot in range(z.shape[0]):
+                z[slot] = 0.0
     ratio = float(0.0)
     angle = float(0.0)
     if patch.load > 0.0:
-        friction = friction_at(world, contact_point(moving, patch), ground_friction, terrain)
-        patch.friction = wp.clamp(friction, row[Common.FRICTION_LOWER], row[Common.FRICTION_UPPER])
-        local = model_force(tables.model[wheel], patch, row, z, dt)
-        axes = wp.matrix_from_cols(patch.forward, patch.left, patch.normal)
-        force = axes * local.force
-        torque = axes * local.torque + wp.cross(patch.arm, force)
         ratio = slip_ratio(patch)
         angle = slip_angle(patch)
-    else:
-        for slot in range(z.shape[0]):
-            z[slot] = 0.0
     reports.load[world, wheel] = patch.load
     reports.slip_ratio[world, wheel] = ratio
     reports.slip_angle[world, wheel] = angle
