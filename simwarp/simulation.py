@@ -137,8 +137,9 @@ class Simulation:
         self._launch(Operation.MEASURE, self._all_worlds)
         self._initial = State(model)
         self._initial.copy_from(self.state)
-        self._memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
-        self._initial_memory = [wp.clone(array) for array in self._memory]
+        self.memory = tuple(words(array, model.world_count) for part in self.elements for array in part.memory.values())
+        """What the force elements remember, world-first words; `Snapshot.memory` holds a copy."""
+        self._initial_memory = [wp.clone(array) for array in self.memory]
         self._step_commands = self._record_step()
 
     @property
@@ -163,7 +164,7 @@ class Simulation:
             copy_worlds, dim=self.model.world_count, device=self.model.device,
             inputs=[mask, self._initial.arrays], outputs=[self.state.arrays, self.contacts.arrays],
         )  # fmt: skip
-        for initial, present in zip(self._initial_memory, self._memory, strict=True):
+        for initial, present in zip(self._initial_memory, self.memory, strict=True):
             wp.launch(
                 copy_rows, dim=self.model.world_count, device=self.model.device,
                 inputs=[mask, initial], outputs=[present],
@@ -210,7 +211,7 @@ class Simulation:
         contacts.copy_from(self.contacts)
         for name in Control.NAMES:
             wp.copy(getattr(control, name), getattr(self.control, name))
-        return Snapshot(state, control, contacts, tuple(wp.clone(array) for array in self._memory))
+        return Snapshot(state, control, contacts, tuple(wp.clone(array) for array in self.memory))
 
     def restore(self, snapshot: Snapshot) -> None:
         """Brings back what `snapshot` held, in place: views and captured steps stay valid."""
@@ -218,7 +219,7 @@ class Simulation:
         self.contacts.copy_from(snapshot.contacts)
         for name in Control.NAMES:
             wp.copy(getattr(self.control, name), getattr(snapshot.control, name))
-        for present, kept in zip(self._memory, snapshot.memory, strict=True):
+        for present, kept in zip(self.memory, snapshot.memory, strict=True):
             wp.copy(present, kept)
 
     # ---- inside --------------------------------------------------------------------------------------------------

@@ -94,7 +94,9 @@ def build_physics(
 
 
 def _rooms(snapshot: Any) -> list[tuple[str, Any]]:
-    """Return the named parts of a snapshot: arrays, or groups of arrays that list their ``NAMES``."""
+    """Return the named parts of a snapshot: arrays, or groups of arrays, which are tuples or list their ``NAMES``."""
+    if isinstance(snapshot, tuple):
+        return [(str(index), part) for index, part in enumerate(snapshot)]
     if dataclasses.is_dataclass(snapshot):
         names: Iterable[str] = (field.name for field in dataclasses.fields(snapshot))
     else:
@@ -136,4 +138,4 @@ def copy_snapshot(simulation: Any, snapshot: Any) -> None:
     for group, parts in _rooms(snapshot):
         current = getattr(simulation, group)
         for name, array in _rooms(parts):
-            wp.copy(array, getattr(current, name))
+            wp.copy(array, current[int(name)] if isinstance(current, tuple) else getattr(current, name))
