@@ -199,7 +199,7 @@ def build_spec(cls: type[S], value: Any, place: Place) -> S:
     """A description from an object with its fields."""
     if not isinstance(value, dict):
         raise place.error(f"must be an object with the keys of {cls.__name__}, got {value!r}")
-    hints = hints_of(cls)
+    hints = hints_of(cls)  # type: ignore[arg-type]  # a class is hashable
     for key in value:
         if key not in hints:
             raise place.at(key).error(f"unknown key{nearest(key, hints)}; known: {', '.join(hints)}")
@@ -253,7 +253,7 @@ def build_tuple(hint: Any, value: Any, place: Place) -> tuple[Any, ...]:
 
 def build_plain(hint: Any, value: Any, place: Place) -> Any:
     """A number, a whole number, a text or a truth value."""
-    kinds: dict[Any, tuple[type, ...]] = {float: (int, float), int: (int,), str: (str,), bool: (bool,)}
+    kinds: dict[Any, Any] = {float: (int, float), int: int, str: str, bool: bool}
     if not isinstance(value, kinds[hint]) or (isinstance(value, bool) and hint is not bool):
         raise place.error(f"must be {wanted(hint, last_key(place))}, got {value!r}")
     if hint is not float:

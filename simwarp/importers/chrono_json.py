@@ -1,0 +1,174 @@
+"""One object of a Chrono JSON file: values by key, errors that name file and key, and a note of keys nobody read."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+from simwarp.vehicle.reading import Place, nearest, parse_json, read_text
+from simwarp.vehicle.spec import ZERO, Points, RigidPart, Spec, SpecError, Vec3
+
+S = TypeVar("S", bound=Spec)
+
+# What only pictures, reports and the driver's view use. A radius or width that matters is read before this list counts.
+VISUAL = frozenset(
+    {
+        "Name", "Type", "Template", "Visualization", "Radius", "Width", "Length", "Output", "Driver Position",
+        "Rear Connector Location", "Front Connector Location", "Description",
+    }
+)  # fmt: skip
+
+STRING_OR_COMMENT = re.compile(r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
+
+
+def without_comments(text: str) -> str:
+    """The text with comments blanked out, so that lines and columns stay."""
+
+    def blank(match: re.Match[str]) -> str:
+        found = match.group()
+        return found if found.startswith('"') else re.sub(r"[^\n]", " ", found)
+
+    return STRING_OR_COMMENT.sub(blank, text)
+
+
+class Node:
+    """An object of a file. Reading a key marks it; `finish` refuses keys that are neither marked nor visual."""
+
+    def __init__(self, value: Any, place: Place) -> None:
+        if not isinstance(value, dict):
+            raise place.error(f"must be an object, got {value!r}")
+        self.value: dict[str, Any] = value
+        self.place = place
+        self.known: set[str] = set()
+        self.children: list[Node] = []
+
+    @classmethod
+    def of_file(cls, path: Path) -> Node:
+        """The object of a file, comments allowed."""
+        return cls(parse_json(without_comments(read_text(path)), path.name), Place(path))
+
+    def __contains__(self, key: str) -> bool:
+        self.known.add(key)
+        return key in self.value
+
+    def get(self, key: str, wanted: str) -> Any:
+        """The value of a key that must be there."""
+        if key not in self:
+            raise self.place.at(key).error(f"missing{nearest(key, self.value)}; give {wanted}")
+        return self.value[key]
+
+    def skip(self, *keys: str) -> None:
+        """Mark keys that have no counterpart; the caller says why."""
+        self.known.update(keys)
+
+    def child(self, key: str) -> Node:
+        """An object within this one."""
+        node = Node(self.get(key, "an object"), self.place.at(key))
+        self.children.append(node)
+        return node
+
+    def each(self, key: str) -> Iterator[Node]:
+        """The objects of a list."""
+        items = self.get(key, "a list of objects")
+        if not isinstance(items, list):
+            raise self.place.at(key).error(f"must be a list of objects, got {items!r}")
+        for index, item in enumerate(items):
+            node = Node(item, self.place.at(key).at(index))
+            self.children.append(node)
+            yield node
+
+    def text(self, key: str) -> str:
+        """A text."""
+        value = self.get(key, "a text")
+        if not isinstance(value, str):
+            raise self.place.at(key).error(f"must be a text, got {value!r}")
+        return value
+
+    def flag(self, key: str, default: bool = False) -> bool:
+        """True or false."""
+        value = self.value[key] if key in self else default
+        if not isinstance(value, bool):
+            raise self.place.at(key).error(f"must be true or false, got {value!r}")
+        return value
+
+    def number(self, key: str, unit: str = "", default: float | None = None) -> float:
+        """A finite number."""
+        wanted = f"a number [{unit}]" if unit else "a number"
+        if default is not None and key not in self:
+            return default
+        value = self.get(key, wanted)
+        return finite(value, wanted, self.place.at(key))
+
+    def angle(self, key: str) -> float:
+        """An angle in degrees, in radians; 0 where none is given."""
+        return math.radians(self.number(key, "°", 0.0))
+
+    def numbers(self, key: str, count: int | None = None, unit: str = "") -> tuple[float, ...]:
+        """A list of numbers."""
+        wanted = f"a list of {count or 'the'} numbers" + (f" [{unit}]" if unit else "")
+        value = self.get(key, wanted)
+        if not isinstance(value, list) or (count is not None and len(value) != count):
+            raise self.place.at(key).error(f"must be {wanted}, got {value!r}")
+        return tuple(finite(v, "a number", self.place.at(key).at(index)) for index, v in enumerate(value))
+
+    def vector(self, key: str, unit: str = "m") -> Vec3:
+        """Three numbers."""
+        x, y, z = self.numbers(key, 3, unit)
+        return x, y, z
+
+    def quaternion(self, key: str) -> tuple[float, float, float, float]:
+        """A rotation, scalar first in the file, scalar last here, of length 1."""
+        w, x, y, z = self.numbers(key, 4)
+        length = math.sqrt(w * w + x * x + y * y + z * z)
+        if not abs(length - 1.0) < 1e-3:
+            raise self.place.at(key).error(f"must be a unit quaternion (w, x, y, z), got {[w, x, y, z]}")
+        return x / length, y / length, z / length, w / length
+
+    def pairs(self, key: str, scale: float = 1.0) -> Points:
+        """(x, y) pairs; `scale` converts the unit of x."""
+        value = self.get(key, "a list of [x, y] pairs")
+        place = self.place.at(key)
+        if not isinstance(value, list) or not all(isinstance(v, list) and len(v) == 2 for v in value):
+            raise place.error(f"must be a list of [x, y] pairs, got {value!r}")
+        return tuple(
+            (scale * finite(x, "a number", place.at(index)), finite(y, "a number", place.at(index)))
+            for index, (x, y) in enumerate(value)
+        )
+
+    def part(self, com: Vec3 | None = None) -> RigidPart:
+        """Mass, centre of mass and inertia of this object; `com` where the file gives none."""
+        split = "Moments of Inertia" in self
+        return self.make(
+            RigidPart,
+            mass=self.number("Mass", "kg"),
+            com=self.vector("COM") if com is None else com,
+            inertia=self.vector("Moments of Inertia" if split else "Inertia", "kg·m²"),
+            products=self.vector("Products of Inertia", "kg·m²") if split and "Products of Inertia" in self else ZERO,
+        )
+
+    def make(self, cls: type[S], **fields: Any) -> S:
+        """A description; its errors name this object."""
+        try:
+            return cls(**fields)
+        except SpecError as error:
+            key, _, rule = str(error).partition(": ")
+            raise self.place.at(key).error(rule) from None
+
+    def finish(self) -> None:
+        """Refuse keys that nobody read, here and within."""
+        for key in self.value:
+            if key not in self.known and key not in VISUAL:
+                known = ", ".join(sorted(self.known)) or "none"
+                raise self.place.at(key).error(f"unknown key{nearest(key, self.known)}; known: {known}")
+        for node in self.children:
+            node.finish()
+
+
+def finite(value: Any, wanted: str, place: Place) -> float:
+    """A number that is one."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise place.error(f"must be {wanted}, got {value!r}")
+    return float(value)

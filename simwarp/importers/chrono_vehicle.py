@@ -1,0 +1,282 @@
+"""Vehicles of Project Chrono: its JSON files, as they are, to our descriptions.
+
+A vehicle's file names those of its subsystems relative to a root, Chrono's folder `data/vehicle`. Engine, transmission
+and tires are files of their own that Chrono's programs choose; here they are arguments:
+
+    spec = load_chrono_vehicle(
+        "data/vehicle/hmmwv/vehicle/HMMWV_Vehicle_4WD.json",
+        engine="hmmwv/powertrain/HMMWV_EngineShafts.json",
+        transmission="hmmwv/powertrain/HMMWV_AutomaticTransmissionShafts.json",
+        tire="hmmwv/tire/HMMWV_TMeasyTire.json",
+    )
+
+Comments are allowed, quaternions are scalar first, angles in degrees, engine speeds in rpm. Keys that only pictures
+use are left out; any other unknown key is an error that names the file.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STEERINGS, TRANSMISSIONS
+from simwarp.importers.chrono_json import Node
+from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
+from simwarp.importers.chrono_tires import TIRES
+from simwarp.vehicle.reading import nearest
+from simwarp.vehicle.spec import (
+    AntirollBar,
+    Axle,
+    Brake,
+    Chassis,
+    RigidPart,
+    SpecError,
+    SteeringMount,
+    VehicleSpec,
+    Wheel,
+)
+
+T = TypeVar("T")
+
+WHEELBASE_TOLERANCE = 0.02
+
+
+def load_chrono_vehicle(
+    vehicle_json: str | Path,
+    *,
+    engine: str | Path | None = None,
+    transmission: str | Path | None = None,
+    tire: str | Path | Sequence[str | Path] | None = None,
+    root: str | Path | None = None,
+) -> VehicleSpec:
+    """The vehicle of a Chrono file of type Vehicle, template WheeledVehicle.
+
+    Args:
+        vehicle_json: its path.
+        engine: file of its engine, given together with a transmission.
+        transmission: file of its transmission.
+        tire: file of its tires, or one file for each axle.
+        root: the folder that file names are relative to; None: the nearest folder above the vehicle's file in which
+            its chassis is found.
+
+    Raises:
+        SpecError: a file that cannot be read, an unknown key or template, or a value that breaks a rule.
+    """
+    path = Path(vehicle_json)
+    node = Node.of_file(path)
+    expect(node, "Vehicle", ("WheeledVehicle",))
+    chassis_file = node.child("Chassis").text("Input File")
+    files = Files(find_root(path, chassis_file) if root is None else Path(root))
+    # What Chrono declares for its path-following drivers; ours follow from the geometry.
+    node.skip("Minimum Turning Radius", "Maximum Steering Angle (deg)", "Maximum Steering Angle")
+    axles = read_axles(node, files, tire)
+    steerings = tuple(
+        SteeringMount(
+            steering=files.part("Steering", STEERINGS, mount.text("Input File")),
+            location=mount.vector("Location"),
+            rotation=mount.quaternion("Orientation"),
+        )
+        for mount in (node.each("Steering Subsystems") if "Steering Subsystems" in node else ())
+    )
+    spec = node.make(
+        VehicleSpec,
+        name=node.text("Name") if "Name" in node else path.stem,
+        chassis=files.part("Chassis", {"RigidChassis": chassis}, chassis_file),
+        axles=axles,
+        steerings=steerings,
+        driveline=read_driveline(node, files) if "Driveline" in node else None,
+        engine=None if engine is None else files.part("Engine", ENGINES, engine),
+        transmission=None if transmission is None else files.part("Transmission", TRANSMISSIONS, transmission),
+        wheelbase=wheelbase(node, axles),
+    )
+    node.finish()
+    return spec
+
+
+def find_root(path: Path, file: str) -> Path:
+    """The nearest folder above a vehicle's file that holds another file by its name."""
+    for folder in path.resolve().parents:
+        if (folder / file).is_file():
+            return folder
+    raise SpecError(
+        f"{path.name}: Chassis.Input File: {file!r} is in no folder above it; give root=, Chrono's data/vehicle"
+    )
+
+
+class Files:
+    """Reads the files of subsystems."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def node(self, file: str | Path) -> Node:
+        """The object of a file: relative to the root, or a path from here."""
+        inside = self.root / file
+        if not inside.is_file() and not Path(file).is_file():
+            raise SpecError(f"{file}: cannot be read: no such file, neither here nor in {self.root}")
+        return Node.of_file(inside if inside.is_file() else Path(file))
+
+    def part(self, kind: str, readers: Mapping[str, Callable[..., T]], file: str | Path, *more: Any) -> T:
+        """The description of a file by the reader of its template."""
+        node = self.node(file)
+        part = readers[expect(node, kind, readers)](node, *more)
+        node.finish()
+        return part
+
+
+def expect(node: Node, kind: str, templates: Mapping[str, Any] | Sequence[str]) -> str:
+    """The template of an object, which must be of a kind and one of those known."""
+    found = node.text("Type")
+    if found != kind:
+        raise node.place.at("Type").error(f"must be {kind!r}, got {found!r}")
+    template = node.text("Template")
+    if template not in templates:
+        near = nearest(template, templates)
+        raise node.place.at("Template").error(f"must be one of {', '.join(templates)}, got {template!r}{near}")
+    return template
+
+
+def read_axles(node: Node, files: Files, tire: str | Path | Sequence[str | Path] | None) -> tuple[Axle, ...]:
+    """All axles, with the given tires."""
+    axles = list(node.each("Axles"))
+    if tire is None:
+        raise node.place.error("tire: missing; Chrono's vehicles name none: give tire='.../HMMWV_TMeasyTire.json'")
+    tires = [tire] * len(axles) if isinstance(tire, (str, Path)) else list(tire)
+    if len(tires) != len(axles):
+        raise node.place.error(f"tire: must be one file, or one for each of {len(axles)} axles, got {len(tires)}")
+    return tuple(read_axle(axle, files, file) for axle, file in zip(axles, tires, strict=True))
+
+
+def read_axle(node: Node, files: Files, tire: str | Path) -> Axle:
+    """One axle; left and right must be alike."""
+    return node.make(
+        Axle,
+        location=node.vector("Suspension Location"),
+        suspension=files.part("Suspension", SUSPENSIONS, node.text("Suspension Input File")),
+        wheel=both_sides(node, files, "Wheel", {"Wheel": wheel}),
+        tire=files.part("Tire", TIRES, tire, files.root),
+        brake=read_brake(node, files),
+        steering=int(node.number("Steering Index")) if "Steering Index" in node else None,
+        antiroll_bar=read_antiroll_bar(node, files),
+    )
+
+
+def read_brake(node: Node, files: Files) -> Brake | None:
+    """The brakes of an axle."""
+    if "Left Brake Input File" not in node and "Right Brake Input File" not in node:
+        return None
+    return both_sides(node, files, "Brake", BRAKES)
+
+
+def read_antiroll_bar(node: Node, files: Files) -> AntirollBar | None:
+    """The anti-roll bar of an axle."""
+    if "Antirollbar Input File" not in node:
+        return None
+    location = node.vector("Antirollbar Location")
+    return files.part("Antirollbar", {"AntirollBarRSD": antiroll_bar}, node.text("Antirollbar Input File"), location)
+
+
+def both_sides(node: Node, files: Files, kind: str, readers: Mapping[str, Callable[..., T]]) -> T:
+    """A part that is given for the left and for the right."""
+    left, right = (files.part(kind, readers, node.text(f"{side} {kind} Input File")) for side in ("Left", "Right"))
+    if left != right:
+        place = node.place.at(f"Right {kind} Input File")
+        raise place.error(f"must be like the left one: an axle has one {kind.lower()} for both sides")
+    return left
+
+
+def wheel(node: Node) -> Wheel:
+    """Wheel."""
+    return node.make(Wheel, mass=node.number("Mass", "kg"), inertia=node.vector("Inertia", "kg·m²"))
+
+
+def read_driveline(node: Node, files: Files) -> Any:
+    """The driveline with its driven axles."""
+    drive = node.child("Driveline")
+    axles = tuple(int(index) for index in drive.numbers("Suspension Indexes"))
+    return files.part("Driveline", DRIVELINES, drive.text("Input File"), axles)
+
+
+def wheelbase(node: Node, axles: Sequence[Axle]) -> float | None:
+    """The declared wheelbase; Chrono never checks it, so that one that is not the axles' is left out with a warning."""
+    if "Wheelbase" not in node:
+        return None
+    declared = node.number("Wheelbase", "m")
+    first, last = axles[0], axles[-1]
+    frames = first.location[0] - last.location[0]
+    wheels = frames + first.suspension.spindle.com[0] - last.suspension.spindle.com[0]
+    if min(abs(frames - declared), abs(wheels - declared)) <= WHEELBASE_TOLERANCE * declared:
+        return declared
+    warnings.warn(
+        f"{node.place.file.name}: Wheelbase: {declared} m is not that of the axles, {wheels:.4g} m; left out",
+        stacklevel=3,
+    )
+    return None
+
+
+# ---- chassis ---------------------------------------------------------------------------------------------------------
+
+
+def chassis(node: Node) -> Chassis:
+    """RigidChassis: components in axes of the vehicle; voids are taken out of one merged component."""
+    components: list[RigidPart] = []
+    voids: list[RigidPart] = []
+    for component in node.each("Components"):
+        void = component.flag("Void")
+        (voids if void else components).append(turned_part(component))
+    if voids:
+        components = [hollow(node, components, voids)]
+    return node.make(Chassis, components=tuple(components))
+
+
+def matrix(part: RigidPart) -> np.ndarray:
+    """Inertia about the centre of mass."""
+    (xx, yy, zz), (xy, xz, yz) = part.inertia, part.products
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def of_matrix(node: Node, mass: float, com: np.ndarray, inertia: np.ndarray) -> RigidPart:
+    """A part from its matrix of inertia."""
+    x, y, z = (float(v) for v in com)
+    return node.make(
+        RigidPart,
+        mass=float(mass),
+        com=(x, y, z),
+        inertia=(float(inertia[0, 0]), float(inertia[1, 1]), float(inertia[2, 2])),
+        products=(float(inertia[0, 1]), float(inertia[0, 2]), float(inertia[1, 2])),
+    )
+
+
+def turned_part(node: Node) -> RigidPart:
+    """A component, its inertia turned from its own axes into those of the vehicle."""
+    frame = node.child("Centroidal Frame")
+    part = node.part(frame.vector("Location"))
+    x, y, z, w = frame.quaternion("Orientation")
+    if (x, y, z) == (0.0, 0.0, 0.0):
+        return part
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return of_matrix(node, part.mass, np.array(part.com), turn @ matrix(part) @ turn.T)
+
+
+def hollow(node: Node, parts: Sequence[RigidPart], voids: Sequence[RigidPart]) -> RigidPart:
+    """One part: the sum of parts less that of voids."""
+    signed = [(1.0, part) for part in parts] + [(-1.0, part) for part in voids]
+    mass = sum(sign * part.mass for sign, part in signed)
+    if mass <= 0.0:
+        raise node.place.at("Components").error(f"must weigh more than their voids, got {mass} kg in all")
+    com = np.sum([sign * part.mass * np.array(part.com) for sign, part in signed], axis=0) / mass
+    inertia = np.zeros((3, 3))
+    for sign, part in signed:
+        arm = np.array(part.com) - com
+        inertia += sign * (matrix(part) + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
+    return of_matrix(node, mass, com, inertia)

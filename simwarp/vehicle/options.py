@@ -1,0 +1,70 @@
+"""Other tires, powertrains and drivelines for a vehicle, by name.
+
+They lie beside the shipped vehicles: data/NAME/tires, powertrains and drivelines, one file per option. Tires that
+differ between the axles have a folder for the front and one for the rear. `hmmwv-reduced` shares those of `hmmwv`:
+the folder is what stands before the first dash of a vehicle's name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from simwarp.vehicle.reading import DATA, nearest, read_spec, read_value
+from simwarp.vehicle.spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
+
+KINDS = ("tire", "powertrain", "driveline")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Powertrain(Spec):
+    """An engine with its transmission: the content of a powertrain's file."""
+
+    engine: Engine
+    transmission: Transmission
+
+
+def folder_of(name: str, kind: str) -> Path:
+    """Where the options of a kind lie."""
+    return DATA / name.partition("-")[0] / f"{kind}s"
+
+
+def option_names(vehicle: str, kind: str) -> list[str]:
+    """Names of the options of a kind ("tire", "powertrain", "driveline") that are shipped for a vehicle."""
+    folder = folder_of(vehicle, kind)
+    split = folder / "front"
+    return sorted(path.stem for path in (split if split.is_dir() else folder).glob("*.json"))
+
+
+def find(spec: VehicleSpec, kind: str, option: str, side: str = "") -> Path:
+    """The file of an option: one of the shipped, or a path that ends in .json."""
+    if option.endswith(".json"):
+        return Path(option)
+    known = option_names(spec.name, kind)
+    if option not in known:
+        listed = ", ".join(known) if known else "none shipped; give the path of a .json file"
+        raise SpecError(f"{spec.name}: unknown {kind} {option!r}{nearest(option, known)}; known: {listed}")
+    folder = folder_of(spec.name, kind)
+    return folder / side / f"{option}.json" if (folder / "front").is_dir() else folder / f"{option}.json"
+
+
+def with_options(
+    spec: VehicleSpec, *, tire: str | None = None, powertrain: str | None = None, driveline: str | None = None
+) -> VehicleSpec:
+    """The vehicle with other parts; each is the name of a shipped option or the path of a .json file.
+
+    Raises:
+        SpecError: no such option (the message lists those there are), or a file with a mistake.
+    """
+    if tire is not None:
+        axles = tuple(
+            dataclasses.replace(axle, tire=read_spec(Tire, find(spec, "tire", tire, "front" if index == 0 else "rear")))
+            for index, axle in enumerate(spec.axles)
+        )
+        spec = dataclasses.replace(spec, axles=axles)
+    if driveline is not None:
+        spec = dataclasses.replace(spec, driveline=read_value(Driveline, find(spec, "driveline", driveline)))
+    if powertrain is not None:
+        parts = read_spec(Powertrain, find(spec, "powertrain", powertrain))
+        spec = dataclasses.replace(spec, engine=parts.engine, transmission=parts.transmission)
+    return spec
