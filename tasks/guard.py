@@ -151,7 +151,9 @@ class Guard:
             "joint_qd": self._joint_qd[rows, world].cpu().numpy(),
             "start_action": keep.action[world].cpu().numpy(),
         }
-        arrays |= {f"start/{name}": part[world] for name, part in _flat(pack_snapshot(keep.simulation))}
+        packed = _flat(pack_snapshot(keep.simulation))
+        # A leading dimension of 1 is shared by all worlds
+        arrays |= {f"start/{name}": part[world % len(part)] for name, part in packed}
         extra = {name: value for name, value in keep.extra.items() if value.shape[:1] == (task.num_worlds,)}
         arrays |= {f"extra/{name}": value[world].cpu().numpy() for name, value in extra.items()}
         for name in sorted({*task.per_world, *task.config.randomise}):
