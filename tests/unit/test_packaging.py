@@ -65,6 +65,7 @@ def test_the_wheel_has_one_name_and_all_files(wheel):
     tops = {name.split("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"simwarp"}
     assert {name for name in names if name.startswith("simwarp/")} == expected_files()
+    assert {"simwarp/vehicle/data/hmmwv.json", "simwarp/vehicle/data/sedan/tires/pacejka2002.tir"} <= names
     assert {"simwarp/py.typed", "simwarp/tasks/__init__.py", "simwarp/train/__init__.py"} <= names
     assert any(name.endswith("LICENSE") for name in names)
 
