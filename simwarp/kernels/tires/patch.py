@@ -4,7 +4,8 @@ The frame of contact has x forward, y to the left and z along the ground's norma
 everything else is relative to it and float32.
 
 - Single point: a plane through the ground below the disc's lowest point, with the ground's normal turned into the plane
-  of the disc, stands for the ground; the deflection is what the disc lacks of its radius to that plane.
+  of the disc, stands for the ground; the deflection is what the disc lacks of its radius to that plane. The flank of a
+  kerb looks like an endless slope: for edges and gaps shorter than the patch take the envelope.
 - Four point: the plane is that of four points of the ground, 0.1 radius before and behind and 0.3 width beside.
 - Envelope (Sui & Hirshey 1999): the area that disc and ground share, over 100 columns, is turned into the deflection of
   a disc on a plane that shares as much: area = r²/2 (a - sin a), deflection = r (1 - cos(a/2)).

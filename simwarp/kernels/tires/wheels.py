@@ -142,9 +142,11 @@ def apply_tires(
                 z[slot] = 0.0
     ratio = float(0.0)
     angle = float(0.0)
+    shifted = wp.vec3()
     if patch.load > 0.0:
         ratio = slip_ratio(patch)
         angle = slip_angle(patch)
+        shifted = torque + wp.cross(to_float(moving.x - state.body_x[world, tables.body[wheel]]), force)
     reports.load[world, wheel] = patch.load
     reports.slip_ratio[world, wheel] = ratio
     reports.slip_angle[world, wheel] = angle
@@ -154,7 +156,7 @@ def apply_tires(
     reports.torque_w[world, wheel] = torque
     body = tables.body[wheel]
     applied_force[world, body] = force
-    applied_torque[world, body] = torque + wp.cross(to_float(moving.x - state.body_x[world, body]), force)
+    applied_torque[world, body] = shifted
 
 
 @wp.kernel
