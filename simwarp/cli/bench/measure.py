@@ -146,11 +146,11 @@ class SceneRun:
             sim.measure()
 
     def _take(self, settled: dict[str, Any]) -> None:
-        """Hands the settled worlds out in turn."""
+        """Hands the settled worlds out in turn; a leading dimension of 1 is shared by all of them."""
         for name, array in self._arrays().items():
             values = settled[name]
             if values.size:
-                array.assign(np.take(values, np.arange(self.worlds) % len(values), axis=0))
+                array.assign(np.take(values, np.arange(array.shape[0]) % len(values), axis=0))
 
     def _arrays(self) -> dict[str, Any]:
         owners: dict[str, Any] = {"state": self.sim.state, "control": self.sim.control, "contacts": self.sim.contacts}
