@@ -102,6 +102,13 @@ class Node:
         value = self.get(key, wanted)
         return finite(value, wanted, self.place.at(key))
 
+    def whole(self, key: str) -> int:
+        """A whole number."""
+        value = self.get(key, "a whole number")
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise self.place.at(key).error(f"must be a whole number, got {value!r}")
+        return value
+
     def angle(self, key: str) -> float:
         """An angle in degrees, in radians; 0 where none is given."""
         return math.radians(self.number(key, "°", 0.0))

@@ -44,7 +44,7 @@ def rated(node: Node) -> dict[str, Any]:
     found["pattern"] = "truck" if kind == "truck" else "car"
     node.skip("Maximum Bearing Capacity [N]")
     if "Load Index" in node:
-        found["load_index"] = int(node.number("Load Index"))
+        found["load_index"] = node.whole("Load Index")
     else:
         found["load"] = node.number("Maximum Bearing Capacity [N]", "N")
     if "Inflation Pressure Design [Pa]" in node and "Inflation Pressure Use [Pa]" in node:

@@ -160,7 +160,7 @@ def read_axle(node: Node, files: Files, tire: str | Path) -> Axle:
         wheel=both_sides(node, files, "Wheel", {"Wheel": wheel}),
         tire=files.part("Tire", TIRES, tire, files.root),
         brake=read_brake(node, files),
-        steering=int(node.number("Steering Index")) if "Steering Index" in node else None,
+        steering=node.whole("Steering Index") if "Steering Index" in node else None,
         antiroll_bar=read_antiroll_bar(node, files),
     )
 
@@ -197,7 +197,11 @@ def wheel(node: Node) -> Wheel:
 def read_driveline(node: Node, files: Files) -> Any:
     """The driveline with its driven axles."""
     drive = node.child("Driveline")
-    axles = tuple(int(index) for index in drive.numbers("Suspension Indexes"))
+    indices = drive.get("Suspension Indexes", "a list of the driven axles")
+    count = len(node.value["Axles"])
+    if not isinstance(indices, list) or not all(isinstance(i, int) and 0 <= i < count for i in indices):
+        raise drive.place.at("Suspension Indexes").error(f"must be a list of axles below {count}, got {indices!r}")
+    axles = tuple(indices)
     return files.part("Driveline", DRIVELINES, drive.text("Input File"), axles)
 
 

@@ -474,6 +474,15 @@ def test_drivelines_drive_as_many_axles_as_they_can(chrono):
     chrono.values[VEHICLE]["Driveline"]["Suspension Indexes"] = [1]
     message = "drives 2 axles, but the vehicle's Driveline.Suspension Indexes are (1,)"
     assert chrono.error() == f"HMMWV_Driveline4WD.json: {message}"
+    chrono.values[VEHICLE]["Driveline"]["Suspension Indexes"] = [0, 2]
+    assert chrono.error() == (
+        "HMMWV_Vehicle_4WD.json: Driveline.Suspension Indexes: must be a list of axles below 2, got [0, 2]"
+    )
+
+
+def test_indices_are_whole(chrono):
+    chrono.values[VEHICLE]["Axles"][0]["Steering Index"] = 0.5
+    assert chrono.error() == "HMMWV_Vehicle_4WD.json: Axles[0].Steering Index: must be a whole number, got 0.5"
 
 
 def test_an_engine_without_a_transmission(chrono):

@@ -1,7 +1,7 @@
 """Bodies of a described vehicle at their places as built, in float64: for tests of masses and inertias."""
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ def rotation(q: tuple[float, float, float, float]) -> np.ndarray:
     return np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
 
 
-def arm_axes(suspension: object, name: str) -> np.ndarray:
+def arm_axes(suspension: Any, name: str) -> np.ndarray:
     """Columns: axes of an arm, x from its back to its front pivot, z normal to its plane; single arms lie along y."""
     if hasattr(suspension, f"{name}_front"):
         front, back, tip = (np.array(getattr(suspension, f"{name}_{end}")) for end in ("front", "back", "upright"))
@@ -46,17 +46,18 @@ def arm_axes(suspension: object, name: str) -> np.ndarray:
 def side_bodies(spec: VehicleSpec, index: int) -> list[Body]:
     """Of the left side of an axle."""
     axle = spec.axles[index]
+    suspension: Any = axle.suspension
     found = []
-    for field in dataclasses.fields(axle.suspension):
-        part = getattr(axle.suspension, field.name)
+    for field in dataclasses.fields(suspension):
+        part = getattr(suspension, field.name)
         if not isinstance(part, RigidPart):
             continue
         mass, inertia = part.mass, matrix(part)
         if field.name == "spindle":
             mass += axle.wheel.mass + axle.tire.mass
             inertia = inertia + np.diag(axle.wheel.inertia) + np.diag(axle.tire.inertia)
-        elif field.name.endswith("arm") and axle.suspension.inertia_axes == "arm":
-            axes = arm_axes(axle.suspension, field.name)
+        elif field.name.endswith("arm") and suspension.inertia_axes == "arm":
+            axes = arm_axes(suspension, field.name)
             inertia = axes @ inertia @ axes.T
         found.append(Body(f"{index}.{field.name}", mass, np.add(axle.location, part.com), inertia))
     return found
