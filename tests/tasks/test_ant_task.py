@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 import torch
+from rich.console import Console
 from simwarp.tasks import InputError, make
 from simwarp.tasks.ant import AntConfig, AntReward, AntTask, Orientation
 from simwarp.tasks.frames import euler_123, heading_quaternion, rotate_back
 from simwarp.train.config import default_config
 from simwarp.train.evaluation import evaluate
 from simwarp.train.policies import find_policy, network_policy
+from simwarp.train.run_folder import RunFolder, read_progress
 from simwarp.train.training import train
 
 from simwarp.interop import to_torch
@@ -205,6 +207,14 @@ def test_state_dict_continues_exactly():
     other.load_state_dict(state)
     got = [other.step(action).observations["policy"].clone() for action in actions[17:]]
     assert all(torch.equal(a, b) for a, b in zip(expected, got, strict=True))
+
+
+@pytest.mark.parametrize("reward", list(AntReward))
+def test_every_reward_can_be_learnt_from(reward, tmp_path):
+    config = dataclasses.replace(default_config(AntTask), iterations=16, num_envs=128, device="cpu")
+    run = train("ant", config, AntConfig(reward=reward), root=tmp_path, console=Console(quiet=True))
+    returns = [float(row["mean_reward"]) for row in read_progress(RunFolder(Path(run.run)).progress)]
+    assert sum(returns[-4:]) > sum(returns[:4]) + 8.0
 
 
 @pytest.mark.slow
