@@ -432,9 +432,6 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     t.coupling_dof, t.coupling_wrench = ints(coupling_dof), ints(wrench)
     paths = row_paths(builder, tables)
     t.row_path, t.path_slot = _csr(paths, ints)
-    t.pair_path, t.pair_slot = _csr(
-        [sorted(set(paths[r]) & set(paths[c])) for r in range(len(paths)) for c in range(r + 1)], ints
-    )
     t.loop_dof = ints(tables.loop_dof)
     t.bounded_dof = ints([dof for dof, _ in tables.bounded])
     t.bounded_kind = ints([kind for _, kind in tables.bounded])

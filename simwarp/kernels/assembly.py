@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.bodies import load_bodies, load_poses, load_slots, publish_coordinates, publish_poses
+from simwarp.kernels.dense_rows import factor_rows, solve_rows
 from simwarp.kernels.joints import (
     CYLINDRICAL,
     FREE,
@@ -21,10 +22,8 @@ from simwarp.kernels.rows import (
     apply_rows,
     coupling_row,
     dof_rate,
-    factor_rows,
     loop_joint_rows,
     rows_residual,
-    solve_rows,
 )
 from simwarp.kernels.spatial import to_float, turned
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
@@ -172,7 +171,7 @@ def factor_at_poses(
         loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work)
     for coupling in range(topology.row_count - topology.joint_row_count):
         coupling_row(coupling, world, dt, topology, parameters, state, config, work)
-    factor_rows(topology, config, work)
+    factor_rows(topology, config.pivot_tolerance, work)
 
 
 @wp.func

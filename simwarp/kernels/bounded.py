@@ -8,9 +8,10 @@ import warp as wp
 
 from simwarp.kernels.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_slot
 from simwarp.kernels.cones.problem import BOX, ConeProblem
+from simwarp.kernels.dense_rows import solve_rows_backward
 from simwarp.kernels.joints import DISTANCE, POINT_AXIS0, joint_frames
 from simwarp.kernels.laws import INFINITE_EFFORT, drive_law
-from simwarp.kernels.rows import apply_rows, dof_rate, link_of, row_geometry, solve_rows_backward
+from simwarp.kernels.rows import apply_rows, dof_rate, link_of, row_geometry
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
 from simwarp.types import BoundedKind
 

@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.bodies import advance_poses, total_velocities
+from simwarp.kernels.dense_rows import solve_rows
 from simwarp.kernels.joints import (
     FREE,
     SHAFT,
@@ -10,7 +11,7 @@ from simwarp.kernels.joints import (
     legal_translation,
     misalignment,
 )
-from simwarp.kernels.rows import link_of, row_geometry, row_offset, row_speed, solve_rows
+from simwarp.kernels.rows import link_of, row_geometry, row_offset, row_speed
 from simwarp.kernels.spatial import to_float
 from simwarp.kernels.tables import Parameters, StateArrays, StepConfig, Topology, Work
 from simwarp.kernels.tree import impulses_up, velocities_down

@@ -7,10 +7,11 @@ from simwarp.kernels.bounded import apply_cones, collect_bounded
 from simwarp.kernels.cone_rows import assemble_dense
 from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
 from simwarp.kernels.contact_rows import collect_contacts, publish_contacts
+from simwarp.kernels.dense_rows import factor_rows, solve_rows
 from simwarp.kernels.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.projection import project_positions
 from simwarp.kernels.reactions import record_reactions
-from simwarp.kernels.rows import apply_rows, coupling_row, factor_rows, loop_joint_rows, rows_residual, solve_rows
+from simwarp.kernels.rows import apply_rows, coupling_row, loop_joint_rows, rows_residual
 from simwarp.kernels.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.spatial import matrix_to_float
 from simwarp.kernels.tables import (
@@ -61,7 +62,7 @@ def bilateral_rows(
         )
     for coupling in range(topology.row_count - topology.joint_row_count):
         coupling_row(coupling, world, dt, topology, parameters, state, config, work)
-    factor_rows(topology, config, work)
+    factor_rows(topology, config.pivot_tolerance, work)
     return worst
 
 

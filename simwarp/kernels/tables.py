@@ -67,8 +67,6 @@ class Topology:
     coupling_wrench: wp.array2d[int]  # (couplings, 3): where j0, j1 hold a TURN term's wrenches, -1: a slot
     row_path: wp.array[int]  # CSR over rows: slots that a row can move
     path_slot: wp.array[int]
-    pair_path: wp.array[int]  # CSR over pairs of rows (r, c <= r): slots that both can move
-    pair_slot: wp.array[int]
 
     loop_dof: wp.array[int]  # coordinates of loop joints without a law: `joint_force` acts on them as it is
     bounded_dof: wp.array[int]
@@ -272,7 +270,8 @@ class Work:
     row_t: wp.array[float]
     row_scale: wp.array[float]
     y: wp.array2d[float]  # (rows, slots)
-    n: wp.array2d[float]  # (rows, rows)
+    y_t: wp.array2d[float]  # (slots, padded rows), zero where a row does not reach
+    n: wp.array2d[float]  # (rows, padded rows)
     inv_pivot: wp.array[float]
 
     active: wp.array[int]  # per block: bounded row, or the number of bounded rows plus the contact

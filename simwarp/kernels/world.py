@@ -14,6 +14,7 @@ from simwarp.kernels.assembly import assemble_world, measure_world
 from simwarp.kernels.cones.apgd import solve_apgd
 from simwarp.kernels.cones.problem import SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport
 from simwarp.kernels.cones.solve import solve_surely
+from simwarp.kernels.dense_rows import padded
 from simwarp.kernels.step import NON_FINITE, begin_step, cone_config, cone_problem, finish_step
 from simwarp.kernels.tables import (
     ContactArrays,
@@ -64,6 +65,7 @@ class Scratch:
     row_vectors: wp.array3d[wp.vec3]
     row_scalars: wp.array3d[float]
     y: wp.array3d[float]
+    y_t: wp.array3d[float]
     n: wp.array3d[float]
     active: wp.array2d[int]
     b_sign: wp.array2d[float]
@@ -114,9 +116,10 @@ def make_scratch(device: wp.Device, lanes: int, sizes: Sizes) -> Scratch:
     scratch.slot_vectors = zeros(4, slots, dtype=wp.vec3)
     scratch.slot_scalars = zeros(8, slots)
     scratch.row_vectors = zeros(4, rows + sizes.turns, dtype=wp.vec3)
-    scratch.row_scalars = zeros(7, rows)
+    scratch.row_scalars = zeros(7, padded(rows))
     scratch.y = zeros(rows, slots)
-    scratch.n = zeros(rows, rows)
+    scratch.y_t = zeros(slots, padded(rows))
+    scratch.n = zeros(rows, padded(rows))
     scratch.active = zeros(sizes.blocks, dtype=int)
     scratch.b_sign = zeros(sizes.blocks)
     scratch.block_ints = zeros(3, sizes.blocks + 1, dtype=int)
@@ -184,6 +187,7 @@ def pack(scratch: Scratch, lane: int) -> Work:
     work.inv_pivot = scratch.row_scalars[lane, 5]
     work.row_scale = scratch.row_scalars[lane, 6]
     work.y = scratch.y[lane]
+    work.y_t = scratch.y_t[lane]
     work.n = scratch.n[lane]
     work.active = scratch.active[lane]
     work.b_sign = scratch.b_sign[lane]
