@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -34,7 +35,7 @@ def sweep(row: TireRow, height: float, velocity: Array, spin: Array) -> tuple[Ar
     """Load (W,), force and torque (W, 3) of wheels that roll steadily at a height."""
     worlds = len(spin)
     tires = Tires([Mount(row, 0)], worlds, 1, "cpu", friction=FRICTION)
-    state = StateArrays()
+    state: Any = StateArrays()
     state.body_x = wp.array(np.tile([[[0.0, 0.0, height]]], (worlds, 1, 1)), dtype=wp.vec3d, device="cpu")
     state.body_rot = wp.array(np.tile([[[0.0, 0.0, 0.0, 1.0]]], (worlds, 1, 1)), dtype=wp.quatd, device="cpu")
     state.body_v = wp.array(velocity[:, None], dtype=wp.vec3, device="cpu")
@@ -62,7 +63,7 @@ def loaded_height(row: TireRow, radius: float) -> float:
 def sweep_load(row: TireRow, height: float) -> float:
     """Load of a wheel at rest [N]."""
     tires = Tires([Mount(row, 0)], 1, 1, "cpu")
-    state = StateArrays()
+    state: Any = StateArrays()
     state.body_x = wp.array([[[0.0, 0.0, height]]], dtype=wp.vec3d, device="cpu")
     state.body_rot = wp.array([[[0.0, 0.0, 0.0, 1.0]]], dtype=wp.quatd, device="cpu")
     state.body_v = wp.zeros((1, 1), dtype=wp.vec3, device="cpu")

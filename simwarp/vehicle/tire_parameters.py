@@ -65,7 +65,7 @@ class CommonParameters(Spec):
 class VerticalParameters(Spec):
     """A linear spring, or a table; and a damper."""
 
-    POSITIVE: ClassVar = frozenset({"vertical_stiffness"})
+    POSITIVE: ClassVar = frozenset({"vertical_stiffness", "load_limit"})
     NOT_NEGATIVE: ClassVar = frozenset({"vertical_damping"})
     CURVES: ClassVar = frozenset({"vertical_curve"})
 
@@ -73,6 +73,8 @@ class VerticalParameters(Spec):
     vertical_damping: float = 0.0
     vertical_curve: Points | None = None
     """(deflection [m], force [N]); replaces the stiffness."""
+    load_limit: float | None = None
+    """Largest load with which horizontal forces grow [N]; None: for Pacejka 89 where they are largest, else none."""
 
     def check(self) -> None:
         """One of the two springs is there."""

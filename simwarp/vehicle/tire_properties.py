@@ -6,8 +6,8 @@ import numpy as np
 
 from simwarp.kernels.tires.rows import PAC02_SIZE, Common, Pac02
 from simwarp.vehicle.spec import SpecError, Tire
-from simwarp.vehicle.tire_parameters import CommonParameters, Pacejka2002Parameters
 from simwarp.vehicle.tire_common import THIRD, Row, common_row
+from simwarp.vehicle.tire_parameters import CommonParameters, Pacejka2002Parameters
 
 UNITS = {"LENGTH": ("meter", "m"), "FORCE": ("newton", "n"), "ANGLE": ("radian", "radians", "rad"), "TIME": ("second",)}
 NEEDED = ("FNOMIN", "PCX1", "PDX1", "PKX1", "PCY1", "PDY1", "PKY1", "PKY2", "VERTICAL_STIFFNESS")

@@ -27,6 +27,7 @@ from simwarp.kernels.tires.rows import (
 )
 from simwarp.vehicle.reading import Place, build, nearest
 from simwarp.vehicle.spec import Spec, SpecError, Tire
+from simwarp.vehicle.tire_common import THIRD, Row, common_row, missing
 from simwarp.vehicle.tire_parameters import (
     CommonParameters,
     FialaParameters,
@@ -46,7 +47,6 @@ from simwarp.vehicle.tire_patterns import (
     vertical_guess,
 )
 from simwarp.vehicle.tire_properties import fill_pacejka2002
-from simwarp.vehicle.tire_common import THIRD, Row, common_row, missing
 
 CONTACTS = {
     "single-point": TireContact.SINGLE_POINT,
@@ -148,6 +148,8 @@ def with_vertical(row: Row, vertical: VerticalParameters) -> Row:
     """The row with its vertical law; a table follows its end."""
     row[Common.STIFFNESS] = vertical.vertical_stiffness or 0.0
     row[Common.DAMPING] = vertical.vertical_damping
+    if vertical.load_limit is not None:
+        row[Common.LOAD_LIMIT] = vertical.load_limit
     if vertical.vertical_curve is None:
         return row
     row[Common.CURVE_START] = len(row)
@@ -174,6 +176,10 @@ def fill_pacejka89(
     row[Pac89.A : Pac89.A + 14] = coefficients.lateral
     row[Pac89.B : Pac89.B + 11] = coefficients.longitudinal
     row[Pac89.C : Pac89.C + 18] = coefficients.aligning
+    # the largest forces are parabolas of the load that turn down and become negative
+    for square, slope in (coefficients.lateral[1:3], coefficients.longitudinal[1:3]):
+        if square < 0.0:
+            row[Common.LOAD_LIMIT] = min(row[Common.LOAD_LIMIT], -500.0 * slope / square)
     return with_vertical(row, vertical)
 
 
@@ -232,7 +238,7 @@ def tire_row(tire: Tire, place: str = "tire") -> TireRow:
         raise where.at("template").error(f"must be one of {', '.join(MODELS)}, got {tire.template!r}{near}")
     model = MODELS[tire.template]
     where = where.at("parameters")
-    parts = (CommonParameters, *model.parts)
+    parts: tuple[type[Spec], ...] = (CommonParameters, *model.parts)
     keys = [{field.name for field in dataclasses.fields(part)} for part in parts]
     known = sorted(set().union(*keys))
     for key in tire.parameters:

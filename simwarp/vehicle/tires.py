@@ -13,7 +13,7 @@ reports are (W, wheels): `load`, `slip_ratio`, `slip_angle`, `camber`, `deflecti
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -23,6 +23,7 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.tables import StateArrays
 from simwarp.kernels.tires.terrain import TerrainTables
 from simwarp.kernels.tires.wheels import TireReports, TireTables, apply_tires, reset_tires
+from simwarp.rotation import matrix_of
 from simwarp.types import ShapeType
 from simwarp.vehicle.spec import SpecError
 from simwarp.vehicle.tire_rows import TireRow, tire_row
@@ -74,10 +75,10 @@ def ground(
     if kind not in (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH):
         raise SpecError(f"terrain: must be a plane, a height field or a mesh, got {kind!r}")
     quaternions = np.atleast_2d(np.asarray(rotation, dtype=float))
-    table = TerrainTables()
+    table: Any = TerrainTables()
     table.kind = int(kind)
     table.x = wp.array(np.atleast_2d(np.asarray(x, dtype=float)), dtype=wp.vec3d, device=device)
-    axes = np.stack([np.array(wp.quat_to_matrix(wp.quatd(*q))).reshape(3, 3) for q in quaternions])
+    axes = np.stack([matrix_of(q / np.linalg.norm(q)) for q in quaternions])
     if kind == ShapeType.HEIGHT_FIELD and np.any(np.abs(axes[:, 2, 2] - 1.0) > 1.0e-6):
         raise SpecError(f"terrain: a height field must turn about the vertical only, got the rotation {rotation!r}")
     table.rot = wp.array(axes, dtype=wp.mat33, device=device)
@@ -87,7 +88,8 @@ def ground(
     table.friction_map = wp.array(factors, dtype=float, ndim=2, device=device)
     table.friction_origin = wp.vec2d(*friction_origin)
     table.friction_cell = wp.vec2d(*friction_cell)
-    return table
+    terrain: TerrainTables = table
+    return terrain
 
 
 class Tires:

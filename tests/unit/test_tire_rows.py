@@ -87,6 +87,9 @@ def test_rows_of_the_other_models():
     row = row_of("pacejka89", contact="envelope")
     assert row.contact == TireContact.ENVELOPE
     assert (row.values[Pac89.A + 3], row.values[Pac89.B + 10], row.values[Pac89.C]) == (2613.924, 0.0, 2.34)
+    # 1022.112 F - 15.77615 F² is largest at 32.394 kN
+    assert row.values[Common.LOAD_LIMIT] == pytest.approx(32394.2, rel=1e-5)
+    assert row_of("pacejka89", load_limit=9e3).values[Common.LOAD_LIMIT] == 9e3
     row = row_of("lugre", disc_count=5)
     assert row.state_size == 10
     assert list(row.values[Lugre.BRISTLE_STIFFNESS : Lugre.VISCOSITY + 2]) == [181, 60, 1, 0.1, 0.02, 0.002]

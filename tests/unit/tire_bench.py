@@ -67,8 +67,8 @@ class States:
         self.v = self.v.astype(np.float32).astype(float)
         self.omega = self.omega.astype(np.float32).astype(float)
 
-    def arrays(self) -> StateArrays:
-        state = StateArrays()
+    def arrays(self) -> Any:
+        state: Any = StateArrays()
         state.body_x = wp.array(self.x[:, None], dtype=wp.vec3d, device="cpu")
         state.body_rot = wp.array(self.q[:, None], dtype=wp.quatd, device="cpu")
         state.body_v = wp.array(self.v[:, None], dtype=wp.vec3, device="cpu")
