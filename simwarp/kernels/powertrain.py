@@ -67,6 +67,7 @@ class Powertrain:
     drive_inertia: float
     gear_reaction: float  # torque on the chassis about x per torque on the drive shaft
     shaft_reaction: float  # the same, of the driveline behind it
+    wheel_reaction: float  # share of the wheels' torque that acts back on the chassis, of a simple driveline
     ratio_low: float  # of the CVT
     ratio_high: float
     speed_low: float
@@ -298,18 +299,20 @@ def drive_directly(
 def run_powertrain(
     world: int, dt: float, throttle: float, clutch: float, powertrain: Powertrain, memory: PowertrainState,
     parameters: Parameters, control: ControlArrays, state: StateArrays,
-) -> float:  # fmt: skip
-    """Torques of this step into `element_joint_force`, and the gear for it; returns the torque about x on the chassis.
+) -> wp.vec3:  # fmt: skip
+    """Torques of this step into `element_joint_force`, and the gear for it; returns a torque on the chassis in its own
+    axes.
 
-    A closed balance has none: shafts turn in the chassis, so that the torques between them cancel. The reactions stand
-    for arrangements, such as a counter-rotating driveline, that are described by no body of their own.
+    In a closed balance it is zero: shafts turn in the chassis, so that the torques between them cancel, and what drives
+    the wheels acts back on it through their `TURN` joints. The reactions stand for arrangements that are described by
+    no body of their own, such as a counter-rotating driveline.
     """
     if powertrain.drive_dof >= 0:
         memory.drive_speed[world] = state.joint_qd[world, powertrain.drive_dof]
     else:
         memory.drive_speed[world] = split_speed(world, powertrain, state)
     if powertrain.engine == 0:
-        return 0.0
+        return wp.vec3()
     time = state.world_time[world]
     if powertrain.motor_dof >= 0:
         drive_shafts(
@@ -321,4 +324,8 @@ def run_powertrain(
     speed = memory.drive_speed[world]
     onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[world]) / dt
     memory.last_drive[world] = speed
-    return powertrain.gear_reaction * torque + powertrain.shaft_reaction * onward
+    rolling = powertrain.gear_reaction * torque + powertrain.shaft_reaction * onward
+    pitching = float(0.0)
+    for axle in range(powertrain.split_count):
+        pitching += torque * powertrain.split_share[axle] / powertrain.split_ratio[axle]
+    return wp.vec3(rolling, (1.0 - powertrain.wheel_reaction) * pitching, 0.0)

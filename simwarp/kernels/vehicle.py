@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.powertrain import Powertrain, PowertrainState, run_powertrain
-from simwarp.kernels.spatial import to_float
+from simwarp.kernels.spatial import to_double, to_float
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays
 
 wp.set_module_options({"enable_backward": False})
@@ -47,7 +47,5 @@ def run_vehicle(
     v = state.body_v[world, vehicle.chassis]
     control.element_force[world, vehicle.chassis] = (-vehicle.drag * wp.length(v)) * v
     q = state.body_rot[world, vehicle.chassis]
-    x_axis = to_float(wp.quat_rotate(q, wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))))
-    control.element_torque[world, vehicle.chassis] = x_axis * run_powertrain(
-        world, dt, throttle, clutch, powertrain, memory, parameters, control, state
-    )
+    torque_b = run_powertrain(world, dt, throttle, clutch, powertrain, memory, parameters, control, state)
+    control.element_torque[world, vehicle.chassis] = to_float(wp.quat_rotate(q, to_double(torque_b)))

@@ -22,6 +22,7 @@ from simwarp.vehicle.spec import (
     Points,
     ShaftsDriveline2WD,
     ShaftsDriveline4WD,
+    SimpleDriveline,
     Transmission,
 )
 
@@ -41,6 +42,8 @@ def powertrain_tables(parts: VehicleParts, model: Model) -> Powertrain:
     if isinstance(parts.spec.driveline, (ShaftsDriveline2WD, ShaftsDriveline4WD)):
         table.drive_inertia = parts.spec.driveline.driveshaft_inertia
         table.shaft_reaction = parts.spec.driveline.reaction
+    elif isinstance(parts.spec.driveline, SimpleDriveline):
+        table.wheel_reaction = parts.spec.driveline.reaction
     split = parts.driveline.split
     table.split_count = len(split)
     table.split_dof = _array([[dof(left), dof(right)] for left, right, *_ in split] or [[0, 0]], int, model)

@@ -118,6 +118,8 @@ class SimpleDriveline(Spec):
     rear_gear_ratio: float
     front_max_bias: float = 1.0
     rear_max_bias: float = 1.0
+    reaction: float = 1.0
+    """Share of the wheels' driving torque that acts back on the chassis; 1 closes the balance (docs/vehicles.md)."""
 
     def check(self) -> None:
         """A fraction is one."""

@@ -60,7 +60,7 @@ def add_side(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: in
     center = (part.com[0], part.com[1] + axle.wheel.offset, part.com[2])
     mass = part.mass + axle.wheel.mass + axle.tire.mass
     spindle = builder.add_body(
-        f"{frame.name}.spindle", mass=mass, inertia=inertia, pose=pose(frame.at(center), rotation)
+        f"{frame.name}.spindle", mass=mass, inertia=inertia, pose=pose(frame.at(center), rotation), strict=False
     )
     brake = 0.0 if axle.brake is None else axle.brake.max_torque
     spin = builder.add_joint_revolute(f"{frame.name}.spin", carrier, spindle, axis=axis, friction=brake)
