@@ -203,7 +203,11 @@ class Pacejka89Parameters(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Pacejka2002Parameters(Spec):
-    """Pacejka 2002 from a property file."""
+    """Pacejka 2002 from a property file.
+
+    Recorded runs of Project Chrono come out with argument_limit = pi/2 - 0.01 and rolling_resistance = 0: there the
+    argument of the formula is clamped, and QSY1 does not act.
+    """
 
     POSITIVE: ClassVar = frozenset({"argument_limit"})
 
@@ -213,7 +217,7 @@ class Pacejka2002Parameters(Spec):
     """0: vertical force only, 1: F_x, 2: F_y and M_z, 3: both, 4: combined; None: USE_MODE of the file."""
     combined: Literal["friction-ellipse", "weights"] = "friction-ellipse"
     argument_limit: float | None = None
-    """|B x| is clamped to it before the formula bends it; None: it is not. Project Chrono has pi/2 - 0.01."""
+    """|B x| is clamped to it before the formula bends it; None: it is not."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
