@@ -13,7 +13,7 @@ from simwarp.vehicle.corner import Array, Frame, inertia_matrix
 from simwarp.vehicle.drivelines import DrivelineParts, add_driveline
 from simwarp.vehicle.spec import AutomaticShafts, Chassis, ManualShafts, SpecError, VehicleSpec
 from simwarp.vehicle.steerings import SteeringParts, add_steering
-from simwarp.vehicle.suspensions import Side, add_side
+from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,10 +73,10 @@ def add_vehicle(builder: ModelBuilder, spec: VehicleSpec, *, at: Pose | None = N
     pairs: list[tuple[Side, Side]] = []
     for index, axle in enumerate(spec.axles):
         link = chassis if axle.steering is None else steerings[axle.steering].link
-        left, right = (
-            add_side(place(f"axle{index}.{name}", axle.location, side), index, axle, chassis, link)
-            for name, side in (("left", 1.0), ("right", -1.0))
-        )
+        left, right = add_axle(place(f"axle{index}", axle.location), index, axle, chassis, link)
+        if axle.antiroll_bar is not None:
+            middle = place(f"axle{index}.antiroll_bar", axle.antiroll_bar.location)
+            add_antiroll_bar(middle, axle.antiroll_bar, chassis, left.bar, right.bar)
         pairs.append((left, right))
     driveline = add_driveline(builder, prefix, spec.driveline, pairs)
     sides = tuple(side for pair in pairs for side in pair)

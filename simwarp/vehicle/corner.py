@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -36,6 +37,23 @@ def link_axes(start: Vec3, end: Vec3) -> Array:
     x = np.cross(y, (0.0, 0.0, 1.0))
     x /= np.linalg.norm(x)
     return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def plane_axes(tip: Vec3, root: Vec3, third: Vec3) -> Array:
+    """Axes (columns) of a link: z from its tip to its root, y normal to the plane with a third point."""
+    t, r, p = (np.asarray(point, float) for point in (tip, root, third))
+    z, y = r - t, np.cross(t - p, r - p)
+    z, y = z / np.linalg.norm(z), y / np.linalg.norm(y)
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def across(start: Array, end: Array) -> tuple[Array, Array]:
+    """Two unit vectors perpendicular to a line and to each other."""
+    z = (end - start) / np.linalg.norm(end - start)
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = x - (x @ z) * z
+    x /= np.linalg.norm(x)
+    return x, np.cross(z, x)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,16 +91,58 @@ class Frame:
     def add_line(self, name: str, parent: int, child: int, line: ForceLine) -> int:
         """A spring, a damper or both between the chassis and a body of this side."""
         anchor0, anchor1 = self.at(line.chassis_point), self.at(line.arm_point)
-        rest = float(np.linalg.norm(anchor1 - anchor0)) if line.rest_length is None else line.rest_length
-        options: dict[str, object] = {"preload": line.preload, "rest": rest}
-        spring = spring_table(line, rest)
-        options |= {"stiffness": line.stiffness} if spring is None else {"spring_table": spring}
-        options |= (
-            {"damping": line.damping} if line.damper_curve is None else {"damper_table": table(line.damper_curve)}
-        )
-        return self.builder.add_spring(
-            f"{self.name}.{name}", parent, child, anchor0=anchor0, anchor1=anchor1, **options
-        )
+        law = line_law(line, float(np.linalg.norm(anchor1 - anchor0)))
+        return self.builder.add_spring(f"{self.name}.{name}", parent, child, anchor0=anchor0, anchor1=anchor1, **law)
+
+
+def line_law(line: ForceLine, length: float, zero: float = 0.0) -> dict[str, Any]:
+    """Fields of `Dof` for a coordinate that is the line's length less `zero` [m]; `length`: as built [m]."""
+    rest = length if line.rest_length is None else line.rest_length
+    law: dict[str, Any] = {"preload": line.preload, "rest": rest - zero}
+    spring, damper = spring_table(line, rest), damper_curve(line, length)
+    law |= {"stiffness": line.stiffness} if spring is None else {"spring_table": spring}
+    law |= {"damping": line.damping} if damper is None else {"damper_table": table(damper)}
+    return law
+
+
+def merged_lines(lines: tuple[ForceLine, ...]) -> tuple[ForceLine, ...]:
+    """A spring and a damper between the same two points as one line: one row of the solve less."""
+    kept: list[ForceLine] = []
+    for line in lines:
+        for index, other in enumerate(kept):
+            together = line.chassis_point == other.chassis_point and line.arm_point == other.arm_point
+            if together and _no_spring(line) and _no_damper(other):
+                kept[index] = _with_damper(other, line)
+                break
+            if together and _no_spring(other) and _no_damper(line):
+                kept[index] = _with_damper(line, other)
+                break
+        else:
+            kept.append(line)
+    return tuple(kept)
+
+
+def _no_spring(line: ForceLine) -> bool:
+    stops = line.bump_curve is not None and (line.min_length is not None or line.max_length is not None)
+    return line.stiffness == 0.0 and line.preload == 0.0 and line.spring_curve is None and not stops
+
+
+def _no_damper(line: ForceLine) -> bool:
+    return line.damping == 0.0 and line.damper_curve is None and line.damper_map is None
+
+
+def _with_damper(spring: ForceLine, damper: ForceLine) -> ForceLine:
+    return dataclasses.replace(
+        spring, damping=damper.damping, damper_curve=damper.damper_curve, damper_map=damper.damper_map
+    )
+
+
+def damper_curve(line: ForceLine, length: float) -> Points | None:
+    """(rate [m/s], force [N]); of a damper that is given by a map only, its curve at the length as built."""
+    if line.damper_curve is not None or line.damper_map is None:
+        return line.damper_curve
+    lengths, rates, forces = line.damper_map
+    return tuple((rate, float(np.interp(length, lengths, row))) for rate, row in zip(rates, forces, strict=True))
 
 
 def table(points: Points) -> Table:

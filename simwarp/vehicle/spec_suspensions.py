@@ -117,7 +117,11 @@ class MacPhersonStrut(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MultiLink(Spec):
-    """Upper arm, lateral link, trailing link and tie rod."""
+    """Upper arm, lateral link, trailing link and tie rod.
+
+    Axes "arm" of the links' inertias: z from the upright to the chassis; y normal to the plane with the trailing link's
+    end at the upright (of the lateral link) or with the spring's lower end (of the trailing link).
+    """
 
     POSITIVE: ClassVar = frozenset({"axle_inertia"})
 
@@ -146,7 +150,11 @@ class MultiLink(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SolidAxle(Spec):
-    """A beam axle on two longitudinal links per side, with knuckles that a draglink and a tie rod steer."""
+    """A beam axle on two longitudinal links per side, with knuckles that a drag link and a tie rod steer.
+
+    Without a drag link the knuckles are fixed to the tube. Inertias of the links: z along the link, y normal to the
+    plane with the other link's end. The tie rod connects both knuckles.
+    """
 
     POSITIVE: ClassVar = frozenset({"axle_inertia"})
 
@@ -187,7 +195,7 @@ class RigidSuspension(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PinnedAxle(Spec):
-    """A rigid axle that rolls about one longitudinal pin."""
+    """A rigid axle that rolls about one longitudinal pin, `pin`; `axle_tube` and `pin` are not mirrored."""
 
     POSITIVE: ClassVar = frozenset({"axle_inertia"})
 
@@ -230,16 +238,21 @@ Suspension: TypeAlias = (
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AntirollBar(Spec):
-    """Two arms joined by a torsion spring, each linked to its side of the axle."""
+    """Two arms joined by a torsion spring, each linked to its side of the axle: arm `arm_length` out from the middle and
+    `arm_width` forward, then a massless link of `droplink_height` upwards (down where negative). Inertia in axes of the
+    vehicle about the arm's centre, half its length from the middle.
+    """
 
     POSITIVE: ClassVar = frozenset({"arm_mass", "arm_inertia", "arm_length", "arm_width", "stiffness"})
     NOT_NEGATIVE: ClassVar = frozenset({"damping"})
 
     location: Vec3
+    """Of the bar's middle in the vehicle's frame [m]."""
     arm_mass: float
     arm_inertia: Vec3
     arm_length: float
     arm_width: float
     droplink_height: float
     stiffness: float
+    """Of the torsion spring [N·m/rad]."""
     damping: float = 0.0

@@ -1,0 +1,130 @@
+"""Suspension templates: from the description of an axle to bodies, joints and springs.
+
+Each template builds its linkage and returns what carries the spindles; `add_axle` then adds the spindles with their
+wheels and tires, the hinges with the brakes, and the turns that a driveline couples to.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from simwarp.rotation import quat_multiply, rotate
+from simwarp.types import pose
+from simwarp.vehicle.corner import Array, Frame
+from simwarp.vehicle.spec import (
+    Axle,
+    DoubleWishbone,
+    DoubleWishboneReduced,
+    MacPhersonStrut,
+    MultiLink,
+    PinnedAxle,
+    RigidSuspension,
+    SingleWishbone,
+    SolidAxle,
+    SpecError,
+    Suspension,
+    TrailingArm,
+)
+from simwarp.vehicle.suspensions.antiroll_bar import add_antiroll_bar
+from simwarp.vehicle.suspensions.beams import pinned_axle, solid_axle
+from simwarp.vehicle.suspensions.linkage import Holder
+from simwarp.vehicle.suspensions.links import macpherson_strut, multi_link, trailing_arm
+from simwarp.vehicle.suspensions.wishbones import double_wishbone, double_wishbone_reduced, single_wishbone
+
+__all__ = ["Side", "add_antiroll_bar", "add_axle"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Side:
+    """Indices of one wheel's parts: bodies and joints of the builder."""
+
+    name: str
+    axle: int
+    side: float
+    carrier: int
+    """Body that the spindle turns in."""
+    spindle: int
+    spin: int
+    """Hinge of the spindle; its dry friction is the brake."""
+    turn: int
+    """Rotation of the wheel seen from the chassis: the driveline's axle shaft."""
+    bar: int
+    """Body that the link of an anti-roll bar holds."""
+
+
+def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: int) -> tuple[Side, Side]:
+    """Both sides of an axle, left and right.
+
+    Args:
+        frame: of the axle, not mirrored.
+        index: of the axle, from the front.
+        chassis: body, or WORLD for an axle on a bench.
+        tierod_body: steering link, or the chassis.
+    """
+    left, right = (
+        dataclasses.replace(frame, name=f"{frame.name}.{name}", side=side)
+        for name, side in (("left", 1.0), ("right", -1.0))
+    )
+    match axle.suspension:
+        case SolidAxle() as spec:
+            holders = solid_axle(frame, left, right, spec, chassis, tierod_body)
+        case PinnedAxle() as spec:
+            holders = pinned_axle(frame, spec, chassis)
+        case spec:
+            holders = (_side(left, spec, chassis, tierod_body), _side(right, spec, chassis, tierod_body))
+    return (
+        _add_spindle(left, index, axle, chassis, holders[0]),
+        _add_spindle(right, index, axle, chassis, holders[1]),
+    )
+
+
+def _side(frame: Frame, suspension: Suspension, chassis: int, tierod_body: int) -> Holder:
+    """The linkage of one side of an axle whose sides move on their own."""
+    match suspension:
+        case DoubleWishbone():
+            return double_wishbone(frame, suspension, chassis, tierod_body)
+        case DoubleWishboneReduced():
+            return double_wishbone_reduced(frame, suspension, chassis, tierod_body)
+        case SingleWishbone():
+            return single_wishbone(frame, suspension, chassis, tierod_body)
+        case MacPhersonStrut():
+            return macpherson_strut(frame, suspension, chassis, tierod_body)
+        case MultiLink():
+            return multi_link(frame, suspension, chassis, tierod_body)
+        case TrailingArm():
+            return trailing_arm(frame, suspension, chassis)
+        case RigidSuspension():
+            return Holder(chassis, chassis)
+    raise SpecError(f"suspension: template '{suspension.template}' is not known")
+
+
+def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: Holder) -> Side:
+    builder = frame.builder
+    rotation, axis = _wheel_axis(frame, axle.suspension)
+    part = axle.suspension.spindle
+    inertia = np.diag(part.inertia) + np.diag(axle.wheel.inertia) + np.diag(axle.tire.inertia)
+    inertia[1, 1] += axle.suspension.axle_inertia
+    center = (part.com[0], part.com[1] + axle.wheel.offset, part.com[2])
+    mass = part.mass + axle.wheel.mass + axle.tire.mass
+    spindle = builder.add_body(
+        f"{frame.name}.spindle", mass=mass, inertia=inertia, pose=pose(frame.at(center), rotation), strict=False
+    )
+    brake = 0.0 if axle.brake is None else axle.brake.max_torque
+    spin = builder.add_joint_revolute(f"{frame.name}.spin", holder.carrier, spindle, axis=axis, friction=brake)
+    turn = builder.add_turn(f"{frame.name}.axle", chassis, spindle, axis=axis)
+    return Side(frame.name, index, frame.side, holder.carrier, spindle, spin, turn, holder.bar)
+
+
+def _wheel_axis(frame: Frame, suspension: Suspension) -> tuple[Array, Array]:
+    """Orientation (xyzw) of the spindle and its axis of rotation in the world, with toe and camber as built.
+
+    Positive toe turns the front of the left wheel inwards; positive camber leans its top outwards.
+    """
+    toe = -frame.side * getattr(suspension, "toe", 0.0)
+    camber = -frame.side * getattr(suspension, "camber", 0.0)
+    about_z = np.array([0.0, 0.0, np.sin(toe / 2.0), np.cos(toe / 2.0)])
+    about_x = np.array([np.sin(camber / 2.0), 0.0, 0.0, np.cos(camber / 2.0)])
+    rotation = quat_multiply(frame.origin.rotation, quat_multiply(about_z, about_x))
+    return rotation, rotate(rotation, np.array([0.0, 1.0, 0.0]))
