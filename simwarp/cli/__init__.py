@@ -91,6 +91,7 @@ def input_errors() -> tuple[type[Exception], ...]:
     kinds: list[type[Exception]] = [UsageError]
     for module, names in (
         ("simwarp.types", ("ModelError",)),
+        ("simwarp.vehicle.spec_parts", ("SpecError",)),
         ("simwarp.tasks.errors", ("InputError", "TaskError")),
     ):
         loaded = sys.modules.get(module)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.simulation import Simulation
+from simwarp.vehicle.spec import SpecError
 from simwarp.vehicle.vehicle import Vehicle
 
 Array = npt.NDArray[np.float64]
@@ -60,7 +62,7 @@ class Recorder:
     def sample(self) -> None:
         """One row per world, of the present state."""
         state, parts, w = self.simulation.state, self.vehicle.parts, self.worlds
-        t = state.world_time.numpy()[w]
+        t = state.world_time.numpy()[w].copy()  # the array itself goes on
         rotations = matrices(state.body_rot.numpy()[w].astype(float))
         rotation = rotations[:, parts.chassis]
         v = state.body_v.numpy()[w, parts.chassis].astype(float)
@@ -83,7 +85,7 @@ class Recorder:
             local = np.einsum("wij,wi->wj", rotation, axis)
             angles.append(np.arctan2(-local[:, 0], local[:, 1]))
         columns = [
-            t - self.start, x[:, 0], x[:, 1], x[:, 2], np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]),
+            np.round(t - self.start, 5), x[:, 0], x[:, 1], x[:, 2], np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]),
             -np.arcsin(np.clip(rotation[:, 2, 0], -1.0, 1.0)), np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2]),
             speed, yaw_rate, np.einsum("wi,wi->w", acceleration, rotation[:, :, 1]), speed * yaw_rate,
             *wheel_speed.T, self.vehicle.engine_speed.numpy()[w], self.vehicle.gear.numpy()[w].astype(float),
@@ -114,11 +116,22 @@ class Run:
 
     @staticmethod
     def read(path: Path) -> Run:
-        """A run from a CSV file."""
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-        data = np.array([[float(cell) for cell in row] for row in rows[1:]])
-        return Run({name: data[:, index] for index, name in enumerate(rows[0])})
+        """A run from a CSV file.
+
+        Raises:
+            SpecError: it cannot be read, or is no table of numbers with a header.
+        """
+        try:
+            with path.open(newline="", encoding="utf-8") as file:
+                rows = list(csv.reader(file))
+            data = np.array([[float(cell) for cell in row] for row in rows[1:]])
+        except OSError as error:
+            raise SpecError(f"{path}: cannot be read: {error.strerror}") from None
+        except (ValueError, csv.Error) as error:
+            raise SpecError(f"{path}: must be a table of numbers with a header: {error}") from None
+        if data.ndim != 2 or data.shape[1] != len(rows[0]):
+            raise SpecError(f"{path}: must have rows of {len(rows[0]) if rows else 1} numbers under its header")
+        return Run({name.strip(): data[:, index] for index, name in enumerate(rows[0])})
 
     def write(self, path: Path) -> None:
         """Writes a CSV file with a header."""
@@ -127,6 +140,23 @@ class Run:
             writer.writerow(COLUMNS)
             for row in np.stack([self.columns[name] for name in COLUMNS], axis=1):
                 writer.writerow([f"{value:.9g}" for value in row])
+
+    def resampled(self, every: float) -> Run:
+        """The run at multiples of a time [s], by linear interpolation; gears are those before."""
+        t = self.columns["t_s"]
+        first = math.ceil(t[0] / every - 1e-6)
+        times = np.round(every * np.arange(first, math.floor(t[-1] / every + 1e-6) + 1), 6)
+        before = np.clip(np.searchsorted(t, times + 1e-9, side="right") - 1, 0, None)
+        found = {}
+        for name, values in self.columns.items():
+            if name == "gear":
+                found[name] = values[before]
+            elif name in ("yaw_rad", "roll_rad"):
+                angle = np.interp(times, t, np.unwrap(values))
+                found[name] = np.arctan2(np.sin(angle), np.cos(angle))
+            else:
+                found[name] = np.interp(times, t, values)
+        return Run(found | {"t_s": times})
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]

@@ -21,6 +21,8 @@ class Maneuver:
     script: ScriptSpec
     duration: float
     start: float = SETTLING
+    slope: float = 0.0
+    """Of the ground, rise per run; the vehicle faces uphill."""
 
 
 SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7)}

@@ -18,8 +18,11 @@ def require(rows: list[Row]) -> bool:
     return True
 
 
-# the longest, 100 s of four-bar or Bricard, take 4 s: none is marked slow
-@pytest.mark.parametrize("name", SCENES)
+# the longest but vehicles, 100 s of four-bar or Bricard, take 4 s
+CHECKS = [pytest.param(name, marks=pytest.mark.slow) if name == "vehicles" else name for name in SCENES]
+
+
+@pytest.mark.parametrize("name", CHECKS)
 def test_known_answers(name):
     assert require(SCENES[name]("cpu"))
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from simwarp.cli.verify import chain_problem, contact, laws, mechanisms
+from simwarp.cli.verify import chain_problem, contact, laws, mechanisms, vehicles
 from simwarp.cli.verify.rows import Row
 
-SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
+SCENES: Final[dict[str, Callable[..., list[Row]]]] = {
     "pendulum": mechanisms.pendulum,
     "dzhanibekov": mechanisms.dzhanibekov,
     "free-spin": mechanisms.free_spin,
@@ -49,8 +49,9 @@ SCENES: Final[dict[str, Callable[[str], list[Row]]]] = {
     "cube-stack": contact.cube_stack,
     "wall": contact.wall,
     "pile": contact.pile,
+    "vehicles": vehicles.vehicles,
 }
-"""Name -> check, in the order in which they run. The argument is the device."""
+"""Name -> check, in the order in which they run. The first argument is the device."""
 
 
 def main(arguments: list[str]) -> int:

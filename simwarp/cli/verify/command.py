@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import inspect
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -28,6 +31,10 @@ class VerifyOptions(CommonOptions):
     """What to check; everything when none is named."""
     device: str = "cpu"
     """That runs the engine."""
+    reference: Path | None = None
+    """Of vehicles: folder of recorded CSV files to compare with; by default those that are shipped."""
+    plots: Path | None = None
+    """Of vehicles: folder for a picture of every run beside its reference."""
 
 
 def chosen(names: tuple[str, ...]) -> list[str]:
@@ -51,10 +58,17 @@ def run(arguments: list[str]) -> int:
     names = chosen(options.scenes)
     resolve_device(options.device)
     console = options.console()
+    checks = dict(SCENES)
+    if "vehicles" in names:
+        checks["vehicles"] = functools.partial(
+            SCENES["vehicles"], reference=options.reference, plots=options.plots, report=_reporter(console)
+        )
+    elif options.reference is not None or options.plots is not None:
+        raise UsageError("--reference and --plots belong to the scene 'vehicles'")
     rows: list[Row] = []
     for name in names:
         started = time.perf_counter()
-        found = SCENES[name](options.device)
+        found = checks[name](options.device)
         _print(console, name, found, time.perf_counter() - started)
         rows += found
     missed = sum(not row.passed for row in rows)
@@ -64,15 +78,27 @@ def run(arguments: list[str]) -> int:
     return DONE if missed == 0 else FELL_SHORT
 
 
+def _reporter(console: Console) -> Callable[[str], None] | None:
+    """Tells on a terminal what runs; a file gets no such lines."""
+    if not console.is_terminal:
+        return None
+    return lambda title: console.print(f"  {title} ...", style="dim", highlight=False)
+
+
 def _print(console: Console, name: str, rows: list[Row], seconds: float) -> None:
     summary = (inspect.getdoc(SCENES[name]) or "").partition("\n\n")[0].replace("\n", " ")
     console.print(f"[bold]{name}[/bold]  {escape(summary)} ({seconds:.1f} s)", highlight=False)
     table = Table(box=None, pad_edge=False, show_edge=False)
+    several = len({row.scene for row in rows}) > 1
     table.add_column("quantity")
     for column in ("expected", "got", "tolerance"):
         table.add_column(column, justify="right")
     table.add_column("")
+    scene = None
     for row in rows:
+        if several and row.scene != scene:
+            scene = row.scene
+            table.add_row(escape(scene.removeprefix(f"{name}: ")), style="bold")
         table.add_row(
             escape(row.quantity), f"{row.expected:.7g}", f"{row.got:.7g}", f"{row.tolerance:.2g}",
             "pass" if row.passed else "FAIL", style=None if row.passed else "red",
