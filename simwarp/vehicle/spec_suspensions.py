@@ -238,7 +238,7 @@ Suspension: TypeAlias = (
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AntirollBar(Spec):
-    """Two arms joined by a torsion spring, each linked to its side of the axle: arm `arm_length` out from the middle and
+    """Two arms joined by a torsion spring, each linked to its side of the axle: `arm_length` out from the middle and
     `arm_width` forward, then a massless link of `droplink_height` upwards (down where negative). Inertia in axes of the
     vehicle about the arm's centre, half its length from the middle.
     """
