@@ -87,14 +87,14 @@ def travel_table(
     model = builder.finalize(len(lefts), device, per_world=["joint_anchor0"] if bench.planes else [])
     simulation = Simulation(model, 1.0e-3)
     rest = simulation.state.body_x.numpy()[:, [side.spindle for side in bench.sides]]
+    anchors = model.parameters.joint_anchor0.numpy().copy()
     stages = max(FEWEST_STAGES, math.ceil(float(np.abs(heights).max()) / STAGE))
     reached = np.full(len(lefts), True)
     for stage in range(1, stages + 1):
         share = stage / stages
         for column, joint in enumerate(bench.planes):
-            anchor = rest[:, column].copy()
-            anchor[:, 2] += share * heights[:, column]
-            model.joint_anchor0[:, joint] = anchor
+            anchors[:, joint, 2] = rest[:, column, 2] + share * heights[:, column]
+        model.parameters.joint_anchor0.assign(anchors)
         q = simulation.state.joint_q.numpy().copy()
         if bench.steering is not None:
             q[:, model.joint_dof_start[bench.steering.joint]] = share * inputs * bench.steering.travel
@@ -115,7 +115,7 @@ def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> _Bench:
         steering = add_steering(Frame(builder, "steering", pose(mount.location, mount.rotation)), mount.steering, WORLD)
         link = steering.link
     sides = add_axle(Frame(builder, "axle", pose(axle.location)), 0, axle, WORLD, link)
-    movable = sides
+    movable: tuple[Side, ...] = sides
     if isinstance(axle.suspension, RigidSuspension):
         movable = ()
     elif isinstance(axle.suspension, PinnedAxle):
