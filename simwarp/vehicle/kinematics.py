@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 import numpy.typing as npt
+import warp as wp
 
 from simwarp.builder import ModelBuilder
 from simwarp.rotation import matrix_of
@@ -87,14 +88,15 @@ def travel_table(
     model = builder.finalize(len(lefts), device, per_world=["joint_anchor0"] if bench.planes else [])
     simulation = Simulation(model, 1.0e-3)
     rest = simulation.state.body_x.numpy()[:, [side.spindle for side in bench.sides]]
-    anchors = model.parameters.joint_anchor0.numpy().copy()
+    held = cast(wp.array, model.parameters.joint_anchor0)
+    anchors = held.numpy().copy()
     stages = max(FEWEST_STAGES, math.ceil(float(np.abs(heights).max()) / STAGE))
     reached = np.full(len(lefts), True)
     for stage in range(1, stages + 1):
         share = stage / stages
         for column, joint in enumerate(bench.planes):
             anchors[:, joint, 2] = rest[:, column, 2] + share * heights[:, column]
-        model.parameters.joint_anchor0.assign(anchors)
+        held.assign(anchors)
         q = simulation.state.joint_q.numpy().copy()
         if bench.steering is not None:
             q[:, model.joint_dof_start[bench.steering.joint]] = share * inputs * bench.steering.travel
