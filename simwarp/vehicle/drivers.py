@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
 from simwarp.kernels.drivers import Script, run_script
+from simwarp.vehicle.channels import Run
 from simwarp.vehicle.spec import Points, SpecError
 from simwarp.vehicle.vehicle import Vehicle
 
@@ -45,6 +47,34 @@ class ScriptSpec:
             times = [time for time, _ in points]
             if not points or times != sorted(times):
                 raise SpecError(f"{name}: must be (time, value) points in order, got {points!r}")
+
+
+TIMES = ("t_s", "time", "t")
+SCRIPT_COLUMNS = {"steering": "steering", "steer": "steering", "throttle": "throttle", "braking": "braking",
+                  "brake": "braking", "speed_target": "speed"}  # fmt: skip
+"""Columns of a script's file that are read; a record of `simwarp drive` has some of them."""
+
+
+def read_script(path: Path) -> tuple[ScriptSpec, float]:
+    """A script from a CSV file with a header, and its last time [s].
+
+    Columns: t_s (or time, t) [s], and any of steering (or steer), throttle, braking (or brake), speed_target [m/s].
+    Times count from the file's first row on.
+
+    Raises:
+        SpecError: the file cannot be read, or lacks these columns.
+    """
+    run = Run.read(path)
+    time = next((run[name] for name in TIMES if name in run.columns), None)
+    if time is None:
+        raise SpecError(f"{path}: needs a column of times (t_s), has {', '.join(run.columns)}")
+    channels: dict[str, Any] = {}
+    for name, channel in SCRIPT_COLUMNS.items():
+        if name in run.columns:
+            channels[channel] = tuple(zip((time - time[0]).tolist(), run[name].tolist(), strict=True))
+    if not channels:
+        raise SpecError(f"{path}: needs a column of steering, throttle or braking, has {', '.join(run.columns)}")
+    return ScriptSpec(**channels), float(time[-1] - time[0])
 
 
 class ScriptedDriver:

@@ -16,6 +16,7 @@ from simwarp.types import WorldStatus, pose
 from simwarp.vehicle.assembly import add_vehicle
 from simwarp.vehicle.channels import Recorder, Run
 from simwarp.vehicle.drivers import ScriptedDriver
+from simwarp.vehicle.followers import PathFollower
 from simwarp.vehicle.maneuvers import Maneuver
 from simwarp.vehicle.spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires import ground
@@ -76,7 +77,9 @@ def set_up(
     model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
     vehicle = Vehicle(parts, model, ground=ground(model.device, rotation=rotation))
     vehicle.tires.ground_friction.fill_(friction)
-    driver = ScriptedDriver(vehicle, maneuver.script)
+    driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
+    if maneuver.follow is not None:
+        driver = PathFollower(vehicle, maneuver.follow)
     return Setup(Simulation(model, dt, elements=[driver, vehicle]), vehicle, driver, maneuver)
 
 
