@@ -166,8 +166,8 @@ def standstill(c: Contact, load, row, z, dt):
     force = np.zeros(2)
     for i in range(2):
         mass = row[Common.PATCH_MASS_X + i]
-        s0 = row[Common.BRISTLE_STIFFNESS] / (1 + dt**2 * row[Common.BRISTLE_STIFFNESS] / mass)
-        s1 = row[Common.BRISTLE_DAMPING] / (1 + dt * row[Common.BRISTLE_DAMPING] / mass)
+        s0 = min(row[Common.BRISTLE_STIFFNESS], mass / dt**2)
+        s1 = min(row[Common.BRISTLE_DAMPING], mass / dt)
         v = c.slide[i]
         rate = s0 * abs(v) / coulomb
         z[i] = fine_ode(rate, v, z[i], dt)

@@ -10,8 +10,8 @@ with v the velocity of sliding. A held wheel stays: at v = 0 the bristle keeps i
 
 The equation is linear for the v of one step and is solved exactly over it, so that no step needs to be divided. Forces
 act over the whole step, however: a bristle under a mass m stays stable only for h² s0 < 4 m and h s1 < 2 m. Both are
-therefore reduced to s0 / (1 + h² s0 / m) and s1 / (1 + h s1 / m), which changes little where steps are short
-enough (m: `PATCH_MASS_X`, `PATCH_MASS_Y`).
+therefore held below m / h² and m / h, which changes nothing where steps are short enough (m: `PATCH_MASS_X`,
+`PATCH_MASS_Y`).
 """
 
 import warp as wp
@@ -97,8 +97,8 @@ def bristle_force(
     """Advances one bristle and returns its force, not yet limited."""
     s0 = row[Common.BRISTLE_STIFFNESS]
     s1 = row[Common.BRISTLE_DAMPING]
-    s0 = s0 / (1.0 + dt * dt * s0 / mass)
-    s1 = s1 / (1.0 + dt * s1 / mass)
+    s0 = wp.min(s0, mass / (dt * dt))
+    s1 = wp.min(s1, mass / dt)
     rate = s0 * wp.abs(v) / wp.max(coulomb, 1.0e-6)
     end = advance_bristle(z[slot], v, rate, dt)
     z[slot] = end
