@@ -33,6 +33,11 @@ from simwarp.vehicle.spec import (
 
 RPM = math.pi / 30.0
 
+COUNTED = -1.0
+"""Reaction of shafts on the chassis in Chrono: drive shaft and driveline each turn it the same way, where they would
+cancel, since the two exchange torque and speed with opposite signs (docs/decisions.md).
+"""
+
 
 def unit(node: Node, key: str) -> Vec3:
     """A direction, at length 1."""
@@ -135,6 +140,7 @@ def shafts_2wd(node: Node, axles: tuple[int, ...]) -> ShaftsDriveline2WD:
         box_inertia=inertia.number("Differential Box", "kg·m²"),
         gear_ratio=node.child("Gear Ratio").number("Conical Gear"),
         locking_limit=node.number("Axle Differential Locking Limit", "N·m", 0.0),
+        reaction=COUNTED,
     )
 
 
@@ -155,11 +161,12 @@ def shafts_4wd(node: Node, axles: tuple[int, ...]) -> ShaftsDriveline4WD:
         rear_gear_ratio=ratio.number("Rear Conical Gear"),
         axle_locking_limit=node.number("Axle Differential Locking Limit", "N·m", 0.0),
         central_locking_limit=node.number("Central Differential Locking Limit", "N·m", 0.0),
+        reaction=COUNTED,
     )
 
 
 def simple_driveline(node: Node, axles: tuple[int, ...]) -> SimpleDriveline:
-    """SimpleDriveline."""
+    """SimpleDriveline: its torque on the wheels does not act back on the chassis."""
     return node.make(
         SimpleDriveline,
         axles=driven(node, axles, 2),
@@ -168,6 +175,7 @@ def simple_driveline(node: Node, axles: tuple[int, ...]) -> SimpleDriveline:
         rear_gear_ratio=node.number("Rear Conical Gear Ratio"),
         front_max_bias=node.number("Front Differential Max Bias"),
         rear_max_bias=node.number("Rear Differential Max Bias"),
+        reaction=0.0,
     )
 
 
@@ -246,6 +254,7 @@ def automatic_shafts(node: Node) -> AutomaticShafts:
         upshift_speed=RPM * box.number("Upshift RPM", "rpm"),
         downshift_speed=RPM * box.number("Downshift RPM", "rpm"),
         shift_latency=box.number("Shift Latency", "s", 0.5),
+        reaction=COUNTED,
     )
 
 

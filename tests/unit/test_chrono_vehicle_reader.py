@@ -274,7 +274,10 @@ def test_a_tie_rod_with_a_mass_is_warned_of(chrono):
 def test_steerings(chrono):
     rack = chrono.part("Steering", "hmmwv/steering/HMMWV_RackPinion.json")
     ours: Any = load_vehicle("hmmwv-reduced")
-    assert differences(ours.steerings[0].steering, rack, 1e-9) == []
+    # the file turns by 50 degrees, the class of the recorded runs, which ours follows, by 30
+    assert rack.max_angle == pytest.approx(math.radians(50.0))
+    ours = dataclasses.replace(ours.steerings[0].steering, max_angle=rack.max_angle)
+    assert differences(ours, rack, 1e-9) == []
     chrono.values["rotary.json"] = {
         "Type": "Steering", "Template": "RotaryArm",
         "Pitman Arm": {
