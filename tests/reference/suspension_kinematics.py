@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 Points = Mapping[str, Any]
-STEP = 0.004
+STEP = 0.02
 """Travel between two solutions on the way to the one asked for [m]."""
 PIVOTS = {
     "double-wishbone": (
@@ -121,7 +121,7 @@ def steering_motion(points: Points, location: Any, rotation: Any, steering: floa
     across, idler_axis = turn @ np.array(points["universal_axis_link"]), turn @ np.array(points["idler_axis"])
     upright = turn @ np.array(points["universal_axis_arm"])
     found = np.zeros(6)
-    for share in np.linspace(0.0, 1.0, 11):
+    for share in np.linspace(0.0, 1.0, 5):
         arm = turning(at("arm_chassis"), arm_axis, -share * steering * points["max_angle"])
 
         def residual(x: Array, arm: Motion = arm) -> Array:
@@ -156,8 +156,8 @@ class Geometry(NamedTuple):
 
     @property
     def center(self) -> Array:
-        com = np.array(self.points["spindle"].com) + (0.0, self.wheel_offset, 0.0)
-        return self.location + com * (1.0, self.side, 1.0)
+        middle = np.add(self.points["spindle"].com, (0.0, self.wheel_offset, 0.0))
+        return self.location + middle * (1.0, self.side, 1.0)
 
     @property
     def axis(self) -> Array:
@@ -192,7 +192,7 @@ def free_upright(geometry: Geometry, link: Motion) -> tuple[Linkage, int]:
             along = (top - bottom) / np.linalg.norm(top - bottom)
             first = np.cross(along, (1.0, 0.0, 0.0))
             back = upright.rotation.T @ (top - upright(bottom))
-            equations += [back @ first, back @ np.cross(along, first)]
+            equations += [float(back @ first), float(back @ np.cross(along, first))]
         return np.array(equations), upright
 
     return linkage, 6
@@ -243,8 +243,8 @@ def wheel(geometry: Geometry, motion: Motion) -> Wheel:
 
 def side_wheel(geometry: Geometry, travel: float, link: Callable[[float], Motion], steering: float) -> Wheel:
     """One side of an axle: the steering goes first, then the travel."""
-    heights = [0.0] * 11 + list(path(travel))
-    inputs = [*np.linspace(0.0, steering, 11), *([steering] * len(path(travel)))]
+    heights = [0.0] * 5 + list(path(travel))
+    inputs = [*np.linspace(0.0, steering, 5), *([steering] * len(path(travel)))]
     motion, found = None, None
     for height, value in zip(heights, inputs, strict=True):
         linkage, size = LINKAGES[geometry.points["template"]](geometry, link(float(value)))
@@ -271,7 +271,7 @@ def solid_axle_wheels(
     steered = left.points.get("draglink_chassis") is not None
     found = np.zeros(8)
     motions: list[Motion] = []
-    for share in np.linspace(0.0, 1.0, 31):
+    for share in np.linspace(0.0, 1.0, 11):
         moved_link = link(share * steering)
 
         def knuckles(x: Array) -> tuple[Motion, list[Motion]]:
