@@ -140,7 +140,7 @@ def with_antiroll_bars(spec: VehicleSpec, stiffness: float = 10000.0) -> Vehicle
                 axle,
                 antiroll_bar=AntirollBar(
                     location=(axle.location[0] - 0.45, 0.0, axle.location[2] - 0.1), arm_mass=1.0,
-                    arm_inertia=(0.03, 0.005, 0.03), arm_length=0.5, arm_width=0.4, droplink_height=-0.08,
+                    arm_inertia=(0.03, 0.005, 0.03), arm_length=0.65, arm_width=0.4, droplink_height=-0.08,
                     stiffness=stiffness, damping=100.0,
                 ),
             )
@@ -175,3 +175,7 @@ def samples() -> dict[str, VehicleSpec]:
         "antiroll-bar": with_antiroll_bars(sedan),
         "bushings": with_bushings(shipped("hmmwv")),
     }
+
+
+LINES_OF_A_SIDE = {"sedan": (1, 1), "hmmwv": (2, 2), "macpherson-strut": (0, 0), "multi-link": (2, 2)}
+"""Spring elements that remain of the descriptions' lines: front, rear."""
