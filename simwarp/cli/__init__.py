@@ -56,7 +56,8 @@ COMMANDS = {
         Command("clone", "TASK", "a policy that imitates recorded trajectories", "simwarp.cli.clone:run"),
         Command("new-task", "NAME", "a package with a task of your own, ready to change", "simwarp.cli.new_task:run"),
         Command("replay", "FILE", "the steps before a world broke down, once more", "simwarp.cli.replay:run"),
-        Command("bench", "SCENE", "speed of a scene or a task", "simwarp.cli.bench:main"),
+        Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.cli.bench:main"),
+        Command("drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive:run"),
         Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.cli.verify:main"),
         Command("doctor", "", "device, versions, driver, kernel cache, and what is wrong", "simwarp.cli.doctor:run"),
     )

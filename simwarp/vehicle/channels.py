@@ -93,6 +93,12 @@ class Recorder:
         ]  # fmt: skip
         self.rows.append(np.stack(columns, axis=-1))
 
+    def take_inputs(self) -> None:
+        """Enters what the driver did in the step after `sample`: the inputs at the sample's own time."""
+        throttle = COLUMNS.index("throttle")
+        inputs = self.vehicle.input.numpy()[self.worlds]
+        self.rows[-1][:, throttle : throttle + 3] = inputs[:, [1, 2, 0]]
+
     def table(self) -> Array:
         """(samples, worlds, columns)."""
         return np.array(self.rows)

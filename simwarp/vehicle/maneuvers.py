@@ -210,8 +210,11 @@ def maneuver(name: str, spec: VehicleSpec, **options: float) -> Maneuver:
         SpecError: there is no such manoeuvre or option, or a value cannot be used.
     """
     for key, value in options.items():
-        if not math.isfinite(value) or (key in ("speed", "duration") and value <= 0.0):
-            raise SpecError(f"{key}: must be a {'positive' if key != 'slope' else 'finite'} number, got {value!r}")
+        if key in ("speed", "duration") and not (math.isfinite(value) and value > 0.0):
+            raise SpecError(f"{key}: must be a positive number, got {value!r}")
+        if not math.isfinite(value) or (key == "steering" and abs(value) > 1.0):
+            rule = "from -1 to 1" if key == "steering" else "a finite number"
+            raise SpecError(f"{key}: must be {rule}, got {value!r}")
     if name.endswith(".csv"):
         if options.keys() - {"duration"}:
             raise SpecError(f"{min(options.keys() - {'duration'})}: no option of a script; it has only duration")

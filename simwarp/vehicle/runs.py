@@ -20,7 +20,7 @@ from simwarp.vehicle.followers import PathFollower
 from simwarp.vehicle.maneuvers import Maneuver
 from simwarp.vehicle.spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires import ground
-from simwarp.vehicle.vehicle import Vehicle, per_world
+from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
 SAMPLE_TIME = 0.01
 """Between the rows of a record [s]."""
@@ -80,7 +80,7 @@ def set_up(
     driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
     if maneuver.follow is not None:
         driver = PathFollower(vehicle, maneuver.follow)
-    return Setup(Simulation(model, dt, elements=[driver, vehicle]), vehicle, driver, maneuver)
+    return Setup(Simulation(model, dt, elements=[driver, vehicle], solver=VEHICLE_SOLVER), vehicle, driver, maneuver)
 
 
 class Drive:
@@ -109,6 +109,8 @@ class Drive:
         self.recorder.sample()
         for step in range(1, total + 1):
             simulation.step()
+            if (step - 1) % every == 0:
+                self.recorder.take_inputs()
             if step % every == 0:
                 self.recorder.sample()
                 if self.broken():

@@ -1,0 +1,285 @@
+"""``simwarp drive``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
+from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.model import resolve_device
+from simwarp.vehicle.channels import Run
+from simwarp.vehicle.drive_plot import draw_run
+from simwarp.vehicle.maneuvers import MANEUVERS, Maneuver, maneuver
+from simwarp.vehicle.options import with_options
+from simwarp.vehicle.reading import load_vehicle, vehicle_names
+from simwarp.vehicle.results import Result, results
+from simwarp.vehicle.runs import REFERENCE_DT, REFERENCE_FRICTION, Drive, set_up
+from simwarp.vehicle.spec import VehicleSpec
+
+PICTURES = (".png", ".pdf", ".svg")
+TOLD_EVERY = 10.0
+"""Between lines of progress where there is no terminal [s]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class DriveOptions(CommonOptions):
+    """Drives one manoeuvre with a vehicle, a shipped one or that of a JSON file: `simwarp drive` lists them.
+
+    The CSV file has a row every 10 ms, from t = -1 s on (the vehicle settles on its brakes before t = 0).
+    """
+
+    maneuver: Annotated[str, tyro.conf.arg(metavar="M")] = "reference-accel"
+    """What to do; or a .csv file with columns t_s and steering, throttle, braking."""
+    tire: str | None = None
+    """Other tires: a name that is shipped for the vehicle, or a JSON file."""
+    powertrain: str | None = None
+    """Another engine with its transmission, likewise. For a Chrono vehicle its two files, with a comma between."""
+    driveline: str | None = None
+    """Another driveline, likewise."""
+    friction: float = REFERENCE_FRICTION
+    """Of the ground."""
+    dt: float = REFERENCE_DT
+    """Time step [s]."""
+    csv: Path | None = None
+    """Writes the run to this file."""
+    plot: Path | None = None
+    """Writes a page of plots: .png, .pdf or .svg."""
+    worlds: int = 1
+    """Worlds that do the same; the first one is recorded."""
+    device: str = "auto"
+    """cpu, cuda, cuda:N or auto."""
+    speed: float | None = None
+    """Of the manoeuvre, where it has one [m/s]."""
+    steering: float | None = None
+    """Of step-steer and sine-sweep, -1..1 (positive to the left)."""
+    radius: float | None = None
+    """Of constant-radius [m], negative to the right."""
+    slope: float | None = None
+    """Of slope-hold, rise per run."""
+    duration: float | None = None
+    """Of the manoeuvre after t = 0 [s]."""
+
+
+@dataclasses.dataclass
+class Outcome:
+    """What became of a run."""
+
+    run: Run
+    maneuver: Maneuver
+    steps: int
+    wall: float
+    interrupted: bool = False
+    broken: bool = False
+
+
+def run(arguments: list[str]) -> int:
+    """Drive as the arguments say; 1 where the vehicle broke down, 130 after an interruption."""
+    name, rest = _take_vehicle(arguments)
+    options = parse_options(DriveOptions, rest, f"simwarp drive {name or 'VEHICLE'}")
+    _check(options)
+    spec = _vehicle(name, options)
+    chosen = {
+        key: getattr(options, key)
+        for key in ("speed", "steering", "radius", "slope", "duration")
+        if getattr(options, key) is not None
+    }
+    what = maneuver(options.maneuver, spec, **chosen)
+    console = options.console()
+    outcome = _drive(spec, what, options, console)
+    found = results(outcome.run, what)
+    _tell(console, spec, options, outcome, found)
+    _write(console, spec, options, outcome, found)
+    options.emit(_content(spec, options, outcome, found))
+    if outcome.interrupted:
+        return INTERRUPTED
+    return FELL_SHORT if outcome.broken else DONE
+
+
+def _take_vehicle(arguments: list[str]) -> tuple[str, list[str]]:
+    """Split the VEHICLE off the arguments: the first one, or the first that names a shipped one or ends in .json."""
+    if arguments and not arguments[0].startswith("-"):
+        return arguments[0], arguments[1:]
+    known = vehicle_names()
+    for index, argument in enumerate(arguments):
+        if argument in known:
+            return argument, arguments[:index] + arguments[index + 1 :]
+    usage = "usage: simwarp drive VEHICLE --maneuver M [options]"
+    if {"-h", "--help"} & set(arguments):
+        print(f"{usage}\n\nvehicles: {', '.join(known)}, or a JSON file\nmaneuvers: {', '.join(MANEUVERS)}")
+        print("\n`simwarp drive VEHICLE --help` lists the options.")
+        raise SystemExit(0)
+    raise UsageError(f"which vehicle? {usage}; vehicles: {', '.join(known)}; maneuvers: {', '.join(MANEUVERS)}")
+
+
+def _check(options: DriveOptions) -> None:
+    """Refuse what cannot work, before any work is done."""
+    options.check()
+    resolve_device(None if options.device == "auto" else options.device)
+    for name in ("dt", "friction"):
+        value = getattr(options, name)
+        if not (math.isfinite(value) and value > 0.0):
+            raise UsageError(f"{name} must be a positive number, got {value}")
+    if options.dt > 0.05:
+        raise UsageError(f"dt must be at most 0.05 s for a vehicle, got {options.dt:g}")
+    if options.worlds < 1:
+        raise UsageError(f"worlds must be at least 1, got {options.worlds}")
+    for file in (options.csv, options.plot):
+        if file is not None and (file.is_dir() or not file.parent.is_dir()):
+            raise UsageError(f"cannot write '{file}': it must be a file in a folder that exists")
+    if options.plot is not None and options.plot.suffix not in PICTURES:
+        raise UsageError(f"cannot write '{options.plot}': the name must end in {', '.join(PICTURES)}")
+
+
+def _vehicle(name: str, options: DriveOptions) -> VehicleSpec:
+    """The vehicle with its options: a shipped one, one of our JSON files, or one of Chrono's."""
+    if _is_chrono(Path(name)):
+        from simwarp.importers.chrono_vehicle import load_chrono_vehicle
+
+        engine, _, transmission = (options.powertrain or "").partition(",")
+        if options.powertrain is not None and not transmission:
+            raise UsageError("powertrain of a Chrono vehicle: its engine's file, a comma, its transmission's file")
+        spec = load_chrono_vehicle(name, engine=engine or None, transmission=transmission or None, tire=options.tire)
+        return with_options(spec, driveline=options.driveline)
+    spec = load_vehicle(name)
+    return with_options(spec, tire=options.tire, powertrain=options.powertrain, driveline=options.driveline)
+
+
+def _is_chrono(path: Path) -> bool:
+    """Whether a file says of itself that it is a vehicle of Chrono's; one that cannot be read is none."""
+    if path.suffix != ".json":
+        return False
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get("Type") == "Vehicle"
+
+
+def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
+    device = None if options.device == "auto" else options.device
+    setup = set_up(
+        spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction
+    )
+    drive = Drive(setup)
+    outcome = Outcome(Run({}), what, 0, 0.0)
+    begin = time.perf_counter()
+    with _Bar(console, f"{spec.name} {what.name}", what) as bar:
+        try:
+            drive.run(bar.advance)
+        except KeyboardInterrupt:
+            outcome.interrupted = True
+    outcome.wall = time.perf_counter() - begin
+    outcome.run = drive.result()
+    outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
+    outcome.broken = drive.broken()
+    return outcome
+
+
+class _Bar:
+    """Progress: a bar on a terminal, elsewhere a line now and then."""
+
+    def __init__(self, console: Console, title: str, what: Maneuver) -> None:
+        self.console, self.title, self.what = console, title, what
+        self._told = time.perf_counter()
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[t]}"), TimeRemainingColumn())
+        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._task = self._progress.add_task(title, total=what.start + what.duration, t="")
+
+    def __enter__(self) -> _Bar:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *reason: object) -> None:
+        self._progress.stop()
+
+    def advance(self, t: float) -> None:
+        """To a time of the manoeuvre [s]."""
+        if self.console.is_terminal:
+            self._progress.update(self._task, completed=t + self.what.start, t=f"{t:.1f} s")
+        elif time.perf_counter() - self._told > TOLD_EVERY:
+            self._told = time.perf_counter()
+            self.console.print(f"{self.title}: {t:.1f} of {self.what.duration:g} s", highlight=False)
+
+
+def _tell(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> None:
+    console.print(_title(spec, options, outcome.maneuver), style="bold", highlight=False, soft_wrap=True)
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    for item in found:
+        table.add_row(item.label, item.shown, item.unit)
+    console.print(table)
+    end = float(outcome.run["t_s"][-1])
+    if outcome.broken:
+        console.print(
+            f"the vehicle broke down at t = {end:.2f} s: a value is not finite; try a smaller --dt",
+            style="red", highlight=False, soft_wrap=True,
+        )  # fmt: skip
+    if outcome.interrupted:
+        console.print(f"interrupted at t = {end:.2f} s; what was recorded is kept", highlight=False, soft_wrap=True)
+    rate = outcome.steps / max(outcome.wall, 1e-9)
+    worlds = f"{options.worlds:,} worlds" if options.worlds > 1 else "1 world"
+    console.print(f"{worlds}, {outcome.wall:.1f} s, {rate:,.0f} steps/s", highlight=False, soft_wrap=True)
+
+
+def _title(spec: VehicleSpec, options: DriveOptions, what: Maneuver) -> str:
+    """Vehicle and manoeuvre with what is not as usual."""
+    parts = [f"{spec.name}, {what.name}"]
+    for kind in ("tire", "powertrain", "driveline"):
+        value = getattr(options, kind)
+        if value is not None:
+            parts.append(f"{kind} {Path(value).stem}")
+    if options.friction != REFERENCE_FRICTION:
+        parts.append(f"friction {options.friction:g}")
+    if options.dt != REFERENCE_DT:
+        parts.append(f"dt {1e3 * options.dt:g} ms")
+    return ", ".join(parts)
+
+
+def _write(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> None:
+    """The files that were asked for."""
+    what = outcome.maneuver
+    try:
+        if options.csv is not None:
+            outcome.run.write(options.csv)
+            console.print(f"wrote {options.csv}", highlight=False, markup=False, soft_wrap=True)
+        if options.plot is not None:
+            path = None if what.follow is None else what.follow.paths[0]
+            draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
+            console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
+    except OSError as error:
+        raise UsageError(f"cannot write '{error.filename}': {error.strerror}") from error
+
+
+def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
+    """For scripts: what ran, its results, and the last value of every column."""
+    return {
+        "vehicle": spec.name,
+        "maneuver": outcome.maneuver.name,
+        "tire": options.tire or spec.axles[0].tire.template,
+        "powertrain": options.powertrain,
+        "driveline": options.driveline,
+        "friction": options.friction,
+        "dt": options.dt,
+        "worlds": options.worlds,
+        "results": {item.key: item.value for item in found},
+        "final": outcome.run.final(),
+        "csv": None if options.csv is None else str(options.csv),
+        "plot": None if options.plot is None else str(options.plot),
+        "interrupted": outcome.interrupted,
+        "broken": outcome.broken,
+        "wall_s": outcome.wall,
+        "steps_per_s": outcome.steps / max(outcome.wall, 1e-9),
+    }
