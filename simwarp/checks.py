@@ -167,6 +167,8 @@ def checked_dof(thing: str, dof: Dof) -> Dof:
     _check_limit(thing, dof.limit)
     for field in ("spring_table", "damper_table"):
         _check_table(f"{thing}: {field}", getattr(dof, field))
+    if dof.damper_map is not None:
+        _check_map(f"{thing}: damper_map", dof.damper_map)
     _check_drive(thing, dof.drive)
     return dof
 
@@ -181,6 +183,21 @@ def _check_limit(thing: str, limit: Any) -> None:
             f"{thing}: limit must be (lower, upper) with lower < upper, got {limit!r}; "
             "use float('inf') for a side without a stop, None for no limit"
         )
+
+
+def _check_map(thing: str, table: Any) -> None:
+    try:
+        places, rates, forces = (np.asarray(part, float) for part in table)
+    except (TypeError, ValueError) as error:
+        raise ModelError(f"{thing} must be (coordinates, rates, forces[rate][coordinate]), got {table!r}") from error
+    for row in forces:
+        _check_table(thing, (places.tolist(), row.tolist()))
+    if forces.shape != (len(rates), len(places)):
+        raise ModelError(
+            f"{thing}: forces must have {len(rates)} rows of {len(places)} numbers, got {forces.shape}; "
+            "one row for every rate"
+        )
+    _check_table(thing, (rates.tolist(), forces[:, 0].tolist()))
 
 
 def _check_drive(thing: str, drive: Any) -> None:

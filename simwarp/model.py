@@ -116,6 +116,9 @@ class Model:
     joint_damping: wp.array
     joint_friction: wp.array
     joint_armature: wp.array
+    coupling_coefficient: wp.array
+    coupling_offset: wp.array
+    coupling_damping: wp.array
     drive_stiffness: wp.array
     drive_damping: wp.array
     shape_x: wp.array

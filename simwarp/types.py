@@ -199,6 +199,12 @@ Table: TypeAlias = tuple[Sequence[float], Sequence[float]]
 """Abscissae (increasing) and values of a piecewise linear function, extrapolated with its end slopes."""
 
 
+DamperMap: TypeAlias = tuple[Sequence[float], Sequence[float], Sequence[Sequence[float]]]
+"""Coordinates, rates (both increasing) and forces[rate][coordinate]: bilinear, held beyond the coordinates' ends,
+extrapolated beyond the rates'.
+"""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PositionDrive:
     """PD drive, integrated implicitly [N/m or N·m/rad, N·s/m or N·m·s/rad, N or N·m]."""
@@ -264,7 +270,7 @@ class Dof:
     """What acts along one degree of freedom. Units are N and m, or N·m and rad, as the coordinate is.
 
     The passive effort is preload - stiffness (q - rest) - damping qd, taken implicitly; a table replaces
-    the linear law: -spring_table(q - rest), -damper_table(qd), linearised every step.
+    the linear law: -spring_table(q - rest), -damper_table(qd), or -damper_map(q, qd), linearised every step.
     """
 
     limit: tuple[float, float] | None = None
@@ -276,4 +282,5 @@ class Dof:
     friction: float = 0.0
     spring_table: Table | None = None
     damper_table: Table | None = None
+    damper_map: DamperMap | None = None
     drive: Drive | None = None

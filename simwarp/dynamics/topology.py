@@ -133,6 +133,7 @@ def has_law(dof: Dof) -> bool:
         any(value != 0.0 for value in passive)
         or dof.spring_table is not None
         or dof.damper_table is not None
+        or dof.damper_map is not None
         or mode in (DriveMode.POSITION, DriveMode.PRESCRIBED_POSITION, DriveMode.PRESCRIBED_SPEED)
     )
 
@@ -188,9 +189,11 @@ def build_tables(builder: ModelBuilder) -> Tables:
 
 
 def collect_tables(builder: ModelBuilder) -> tuple[list[Table], IntArray]:
-    """All tables of the model, and their indices per degree of freedom (dofs, 3): spring, damper, motion."""
+    """All tables of the model, and their indices per degree of freedom (dofs, 4): spring, damper, motion, and that of
+    a damper map, which gives for each coordinate the index of its own table of forces over rates.
+    """
     tables: list[Table] = []
-    index = np.full((builder.dof_count, 3), -1, np.int32)
+    index = np.full((builder.dof_count, 4), -1, np.int32)
     dofs = [dof for joint in builder.joints for dof in joint.dofs]
     for row, dof in enumerate(dofs):
         motion = dof.drive.table if isinstance(dof.drive, PrescribedPosition | PrescribedSpeed) else None
@@ -198,11 +201,18 @@ def collect_tables(builder: ModelBuilder) -> tuple[list[Table], IntArray]:
             if table is not None:
                 index[row, column] = len(tables)
                 tables.append(table)
+        if dof.damper_map is not None:
+            places, rates, forces = dof.damper_map
+            columns = [(rates, [forces_at[place] for forces_at in forces]) for place in range(len(places))]
+            index[row, 3] = len(tables)
+            tables.append((places, [len(tables) + 1.0 + place for place in range(len(places))]))
+            tables += columns
     return tables, index
 
 
 def _passive(dof: Dof) -> bool:
-    return dof.spring_table is not None or dof.damper_table is not None or dof.stiffness > 0 or dof.damping > 0
+    tables = (dof.spring_table, dof.damper_table, dof.damper_map)
+    return any(table is not None for table in tables) or dof.stiffness > 0 or dof.damping > 0
 
 
 def _dof_starts(builder: ModelBuilder) -> list[int]:

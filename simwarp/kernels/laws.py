@@ -56,6 +56,21 @@ def table_value(table: int, x: wp.float64, topology: Topology) -> wp.float64:
 
 
 @wp.func
+def map_resistance(places: int, q: wp.float64, qd: wp.float64, topology: Topology) -> wp.vec2:
+    """Force of a damper map and its slope over the rate; `places` is the table of its tables."""
+    point = table_segment(places, q, topology)
+    part = (q - topology.table_x[point]) / (topology.table_x[point + 1] - topology.table_x[point])
+    share = wp.clamp(part, wp.float64(0.0), wp.float64(1.0))
+    lower = int(topology.table_y[point])
+    upper = int(topology.table_y[point + 1])
+    keep = wp.float64(1.0) - share
+    force = keep * table_value(lower, qd, topology) + share * table_value(upper, qd, topology)
+    slope = keep * table_slope(table_segment(lower, qd, topology), topology)
+    slope += share * table_slope(table_segment(upper, qd, topology), topology)
+    return wp.vec2(float(force), float(slope))
+
+
+@wp.func
 def applied_effort(world: int, dof: int, control: ControlArrays) -> float:
     """Effort along a coordinate from the user and from the model's force elements [N or N·m]."""
     return (
@@ -86,6 +101,10 @@ def dof_law(
         table = topology.dof_table[dof, 1]
         d = float(table_slope(table_segment(table, wp.float64(qd), topology), topology))
         damper_force = -float(table_value(table, wp.float64(qd), topology))
+    if topology.dof_table[dof, 3] >= 0:
+        resistance = map_resistance(topology.dof_table[dof, 3], wp.float64(q), wp.float64(qd), topology)
+        damper_force = -resistance[0]
+        d = resistance[1]
     force += spring_force + damper_force + applied_effort(world, dof, control)
     law.gain = armature + dt * d + dt * dt * k
     law.effort = armature * qd + dt * (force + d * qd)

@@ -52,7 +52,7 @@ class Topology:
     dof_axis: wp.array[int]
     dof_drive: wp.array[int]  # DriveMode
     dof_coupled: wp.array[int]  # 1: a coupling divides its error by the step
-    dof_table: wp.array2d[int]  # (dofs, 3): spring, damper, motion table, -1: none
+    dof_table: wp.array2d[int]  # (dofs, 4): spring, damper, motion table, tables of a damper map, -1: none
     table_start: wp.array[int]  # CSR
     table_x: wp.array[wp.float64]
     table_y: wp.array[wp.float64]

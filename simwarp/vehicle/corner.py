@@ -99,10 +99,14 @@ def line_law(line: ForceLine, length: float, zero: float = 0.0) -> dict[str, Any
     """Fields of `Dof` for a coordinate that is the line's length less `zero` [m]; `length`: as built [m]."""
     rest = length if line.rest_length is None else line.rest_length
     law: dict[str, Any] = {"preload": line.preload, "rest": rest - zero}
-    spring, damper = spring_table(line, rest), damper_curve(line, length)
+    spring = spring_table(line, rest)
     law |= {"stiffness": line.stiffness} if spring is None else {"spring_table": spring}
-    law |= {"damping": line.damping} if damper is None else {"damper_table": table(damper)}
-    return law
+    if line.damper_map is not None:
+        lengths, rates, forces = line.damper_map
+        return law | {"damper_map": ([place - zero for place in lengths], rates, forces)}
+    return law | (
+        {"damping": line.damping} if line.damper_curve is None else {"damper_table": table(line.damper_curve)}
+    )
 
 
 def merged_lines(lines: tuple[ForceLine, ...]) -> tuple[ForceLine, ...]:
@@ -135,14 +139,6 @@ def _with_damper(spring: ForceLine, damper: ForceLine) -> ForceLine:
     return dataclasses.replace(
         spring, damping=damper.damping, damper_curve=damper.damper_curve, damper_map=damper.damper_map
     )
-
-
-def damper_curve(line: ForceLine, length: float) -> Points | None:
-    """(rate [m/s], force [N]); of a damper that is given by a map only, its curve at the length as built."""
-    if line.damper_curve is not None or line.damper_map is None:
-        return line.damper_curve
-    lengths, rates, forces = line.damper_map
-    return tuple((rate, float(np.interp(length, lengths, row))) for rate, row in zip(rates, forces, strict=True))
 
 
 def table(points: Points) -> Table:
