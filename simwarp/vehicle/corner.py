@@ -47,13 +47,19 @@ def plane_axes(tip: Vec3, root: Vec3, third: Vec3) -> Array:
     return np.stack([np.cross(y, z), y, z], axis=1)
 
 
-def across(start: Array, end: Array) -> tuple[Array, Array]:
+def across(start: Vec3, end: Vec3) -> tuple[Vec3, Vec3]:
     """Two unit vectors perpendicular to a line and to each other."""
-    z = (end - start) / np.linalg.norm(end - start)
+    z = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
     x = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
-    return x, np.cross(z, x)
+    return vec3(x), vec3(np.cross(z, x))
+
+
+def vec3(values: Array) -> Vec3:
+    """Three numbers as a tuple."""
+    x, y, z = (float(v) for v in values)
+    return x, y, z
 
 
 @dataclasses.dataclass(frozen=True)

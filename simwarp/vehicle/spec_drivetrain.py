@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import ClassVar, Literal, TypeAlias
 
-from simwarp.vehicle.spec_parts import Points, RigidPart, Spec, Vec3, refuse
+from simwarp.vehicle.spec_parts import Points, RigidPart, Spec, Vec3, check_apart, check_direction, refuse
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -27,6 +27,11 @@ class PitmanArm(Spec):
     idler_chassis: Vec3
     idler_axis: Vec3 = (0.0, 0.0, 1.0)
     idler_link: Vec3
+
+    def check(self) -> None:
+        """Arm and idler have a length, axes a direction."""
+        check_direction(self, "arm_axis", "universal_axis_arm", "universal_axis_link", "idler_axis")
+        check_apart(self, ("arm_link", "arm_chassis"), ("idler_link", "idler_chassis"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,6 +58,10 @@ class RotaryArm(Spec):
     arm: RigidPart
     arm_chassis: Vec3
     arm_axis: Vec3 = (0.0, 0.0, 1.0)
+
+    def check(self) -> None:
+        """The axis has a direction."""
+        check_direction(self, "arm_axis")
 
 
 Steering: TypeAlias = PitmanArm | RackPinion | RotaryArm

@@ -22,6 +22,8 @@ DamperMap: TypeAlias = tuple[tuple[float, ...], tuple[float, ...], tuple[tuple[f
 """Lengths [m], rates [m/s], forces [N]: forces[i][j] at rates[i] and lengths[j], bilinear, constant beyond the ends."""
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
+COINCIDENT = 1.0e-6
+"""Points nearer than this are one [m]."""
 
 
 class SpecError(ValueError):
@@ -80,6 +82,31 @@ def check_curve(key: str, points: Sequence[tuple[float, float]]) -> None:
         raise refuse(key, "two or more (x, y) pairs with increasing x", points)
 
 
+def check_apart(spec: Spec, *pairs: tuple[str, str]) -> None:
+    """Points of these names do not coincide."""
+    for first, second in pairs:
+        if math.dist(getattr(spec, first), getattr(spec, second)) < COINCIDENT:
+            raise refuse(first, f"apart from {second}", getattr(spec, first))
+
+
+def check_triangle(spec: Spec, first: str, second: str, third: str) -> None:
+    """Three points that do not lie on one line."""
+    check_apart(spec, (first, second), (second, third), (third, first))
+    a, b, c = (getattr(spec, name) for name in (first, second, third))
+    x, y, z = (b[i] - a[i] for i in range(3))
+    u, v, w = (c[i] - a[i] for i in range(3))
+    across = math.hypot(y * w - z * v, z * u - x * w, x * v - y * u)
+    if across < COINCIDENT * math.dist(a, b):
+        raise refuse(third, f"off the line through {first} and {second}", c)
+
+
+def check_direction(spec: Spec, *names: str) -> None:
+    """Axes with a length."""
+    for name in names:
+        if math.hypot(*getattr(spec, name)) < COINCIDENT:
+            raise refuse(name, "a direction", getattr(spec, name))
+
+
 def check_map(key: str, table: DamperMap) -> None:
     """Increasing lengths and rates, one row of forces per rate."""
     lengths, rates, forces = table
@@ -132,7 +159,8 @@ class ForceLine(Spec):
     bump_curve: Points | None = None
 
     def check(self) -> None:
-        """Lengths in order, tables of one shape."""
+        """A line between two points, lengths in order, tables of one shape."""
+        check_apart(self, ("chassis_point", "arm_point"))
         if self.damper_map is not None:
             check_map("damper_map", self.damper_map)
         if self.min_length is not None and self.max_length is not None and not self.min_length < self.max_length:

@@ -5,7 +5,19 @@ from __future__ import annotations
 import dataclasses
 from typing import ClassVar, Literal, TypeAlias
 
-from simwarp.vehicle.spec_parts import Bushing, ForceLine, RigidPart, Spec, Vec3
+from simwarp.vehicle.spec_parts import (
+    Bushing,
+    ForceLine,
+    RigidPart,
+    Spec,
+    Vec3,
+    check_apart,
+    check_direction,
+    check_triangle,
+    refuse,
+)
+
+TIEROD = ("tierod_chassis", "tierod_upright")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -37,6 +49,12 @@ class DoubleWishbone(Spec):
     upper_arm_bushing: Bushing | None = None
     lower_arm_bushing: Bushing | None = None
 
+    def check(self) -> None:
+        """Arms are triangles, and nothing has no length."""
+        check_triangle(self, "upper_arm_front", "upper_arm_back", "upper_arm_upright")
+        check_triangle(self, "lower_arm_front", "lower_arm_back", "lower_arm_upright")
+        check_apart(self, TIEROD, ("upper_arm_upright", "lower_arm_upright"))
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DoubleWishboneReduced(Spec):
@@ -60,6 +78,12 @@ class DoubleWishboneReduced(Spec):
     springs: tuple[ForceLine, ...]
     """Between chassis and upright."""
     axle_inertia: float
+
+    def check(self) -> None:
+        """Arms are triangles, and nothing has no length."""
+        check_triangle(self, "upper_arm_front", "upper_arm_back", "upper_arm_upright")
+        check_triangle(self, "lower_arm_front", "lower_arm_back", "lower_arm_upright")
+        check_apart(self, TIEROD, ("upper_arm_upright", "lower_arm_upright"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -88,6 +112,11 @@ class SingleWishbone(Spec):
     """Between chassis and arm."""
     axle_inertia: float
 
+    def check(self) -> None:
+        """Axes have a direction, arm and tie rod a length."""
+        check_direction(self, "arm_axis", "kingpin_axis")
+        check_apart(self, TIEROD, ("arm_chassis", "arm_upright"))
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MacPhersonStrut(Spec):
@@ -113,6 +142,11 @@ class MacPhersonStrut(Spec):
     springs: tuple[ForceLine, ...]
     """Between chassis and upright."""
     axle_inertia: float
+
+    def check(self) -> None:
+        """The arm is a triangle; strut and tie rod have a length."""
+        check_triangle(self, "lower_arm_front", "lower_arm_back", "lower_arm_upright")
+        check_apart(self, TIEROD, ("strut_chassis", "strut_upright"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -147,6 +181,16 @@ class MultiLink(Spec):
     """Between chassis and trailing link."""
     axle_inertia: float
 
+    def check(self) -> None:
+        """The arm is a triangle; links have a length and, with inertias of their own axes, a plane."""
+        check_triangle(self, "upper_arm_front", "upper_arm_back", "upper_arm_upright")
+        check_apart(self, TIEROD, ("lateral_chassis", "lateral_upright"))
+        check_apart(self, ("trailing_link_chassis", "trailing_link_upright"))
+        if self.inertia_axes == "arm":
+            check_triangle(self, "lateral_chassis", "lateral_upright", "trailing_link_upright")
+            if not self.springs:
+                raise refuse("springs", "one or more, for the first gives the trailing link's axes", self.springs)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SolidAxle(Spec):
@@ -178,6 +222,16 @@ class SolidAxle(Spec):
     springs: tuple[ForceLine, ...]
     """Between chassis and axle tube."""
     axle_inertia: float
+
+    def check(self) -> None:
+        """Links have a length and a plane, knuckles an axis; a drag link has two ends."""
+        check_triangle(self, "upper_link_chassis", "upper_link_axle", "lower_link_axle")
+        check_triangle(self, "lower_link_chassis", "lower_link_axle", "upper_link_axle")
+        check_apart(self, ("knuckle_upper", "knuckle_lower"))
+        if (self.draglink_chassis is None) != (self.draglink_knuckle is None):
+            raise refuse("draglink_knuckle", "given together with draglink_chassis", self.draglink_knuckle)
+        if self.draglink_chassis is not None:
+            check_apart(self, ("draglink_chassis", "draglink_knuckle"))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -221,6 +275,10 @@ class TrailingArm(Spec):
     pivot_axis: Vec3 = (0.0, 1.0, 0.0)
     springs: tuple[ForceLine, ...]
     axle_inertia: float
+
+    def check(self) -> None:
+        """The pivot has a direction."""
+        check_direction(self, "pivot_axis")
 
 
 Suspension: TypeAlias = (

@@ -18,8 +18,6 @@ from simwarp.vehicle.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.kinematics import travel_table
 from simwarp.vehicle.reading import vehicle_names
 from simwarp.vehicle.spec import (
-    DoubleWishbone,
-    ForceLine,
     PitmanArm,
     RigidPart,
     RigidSuspension,
@@ -108,6 +106,34 @@ def test_the_right_side_mirrors_the_left(name):
         in_world = turn_left @ left.inertia @ turn_left.T
         scale = np.abs(in_world).max()
         assert turn_right @ right.inertia @ turn_right.T == pytest.approx(flip @ in_world @ flip, abs=1e-12 * scale)
+
+
+AXES = dict.fromkeys((sw.JointType.REVOLUTE, sw.JointType.PRISMATIC, sw.JointType.TURN), (2,)) | {
+    sw.JointType.CYLINDRICAL: (2,),
+    sw.JointType.BUSHING: (2,),
+    sw.JointType.REVOLUTE_SPHERICAL: (2,),
+    sw.JointType.UNIVERSAL: (0, 1),
+}
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_a_vehicle_is_the_same_anywhere(name):
+    """Far off, turned about all axes: points and hinges of all joints are where they were in their bodies."""
+    rotation = np.array([0.1, -0.2, 0.6, 0.7])
+    here, there = ModelBuilder(), ModelBuilder()
+    add_vehicle(here, VEHICLES[name], at=sw.pose((0.0, 0.0, 0.5)))
+    add_vehicle(there, VEHICLES[name], at=sw.pose((200.0, -300.0, 7.0), rotation))
+    rows = built_rows(there)
+    assert np.abs(rows.value[: rows.bilateral]).max() < 1e-10
+    for one, other in zip(here.joints, there.joints, strict=True):
+        for frame, moved in ((one.frame0, other.frame0), (one.frame1, other.frame1)):
+            assert moved.position == pytest.approx(frame.position, abs=1e-10)
+            axes, moved_axes = matrices(np.array([frame.rotation, moved.rotation]))
+            # other joints have no axis, or x and y that the world's axes choose
+            for column in AXES.get(one.type, ()):
+                assert moved_axes[:, column] == pytest.approx(axes[:, column], abs=1e-10)
+    for body, placed in zip(here.bodies, there.bodies, strict=True):
+        assert placed.inertia == pytest.approx(body.inertia, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", VEHICLES)
@@ -283,25 +309,23 @@ def test_rows_of_the_loops():
     }  # fmt: skip
 
 
-def test_a_damper_s_map_alone_acts_as_its_curve_as_built():
-    line = ForceLine(
-        chassis_point=(0.0, 0.5, 0.5), arm_point=(0.0, 0.6, -0.2),
-        damper_map=((0.4, 0.8), (-1.0, 0.0, 1.0), ((-100.0, -300.0), (0.0, 0.0), (200.0, 600.0))),
-    )  # fmt: skip
-    spec = shipped("sedan")
-    front = spec.axles[0].suspension
-    assert isinstance(front, DoubleWishbone)
-    changed = dataclasses.replace(
-        spec.axles[0], suspension=dataclasses.replace(front, springs=(front.springs[0], line))
-    )
+def test_a_spring_takes_the_map_of_its_damper():
+    """On a strut's slide, whose coordinate starts at zero, both count from the length as built."""
+    spec: Any = samples()["macpherson-strut"]
+    strut: Any = spec.axles[0].suspension
+    lengths, rates, forces = (0.2, 0.5), (-1.0, 0.0, 1.0), ((-100.0, -300.0), (0.0, 0.0), (200.0, 600.0))
+    damper = dataclasses.replace(strut.springs[1], damping=0.0, damper_map=(lengths, rates, forces))
+    changed = dataclasses.replace(strut, springs=(strut.springs[0], damper))
+    front = dataclasses.replace(spec.axles[0], suspension=changed)
     builder = ModelBuilder()
-    add_vehicle(builder, dataclasses.replace(spec, axles=(changed, spec.axles[1])))
-    (damper,) = (joint for joint in builder.joints if joint.name == "axle0.left.spring1")
-    assert damper.dofs[0].damper_table is not None
-    rates, forces = damper.dofs[0].damper_table
-    share = (np.hypot(0.1, 0.7) - 0.4) / 0.4
-    assert list(rates) == [-1.0, 0.0, 1.0]
-    assert forces == pytest.approx([-100.0 - 200.0 * share, 0.0, 200.0 + 400.0 * share])
+    add_vehicle(builder, dataclasses.replace(spec, axles=(front, spec.axles[1])))
+    (slide,) = (joint.dofs[0] for joint in builder.joints if joint.name == "axle0.left.strut.slide")
+    built = float(np.linalg.norm(np.subtract(strut.strut_upright, strut.strut_chassis)))
+    assert slide.stiffness == strut.springs[0].stiffness
+    assert slide.rest == pytest.approx(strut.springs[0].rest_length - built)
+    assert slide.damper_map is not None
+    assert slide.damper_map[0] == pytest.approx([length - built for length in lengths])
+    assert slide.damper_map[1:] == (rates, forces)
 
 
 def test_pitman_arm_is_driven_in_the_tree():

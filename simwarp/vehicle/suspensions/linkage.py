@@ -41,7 +41,7 @@ def add_ball(frame: Frame, name: str, body0: int, body1: int, point: Vec3) -> No
 
 def add_cross(frame: Frame, name: str, body: int, link: int, root: Vec3, tip: Vec3) -> None:
     """A universal joint at a link's root: the link swings both ways and does not spin about its length."""
-    axis0, axis1 = across(frame.at(root), frame.at(tip))
+    axis0, axis1 = (frame.along(axis) for axis in across(root, tip))
     frame.builder.add_joint_universal(
         f"{frame.name}.{name}", body, link, anchor=frame.at(root), axis0=axis0, axis1=axis1
     )
