@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from simwarp.rotation import quat_multiply, rotate
 from simwarp.types import Pose, pose
 from simwarp.vehicle.corner import Array, Frame, inertia_matrix
 from simwarp.vehicle.drivelines import DrivelineParts, add_driveline
+from simwarp.vehicle.rolling import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
 from simwarp.vehicle.spec import AutomaticShafts, Chassis, ManualShafts, SpecError, VehicleSpec
 from simwarp.vehicle.steerings import SteeringParts, add_steering
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
@@ -36,6 +38,8 @@ class VehicleParts:
     """Coupling of the gears, -1 without one."""
     clutch_shaft: int
     """Slip of a manual clutch: a coordinate whose dry friction is the clutch's torque; -1 without one."""
+    start: Rolling
+    """Speed, gear and shaft speeds at the start."""
 
 
 def merged_chassis(chassis: Chassis) -> tuple[float, Array, Array]:
@@ -49,13 +53,25 @@ def merged_chassis(chassis: Chassis) -> tuple[float, Array, Array]:
     return float(mass), np.asarray(com), inertia
 
 
-def add_vehicle(builder: ModelBuilder, spec: VehicleSpec, *, at: Pose | None = None, prefix: str = "") -> VehicleParts:
-    """Adds a vehicle at rest.
+def add_vehicle(
+    builder: ModelBuilder, spec: VehicleSpec, *, at: Pose | None = None, prefix: str = "", speed: float = 0.0,
+    gear: int | None = None,
+) -> VehicleParts:  # fmt: skip
+    """Adds a vehicle that stands, or rolls straight on.
 
     Args:
         at: pose of its frame of reference in the world; `spec.start_height` above the origin when None.
         prefix: of the names of its bodies and joints.
+        speed: forwards [m/s]. Wheels roll on their unloaded radius; driveline, transmission and engine turn with them.
+        gear: -1 reverse, 0 neutral, 1 and up forward; None: the one that an automatic takes at that speed, neutral of
+            a manual one.
+
+    Raises:
+        SpecError: parts do not fit together, or there is no such gear.
     """
+    if not math.isfinite(speed):
+        raise SpecError(f"speed: must be a finite number, got {speed!r}")
+    first_body = len(builder.bodies)
     origin = pose((0.0, 0.0, spec.start_height)) if at is None else at
     mass, com, inertia = merged_chassis(spec.chassis)
     center = pose(origin.position + rotate(origin.rotation, com), origin.rotation)
@@ -78,10 +94,16 @@ def add_vehicle(builder: ModelBuilder, spec: VehicleSpec, *, at: Pose | None = N
             middle = place(f"axle{index}.antiroll_bar", axle.antiroll_bar.location)
             add_antiroll_bar(middle, axle.antiroll_bar, chassis, left.bar, right.bar)
         pairs.append((left, right))
+    first_coupling = len(builder.couplings)
     driveline = add_driveline(builder, prefix, spec.driveline, pairs)
     sides = tuple(side for pair in pairs for side in pair)
-    shafts = _add_transmission(builder, prefix, spec, driveline)
-    return VehicleParts(spec, chassis, -com, sides, steerings, driveline, *shafts)
+    forward = rotate(origin.rotation, np.array([1.0, 0.0, 0.0]))
+    roll_bodies(builder, range(first_body, len(builder.bodies)), sides, spec, speed, forward)
+    couplings = range(first_coupling, len(builder.couplings))
+    drive_speed = roll_driveline(builder, driveline, couplings, sides, spec, speed)
+    start = start_of(spec.transmission, speed, drive_speed, gear)
+    shafts = _add_transmission(builder, prefix, spec, driveline, start)
+    return VehicleParts(spec, chassis, -com, sides, steerings, driveline, *shafts, start)
 
 
 EXCHANGE_TIME = 1.0e-3
@@ -94,20 +116,23 @@ SLIP_INERTIA = 1.0e-4
 
 
 def _add_transmission(
-    builder: ModelBuilder, prefix: str, spec: VehicleSpec, driveline: DrivelineParts
+    builder: ModelBuilder, prefix: str, spec: VehicleSpec, driveline: DrivelineParts, start: Rolling
 ) -> tuple[int, int, int, int]:
     """Motor shaft, input shaft, gear coupling and clutch of a transmission that has shafts."""
     gears = spec.transmission
     if not isinstance(gears, (AutomaticShafts, ManualShafts)):
         return -1, -1, -1, -1
     if driveline.shaft < 0:
-        raise SpecError(
-            f"transmission: '{gears.template}' needs a driveline with shafts, got '{getattr(spec.driveline, 'template', None)}'"
-        )
+        found = getattr(spec.driveline, "template", None)
+        raise SpecError(f"transmission: '{gears.template}' needs a driveline with shafts, got '{found}'")
     motor = builder.add_shaft(f"{prefix}motor_shaft", inertia=gears.motorshaft_inertia)
     inner = builder.add_shaft(f"{prefix}gear_shaft", inertia=gears.input_inertia)
+    for shaft in (motor, inner):
+        turn_shaft(builder, shaft, start.motor_speed)
+    # neutral takes the coupling out at the first step
+    ratio = gear_ratio(gears, start.gear) or gears.forward_ratios[0]
     coupling = builder.add_coupling(
-        f"{prefix}gears", [(inner, gears.forward_ratios[0]), (driveline.shaft, -1.0)], offset=0.0,
+        f"{prefix}gears", [(inner, ratio), (driveline.shaft, -1.0)], offset=0.0,
         damping=gears.driveshaft_inertia / EXCHANGE_TIME,
     )  # fmt: skip
     slip = -1

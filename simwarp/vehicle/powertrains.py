@@ -58,18 +58,18 @@ def powertrain_tables(parts: VehicleParts, model: Model) -> Powertrain:
 
 
 def powertrain_state(parts: VehicleParts, model: Model) -> PowertrainState:
-    """The state of all worlds: first gear, no shift yet."""
+    """The state of all worlds: the gear and the speeds that the vehicle starts with, no shift yet."""
     state = PowertrainState()
-    count = model.world_count
-    start = 0 if isinstance(parts.spec.transmission, ManualShafts) else 1
-    state.gear = wp.full(count, start, dtype=int, device=model.device)
+    count, start = model.world_count, parts.start
+    state.gear = wp.full(count, start.gear, dtype=int, device=model.device)
     state.shift_time = wp.full(count, -1.0e9, dtype=wp.float64, device=model.device)
+    speeds = {"engine_speed": abs(start.motor_speed), "last_input": start.motor_speed, "last_drive": start.drive_speed}
     for name in ("engine_speed", "engine_torque", "drive_speed", "drive_torque", "last_input", "last_drive"):
-        setattr(state, name, wp.zeros(count, dtype=float, device=model.device))
+        setattr(state, name, wp.full(count, speeds.get(name, 0.0), dtype=float, device=model.device))
     return state
 
 
-def _array(values: Any, dtype: type, model: Model) -> wp.array:
+def _array(values: Any, dtype: type, model: Model) -> Any:
     kind = np.int32 if dtype is int else np.float32
     return wp.array(np.asarray(values, kind), dtype=dtype, device=model.device)
 

@@ -23,8 +23,8 @@ PER_WORLD: Final = ("joint_friction", "coupling_coefficient", "coupling_offset")
 
 VEHICLE_SOLVER: Final = SolverOptions(position_projection=0, refinement=0)
 """For simulations of vehicles. Projecting positions keeps the energy of mechanisms that hardly lose any, and refinement
-the digits of light bodies under heavy ones: on the recorded manoeuvres both change less than 1e-4 of any column and cost
-a fifth of the step.
+the digits of light bodies under heavy ones: on the recorded manoeuvres both change less than 1e-4 of any column and
+cost a fifth of the step.
 """
 
 
@@ -36,7 +36,9 @@ class Vehicle:
     Args:
         parts: from `add_vehicle`.
         model: made with `per_world=PER_WORLD` at least.
-        ground: what the tires stand on (`vehicle.ground`); the plane z = 0 when None.
+        ground: what the tires stand on (`tires.ground`); the plane z = 0 when None.
+        randomised: whether every world has rows of its own in `tires.parameter` and an entry of its own in
+            `tires.ground_friction`; otherwise all share one.
 
     Attributes:
         input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
@@ -49,7 +51,9 @@ class Vehicle:
         ModelError: the model shares an array that each world's vehicle has to write.
     """
 
-    def __init__(self, parts: VehicleParts, model: Model, *, ground: TerrainTables | None = None) -> None:
+    def __init__(
+        self, parts: VehicleParts, model: Model, *, ground: TerrainTables | None = None, randomised: bool = False
+    ) -> None:
         for name in PER_WORLD:
             array = getattr(model, name)
             if array.size and array.shape[0] != model.world_count:
@@ -63,7 +67,9 @@ class Vehicle:
         self._tables = _tables(parts, model)
         self._powertrain = powertrain_tables(parts, model)
         self._powertrain_state = powertrain_state(parts, model)
-        self.tires = Tires(_mounts(parts), model.world_count, model.body_count, model.device, terrain=ground)
+        self.tires = Tires(
+            _mounts(parts), model.world_count, model.body_count, model.device, terrain=ground, randomised=randomised
+        )
 
     # ---- outputs ---------------------------------------------------------------------------------------------------
 
@@ -95,9 +101,8 @@ class Vehicle:
         state = self._powertrain_state
         arrays = {
             "input": self.input, "tire_state": self.tires.state, "gear": state.gear, "shift_time": state.shift_time,
-            "engine_speed": state.engine_speed,
-            "last_input": state.last_input, "last_drive": state.last_drive, "coupling_coefficient": self.model.coupling_coefficient,
-            "coupling_offset": self.model.coupling_offset,
+            "engine_speed": state.engine_speed, "last_input": state.last_input, "last_drive": state.last_drive,
+            "coupling_coefficient": self.model.coupling_coefficient, "coupling_offset": self.model.coupling_offset,
         }  # fmt: skip
         return {name: array for name, array in arrays.items() if array.size}
 
