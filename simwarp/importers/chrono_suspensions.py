@@ -7,8 +7,10 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from simwarp.importers.chrono_json import Node
+from simwarp.vehicle.corner import arm_axes, inertia_matrix
 from simwarp.vehicle.spec import (
     BUMP_STOP,
     AntirollBar,
@@ -21,6 +23,7 @@ from simwarp.vehicle.spec import (
     MultiLink,
     PinnedAxle,
     Points,
+    RigidPart,
     RigidSuspension,
     SingleWishbone,
     Suspension,
@@ -250,15 +253,19 @@ def pinned_axle(node: Node) -> PinnedAxle:
 
 
 def trailing_arm(node: Node) -> TrailingArm:
-    """SemiTrailingArm: the arm turns about the line of its two pivots."""
+    """SemiTrailingArm: the arm turns about the line of its two pivots.
+
+    Its inertia is given in axes of its own, x along the pivots and z normal to the plane with "Location Spindle"; ours
+    in those of the vehicle. The spindle's own place is where the wheel turns.
+    """
     arm = node.child("Trailing Arm")
     outer, inner = arm.vector("Location Chassis Outer"), arm.vector("Location Chassis Inner")
-    arm.skip("Location Spindle")  # only drawn: the spindle's own place is where it turns
+    axes = arm_axes(inner, outer, arm.vector("Location Spindle")) * (-1.0, -1.0, 1.0)
     axis = np.subtract(outer, inner)
     return node.make(
         TrailingArm,
         **common(node),
-        arm=arm.part(),
+        arm=turned(arm, axes),
         pivot=middle(outer, inner),
         pivot_axis=tuple(float(v) for v in axis / np.linalg.norm(axis)),
         springs=(
@@ -266,6 +273,13 @@ def trailing_arm(node: Node) -> TrailingArm:
             force_line(node.child("Shock"), "Location Arm", damper=True),
         ),
     )
+
+
+def turned(node: Node, axes: npt.NDArray[np.float64]) -> RigidPart:
+    """A part whose inertia is given in the axes that are columns of a rotation matrix, in those of the vehicle."""
+    part = node.part()
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = (axes @ inertia_matrix(part) @ axes.T).tolist()
+    return node.make(RigidPart, mass=part.mass, com=part.com, inertia=(xx, yy, zz), products=(xy, xz, yz))
 
 
 def middle(a: Vec3, b: Vec3) -> Vec3:

@@ -262,6 +262,10 @@ def test_axles_that_the_data_lack(chrono):
     assert arm.pivot == pytest.approx((0.5, 0.75, 0.0))
     assert arm.pivot_axis == pytest.approx((0.0, 1.0, 0.0))
     assert arm.toe == pytest.approx(math.radians(1.0))
+    assert arm.arm.inertia == pytest.approx((1.0, 1.0, 1.0))
+    # axes of the file: x along the pivots, which is y of the vehicle, z down
+    chrono.values["trailing.json"]["Trailing Arm"]["Inertia"] = [1, 2, 2.5]
+    assert chrono.part("Suspension", "trailing.json").arm.inertia == pytest.approx((2.0, 1.0, 2.5))
 
 
 def test_a_tie_rod_with_a_mass_is_warned_of(chrono):
