@@ -12,7 +12,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import cli, scenes
-from simwarp.cli.bench import health, measure, motion, workloads
+from simwarp.cli.bench import health, measure, motion, vehicles, workloads
 from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.cli.bench.workloads import BenchScene, bench_scenes
 
@@ -245,6 +245,62 @@ def test_a_residual_that_is_not_a_number_stays_one():
         assert worst.problems == ("bad",)
 
 
+# ---- vehicles ----------------------------------------------------------------------------------------------------
+
+
+def test_a_vehicle_is_timed_where_it_moves(capfd):
+    code = cli.main(["bench", "gator", "--worlds", "1,32", "--seconds", "0.05", "--json", "-"])
+    content = json.loads(capfd.readouterr().out)
+    assert code == 0
+    assert (content["kind"], content["scene"]) == ("vehicle", "gator")
+    assert [row["worlds"] for row in content["rows"]] == [1, 32]
+    for row in content["rows"]:
+        assert row["valid"]
+        assert row["steps_per_cpu_s"] > 0
+        assert row["position_error"] < vehicles.POSITION_ERROR
+        # script, inputs, tires, step
+        assert row["launches_per_step"] == 4
+
+
+def test_worlds_of_a_vehicle_stand_at_sixteen_places_of_the_run():
+    few, many = (vehicles.VehicleRun("gator", worlds, "cpu", None) for worlds in (3, 20))
+    for run in (few, many):
+        run.set_motion()
+    times = many.sim.time.numpy()
+    start = many.setup.maneuver.start
+    assert sorted(np.round(times[:16] - start, 2)) == pytest.approx(np.arange(16) * vehicles.HORIZON, abs=0.01)
+    # world 0 is the same whatever the number of worlds; brakes are released in all of them
+    assert times[0] == few.sim.time.numpy()[0] == times[16]
+    for run in (few, many):
+        for _ in range(5):
+            run.step()
+    assert np.array_equal(few.sim.state.body_x.numpy(), many.sim.state.body_x.numpy()[:3])
+    inputs = many.setup.vehicle.input.numpy()
+    assert inputs[:, 2].max() < 0.2
+    assert inputs[3, 0] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("harm", "words"),
+    [
+        (lambda run: run.sim.state.body_v.fill_(wp.vec3(wp.nan)), "not finite"),
+        (lambda run: run.setup.vehicle.tires.load.fill_(1.0), "of the weight"),
+        (lambda run: run.sim.state.body_v.fill_(wp.vec3(9.0, 0.0, 0.0)), "are held"),
+        (lambda run: run.sim.state.body_v.zero_(), "nothing moves"),
+        (lambda run: run.sim.diagnostics.position_error.fill_(0.1), "apart"),
+        (lambda run: run.sim.diagnostics.row_residual.fill_(0.1), "row residual"),
+    ],
+)
+def test_an_unsound_vehicle_is_refused(harm, words):
+    run = vehicles.VehicleRun("gator", 16, "cpu", None)
+    run.set_motion()
+    for _ in range(100):
+        run.step()
+    assert run.examiner.examine().problems == ()
+    harm(run)
+    assert any(words in problem for problem in run.examiner.examine().problems)
+
+
 # ---- what is counted ---------------------------------------------------------------------------------------------
 
 
@@ -452,7 +508,7 @@ def test_the_script_writes_tables_and_what_the_time_goes_to(tmp_path):
         (["hexapood"], "did you mean hexapod"),
         (["stak"], "did you mean stack"),
         (["camera"], "needs sensors"),
-        (["hmmwv"], "needs vehicles"),
+        (["lidar"], "needs sensors"),
         (["pendulum", "--worlds", "0"], "at least 1"),
         (["pendulum", "--worlds", "-4"], "at least 1"),
         (["pendulum", "--worlds", "1,,2"], "whole numbers"),

@@ -20,6 +20,7 @@ from simwarp.cli.bench.peers import peer_measures, peer_notes
 from simwarp.cli.bench.workloads import TASK_SUFFIX, bench_scenes, explain_unknown, names_for_people, task_of
 from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.model import resolve_device
+from simwarp.vehicle.reading import vehicle_names
 
 _SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
 
@@ -28,9 +29,11 @@ Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 @dataclasses.dataclass(frozen=True)
 class BenchOptions(CommonOptions):
-    """Speed of a scene or a task over numbers of worlds. No speed is told of a state that is not sound (exit code 1).
+    """Speed of a scene, a vehicle or a task over numbers of worlds.
 
-    Scenes: `simwarp bench --help`.
+    No speed is told of a state that is not sound (exit code 1).
+
+    Scenes: `simwarp bench --help`. A vehicle is timed in the moving part of the manoeuvre reference-steer.
     """
 
     worlds: Annotated[str, tyro.conf.arg(metavar="N,N,...")] = "1,256,1024"
@@ -51,9 +54,10 @@ def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
     name, rest = _take_scene(arguments)
     scene = bench_scenes().get(name)
-    tasks = () if scene is not None else _task_names()
-    task = None if scene is not None else task_of(name, tasks)
-    if scene is None and task is None:
+    vehicle = name if scene is None and name in vehicle_names() else None
+    tasks = () if scene is not None or vehicle is not None else _task_names()
+    task = task_of(name, tasks)
+    if scene is None and vehicle is None and task is None:
         raise UsageError(explain_unknown(name, tasks))
     options = parse_options(BenchOptions, rest, f"simwarp bench {name}")
     options.check()
@@ -70,6 +74,11 @@ def run(arguments: list[str]) -> int:
 
         def measure(count: int) -> Row:
             return measure_scene(known, count, str(device), options.dt, options.seconds)
+    elif vehicle is not None:
+        from simwarp.cli.bench.vehicles import measure_vehicle
+
+        def measure(count: int) -> Row:
+            return measure_vehicle(name, count, str(device), options.dt, options.seconds)
     else:
         from simwarp.cli.bench.tasks import measure_task, task_device
 
@@ -80,7 +89,7 @@ def run(arguments: list[str]) -> int:
 
     rows = [measure(count) for count in worlds]
     if options.compile:
-        _enter_cold_start(rows, name if scene is not None else str(task), str(device))
+        _enter_cold_start(rows, name if task is None else task, str(device))
     peers: list[Row] = []
     notes: list[str] = []
     if options.peers:
@@ -92,7 +101,7 @@ def run(arguments: list[str]) -> int:
     options.emit(
         {
             "scene": name,
-            "kind": "scene" if scene is not None else "task",
+            "kind": "scene" if scene is not None else "vehicle" if vehicle is not None else "task",
             "machine": machine,
             "rows": [dataclasses.asdict(row) for row in rows],
             "peers": [dataclasses.asdict(row) for row in peers],
@@ -118,7 +127,7 @@ def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
         if argument in names or argument.endswith(TASK_SUFFIX):
             return argument, arguments[:index] + arguments[index + 1 :]
     if {"-h", "--help"} & set(arguments):
-        print(f"usage: simwarp bench SCENE [options]\n\nscenes and tasks: {', '.join(names)}")
+        print(f"usage: simwarp bench SCENE [options]\n\nscenes, vehicles and tasks: {', '.join(names)}")
         print("\n`simwarp bench SCENE --help` lists the options.")
         raise SystemExit(0)
     raise UsageError(f"which scene? usage: simwarp bench SCENE [options]; there are: {', '.join(names)}")

@@ -14,6 +14,7 @@ import time
 from typing import NamedTuple
 
 from simwarp.cli.bench.workloads import bench_scenes
+from simwarp.vehicle.reading import vehicle_names
 
 _PATIENCE_S = 600
 
@@ -48,7 +49,14 @@ def _probe(name: str, device: str, cache: str) -> Start:
 
 def _first_step(name: str, device: str) -> Start:
     scene = bench_scenes().get(name)
-    if scene is None:
+    if name in vehicle_names():
+        from simwarp.cli.bench.vehicles import VehicleRun
+
+        start, cpu = time.perf_counter(), time.process_time()
+        vehicle_run = VehicleRun(name, 1, device, None)
+        vehicle_run.step()
+        vehicle_run.wait()
+    elif scene is None:
         from simwarp.cli.bench.tasks import TaskRun
         from simwarp.tasks import task_class
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,14 @@ class Health:
             _larger(getattr(self, field.name), getattr(other, field.name)) for field in dataclasses.fields(self)[1:]
         )
         return Health(tuple(dict.fromkeys(self.problems + other.problems)), *numbers)  # type: ignore[arg-type]
+
+
+class Judge(Protocol):
+    """Says what a state is worth."""
+
+    def examine(self) -> Health:
+        """Judges the state now; waits for the device."""
+        ...
 
 
 class Examiner:

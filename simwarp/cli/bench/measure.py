@@ -6,12 +6,13 @@ import dataclasses
 import functools
 import os
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from simwarp.cli.bench.health import Examiner, Health
+from simwarp.cli.bench.health import Examiner, Health, Judge
 from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.cli.bench.workloads import BenchScene
 from simwarp.simulation import Simulation
@@ -84,40 +85,30 @@ class Row:
         self.steps_per_s_range, self.steps_per_cpu_s_range = (min(walls), max(walls)), (min(cpus), max(cpus))
 
 
-class SceneRun:
-    """A scene in motion: starts, steps, starts anew. On CUDA, `step` replays a captured graph of several steps."""
+class TimedRun:
+    """A simulation in motion: steps, starts anew. On CUDA, `step` replays a captured graph of several steps.
 
-    def __init__(self, scene: BenchScene, worlds: int, device: str | None, dt: float | None) -> None:
-        self.scene = scene
-        self.dt = scene.dt if dt is None else dt
-        model = scene.build().finalize(world_count=worlds, device=device)
-        self.sim = Simulation(model, dt=self.dt, solver=scene.solver)
-        self.worlds = worlds
+    Attributes:
+        sim, worlds, dt: what runs.
+        horizon_steps: calls of `step` until it starts anew.
+        steps_per_call: steps in one call of `step`.
+        motion_command: recorded launch before every step.
+        examiner: judges the state; there once the start is set.
+    """
+
+    def __init__(self, sim: Simulation, horizon: float) -> None:
+        self.sim = sim
+        self.dt = sim.dt
+        self.worlds = sim.model.world_count
         self.steps_per_call = 1
-        self.horizon_steps = max(_MIN_HORIZON_STEPS, round(scene.horizon / self.dt))
-        self.motion_command: Any = None if scene.motion is None else scene.motion(self.sim, scene.variants)
+        self.horizon_steps = max(_MIN_HORIZON_STEPS, round(horizon / sim.dt))
+        self.motion_command: Any = None
+        self.examiner: Judge
         self._call = self.single_step
 
     def set_motion(self) -> None:
-        """Start and forces: world k gets the same ones whatever the number of worlds."""
-        if self.scene.settle > 0.0:
-            self._take(_settled(self.scene, str(self.sim.model.device), self.dt))
-        else:
-            self._draw()
-        self._start_here()
-
-    def set_motion_of(self, other: SceneRun) -> None:
-        """The start of another run of the same worlds."""
-        other.restart()
-        self._take({name: array.numpy() for name, array in other._arrays().items()})
-        self._start_here()
-
-    def _start_here(self) -> None:
-        self._start = self.sim.snapshot()
-        self.examiner = Examiner(
-            self.sim, energy_gain=self.scene.energy_gain, position_error=self.scene.position_error,
-            penetration=self.scene.penetration,
-        )  # fmt: skip
+        """Brings the worlds to their start."""
+        raise NotImplementedError
 
     def single_step(self) -> None:
         """The motion's forces, then one step."""
@@ -125,25 +116,9 @@ class SceneRun:
             self.motion_command.launch()
         self.sim.step()
 
-    def settle(self) -> dict[str, Any]:
-        """Runs the motion for as long as it settles: everything that a step reads, by name."""
-        self._draw()
-        for _ in range(round(self.scene.settle / self.dt)):
-            self.single_step()
-        return {name: array.numpy().copy() for name, array in self._arrays().items()}
-
-    def _draw(self) -> None:
-        sim, dofs, bodies = self.sim, self.sim.model.dof_count, self.sim.model.body_count
-        rng = np.random.default_rng(_SEED)
-        draws = rng.uniform(-1.0, 1.0, (self.worlds, 2, max(dofs, 1)))[:, :, :dofs].astype(np.float32)
-        if self.scene.start:
-            sim.set_joint_state(None, draws[:, 0] * np.asarray(self.scene.start, np.float32), None)
-        if self.scene.force:
-            sim.control.joint_force.assign(draws[:, 1] * np.asarray(self.scene.force, np.float32))
-        if self.scene.start_velocity:
-            velocity = rng.uniform(-1.0, 1.0, (self.worlds, bodies, 3)) * self.scene.start_velocity
-            sim.state.body_v.assign(velocity.astype(np.float32))
-            sim.measure()
+    def _start_here(self, examiner: Judge) -> None:
+        self._start = self.sim.snapshot()
+        self.examiner = examiner
 
     def _take(self, settled: dict[str, Any]) -> None:
         """Hands the settled worlds out in turn; a leading dimension of 1 is shared by all of them."""
@@ -153,8 +128,10 @@ class SceneRun:
                 array.assign(np.take(values, np.arange(array.shape[0]) % len(values), axis=0))
 
     def _arrays(self) -> dict[str, Any]:
+        """Everything that a step reads and changes, by name."""
         owners: dict[str, Any] = {"state": self.sim.state, "control": self.sim.control, "contacts": self.sim.contacts}
-        return {f"{key}.{name}": getattr(owner, name) for key, owner in owners.items() for name in owner.NAMES}
+        found = {f"{key}.{name}": getattr(owner, name) for key, owner in owners.items() for name in owner.NAMES}
+        return found | {f"memory.{index}": array for index, array in enumerate(self.sim.memory)}
 
     def capture(self) -> None:
         """On CUDA, records a graph of several steps; elsewhere nothing."""
@@ -181,6 +158,60 @@ class SceneRun:
         wp.synchronize_device(self.sim.model.device)
 
 
+class SceneRun(TimedRun):
+    """A scene in motion."""
+
+    def __init__(self, scene: BenchScene, worlds: int, device: str | None, dt: float | None) -> None:
+        self.scene = scene
+        model = scene.build().finalize(world_count=worlds, device=device)
+        super().__init__(Simulation(model, dt=scene.dt if dt is None else dt, solver=scene.solver), scene.horizon)
+        if scene.motion is not None:
+            self.motion_command = scene.motion(self.sim, scene.variants)
+
+    def set_motion(self) -> None:
+        """Start and forces: world k gets the same ones whatever the number of worlds."""
+        if self.scene.settle > 0.0:
+            self._take(_settled(self.scene, str(self.sim.model.device), self.dt))
+        else:
+            self._draw()
+        self._start_with_examiner()
+
+    def set_motion_of(self, other: SceneRun) -> None:
+        """The start of another run of the same worlds."""
+        other.restart()
+        self._take({name: array.numpy() for name, array in other._arrays().items()})
+        self._start_with_examiner()
+
+    def _start_with_examiner(self) -> None:
+        scene = self.scene
+        self._start_here(
+            Examiner(
+                self.sim, energy_gain=scene.energy_gain, position_error=scene.position_error,
+                penetration=scene.penetration,
+            )
+        )  # fmt: skip
+
+    def settle(self) -> dict[str, Any]:
+        """Runs the motion for as long as it settles: everything that a step reads, by name."""
+        self._draw()
+        for _ in range(round(self.scene.settle / self.dt)):
+            self.single_step()
+        return {name: array.numpy().copy() for name, array in self._arrays().items()}
+
+    def _draw(self) -> None:
+        sim, dofs, bodies = self.sim, self.sim.model.dof_count, self.sim.model.body_count
+        rng = np.random.default_rng(_SEED)
+        draws = rng.uniform(-1.0, 1.0, (self.worlds, 2, max(dofs, 1)))[:, :, :dofs].astype(np.float32)
+        if self.scene.start:
+            sim.set_joint_state(None, draws[:, 0] * np.asarray(self.scene.start, np.float32), None)
+        if self.scene.force:
+            sim.control.joint_force.assign(draws[:, 1] * np.asarray(self.scene.force, np.float32))
+        if self.scene.start_velocity:
+            velocity = rng.uniform(-1.0, 1.0, (self.worlds, bodies, 3)) * self.scene.start_velocity
+            sim.state.body_v.assign(velocity.astype(np.float32))
+            sim.measure()
+
+
 @functools.lru_cache(maxsize=2)
 def _settled(scene: BenchScene, device: str, dt: float) -> dict[str, Any]:
     """All variants of a scene, settled; the same for every number of worlds."""
@@ -193,14 +224,23 @@ def measure_scene(scene: BenchScene, worlds: int, device: str | None, dt: float 
     Raises:
         ModelError: no such device, dt is not usable, or the worlds do not fit into memory.
     """
+    return measure_run(scene.name, worlds, seconds, lambda count: SceneRun(scene, count, device, dt))
+
+
+def measure_run(name: str, worlds: int, seconds: float, make: Callable[[int], TimedRun]) -> Row:
+    """Builds, steps, judges and times what `make` makes for a number of worlds.
+
+    Raises:
+        ModelError: the worlds do not fit into memory.
+    """
     start = time.perf_counter()
-    single = SceneRun(scene, 1, device, dt)
+    single = make(1)
     single.step()
     single.wait()
-    row = Row("simwarp", scene.name, worlds, single.dt, compile_s=time.perf_counter() - start)
-    row.bytes_per_world, row.bytes_shared = bytes_of(single.sim, SceneRun(scene, 2, device, dt).sim)
-    check_memory(scene.name, worlds, row.bytes_per_world, single.sim.model.device)
-    run = SceneRun(scene, worlds, device, dt)
+    row = Row("simwarp", name, worlds, single.dt, compile_s=time.perf_counter() - start)
+    row.bytes_per_world, row.bytes_shared = bytes_of(single.sim, make(2).sim)
+    check_memory(name, worlds, row.bytes_per_world, single.sim.model.device)
+    run = make(worlds)
     run.set_motion()
     row.tolerance = run.sim.solver.tolerance
     with counted_launches() as launches:
@@ -217,7 +257,7 @@ def measure_scene(scene: BenchScene, worlds: int, device: str | None, dt: float 
     return judge(row, verdicts)
 
 
-def _rehearse(run: SceneRun) -> Health:
+def _rehearse(run: TimedRun) -> Health:
     """One motion to its horizon, or for as long as patience lasts, before anything is timed."""
     run.restart()
     deadline = time.perf_counter() + 1.0

@@ -1,4 +1,4 @@
-"""What can be benchmarked: scenes with a motion that is real work, and by name the tasks."""
+"""What can be benchmarked: scenes with a motion that is real work, and by name vehicles and tasks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from simwarp.builder import ModelBuilder
 from simwarp.cli.bench.motion import swinging_drives, swinging_joints, twisted_bodies
 from simwarp.simulation import Simulation, SolverOptions
 from simwarp.types import WORLD, Material, PositionDrive, pose
+from simwarp.vehicle.reading import vehicle_names
 
 CART_MASS = 0.1
 POLE_MASS = 0.785398
@@ -21,10 +22,6 @@ RAIL = 2.0
 TASK_SUFFIX = "-task"
 
 LATER = {
-    "hmmwv": "vehicles",
-    "sedan": "vehicles",
-    "gator": "vehicles",
-    "rccar": "vehicles",
     "camera": "sensors",
     "lidar": "sensors",
     "rays": "sensors",
@@ -165,13 +162,13 @@ def task_of(name: str, tasks: Iterable[str]) -> str | None:
 
 
 def names_for_people(tasks: Iterable[str]) -> list[str]:
-    """All names, tasks with `-task` behind where a scene has the name already."""
-    scene_names = list(bench_scenes())
+    """All names: scenes, vehicles, and tasks, with `-task` behind where another has the name already."""
+    scene_names = [*bench_scenes(), *vehicle_names()]
     return scene_names + [task + TASK_SUFFIX if task in scene_names else task for task in sorted(tasks)]
 
 
 def explain_unknown(name: str, tasks: Iterable[str]) -> str:
-    """One line about a name that is neither scene nor task."""
+    """One line about a name that is no scene, vehicle or task."""
     known = names_for_people(tasks)
     if name in LATER:
         return f"scene '{name}' needs {LATER[name]}, which this version does not have; there are: {', '.join(known)}"
