@@ -53,6 +53,7 @@ class FollowerState:
     """What a follower remembers and reports, per world."""
 
     segment: wp.array[int]  # of the path; -1: not looked for yet
+    started: wp.array[int]  # 1: the controllers have errors of one step ago
     steering_error: wp.array[float]  # one step ago [m]
     steering_sum: wp.array[float]  # [m s]
     speed_error: wp.array[float]  # one step ago [m/s]
@@ -87,11 +88,11 @@ def stanley_angle(follower: Follower, distance: float, total: float, heading: fl
 
 
 @wp.func
-def pedals(world: int, dt: float, follower: Follower, target: float, speed: float, fresh: bool, memory: FollowerState):
+def pedals(world: int, dt: float, follower: Follower, target: float, speed: float, memory: FollowerState) -> wp.vec2:
     """Throttle and braking that hold a speed. Too fast with the throttle open closes that first, then brakes."""
     error = target - speed
     last = memory.speed_error[world]
-    if fresh:
+    if memory.started[world] == 0:
         last = error
     total = memory.speed_sum[world] + 0.5 * dt * (error + last)
     output = pid(follower.speed, error, last, total, dt)
@@ -131,7 +132,6 @@ def follow_path(
     ahead = follower.reference + wp.vec3(follower.ahead, 0.0, 0.0)
     offset = wp.quat_rotate(q, wp.vec3d(wp.float64(ahead[0]), wp.float64(ahead[1]), wp.float64(ahead[2])))
     x = state.body_x[world, follower.chassis] + offset
-    fresh = memory.segment[world] < 0
     point = nearest_on_path(path[own(world, path.shape[0])], memory.segment[world], wp.vec2d(x[0], x[1]), paths)
     memory.segment[world] = point.segment
     memory.distance[world] = point.distance
@@ -141,11 +141,10 @@ def follow_path(
         vehicle_input[world, 0] = 0.0
         vehicle_input[world, 1] = 0.0
         vehicle_input[world, 2] = 1.0
-        memory.steering_error[world] = -point.distance
         return
     error = -point.distance
     last = memory.steering_error[world]
-    if fresh:
+    if memory.started[world] == 0:
         last = error
     total = memory.steering_sum[world] + 0.5 * dt * (error + last)
     memory.steering_error[world] = error
@@ -166,7 +165,8 @@ def follow_path(
     target = target_speed[own(world, target_speed.shape[0])]
     if time < follower.ramp:
         target *= time / follower.ramp
-    feet = pedals(world, dt, follower, target, speed, fresh, memory)
+    feet = pedals(world, dt, follower, target, speed, memory)
+    memory.started[world] = 1
     vehicle_input[world, 1] = feet[0]
     vehicle_input[world, 2] = feet[1]
 

@@ -143,7 +143,8 @@ class PathFollower:
         names = ("steering_error", "steering_sum", "speed_error", "speed_sum", "throttle", "distance", "arc")
         for name in names:
             setattr(self._state, name, wp.zeros(worlds, dtype=float, device=device))
-        self._memory = {name: getattr(self._state, name) for name in ("segment", *names)}
+        self._state.started = wp.zeros(worlds, dtype=int, device=device)
+        self._memory = {name: getattr(self._state, name) for name in ("segment", "started", *names)}
 
     @property
     def distance(self) -> wp.array:

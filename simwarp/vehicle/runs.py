@@ -104,7 +104,7 @@ class Drive:
         An interruption leaves what was recorded: `result`.
         """
         maneuver, simulation = self.setup.maneuver, self.setup.simulation
-        total = round((maneuver.start + maneuver.duration) / simulation.dt)
+        total = math.ceil((maneuver.start + maneuver.duration) / simulation.dt - 1e-6)
         every = self._every or 1
         self.recorder.sample()
         for step in range(1, total + 1):
@@ -114,6 +114,8 @@ class Drive:
             if step % every == 0:
                 self.recorder.sample()
                 if self.broken():
+                    # a frozen world shows its last state again
+                    self.recorder.rows.pop()
                     break
                 if progress is not None:
                     progress(step * simulation.dt - maneuver.start)

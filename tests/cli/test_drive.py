@@ -1,0 +1,198 @@
+"""`simwarp drive`: files, results and JSON of a manoeuvre, interruptions, one clear line for each mistake."""
+
+import csv
+import json
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import warp as wp
+
+from simwarp import cli
+from simwarp.vehicle import runs
+from simwarp.vehicle.channels import COLUMNS, Run
+from simwarp.vehicle.reading import load_vehicle, save_vehicle
+
+
+@pytest.fixture
+def drive(capfd, tmp_path, monkeypatch):
+    """Run the command in a folder of its own: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        capfd.readouterr()
+        code = cli.main(["drive", *arguments])
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run
+
+
+def test_a_reference_run_with_all_files(drive, tmp_path):
+    code, out, err = drive(
+        "gator", "--maneuver", "reference-accel", "--csv", "a.csv", "--plot", "a.png", "--json", "a.json"
+    )
+    assert (code, err) == (0, "")
+    assert "time to 5 m/s" in out
+    with (tmp_path / "a.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert tuple(rows[0]) == COLUMNS
+    assert len(rows) == 1 + 2101
+    assert (float(rows[1][0]), float(rows[-1][0])) == (-1.0, 20.0)
+    content = json.loads((tmp_path / "a.json").read_text())
+    assert content["final"]["speed_mps"] == pytest.approx(float(rows[-1][COLUMNS.index("speed_mps")]))
+    # the recorded reference: 5 m/s after 0.961 s, 7.94 m/s at most
+    assert content["results"]["time_to_5"] == pytest.approx(0.961, abs=0.05)
+    assert content["results"]["top_speed"] == pytest.approx(7.94, rel=0.015)
+    assert (content["vehicle"], content["maneuver"], content["interrupted"]) == ("gator", "reference-accel", False)
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_options_change_the_run(drive):
+    def final(*arguments):
+        code, out, _ = drive("hmmwv-reduced", "--duration", "4", "--maneuver", "step-steer", "--json", "-", *arguments)
+        assert code == 0
+        return json.loads(out)
+
+    usual = final()
+    assert usual["friction"] == 0.9
+    assert usual["dt"] == 1e-3
+    slippery = final("--friction", "0.2")
+    assert slippery["results"]["top_speed"] < 0.9 * usual["results"]["top_speed"]
+    other = final("--tire", "pacejka89", "--dt", "0.002")
+    assert (other["tire"], other["dt"]) == ("pacejka89", 0.002)
+    assert 0.0 < abs(other["final"]["speed_mps"] - usual["final"]["speed_mps"]) < 1.0
+    assert final("--powertrain", "simplemap")["final"] != usual["final"]
+    assert final("--driveline", "rwd")["final"] != usual["final"]
+    many = final("--worlds", "3")
+    assert many["final"] == usual["final"]
+    assert many["worlds"] == 3
+
+
+def test_a_file_drives_like_the_shipped_vehicle(drive, tmp_path):
+    save_vehicle(load_vehicle("gator"), tmp_path / "mine.json")
+    found = []
+    for name in ("mine.json", "gator"):
+        code, out, _ = drive(name, "--maneuver", "step-steer", "--duration", "2", "--json", "-")
+        assert code == 0
+        found.append(json.loads(out)["final"])
+    assert found[0] == found[1]
+
+
+def test_a_recorded_run_can_be_driven_again(drive, tmp_path):
+    assert drive("gator", "--maneuver", "step-steer", "--duration", "3", "--csv", "first.csv")[0] == 0
+    assert drive("gator", "--maneuver", "first.csv", "--csv", "again.csv")[0] == 0
+    first, again = (Run.read(tmp_path / f"{name}.csv") for name in ("first", "again"))
+    assert again["t_s"] == pytest.approx(first["t_s"] + 1.0)
+    # inputs between the rows are interpolated
+    assert again["speed_mps"] == pytest.approx(first["speed_mps"], abs=0.05)
+
+
+def test_an_interruption_keeps_what_was_recorded(drive, tmp_path, monkeypatch):
+    broken = runs.Drive.broken
+    calls = []
+
+    def interrupted(self):
+        calls.append(self)
+        if len(calls) == 150:
+            raise KeyboardInterrupt
+        return broken(self)
+
+    monkeypatch.setattr(runs.Drive, "broken", interrupted)
+    code, out, _ = drive("gator", "--csv", "a.csv", "--json", "a.json", "--plot", "a.svg")
+    assert code == 130
+    assert "interrupted at t = 0.50 s; what was recorded is kept" in out
+    assert Run.read(tmp_path / "a.csv")["t_s"][-1] == 0.5
+    assert json.loads((tmp_path / "a.json").read_text())["interrupted"] is True
+    assert (tmp_path / "a.svg").exists()
+
+
+def test_a_signal_interrupts(tmp_path):
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    code += "from simwarp.cli import main; sys.exit(main(sys.argv[1:]))"
+    arguments = ["drive", "gator", "--maneuver", "slope-hold", "--duration", "100000", "--csv", "a.csv"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *arguments], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+    # its first line of progress, after ten seconds at most of driving
+    assert process.stdout is not None
+    assert b"of 100000 s" in process.stdout.readline()
+    process.send_signal(2)
+    deadline = time.monotonic() + 60.0
+    out, _ = process.communicate(timeout=deadline - time.monotonic())
+    assert process.returncode == 130, out
+    assert b"Traceback" not in out
+    assert Run.read(tmp_path / "a.csv")["t_s"][-1] > 1.0
+
+
+def test_a_vehicle_that_breaks_down_ends_with_one(drive, monkeypatch, tmp_path):
+    set_up = runs.set_up
+
+    def harmed(*arguments, **options):
+        setup = set_up(*arguments, **options)
+        setup.simulation.state.body_v.fill_(wp.vec3(wp.nan))
+        return setup
+
+    monkeypatch.setattr("simwarp.cli.drive.set_up", harmed)
+    code, out, _ = drive("gator", "--csv", "a.csv", "--json", "a.json")
+    assert code == 1
+    assert "broke down at t = -1.00 s" in out
+    assert json.loads((tmp_path / "a.json").read_text())["broken"] is True
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "which vehicle"),
+        (["gater"], "did you mean 'gator'"),
+        (["gator", "--maneuver", "reference-acel"], "did you mean reference-accel"),
+        (["gator", "--maneuver", "none.csv"], "cannot be read"),
+        (["gator", "--tire", "fiala"], "unknown tire 'fiala'"),
+        (["gator", "--powertrain", "x"], "unknown powertrain 'x'"),
+        (["gator", "--driveline", "x.json"], "cannot be read"),
+        (["gator", "--friction", "0"], "friction must be a positive number"),
+        (["gator", "--friction", "x"], "friction"),
+        (["gator", "--dt", "nan"], "dt must be a positive number"),
+        (["gator", "--dt", "1"], "dt must be at most"),
+        (["gator", "--worlds", "0"], "worlds must be at least 1"),
+        (["gator", "--device", "cuda:7"], "not available"),
+        (["gator", "--csv", "/nowhere/a.csv"], "folder that exists"),
+        (["gator", "--csv", "."], "must be a file"),
+        (["gator", "--plot", "a.txt"], ".png"),
+        (["gator", "--json", "/nowhere/a.json"], "does not exist"),
+        (["gator", "--speed", "3"], "it has none"),
+        (["gator", "--maneuver", "step-steer", "--steering", "2"], "from -1 to 1"),
+        (["gator", "--sped", "3"], "did you mean --speed"),
+        (["none.json"], "cannot be read"),
+        (["bad.json"], "unknown key"),
+        (["chrono.json"], "chrono.json"),
+        (["chrono.json", "--powertrain", "engine.json"], "a comma"),
+    ],
+)
+def test_wrong_input_is_one_line_and_code_two(drive, tmp_path, arguments, words):
+    (tmp_path / "bad.json").write_text('{"mass": 3}')
+    (tmp_path / "chrono.json").write_text('{"Type": "Vehicle", "Template": "WheeledVehicle"}')
+    code, out, err = drive(*arguments)
+    assert (code, out) == (2, "")
+    assert len(err.strip().splitlines()) == 1
+    assert err.startswith("simwarp: ")
+    assert words in err
+
+
+def test_help_lists_vehicles_and_manoeuvres(drive):
+    code, out, _ = drive("--help")
+    assert code == 0
+    assert all(name in out for name in ("hmmwv", "artcar", "double-lane-change", "slope-hold"))
+    code, out, _ = drive("hmmwv", "--help")
+    assert code == 0
+    assert "--friction" in out
+
+
+def test_list_has_the_vehicles_with_their_options(capfd):
+    assert cli.main(["list", "--json", "-"]) == 0
+    entries = {entry["name"]: entry["summary"] for entry in json.loads(capfd.readouterr().out)["vehicles"]}
+    assert {"hmmwv", "hmmwv-reduced", "gator", "artcar", "sedan"} <= set(entries)
+    assert "pacejka2002" in entries["hmmwv"]
+    assert np.all([len(line) > 20 for line in entries.values()])

@@ -1,0 +1,266 @@
+"""Manoeuvres, what is recorded of them, and what the records amount to."""
+
+import math
+
+import numpy as np
+import pytest
+
+from simwarp.vehicle import results as results_module
+from simwarp.vehicle.channels import COLUMNS, Run
+from simwarp.vehicle.drive_plot import draw_run
+from simwarp.vehicle.maneuvers import (
+    LANE_CHANGE,
+    MANEUVERS,
+    Maneuver,
+    lane_change_path,
+    maneuver,
+    maneuver_options,
+)
+from simwarp.vehicle.paths import circle
+from simwarp.vehicle.reading import load_vehicle
+from simwarp.vehicle.results import deviation, results
+from simwarp.vehicle.runs import Drive, set_up
+from simwarp.vehicle.spec import SpecError
+
+GATOR, HMMWV, ARTCAR = (load_vehicle(name) for name in ("gator", "hmmwv", "artcar"))
+
+
+def made_up(t, **columns):
+    """A run with some columns; zeros in the others."""
+    return Run({name: np.asarray(columns.get(name, np.zeros(len(t))), float) for name in COLUMNS} | {"t_s": t})
+
+
+def value(found, key):
+    return next(item.value for item in found if item.key == key)
+
+
+# ---- manoeuvres ------------------------------------------------------------------------------------------------------
+
+
+def at(points, time):
+    """A script's function, as its kernel reads it."""
+    times, values = np.array(points).T
+    index = np.searchsorted(times, time, side="right")
+    if index in (0, len(times)):
+        return values[min(index, len(times) - 1)]
+    part = (time - times[index - 1]) / (times[index] - times[index - 1])
+    return values[index - 1] + part * (values[index] - values[index - 1])
+
+
+@pytest.mark.parametrize(
+    ("spec", "speeds"), [(HMMWV, (12.0, 15.0)), (GATOR, (6.0, 7.0)), (ARTCAR, (1.5, 1.7))], ids=lambda v: ""
+)
+def test_reference_manoeuvres_are_those_of_the_recorded_runs(spec, speeds):
+    accel, steer, brake = (maneuver(f"reference-{name}", spec) for name in ("accel", "steer", "brake"))
+    assert (accel.start, accel.duration, steer.duration) == (1.0, 20.0, 25.0)
+    for what in (accel, steer, brake):
+        assert (at(what.script.braking, 0.0), at(what.script.throttle, 0.0)) == (1.0, 0.0)
+        assert (at(what.script.braking, 0.999), at(what.script.braking, 1.001)) == (1.0, 0.0)
+        assert at(what.script.speed, 0.5) < 0.0
+    assert at(accel.script.throttle, 1.0) == at(accel.script.throttle, 21.0) == 1.0
+    assert at(steer.script.speed, 1.0) == at(steer.script.speed, 26.0) == speeds[0]
+    assert [at(steer.script.steering, 1.0 + t) for t in (14.9, 15.1, 15.2, 25.0)] == pytest.approx([0, 0.15, 0.3, 0.3])
+    assert at(brake.script.speed, 20.9) == speeds[1]
+    assert at(brake.script.speed, 21.0) < 0.0
+    assert (at(brake.script.braking, 20.99), at(brake.script.braking, 21.0)) == (0.0, 1.0)
+    assert (steer.script.proportional, steer.script.integral, steer.script.brake_share) == (0.5, 0.1, 0.2)
+
+
+def test_lane_change_has_the_geometry_of_the_standard():
+    assert np.diff([0.0, *(x for x, _ in LANE_CHANGE)]).tolist() == [15.0, 30.0, 25.0, 25.0, 30.0]
+    path = lane_change_path(50.0)
+    y = np.interp([50, 65, 80, 95, 120, 132.5, 145, 175], *path.points.T)
+    assert y == pytest.approx([0, 0, 1.75, 3.5, 3.5, 1.75, 0, 0], abs=1e-9)
+    assert np.all(np.diff(path.points[:, 0]) > 0.0)
+    assert np.abs(path.curvature()).max() < 0.04
+
+
+def test_options_reach_the_manoeuvre():
+    step = maneuver("step-steer", GATOR, speed=4.0, steering=-0.2, duration=18.0)
+    assert (at(step.script.speed, 5.0), at(step.script.steering, 17.0), step.duration) == (4.0, -0.2, 18.0)
+    ring = maneuver("constant-radius", HMMWV, radius=-20.0, speed=5.0)
+    assert ring.follow is not None
+    assert (ring.follow.speed, ring.follow.paths[0].points[:, 1].min()) == (5.0, pytest.approx(-40.0, abs=0.01))
+    assert maneuver("slope-hold", HMMWV, slope=0.1).slope == 0.1
+    sweep = maneuver("sine-sweep", HMMWV, steering=0.05)
+    times, values = np.array(sweep.script.steering).T
+    assert np.abs(values).max() == pytest.approx(0.05, rel=1e-3)
+    # up to 3 Hz
+    last = values[times > times[-1] - 1.0]
+    assert np.count_nonzero(np.diff(np.sign(last))) in (5, 6, 7)
+    for name in MANEUVERS:
+        assert maneuver(name, HMMWV).duration > 0.0
+        assert isinstance(maneuver_options(name), list)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("step-ster", {}, "did you mean step-steer"),
+        ("zzz", {}, "choose from reference-accel"),
+        ("reference-accel", {"speed": 3.0}, "it has none"),
+        ("step-steer", {"radius": 3.0}, "it has speed, steering, duration"),
+        ("step-steer", {"speed": -3.0}, "positive"),
+        ("step-steer", {"steering": 1.5}, "from -1 to 1"),
+        ("constant-radius", {"radius": 0.0}, "other than zero"),
+        ("constant-radius", {"radius": math.nan}, "finite"),
+        ("slope-hold", {"slope": 2.0}, "slope"),
+        ("sine-sweep", {"duration": 12.0}, "above 15 s"),
+        ("none.csv", {}, "cannot be read"),
+    ],
+)
+def test_what_no_manoeuvre_takes_is_one_error(name, options, words):
+    with pytest.raises(SpecError, match=words):
+        maneuver(name, HMMWV, **options)
+
+
+def test_a_script_from_a_table(tmp_path):
+    file = tmp_path / "script.csv"
+    file.write_text("t_s,steer,throttle,brake\n2,0,0,1\n3,0,0,0\n3,0,1,0\n5,0.2,1,0\n")
+    what = maneuver(str(file), GATOR)
+    assert (what.start, what.duration, what.name) == (0.0, 3.0, "script.csv")
+    assert [at(what.script.throttle, t) for t in (0.5, 1.0, 2.0)] == [0.0, 1.0, 1.0]
+    assert (at(what.script.steering, 2.0), at(what.script.braking, 0.0)) == (pytest.approx(0.1), 1.0)
+    run = Drive(set_up(GATOR, what, device="cpu", dt=2e-3)).run()
+    assert run["throttle"][-1] == 1.0
+    assert run["speed_mps"][-1] > 4.0
+    for text, words in (
+        ("steer\n1\n", "column of times"), ("t_s,a\n1,2\n", "steering, throttle or braking"),
+        ("t_s\n", "must have rows"), ("t_s,steer\n1,x\n", "table of numbers"), ("t_s,steer\n2,0\n1,0\n", "in order"),
+    ):  # fmt: skip
+        file.write_text(text)
+        with pytest.raises(SpecError, match=words):
+            maneuver(str(file), GATOR)
+
+
+# ---- records ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dt", [1e-3, 2e-3, 3e-3])
+def test_rows_are_at_whole_hundredths_whatever_the_step(dt):
+    run = Drive(set_up(GATOR, Maneuver(name="x", duration=0.5), device="cpu", dt=dt)).run()
+    assert tuple(run.columns) == COLUMNS
+    assert run["t_s"] == pytest.approx(-1.0 + 0.01 * np.arange(151), abs=1e-9)
+    assert all(np.isfinite(values).all() for values in run.columns.values())
+
+
+def test_rows_hold_the_inputs_of_their_own_time():
+    what = maneuver("reference-accel", GATOR)
+    drive = Drive(set_up(GATOR, Maneuver(name="x", script=what.script, duration=0.2), device="cpu"))
+    run = drive.run()
+    t = run["t_s"]
+    assert np.array_equal(run["brake"][t < -1e-9], np.ones(100))
+    assert not run["brake"][t > -1e-9].any()
+    assert np.array_equal(run["throttle"], (t > -1e-9).astype(float))
+
+
+def test_acceleration_is_that_of_the_chassis():
+    run = Drive(set_up(GATOR, maneuver("step-steer", GATOR, speed=5.0, duration=18.0), device="cpu", dt=2e-3)).run()
+    steady = run["t_s"] > 17.0
+    # a steady turn: v times yaw rate, and a little gravity for the roll
+    assert run["latacc_com_mps2"][steady] == pytest.approx(run["v_times_yawrate_mps2"][steady], rel=0.1, abs=0.1)
+
+
+def test_a_run_goes_through_its_file(tmp_path):
+    t = np.arange(-1.0, 1.0, 0.01)
+    run = made_up(t, speed_mps=np.sin(t), gear=np.where(t > 0.3, 2.0, 1.0))
+    run.write(tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").read_text().splitlines()[0] == ",".join(COLUMNS)
+    again = Run.read(tmp_path / "run.csv")
+    for name in COLUMNS:
+        assert again[name] == pytest.approx(run[name], rel=1e-8, abs=1e-12)
+
+
+# ---- results ---------------------------------------------------------------------------------------------------------
+
+
+def test_times_to_speeds_and_stopping():
+    t = np.arange(-1.0, 12.0, 0.01)
+    speed = np.clip(2.0 * t, 0.0, 16.0)
+    what = Maneuver(name="reference-accel", duration=12.0)
+    found = results(made_up(t, speed_mps=speed), what)
+    assert [value(found, f"time_to_{mark}") for mark in (5, 10, 15)] == pytest.approx([2.5, 5.0, 7.5], abs=1e-6)
+    assert value(found, "top_speed") == 16.0
+    assert not any(item.key == "time_to_20" for item in found)
+    brake = (t >= 9.0).astype(float)
+    slowing = np.where(brake > 0.0, np.maximum(16.0 - 8.0 * (t - 9.0), 0.0), speed)
+    found = results(made_up(t, speed_mps=slowing, brake=brake), Maneuver(name="reference-brake", duration=12.0))
+    assert value(found, "stopping_distance") == pytest.approx(16.0, abs=0.01)
+    assert value(found, "stopping_time") == pytest.approx(2.0, abs=0.015)
+    never = results(made_up(t, speed_mps=speed, brake=brake), Maneuver(name="reference-brake", duration=12.0))
+    assert math.isnan(value(never, "stopping_distance"))
+    assert next(item for item in never if item.key == "stopping_distance").shown == "not reached"
+
+
+def test_a_step_of_the_steering():
+    t = np.arange(-1.0, 25.005, 0.01)
+    steer = np.clip((t - 15.0) / 0.2, 0.0, 1.0) * 0.3
+    yaw_rate = 0.4 * (1.0 - np.exp(-np.maximum(t - 15.0, 0.0) / 0.3))
+    run = made_up(t, speed_mps=np.full(len(t), 12.0), yawrate_radps=yaw_rate, steer=steer)
+    found = results(run, Maneuver(name="reference-steer", duration=25.0))
+    assert value(found, "steady_yaw_rate") == pytest.approx(0.4, abs=1e-6)
+    assert value(found, "steady_radius") == pytest.approx(30.0, rel=1e-5)
+    assert value(found, "yaw_rise_time") == pytest.approx(0.3 * math.log(10.0), abs=0.012)
+    straight = made_up(t, speed_mps=np.full(len(t), 12.0))
+    assert math.isnan(value(results(straight, Maneuver(name="step-steer", duration=25.0)), "steady_radius"))
+
+
+def test_gain_and_lag_of_a_sweep():
+    what = maneuver("sine-sweep", HMMWV)
+    t = np.arange(-1.0, 50.0, 0.01)
+    steer = np.array([at(what.script.steering, time + 1.0) for time in t])
+    # a lag of first order
+    yaw_rate = np.zeros(len(t))
+    for k in range(1, len(t)):
+        yaw_rate[k] = yaw_rate[k - 1] + 0.01 / 0.2 * (1.5 * steer[k] - yaw_rate[k - 1])
+    found = results(made_up(t, steer=steer, yawrate_radps=yaw_rate), what)
+    for frequency in (0.3, 0.5, 1.0, 2.0):
+        phase = 2.0 * math.pi * frequency * 0.2
+        assert value(found, f"yaw_gain_{frequency:g}_hz") == pytest.approx(1.5 / math.hypot(1.0, phase), rel=0.08)
+        assert value(found, f"yaw_lag_{frequency:g}_hz") == pytest.approx(math.degrees(math.atan(phase)), abs=5.0)
+
+
+def test_deviation_from_a_circle_and_creep():
+    angle = np.linspace(0.0, 9.0, 200)
+    t = np.linspace(0.0, 10.0, 200)
+    run = made_up(t, x_m=31.0 * np.sin(angle), y_m=30.0 - 31.0 * np.cos(angle))
+    assert deviation(run, circle(30.0)) == pytest.approx(1.0, abs=0.01)
+    still = made_up(t, x_m=np.where(t < 1.0, 0.0, 0.002), y_m=1e-5 * np.maximum(t - 5.0, 0.0))
+    found = results(still, Maneuver(name="slope-hold", duration=10.0))
+    assert value(found, "creep") == pytest.approx(0.05, rel=0.02)
+    assert value(found, "moved") == pytest.approx(2.0, rel=0.01)
+
+
+def test_a_run_that_ended_at_once_has_no_results():
+    run = made_up(np.array([-1.0, -0.99]))
+    for name in MANEUVERS:
+        assert results(run, maneuver(name, HMMWV)) == []
+    one = made_up(np.array([-0.01, 0.0, 0.01]))
+    for name in results_module._SPECIAL:
+        assert results(one, maneuver(name, HMMWV))
+
+
+@pytest.mark.parametrize("name", ["reference-steer", "double-lane-change", "slope-hold"])
+def test_pages_are_drawn_of_short_runs_too(tmp_path, name):
+    what = maneuver(name, GATOR)
+    for count in (1, 40):
+        t = np.linspace(-1.0, 1.0, count)
+        path = None if what.follow is None else what.follow.paths[0]
+        run = made_up(t, x_m=np.maximum(t, 0.0))
+        draw_run(run, tmp_path / "page.svg", "title", results(run, what), path)
+        assert (tmp_path / "page.svg").stat().st_size > 10_000
+
+
+def test_a_vehicle_holds_on_a_slope():
+    run = Drive(set_up(GATOR, maneuver("slope-hold", GATOR, duration=15.0), device="cpu", dt=2e-3)).run()
+    found = results(run, maneuver("slope-hold", GATOR))
+    assert value(found, "creep") < 1.0
+    # it stands on the slope: nose up, on wheels that carry its weight's normal part
+    assert run["pitch_rad"][-1] == pytest.approx(-math.atan(0.2), abs=0.03)
+
+
+def test_wrong_settings_are_refused():
+    with pytest.raises(SpecError, match="dt"):
+        set_up(GATOR, maneuver("slope-hold", GATOR), dt=0.0)
+    with pytest.raises(SpecError, match="friction"):
+        set_up(GATOR, maneuver("slope-hold", GATOR), friction=math.nan)
