@@ -1,3 +1,4 @@
+# mypy: disable-error-code="index"
 """Drivers: the kernels against slow twins in float64, worlds that do not see each other, paths driven, resets."""
 
 import dataclasses
@@ -250,10 +251,10 @@ def test_followers_agree_with_their_twin(spec):
         # single precision of speeds and distances, and an integral over 1500 steps of it
         assert inputs == pytest.approx(np.array(expected), abs=2e-3), step
         seen.append(inputs)
-    seen = np.array(seen)
-    assert np.abs(seen[:, :, 0]).max() > 0.1
-    assert seen[100:, :, 1].max() > 0.5
-    assert seen[700:, :, 2].max() > 0.05
+    history = np.array(seen)
+    assert np.abs(history[:, :, 0]).max() > 0.1
+    assert history[100:, :, 1].max() > 0.5
+    assert history[700:, :, 2].max() > 0.05
 
 
 def test_worlds_do_not_see_each_other():
