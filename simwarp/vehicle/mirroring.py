@@ -8,6 +8,7 @@ and so does a joint's positive angle about a reflected axis, which the opposite 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from simwarp.vehicle.spec import (
     Axle,
@@ -83,10 +84,10 @@ def _steering(steering: Steering) -> Steering:
                 "arm_chassis", "arm_axis", "arm_link", "universal_axis_arm", "universal_axis_link", "idler_chassis",
                 "idler_axis", "idler_link",
             )  # fmt: skip
+            changes: dict[str, Any] = {name: flipped(getattr(steering, name)) for name in points}
             return dataclasses.replace(
-                steering, link=mirrored_part(steering.link), arm=mirrored_part(steering.arm),
-                **{name: flipped(getattr(steering, name)) for name in points},
-            )  # fmt: skip
+                steering, link=mirrored_part(steering.link), arm=mirrored_part(steering.arm), **changes
+            )
         case RackPinion():
             return dataclasses.replace(steering, link=mirrored_part(steering.link))
         case RotaryArm():
