@@ -59,6 +59,7 @@ class Tables:
     rows: list[Row]
     row_dof: list[int]
     loop_dof: list[int]
+    slot_line: list[tuple[int, int]]
     bounded: list[tuple[int, BoundedKind]]
 
     @property
@@ -164,10 +165,16 @@ def build_tables(builder: ModelBuilder) -> Tables:
     rows: list[Row] = []
     row_dof: list[int] = []
     loop_dof: list[int] = []
+    slot_line: list[tuple[int, int]] = []
+    single = _single_slots(links, link_slot)
     for joint, spec in enumerate(builder.joints):
         if spec.type == JointType.FREE and joint in in_tree:
             loop_dof += range(dof_start[joint], dof_start[joint] + 6)
         if joint in in_tree:
+            continue
+        between = single.get(frozenset((spec.parent, spec.child)))
+        if spec.type == JointType.LINE and between is not None and _acts_on_slot(spec.dofs[0]):
+            slot_line.append((dof_start[joint], between))
             continue
         before = len(rows)
         for row in ELEMENTS[spec.type].rows:
@@ -184,8 +191,24 @@ def build_tables(builder: ModelBuilder) -> Tables:
             loop_row.append(len(rows))
     bounded = _bounded_rows(builder, dof_start)
     return Tables(
-        links, link_slot, slot_dof, slot_link, dof_slot, loop_joint, loop_row, rows, row_dof, loop_dof, bounded
-    )
+        links, link_slot, slot_dof, slot_link, dof_slot, loop_joint, loop_row, rows, row_dof, loop_dof, slot_line,
+        bounded,
+    )  # fmt: skip
+
+
+def _single_slots(links: list[Link], link_slot: list[int]) -> dict[frozenset[int], int]:
+    """Pairs of bodies that a tree joint of one degree of freedom ties, and its slot."""
+    slots = {}
+    for index, link in enumerate(links):
+        if link.body >= 0 and link.joint >= 0 and link_slot[index + 1] - link_slot[index] == 1:
+            parent = WORLD if link.parent < 0 else links[link.parent].body
+            slots[frozenset((link.body, parent))] = link_slot[index]
+    return slots
+
+
+def _acts_on_slot(dof: Dof) -> bool:
+    """Whether a line's effort can be that of the one coordinate that its length depends on: springs and dampers."""
+    return (has_law(dof) or _passive(dof)) and drive_mode(dof) < DriveMode.PRESCRIBED_POSITION
 
 
 def collect_tables(builder: ModelBuilder) -> tuple[list[Table], IntArray]:

@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.joints import (
+    DISTANCE,
     FREE,
     POINT_AXIS0,
     SHAFT,
@@ -176,6 +177,55 @@ def load_slots(
                 work.gain[slot] = law.gain
                 work.effort[slot] = law.effort - law.gain * rate
                 work.rate[slot] = rate
+
+
+@wp.struct
+class SlotLine:
+    """A line between a body and its parent in the tree, which one coordinate moves: its wrenches on body 0 and body 1,
+    and its lever, the length's rate per rate of that coordinate.
+    """
+
+    w0: Wrench
+    w1: Wrench
+    lever: float
+
+
+@wp.func
+def slot_line(index: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> SlotLine:
+    """Geometry of a line at the poses in `work`."""
+    joint = topology.dof_joint[topology.slot_line[index, 0]]
+    slot = topology.slot_line[index, 1]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    row = row_geometry(topology.joint_type[joint], DISTANCE, 0, 0, wp.float64(0.0), frames)
+    line = SlotLine()
+    line.w0 = row.w0
+    line.w1 = row.w1
+    ang = row.w0.ang
+    lin = row.w0.lin
+    if topology.joint_body1[joint] == topology.link_body[topology.slot_link[slot]]:
+        ang = row.w1.ang
+        lin = row.w1.lin
+    line.lever = wp.dot(work.s_ang[slot], ang) + wp.dot(work.s_lin[slot], lin)
+    return line
+
+
+@wp.func
+def load_slot_lines(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
+    work: Work,
+):  # fmt: skip
+    """Springs and dampers along lines as efforts of the one coordinate that they depend on: no row is needed."""
+    for index in range(topology.slot_line_count):
+        dof = topology.slot_line[index, 0]
+        slot = topology.slot_line[index, 1]
+        if work.gain[slot] >= 0.0:  # not prescribed
+            line = slot_line(index, world, topology, parameters, work)
+            law = dof_law(
+                dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+            )
+            gain = line.lever * line.lever * law.gain
+            work.gain[slot] = work.gain[slot] + gain
+            work.effort[slot] = work.effort[slot] + line.lever * law.effort - gain * work.rate[slot]
 
 
 @wp.func

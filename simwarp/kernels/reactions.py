@@ -2,11 +2,11 @@
 
 import warp as wp
 
-from simwarp.kernels.bodies import applied_force, applied_torque, gyroscopic_torque
+from simwarp.kernels.bodies import applied_force, applied_torque, gyroscopic_torque, slot_line
 from simwarp.kernels.cones.problem import ConeProblem
 from simwarp.kernels.contact_rows import contact_frame
 from simwarp.kernels.joints import FREE, joint_frames
-from simwarp.kernels.laws import applied_effort
+from simwarp.kernels.laws import applied_effort, dof_law
 from simwarp.kernels.rows import link_of, row_geometry
 from simwarp.kernels.spatial import matrix_to_float, to_float
 from simwarp.kernels.tables import (
@@ -58,6 +58,25 @@ def take_turns(row: int, topology: Topology, work: Work):
             link1 = link_of(topology.joint_body1[joint], topology)
             take_wrench(link0, work.j0_ang[entry], work.j0_lin[entry], impulse, work)
             take_wrench(link1, work.j1_ang[entry], work.j1_lin[entry], impulse, work)
+
+
+@wp.func
+def take_slot_line(
+    index: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, work: Work, reports: Reports,
+):  # fmt: skip
+    """The impulse of a spring whose effort a slot carries: that line's own reaction, off the account of the joint."""
+    dof = topology.slot_line[index, 0]
+    joint = topology.dof_joint[dof]
+    line = slot_line(index, world, topology, parameters, work)
+    law = dof_law(dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control)
+    impulse = law.effort - law.gain * line.lever * work.qd[topology.slot_line[index, 1]]
+    take_wrench(link_of(topology.joint_body0[joint], topology), line.w0.ang, line.w0.lin, impulse, work)
+    take_wrench(link_of(topology.joint_body1[joint], topology), line.w1.ang, line.w1.lin, impulse, work)
+    frames = joint_frames(joint, world, topology, parameters, work)
+    force = line.w1.lin * (impulse / dt)
+    reports.joint_reaction_force[world, joint] = force
+    reports.joint_reaction_torque[world, joint] = line.w1.ang * (impulse / dt) - wp.cross(to_float(frames.r1), force)
 
 
 @wp.func
@@ -137,6 +156,8 @@ def record_reactions(
         reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
     for row in range(topology.joint_row_count, topology.row_count):
         take_turns(row, topology, work)
+    for index in range(topology.slot_line_count):
+        take_slot_line(index, world, dt, topology, parameters, state, control, work, reports)
     for block in range(limits):
         dof = topology.bounded_dof[work.active[block]]
         if topology.dof_slot[dof] < 0:

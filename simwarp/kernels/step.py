@@ -2,7 +2,15 @@
 
 import warp as wp
 
-from simwarp.kernels.bodies import apply_row_forces, load_bodies, load_poses, load_slots, publish, total_velocities
+from simwarp.kernels.bodies import (
+    apply_row_forces,
+    load_bodies,
+    load_poses,
+    load_slot_lines,
+    load_slots,
+    publish,
+    total_velocities,
+)
 from simwarp.kernels.bounded import apply_cones, collect_bounded
 from simwarp.kernels.cone_rows import assemble_dense
 from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
@@ -165,6 +173,7 @@ def begin_step(
         apply_smooth_contacts(world, dt, topology, parameters, contacts, config, work)
     load_slots(world, dt, time, topology, parameters, state, control, config, work)
     progress.position_error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
+    load_slot_lines(world, dt, topology, parameters, state, control, work)
 
     factor_tree(topology, work)
     for link in range(topology.link_count):

@@ -26,6 +26,7 @@ class Topology:
     joint_row_count: int
     bounded_count: int
     loop_dof_count: int
+    slot_line_count: int
     shape_count: int
     pair_count: int
     grid_buckets: int  # 0: pairs come from the list
@@ -68,6 +69,9 @@ class Topology:
     row_path: wp.array[int]  # CSR over rows: slots that a row can move
     path_slot: wp.array[int]
 
+    slot_line: wp.array2d[
+        int
+    ]  # (lines, 2): coordinate of a LINE, slot of the joint between its bodies, on which it acts
     loop_dof: wp.array[int]  # coordinates of loop joints without a law: `joint_force` acts on them as it is
     bounded_dof: wp.array[int]
     bounded_kind: wp.array[int]  # BoundedKind

@@ -256,3 +256,63 @@ def test_memory_that_is_not_the_worlds_is_refused():
         words(wp.zeros((3, 2), dtype=float, device="cpu"), 4)
     with pytest.raises(ModelError, match="whole words"):
         words(wp.zeros((4, 3), dtype=wp.uint8, device="cpu"), 4)
+
+
+# ---- lines between neighbours ----------------------------------------------------------------------------------------
+
+
+def arm_on_a_spring(order: int, k: float = 400.0, d: float = 30.0):
+    """An arm of 2 kg on a hinge about y at the origin, held by a spring between (0, 0, 1) and its end at (1, 0, 0)."""
+    builder = sw.ModelBuilder(gravity=(0.0, 0.0, -9.81))
+    arm = builder.add_body("arm", mass=2.0, inertia=(0.1, 0.3, 0.3), pose=sw.pose((0.5, 0.0, 0.0)))
+    builder.add_joint_revolute("hinge", sw.WORLD, arm, axis=(0.0, 1.0, 0.0), anchor=(0.0, 0.0, 0.0))
+    ends = {"anchor0": (0.0, 0.0, 1.0), "anchor1": (1.0, 0.0, 0.0)}
+    bodies = (sw.WORLD, arm)
+    if order < 0:
+        ends, bodies = {"anchor0": (1.0, 0.0, 0.0), "anchor1": (0.0, 0.0, 1.0)}, (arm, sw.WORLD)
+    builder.add_spring("spring", *bodies, **ends, rest=1.2, stiffness=k, damping=d)
+    return builder.finalize(1, "cpu")
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_spring_beside_a_hinge_needs_no_row_and_acts_as_one(order):
+    model = arm_on_a_spring(order)
+    assert model.topology.row_count == 0
+    sim = sw.Simulation(model, DT, joint_reactions=True)
+    sim.step()
+    k, d, inertia = 400.0, 30.0, 0.3 + 2.0 * 0.25
+    length, lever = np.sqrt(2.0), np.sqrt(0.5)  # dL/dq: the end moves down, away from the upper anchor
+    torque = 2.0 * 9.81 * 0.5 - k * (length - 1.2) * lever
+    rate = DT * torque / (inertia + lever**2 * (DT * d + DT**2 * k))
+    assert sim.state.joint_qd.numpy()[0, 0] == pytest.approx(rate, rel=1e-5)
+    # backward Euler: the force at the end of the step
+    force = k * (length + DT * lever * rate - 1.2) + d * lever * rate
+    along = np.array([-1.0, 0.0, 1.0]) / np.sqrt(2.0)  # what pulls the arm's end
+    reaction = sim.diagnostics.joint_reaction_force.numpy()[0]
+    assert order * reaction[1] == pytest.approx(force * along, abs=1e-3)
+    # the hinge carries the rest of what accelerates the arm
+    wanted = 2.0 * np.array([0.0, 0.0, -0.5 * rate / DT]) - force * along + np.array([0.0, 0.0, 2.0 * 9.81])
+    assert reaction[0] == pytest.approx(wanted, abs=2e-3)
+
+
+def test_a_spring_beside_a_hinge_does_what_it_does_as_a_row():
+    """The same arm with its hinge cut in two by a light body, so that the spring spans two joints."""
+    runs = []
+    for split in (False, True):
+        builder = sw.ModelBuilder(gravity=(0.0, 0.0, -9.81))
+        arm = builder.add_body("arm", mass=2.0, inertia=(0.1, 0.3, 0.3), pose=sw.pose((0.5, 0.0, 0.0)))
+        parent = sw.WORLD
+        if split:
+            parent = builder.add_body("pin", mass=0.5, inertia=(0.01, 0.01, 0.01))
+            builder.add_joint_fixed("fix", sw.WORLD, parent)
+        builder.add_joint_revolute("hinge", parent, arm, axis=(0.0, 1.0, 0.0), anchor=(0.0, 0.0, 0.0))
+        builder.add_spring(
+            "spring", sw.WORLD, arm, anchor0=(0.0, 0.0, 1.0), anchor1=(1.0, 0.0, 0.0), rest=1.2, stiffness=400.0
+        )
+        sim = sw.Simulation(builder.finalize(1, "cpu"), DT)
+        assert sim.model.topology.row_count == int(split)
+        for _ in range(1000):
+            sim.step()
+        hinge = 0 if not split else builder.dof_start(1)
+        runs.append(sim.state.joint_x.numpy()[0, hinge])
+    assert runs[0] == pytest.approx(runs[1], abs=1e-5)  # a second at 14 rad/s in float32
