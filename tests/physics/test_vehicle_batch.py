@@ -1,5 +1,7 @@
 """Worlds with vehicles do not know of each other, and everything that a vehicle remembers is kept and brought back."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ class Batch:
         self.parts = add_vehicle(builder, shipped(name), speed=9.0)
         self.model = builder.finalize(worlds, "cpu", per_world=per_world())
         self.vehicle = Vehicle(self.parts, self.model, randomised=True)
-        self.driver = PathFollower(self.vehicle, FOLLOW) if follow else ScriptedDriver(self.vehicle, SCRIPT)
+        self.driver: Any = PathFollower(self.vehicle, FOLLOW) if follow else ScriptedDriver(self.vehicle, SCRIPT)
         self.sim = sw.Simulation(self.model, 2.0e-3, elements=[self.driver, self.vehicle], solver=VEHICLE_SOLVER)
 
     def advance(self, steps=STEPS):

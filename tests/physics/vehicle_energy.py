@@ -61,14 +61,15 @@ class Ledger:
                 for body, frame in ((line.parent, line.frame0), (line.child, line.frame1))
             ]
             ends = [now.x[body] + arm for body, arm in zip((line.parent, line.child), arms, strict=True)]
-            rates = [
+            speeds = [
                 now.v[body] + np.cross(now.omega[body], arm)
                 for body, arm in zip((line.parent, line.child), arms, strict=True)
             ]
             apart = ends[1] - ends[0]
             length = np.linalg.norm(apart)
-            found.append((length, apart @ (rates[1] - rates[0]) / length))
-        return tuple(np.array(found).reshape(-1, 2).T)
+            found.append((length, apart @ (speeds[1] - speeds[0]) / length))
+        lengths, rates = np.array(found).reshape(-1, 2).T
+        return lengths, rates
 
     def stored(self, now: Sample) -> float:
         """Kinetic energy of bodies and shafts, of weights and of springs [J]."""
