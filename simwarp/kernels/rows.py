@@ -71,7 +71,7 @@ def row_geometry(
     elif kind == DISTANCE:
         length = wp.length(frames.d)
         if length > wp.float64(0.0):
-            u = frames.d / length
+            u = frames.d * (wp.float64(1.0) / length)
         lever0 = frames.r0
         row.value = length - offset
     row.w1.lin = to_float(u)
