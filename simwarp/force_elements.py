@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 class ForceElement(Protocol):
-    """What a Simulation asks of a room that applies forces."""
+    """What a Simulation asks of a room that applies forces. One that also measures has `record_after`, like `record`,
+    for launches that follow each sub-step.
+    """
 
     @property
     def memory(self) -> Mapping[str, wp.array]:

@@ -276,7 +276,9 @@ class Simulation:
                     outputs=[self.contacts.arrays],
                 )
             )  # fmt: skip
-        return [*commands, self._launch(Operation.STEP, self._all_worlds, record=True)]
+        commands.append(self._launch(Operation.STEP, self._all_worlds, record=True))
+        measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
+        return commands + [command for record in measuring for command in record(self, self._config.dt)]
 
     def _sizes(self) -> Sizes:
         model, topology = self.model, self.model.topology

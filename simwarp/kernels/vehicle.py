@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.powertrain import Powertrain, PowertrainState, run_powertrain
-from simwarp.kernels.spatial import to_double, to_float
+from simwarp.kernels.spatial import matrix_to_float, to_double, to_float
 from simwarp.kernels.tables import ControlArrays, Parameters, StateArrays
 
 wp.set_module_options({"enable_backward": False})
@@ -14,11 +14,57 @@ class VehicleTables:
     """Where a vehicle's inputs act, shared by all worlds."""
 
     chassis: int
+    point: wp.vec3  # whose motion is reported, from the chassis' centre of mass, body axes [m]
     drag: float  # 0.5 · density · coefficient · area [kg/m]
     steering_dof: wp.array[int]
     steering_travel: wp.array[float]  # at full input [rad or m]
     brake_dof: wp.array[int]
     brake_torque: wp.array[float]  # at full braking [N·m]
+
+
+@wp.struct
+class VehicleMotion:
+    """How the vehicles move, per world, at a point of the chassis."""
+
+    position: wp.array[wp.vec3d]  # world [m]
+    angles: wp.array[wp.vec3]  # roll, pitch (nose down positive), yaw [rad]
+    velocity_b: wp.array[wp.vec3]  # chassis axes [m/s]
+    omega_b: wp.array[wp.vec3]  # [rad/s]; the third is the yaw rate
+    acceleration_b: wp.array[wp.vec3]  # over the last step, without gravity [m/s²]
+    last_v: wp.array[wp.vec3]  # velocity at the start of the step, world [m/s]
+
+
+@wp.func
+def point_velocity(world: int, body: int, arm: wp.vec3, state: StateArrays) -> wp.vec3:
+    """Velocity of the point of a body at `arm` from its centre, world axes [m/s]."""
+    return state.body_v[world, body] + wp.cross(state.body_omega[world, body], arm)
+
+
+@wp.kernel
+def measure_vehicle(
+    # inputs
+    dt: float,
+    vehicle: VehicleTables,
+    state: StateArrays,
+    # outputs
+    motion: VehicleMotion,
+):
+    """Motion of the vehicle's point after a step."""
+    world = wp.tid()
+    q = state.body_rot[world, vehicle.chassis]
+    r = wp.quat_to_matrix(q)
+    arm = wp.quat_rotate(q, to_double(vehicle.point))
+    v = point_velocity(world, vehicle.chassis, to_float(arm), state)
+    motion.position[world] = state.body_x[world, vehicle.chassis] + arm
+    motion.angles[world] = wp.vec3(
+        wp.atan2(float(r[2, 1]), float(r[2, 2])),
+        -wp.asin(wp.clamp(float(r[2, 0]), -1.0, 1.0)),
+        wp.atan2(float(r[1, 0]), float(r[0, 0])),
+    )
+    axes = matrix_to_float(r)
+    motion.velocity_b[world] = v * axes
+    motion.omega_b[world] = state.body_omega[world, vehicle.chassis] * axes
+    motion.acceleration_b[world] = ((v - motion.last_v[world]) / dt) * axes
 
 
 @wp.kernel
@@ -32,6 +78,7 @@ def run_vehicle(
     state: StateArrays,
     # outputs
     memory: PowertrainState,
+    motion: VehicleMotion,
     control: ControlArrays,
 ):
     """Turns the driver's inputs into targets, bounds and torques."""
@@ -48,4 +95,6 @@ def run_vehicle(
     control.element_force[world, vehicle.chassis] = (-vehicle.drag * wp.length(v)) * v
     q = state.body_rot[world, vehicle.chassis]
     torque_b = run_powertrain(world, dt, throttle, clutch, powertrain, memory, parameters, control, state)
+    arm = to_float(wp.quat_rotate(q, to_double(vehicle.point)))
+    motion.last_v[world] = point_velocity(world, vehicle.chassis, arm, state)
     control.element_torque[world, vehicle.chassis] = to_float(wp.quat_rotate(q, to_double(torque_b)))

@@ -10,10 +10,10 @@ import warp as wp
 from simwarp.arrays import writable
 from simwarp.kernels.tires.terrain import TerrainTables
 from simwarp.kernels.tires.wheels import apply_tires
-from simwarp.kernels.vehicle import VehicleTables, run_vehicle
+from simwarp.kernels.vehicle import VehicleMotion, VehicleTables, measure_vehicle, run_vehicle
 from simwarp.model import Model
 from simwarp.simulation import Simulation, SolverOptions
-from simwarp.types import ModelError
+from simwarp.types import ModelError, Vec3, finite_vector
 from simwarp.vehicle.assembly import VehicleParts
 from simwarp.vehicle.powertrains import powertrain_state, powertrain_tables
 from simwarp.vehicle.tires import Mount, Tires, tire_row
@@ -37,6 +37,7 @@ class Vehicle:
         parts: from `add_vehicle`.
         model: made with `per_world=PER_WORLD` at least.
         ground: what the tires stand on (`tires.ground`); the plane z = 0 when None.
+        point: whose motion `position` to `acceleration_b` tell, in the vehicle's frame of reference [m].
         randomised: whether every world has rows of its own in `tires.parameter` and an entry of its own in
             `tires.ground_friction`; otherwise all share one.
 
@@ -44,6 +45,11 @@ class Vehicle:
         input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
             driver do so.
         tires: forces, loads, slips and parameters of the tires, (W, wheels) in the order of `parts.sides`.
+        position: (W,) vec3d of the point, world [m].
+        angles: (W,) vec3 roll, pitch (positive nose down), yaw [rad].
+        velocity_b, acceleration_b: (W,) vec3 of the point in axes of the chassis [m/s, m/s²]; the acceleration is that
+            of the last step, without gravity.
+        omega_b: (W,) vec3 of the chassis in its axes [rad/s]; the third entry is the yaw rate.
         gear: (W,) -1 reverse, 0 neutral, 1 and up forward.
         engine_speed, engine_torque, drive_speed, drive_torque: (W,) [rad/s, N·m].
 
@@ -52,8 +58,9 @@ class Vehicle:
     """
 
     def __init__(
-        self, parts: VehicleParts, model: Model, *, ground: TerrainTables | None = None, randomised: bool = False
-    ) -> None:
+        self, parts: VehicleParts, model: Model, *, ground: TerrainTables | None = None,
+        point: Vec3 = (0.0, 0.0, 0.0), randomised: bool = False,
+    ) -> None:  # fmt: skip
         for name in PER_WORLD:
             array = getattr(model, name)
             if array.size and array.shape[0] != model.world_count:
@@ -65,6 +72,8 @@ class Vehicle:
         self.model = model
         self.input = writable((model.world_count, 4), wp.float32, model.device)
         self._tables = _tables(parts, model)
+        self._tables.point = wp.vec3(*(parts.reference + finite_vector("Vehicle", "point", point, 3)))
+        self._motion = _motion(model)
         self._powertrain = powertrain_tables(parts, model)
         self._powertrain_state = powertrain_state(parts, model)
         self.tires = Tires(
@@ -72,6 +81,31 @@ class Vehicle:
         )
 
     # ---- outputs ---------------------------------------------------------------------------------------------------
+
+    @property
+    def position(self) -> wp.array:
+        """(W,) vec3d of the point, world [m]."""
+        return self._motion.position
+
+    @property
+    def angles(self) -> wp.array:
+        """(W,) vec3: roll, pitch (positive nose down), yaw [rad]."""
+        return self._motion.angles
+
+    @property
+    def velocity_b(self) -> wp.array:
+        """(W,) vec3 of the point in axes of the chassis [m/s]."""
+        return self._motion.velocity_b
+
+    @property
+    def omega_b(self) -> wp.array:
+        """(W,) vec3 of the chassis in its axes [rad/s]; the third entry is the yaw rate."""
+        return self._motion.omega_b
+
+    @property
+    def acceleration_b(self) -> wp.array:
+        """(W,) vec3 of the point over the last step, in axes of the chassis, without gravity [m/s²]."""
+        return self._motion.acceleration_b
 
     @property
     def gear(self) -> wp.array:
@@ -112,7 +146,7 @@ class Vehicle:
         inputs = wp.launch(
             run_vehicle, dim=model.world_count, device=model.device, record_cmd=True,
             inputs=[dt, self._tables, self._powertrain, self.input, model.parameters, state],
-            outputs=[self._powertrain_state, control],
+            outputs=[self._powertrain_state, self._motion, control],
         )  # fmt: skip
         tires = wp.launch(
             apply_tires, dim=self.tires.shape, device=model.device, record_cmd=True,
@@ -123,6 +157,16 @@ class Vehicle:
             outputs=[control.element_force, control.element_torque],
         )  # fmt: skip
         return [inputs, tires]
+
+    def record_after(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+        """The launch that measures the motion after a sub-step."""
+        model = simulation.model
+        return [
+            wp.launch(
+                measure_vehicle, dim=model.world_count, device=model.device, record_cmd=True,
+                inputs=[dt, self._tables, simulation.state.arrays], outputs=[self._motion],
+            )
+        ]  # fmt: skip
 
 
 def per_world(others: Iterable[str] = ()) -> list[str]:
@@ -147,6 +191,14 @@ def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     torques = [brake.max_torque for _, brake in brakes if brake is not None]
     table.brake_torque = wp.array(torques, dtype=float, device=model.device)
     return table
+
+
+def _motion(model: Model) -> VehicleMotion:
+    motion = VehicleMotion()
+    motion.position = wp.zeros(model.world_count, dtype=wp.vec3d, device=model.device)
+    for name in ("angles", "velocity_b", "omega_b", "acceleration_b", "last_v"):
+        setattr(motion, name, wp.zeros(model.world_count, dtype=wp.vec3, device=model.device))
+    return motion
 
 
 def _mounts(parts: VehicleParts) -> list[Mount]:
