@@ -20,6 +20,9 @@ class VehicleTables:
     steering_travel: wp.array[float]  # at full input [rad or m]
     brake_dof: wp.array[int]
     brake_torque: wp.array[float]  # at full braking [N·m]
+    lock_dof: wp.array[int]  # slip of the differentials' clutches
+    lock_held: wp.array[float]  # torque of the open clutch [N·m]
+    lock_torque: wp.array[float]  # what closing it adds [N·m]
 
 
 @wp.struct
@@ -74,6 +77,7 @@ def run_vehicle(
     vehicle: VehicleTables,
     powertrain: Powertrain,
     vehicle_input: wp.array2d[float],  # (W, 4): steering -1..1 (left +), throttle, braking, clutch 0..1
+    lock: wp.array2d[float],  # (W, locks) 0..1
     parameters: Parameters,
     state: StateArrays,
     # outputs
@@ -91,6 +95,9 @@ def run_vehicle(
         control.joint_target_q[world, vehicle.steering_dof[index]] = steering * vehicle.steering_travel[index]
     for index in range(vehicle.brake_dof.shape[0]):
         parameters.joint_friction[world, vehicle.brake_dof[index]] = braking * vehicle.brake_torque[index]
+    for index in range(lock.shape[1]):
+        torque = vehicle.lock_held[index] + wp.clamp(lock[world, index], 0.0, 1.0) * vehicle.lock_torque[index]
+        parameters.joint_friction[world, vehicle.lock_dof[index]] = torque
     v = state.body_v[world, vehicle.chassis]
     control.element_force[world, vehicle.chassis] = (-vehicle.drag * wp.length(v)) * v
     q = state.body_rot[world, vehicle.chassis]

@@ -11,7 +11,7 @@ from simwarp.builder import ModelBuilder
 from simwarp.rotation import quat_multiply, rotate
 from simwarp.types import Pose, pose
 from simwarp.vehicle.corner import Array, Frame, inertia_matrix
-from simwarp.vehicle.drivelines import DrivelineParts, add_driveline
+from simwarp.vehicle.drivelines import DrivelineParts, add_clutch, add_driveline
 from simwarp.vehicle.rolling import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
 from simwarp.vehicle.spec import AutomaticShafts, Chassis, ManualShafts, SpecError, VehicleSpec
 from simwarp.vehicle.steerings import SteeringParts, add_steering
@@ -111,9 +111,6 @@ EXCHANGE_TIME = 1.0e-3
 [s]: what the exchange of speed and torque between the two amounts to in the models that the data are from.
 """
 
-SLIP_INERTIA = 1.0e-4
-"""Of the coordinate that measures a clutch's slip [kg·m²]: far below any shaft's."""
-
 
 def _add_transmission(
     builder: ModelBuilder, prefix: str, spec: VehicleSpec, driveline: DrivelineParts, start: Rolling
@@ -137,6 +134,6 @@ def _add_transmission(
     )  # fmt: skip
     slip = -1
     if isinstance(gears, ManualShafts):
-        slip = builder.add_shaft(f"{prefix}clutch", inertia=SLIP_INERTIA, friction=gears.clutch_limit)
-        builder.add_coupling(f"{prefix}clutch", [(motor, 1.0), (inner, -1.0), (slip, -1.0)])
+        inertia = min(gears.motorshaft_inertia, gears.input_inertia)
+        slip = add_clutch(builder, f"{prefix}clutch", (motor, inner), inertia, gears.clutch_limit)
     return motor, inner, coupling, slip

@@ -12,6 +12,22 @@ from simwarp.builder import ModelBuilder
 from simwarp.vehicle.spec import Driveline, ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline, SpecError
 from simwarp.vehicle.suspensions import Side
 
+SLIP_SHARE = 2.0e-3
+"""Inertia of the coordinate that measures a clutch's slip, over the smaller of the two that it ties: too little to be
+felt, enough for float32 to keep what is left of torque / inertia.
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Lock:
+    """A clutch across a differential: the coordinate of its slip, whose dry friction is the clutch's torque."""
+
+    slip: int
+    held: float
+    """Torque of the open clutch, of a limited-slip differential [N·m]."""
+    locking: float
+    """What closing it adds [N·m]."""
+
 
 @dataclasses.dataclass(frozen=True)
 class DrivelineParts:
@@ -21,6 +37,7 @@ class DrivelineParts:
     """
 
     shaft: int = -1
+    locks: tuple[Lock, ...] = ()
     split: tuple[tuple[int, int, float, float, float], ...] = ()
 
 
@@ -48,6 +65,32 @@ def add_driveline(
     raise SpecError(f"driveline: template '{spec.template}' is not known")
 
 
+def add_clutch(builder: ModelBuilder, name: str, ends: tuple[int, int], inertia: float, torque: float) -> int:
+    """The slip between two shafts or turns, with dry friction up to a torque [N·m]; `inertia`: the smaller of the two
+    [kg·m²]. Returns the coordinate of the slip.
+    """
+    slip = builder.add_shaft(name, inertia=SLIP_SHARE * inertia, friction=torque)
+    builder.add_coupling(name, [(ends[0], 1.0), (ends[1], -1.0), (slip, -1.0)])
+    return slip
+
+
+def _add_lock(
+    builder: ModelBuilder, name: str, ends: tuple[int, int], inertia: float, held: float, locking: float
+) -> tuple[Lock, ...]:
+    """A clutch across a differential; none where it would hold nothing."""
+    if held + locking == 0.0:
+        return ()
+    return (Lock(add_clutch(builder, name, ends, inertia, held + locking), held, locking),)
+
+
+def _add_axle_lock(
+    builder: ModelBuilder, name: str, sides: tuple[Side, Side], held: float, locking: float
+) -> tuple[Lock, ...]:
+    """A clutch between the wheels of an axle."""
+    inertia = min(float(builder.bodies[side.spindle].inertia[1, 1]) for side in sides)
+    return _add_lock(builder, name, (sides[0].turn, sides[1].turn), inertia, held, locking)
+
+
 def _add_differential(builder: ModelBuilder, name: str, shaft: int, ratio: float, sides: tuple[Side, Side]) -> None:
     """Bevel gear and differential: the wheels' mean speed is ratio x the shaft's."""
     left, right = sides
@@ -59,8 +102,11 @@ def _two_wheels(
 ) -> DrivelineParts:
     inertia = spec.driveshaft_inertia + spec.box_inertia * spec.gear_ratio**2
     shaft = builder.add_shaft(f"{prefix}driveline.shaft", inertia=inertia)
-    _add_differential(builder, f"{prefix}driveline.differential", shaft, spec.gear_ratio, sides[spec.axle])
-    return DrivelineParts(shaft)
+    left, right = sides[spec.axle]
+    _add_differential(builder, f"{prefix}driveline.differential", shaft, spec.gear_ratio, (left, right))
+    locking = spec.locking_limit if spec.lockable else 0.0
+    locks = _add_axle_lock(builder, f"{prefix}driveline.lock", (left, right), spec.slip_torque, locking)
+    return DrivelineParts(shaft, locks)
 
 
 def _four_wheels(
@@ -75,4 +121,12 @@ def _four_wheels(
     first, last = (sides[axle] for axle in spec.axles)
     _add_differential(builder, f"{prefix}driveline.front_differential", front, spec.front_gear_ratio, first)
     _add_differential(builder, f"{prefix}driveline.rear_differential", rear, spec.rear_gear_ratio, last)
-    return DrivelineParts(shaft)
+    axle = spec.axle_locking_limit if spec.lockable else 0.0
+    center = spec.central_locking_limit if spec.lockable else 0.0
+    shafts = min(front_inertia, rear_inertia)
+    locks = (
+        *_add_lock(builder, f"{prefix}driveline.center_lock", (front, rear), shafts, spec.central_slip_torque, center),
+        *_add_axle_lock(builder, f"{prefix}driveline.front_lock", first, spec.axle_slip_torque, axle),
+        *_add_axle_lock(builder, f"{prefix}driveline.rear_lock", last, spec.axle_slip_torque, axle),
+    )
+    return DrivelineParts(shaft, locks)

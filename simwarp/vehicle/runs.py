@@ -12,7 +12,7 @@ from simwarp.builder import ModelBuilder
 from simwarp.force_elements import ForceElement
 from simwarp.rotation import rotate
 from simwarp.simulation import Simulation
-from simwarp.types import WorldStatus, pose
+from simwarp.types import Material, WorldStatus, pose
 from simwarp.vehicle.assembly import add_vehicle
 from simwarp.vehicle.channels import Recorder, Run
 from simwarp.vehicle.drivers import ScriptedDriver
@@ -74,6 +74,8 @@ def set_up(
     builder = ModelBuilder()
     start = pose(rotate(rotation, np.array([0.0, 0.0, spec.start_height])), rotation)
     parts = add_vehicle(builder, spec, at=start)
+    if any(side.shape >= 0 for side in parts.sides):
+        builder.add_shape_plane(name="ground", pose=pose(rotation=rotation), material=Material(friction=friction))
     model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
     vehicle = Vehicle(parts, model, ground=ground(model.device, rotation=rotation))
     vehicle.tires.ground_friction.fill_(friction)

@@ -72,7 +72,7 @@ class ShaftsDriveline2WD(Spec):
     """Drive shaft, bevel gear, differential with a locking clutch."""
 
     POSITIVE: ClassVar = frozenset({"driveshaft_inertia", "box_inertia", "gear_ratio"})
-    NOT_NEGATIVE: ClassVar = frozenset({"locking_limit"})
+    NOT_NEGATIVE: ClassVar = frozenset({"locking_limit", "slip_torque"})
 
     template: Literal["shafts-2wd"] = "shafts-2wd"
     axle: int = -1
@@ -83,6 +83,10 @@ class ShaftsDriveline2WD(Spec):
     """Box speed per drive shaft speed."""
     locking_limit: float = 0.0
     """Largest torque of the locked clutch [N·m]."""
+    lockable: bool = False
+    """Whether `Vehicle.lock` can close that clutch; without it none is built."""
+    slip_torque: float = 0.0
+    """Torque that a limited-slip differential always holds between its wheels [N·m]."""
     reaction: float = 0.0
     """Torque on the chassis about x per torque of the drive shaft; 0 closes the balance (docs/vehicles.md)."""
 
@@ -97,7 +101,9 @@ class ShaftsDriveline4WD(Spec):
             "rear_box_inertia", "front_gear_ratio", "rear_gear_ratio",
         }
     )  # fmt: skip
-    NOT_NEGATIVE: ClassVar = frozenset({"axle_locking_limit", "central_locking_limit"})
+    NOT_NEGATIVE: ClassVar = frozenset(
+        {"axle_locking_limit", "central_locking_limit", "axle_slip_torque", "central_slip_torque"}
+    )
 
     template: Literal["shafts-4wd"] = "shafts-4wd"
     axles: tuple[int, int] = (0, 1)
@@ -110,6 +116,12 @@ class ShaftsDriveline4WD(Spec):
     rear_gear_ratio: float
     axle_locking_limit: float = 0.0
     central_locking_limit: float = 0.0
+    lockable: bool = False
+    """Whether `Vehicle.lock` can close those clutches; without it none is built."""
+    axle_slip_torque: float = 0.0
+    """Torque that limited-slip differentials of the axles always hold between their wheels [N·m]."""
+    central_slip_torque: float = 0.0
+    """The same of the central one, between the front and the rear shaft."""
     reaction: float = 0.0
     """Torque on the chassis about x per torque of the drive shaft; 0 closes the balance (docs/vehicles.md)."""
 

@@ -16,6 +16,8 @@ from simwarp.simulation import Simulation, SolverOptions
 from simwarp.types import ModelError, Vec3, finite_vector
 from simwarp.vehicle.assembly import VehicleParts
 from simwarp.vehicle.powertrains import powertrain_state, powertrain_tables
+from simwarp.vehicle.rigid_tires import RigidTires
+from simwarp.vehicle.spec import SpecError
 from simwarp.vehicle.tires import Mount, Tires, tire_row
 
 PER_WORLD: Final = ("joint_friction", "coupling_coefficient", "coupling_offset")
@@ -44,6 +46,7 @@ class Vehicle:
     Attributes:
         input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
             driver do so.
+        lock: (W, locks) 0..1, closes the clutches of differentials that are `lockable`: central, front, rear.
         tires: forces, loads, slips and parameters of the tires, (W, wheels) in the order of `parts.sides`.
         position: (W,) vec3d of the point, world [m].
         angles: (W,) vec3 roll, pitch (positive nose down), yaw [rad].
@@ -71,14 +74,13 @@ class Vehicle:
         self.parts = parts
         self.model = model
         self.input = writable((model.world_count, 4), wp.float32, model.device)
+        self.lock = writable((model.world_count, len(parts.driveline.locks)), wp.float32, model.device)
         self._tables = _tables(parts, model)
         self._tables.point = wp.vec3(*(parts.reference + finite_vector("Vehicle", "point", point, 3)))
         self._motion = _motion(model)
         self._powertrain = powertrain_tables(parts, model)
         self._powertrain_state = powertrain_state(parts, model)
-        self.tires = Tires(
-            _mounts(parts), model.world_count, model.body_count, model.device, terrain=ground, randomised=randomised
-        )
+        self.tires = _tires(parts, model, ground, randomised)
 
     # ---- outputs ---------------------------------------------------------------------------------------------------
 
@@ -134,10 +136,17 @@ class Vehicle:
         """What a reset brings back and a snapshot keeps."""
         state = self._powertrain_state
         arrays = {
-            "input": self.input, "tire_state": self.tires.state, "gear": state.gear, "shift_time": state.shift_time,
-            "engine_speed": state.engine_speed, "last_input": state.last_input, "last_drive": state.last_drive,
-            "coupling_coefficient": self.model.coupling_coefficient, "coupling_offset": self.model.coupling_offset,
-        }  # fmt: skip
+            "input": self.input,
+            "lock": self.lock,
+            "tire_state": self.tires.state,
+            "gear": state.gear,
+            "shift_time": state.shift_time,
+            "engine_speed": state.engine_speed,
+            "last_input": state.last_input,
+            "last_drive": state.last_drive,
+            "coupling_coefficient": self.model.coupling_coefficient,
+            "coupling_offset": self.model.coupling_offset,
+        }
         return {name: array for name, array in arrays.items() if array.size}
 
     def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
@@ -145,9 +154,11 @@ class Vehicle:
         model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
         inputs = wp.launch(
             run_vehicle, dim=model.world_count, device=model.device, record_cmd=True,
-            inputs=[dt, self._tables, self._powertrain, self.input, model.parameters, state],
+            inputs=[dt, self._tables, self._powertrain, self.input, self.lock, model.parameters, state],
             outputs=[self._powertrain_state, self._motion, control],
         )  # fmt: skip
+        if isinstance(self.tires, RigidTires):
+            return [inputs, *self.tires.record(simulation)]
         tires = wp.launch(
             apply_tires, dim=self.tires.shape, device=model.device, record_cmd=True,
             inputs=[
@@ -161,11 +172,13 @@ class Vehicle:
     def record_after(self, simulation: Simulation, dt: float) -> Sequence[Any]:
         """The launch that measures the motion after a sub-step."""
         model = simulation.model
+        loads = self.tires.record_after(simulation) if isinstance(self.tires, RigidTires) else []
         return [
+            *loads,
             wp.launch(
                 measure_vehicle, dim=model.world_count, device=model.device, record_cmd=True,
                 inputs=[dt, self._tables, simulation.state.arrays], outputs=[self._motion],
-            )
+            ),
         ]  # fmt: skip
 
 
@@ -188,6 +201,10 @@ def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     table.steering_dof = wp.array([starts[s.joint] for s in parts.steerings], dtype=int, device=model.device)
     table.steering_travel = wp.array([s.travel for s in parts.steerings], dtype=float, device=model.device)
     table.brake_dof = wp.array([dof for dof, _ in brakes], dtype=int, device=model.device)
+    locks = parts.driveline.locks
+    table.lock_dof = wp.array([starts[lock.slip] for lock in locks], dtype=int, device=model.device)
+    table.lock_held = wp.array([lock.held for lock in locks], dtype=float, device=model.device)
+    table.lock_torque = wp.array([lock.locking for lock in locks], dtype=float, device=model.device)
     torques = [brake.max_torque for _, brake in brakes if brake is not None]
     table.brake_torque = wp.array(torques, dtype=float, device=model.device)
     return table
@@ -199,6 +216,17 @@ def _motion(model: Model) -> VehicleMotion:
     for name in ("angles", "velocity_b", "omega_b", "acceleration_b", "last_v"):
         setattr(motion, name, wp.zeros(model.world_count, dtype=wp.vec3, device=model.device))
     return motion
+
+
+def _tires(parts: VehicleParts, model: Model, ground: TerrainTables | None, randomised: bool) -> Tires | RigidTires:
+    """Force elements, or shapes in contact; a vehicle has one kind or the other."""
+    rigid = [side for side in parts.sides if side.shape >= 0]
+    if not rigid:
+        worlds, bodies = model.world_count, model.body_count
+        return Tires(_mounts(parts), worlds, bodies, model.device, terrain=ground, randomised=randomised)
+    if len(rigid) < len(parts.sides):
+        raise SpecError("axles: tires must be rigid on all wheels or on none, got both; choose one kind")
+    return RigidTires([side.shape for side in rigid], [side.spindle for side in rigid], model)
 
 
 def _mounts(parts: VehicleParts) -> list[Mount]:

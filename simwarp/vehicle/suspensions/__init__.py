@@ -13,6 +13,7 @@ import numpy as np
 from simwarp.rotation import quat_multiply, rotate
 from simwarp.types import pose
 from simwarp.vehicle.corner import Array, Frame
+from simwarp.vehicle.rigid_tires import TEMPLATE, add_rigid_tire
 from simwarp.vehicle.spec import (
     Axle,
     DoubleWishbone,
@@ -52,6 +53,8 @@ class Side:
     """Rotation of the wheel seen from the chassis: the driveline's axle shaft."""
     bar: int
     """Body that the link of an anti-roll bar holds."""
+    shape: int = -1
+    """Cylinder of a rigid tire, -1 of others."""
 
 
 def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: int) -> tuple[Side, Side]:
@@ -114,7 +117,10 @@ def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: Hol
     brake = 0.0 if axle.brake is None else axle.brake.max_torque
     spin = builder.add_joint_revolute(f"{frame.name}.spin", holder.carrier, spindle, axis=axis, friction=brake)
     turn = builder.add_turn(f"{frame.name}.axle", chassis, spindle, axis=axis)
-    return Side(frame.name, index, frame.side, holder.carrier, spindle, spin, turn, holder.bar)
+    shape = -1
+    if axle.tire.template == TEMPLATE:
+        shape = add_rigid_tire(builder, f"{frame.name}.tire", spindle, axle.tire)
+    return Side(frame.name, index, frame.side, holder.carrier, spindle, spin, turn, holder.bar, shape)
 
 
 def _wheel_axis(frame: Frame, suspension: Suspension) -> tuple[Array, Array]:
