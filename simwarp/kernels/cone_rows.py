@@ -5,8 +5,8 @@ complement S = Y Y^T - W W^T + C of everything bilateral.
 import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
-from simwarp.kernels.joints import FREE
 from simwarp.kernels.dense_rows import solve_rows_forward
+from simwarp.kernels.joints import FREE
 from simwarp.kernels.tables import Topology, Work
 
 wp.set_module_options({"enable_backward": False})

@@ -50,7 +50,7 @@ def assemble(
     count: int, slots: int, path: wp.array[int], slot: wp.array[int], y: wp.array2d[float], compliance: wp.array[float],
     y_t: wp.array2d[float], n: wp.array2d[float], scale: wp.array[float],
 ):  # fmt: skip
-    """n <- lower triangle of Y Y^T + C; `scale` grows to its diagonal at least. `y_t` keeps the columns of Y."""
+    """N <- lower triangle of Y Y^T + C; `scale` grows to its diagonal at least. `y_t` keeps the columns of Y."""
     ...
 
 
@@ -85,7 +85,7 @@ def factor(
     count: int, tolerance: float, scale: wp.array[float], n: wp.array2d[float], inverse_pivot: wp.array[float],
     work: wp.array[float],
 ):  # fmt: skip
-    """n <- its Cholesky factor, column by column to the right; inverse pivots of redundant rows are zero."""
+    """N <- its Cholesky factor, column by column to the right; inverse pivots of redundant rows are zero."""
     ...
 
 
@@ -106,7 +106,7 @@ def factor(
     }
 """)
 def forward(count: int, n: wp.array2d[float], inverse_pivot: wp.array[float], x: wp.array[float]):
-    """x <- L^-1 x."""
+    """X <- L^-1 x."""
     ...
 
 
@@ -126,7 +126,7 @@ def forward(count: int, n: wp.array2d[float], inverse_pivot: wp.array[float], x:
     }
 """)
 def backward(count: int, n: wp.array2d[float], inverse_pivot: wp.array[float], x: wp.array[float]):
-    """x <- L^-T x."""
+    """X <- L^-T x."""
     ...
 
 
