@@ -55,15 +55,8 @@ def without_engine(spec: Any) -> Any:
 # ---- power -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("name", "engine", "gear"),
-    [("hmmwv-reduced", False, None), ("hmmwv-reduced", True, 0), ("hmmwv-reduced", True, None), ("gator", False, None)],
-)
-@pytest.mark.parametrize("settled", [True, False])
-def test_a_coasting_vehicle_loses_what_its_models_dissipate(name, engine, gear, settled):
-    """From 15 m/s: without an engine, in neutral, and against the engine through the converter; with the drop onto the
-    wheels at the start and without it.
-    """
+def coast(name: str, engine: bool, gear: int | None, settled: bool) -> tuple[float, np.ndarray]:
+    """Energy that is lost in four seconds from 15 m/s on, and the work of tires, dampers, drag and shafts [J]."""
     dt = 2.0e-3
     spec = shipped(name) if engine else without_engine(shipped(name))
     builder, _, vehicle, sim = start(spec, 15.0, dt=dt, gear=gear)
@@ -85,7 +78,19 @@ def test_a_coasting_vehicle_loses_what_its_models_dissipate(name, engine, gear, 
             shaft_work(sim, before, after, dt),
         ]
         before = after
-    lost = first - ledger.stored(before)
+    return first - ledger.stored(before), work
+
+
+@pytest.mark.parametrize(
+    ("name", "engine", "gear"),
+    [("hmmwv-reduced", False, None), ("hmmwv-reduced", True, 0), ("hmmwv-reduced", True, None), ("gator", False, None)],
+)
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_coasting_vehicle_loses_what_its_models_dissipate(name, engine, gear, settled):
+    """From 15 m/s: without an engine, in neutral, and against the engine through the converter; with the drop onto the
+    wheels at the start and without it.
+    """
+    lost, work = coast(name, engine, gear, settled)
     assert lost > 15000.0
     assert work[0] < -0.25 * lost
     assert (work[2] < -0.25 * lost) == (name == "gator")
@@ -132,9 +137,11 @@ def test_every_vehicle_holds_on_a_slope_for_a_minute(name):
 # ---- long runs -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "speed"), [("hmmwv", 12.0), ("hmmwv-reduced", 12.0), ("gator", 6.0)])
-def test_joints_are_as_exact_after_ten_minutes_as_after_ten_seconds(name, speed):
+LONG = (("hmmwv", 12.0), ("hmmwv-reduced", 12.0), ("gator", 6.0))
+
+
+def ten_minutes(name: str, speed: float) -> tuple[np.ndarray, list[str], float]:
+    """Steering back and forth: largest (joint error, row residual) of every ten seconds, troubles, last speed."""
     dt = 2.0e-3
     time = np.arange(0.0, 601.0, 0.25)
     swing = 0.3 * np.sin(0.4 * np.pi * time) * np.minimum(1.0, time / 5.0)
@@ -146,12 +153,21 @@ def test_joints_are_as_exact_after_ten_minutes_as_after_ten_seconds(name, speed)
             sim.step()
             errors = sim.diagnostics.position_error.numpy()[0], sim.diagnostics.row_residual.numpy()[0]
             worst[part] = np.maximum(worst[part], errors)
-    # the first ten seconds hold the drop, and no full swing yet: the second ten are the measure
-    assert (worst[-1] <= 1.1 * worst[1] + 1.0e-7).all()
-    assert worst[1:].max(axis=0) == pytest.approx(worst[1], rel=0.2, abs=1.0e-7)
+    return worst, sim.problems(), float(np.linalg.norm(sim.state.body_v.numpy()[0, parts.chassis]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "speed"), LONG)
+def test_joints_are_as_exact_after_ten_minutes_as_after_ten_seconds(name, speed):
+    worst, problems, last = ten_minutes(name, speed)
+    # the first ten seconds hold the drop, and no full swing yet: the second ten are the measure. Residuals are the
+    # rounding of float32: the largest of 5000 steps varies.
+    assert worst[-1, 0] <= 1.1 * worst[1, 0]
+    assert worst[1:, 0].max() <= 1.1 * worst[1, 0]
+    assert worst[1:, 1].max() <= 1.5 * worst[1, 1] + 1.0e-7
     assert worst[:, 0].max() < 1.0e-4
-    assert sim.problems() == []
-    assert sim.state.body_v.numpy()[0, parts.chassis, 0] > 0.5 * speed
+    assert problems == []
+    assert last > 0.5 * speed
 
 
 # ---- steps -----------------------------------------------------------------------------------------------------------
