@@ -17,7 +17,10 @@ from simwarp.types import WorldStatus
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
-WITH_CODE = [ROOT / "README.md", ROOT / "docs" / "conventions.md", ROOT / "docs" / "write-a-task.md"]
+WITH_CODE = [
+    ROOT / "README.md",
+    *(ROOT / "docs" / name for name in ("conventions.md", "vehicles.md", "write-a-task.md")),
+]
 EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
     "four_bar.py": ["--seconds", "0.5", "--plot", "four_bar.png"],
@@ -25,6 +28,7 @@ EXAMPLES = {
     "contacts.py": [],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
     "train_sb3.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
+    "vehicles_on_ice.py": ["--worlds", "6", "--speed", "4", "--dt", "0.004", "--plot", "vehicles_on_ice.png"],
     "train_skrl.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
 }
 NEEDS = {"train_sb3.py": "stable_baselines3", "train_skrl.py": "skrl"}
@@ -77,6 +81,13 @@ def test_an_example_runs(name, tmp_path):
         difference = re.search(r"over 3 worlds: (\S+)", printed)
         assert difference is not None
         assert float(difference[1]) < 1e-3
+    if name == "vehicles_on_ice.py":
+        stops = {
+            road: float(stop) for road, stop in re.findall(r"(ice|wet|dry) .* (\S+) \(\S+ to \S+\) .*up to", printed)
+        }
+        # 4 m/s and a friction of 0.9: not below v² / (2 mu g) = 0.9 m; on ice not below 4 m
+        assert 0.8 < stops["dry"] < stops["wet"] < stops["ice"]
+        assert stops["ice"] > 4.0
     if name in NEEDS:
         returns = re.search(r"before (\S+), after \d+ steps (\S+)", printed)
         assert returns is not None
