@@ -97,7 +97,7 @@ class CouplingSpec:
     damping: float = 0.0
 
 
-MAX_COUPLING_TERMS = 3
+MAX_COUPLING_TERMS = 6
 
 
 class ModelBuilder(ShapeList):
@@ -380,7 +380,7 @@ class ModelBuilder(ShapeList):
         Gears, racks, screws, belts and planetary sets are couplings: see `add_gear`, `add_rack`, `add_screw`.
 
         Args:
-            terms: (joint, coefficient) or (joint, local dof, coefficient), at most three.
+            terms: (joint, coefficient) or (joint, local dof, coefficient), at most six.
             damping: of a viscous coupling, whose sum may slip [N·m·s/rad or N·s/m]; 0 holds it rigidly.
         """
         thing = self._new_name("coupling", name, (coupling.name for coupling in self.couplings))

@@ -69,7 +69,7 @@ PARAMETERS: dict[str, Parameter] = {
     "drive_stiffness": Parameter(wp.float32, "(1 or W, dofs) [N/m or N·m/rad]"),
     "drive_damping": Parameter(wp.float32, "(1 or W, dofs) [N·s/m or N·m·s/rad]"),
     "drive_effort_limit": Parameter(wp.float32, "(1 or W, dofs) [N or N·m]"),
-    "coupling_coefficient": Parameter(wp.float32, "(1 or W, couplings, 3)"),
+    "coupling_coefficient": Parameter(wp.float32, "(1 or W, couplings, terms)"),
     "coupling_offset": Parameter(wp.float64, "(1 or W, couplings)"),
     "coupling_damping": Parameter(wp.float32, "(1 or W, couplings) of a viscous coupling, 0: rigid [N·m·s/rad]"),
     "shape_x": Parameter(wp.vec3d, "(1 or W, S) origin from the body's centre of mass, body axes [m]"),
@@ -253,7 +253,7 @@ def _parameter_values(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
     pd = [drive if isinstance(drive, PositionDrive) else PositionDrive(stiffness=0.0) for drive in drives]
     efforts = [drive.effort_limit if isinstance(drive, PositionDrive | VelocityMotor) else INFINITE for drive in drives]
     limits = [dof.limit if dof.limit is not None else (-INFINITE, INFINITE) for dof in dofs]
-    coefficients = np.zeros((len(builder.couplings), 3))
+    coefficients = np.zeros((len(builder.couplings), coupling_width(builder)))
     for row, coupling in enumerate(builder.couplings):
         coefficients[row, : len(coupling.terms)] = [value for _, value in coupling.terms]
     initial = _initial_coordinates(builder)
@@ -357,6 +357,11 @@ def _initial_coordinates(builder: ModelBuilder) -> list[float]:
     return [joint.initial_q for joint in builder.joints for _ in joint.dofs]
 
 
+def coupling_width(builder: ModelBuilder) -> int:
+    """Terms of the longest coupling."""
+    return max((len(coupling.terms) for coupling in builder.couplings), default=1)
+
+
 def turn_terms(builder: ModelBuilder) -> list[tuple[int, int]]:
     """(coupling, term) of every coupling term on the rotation between two bodies."""
     owner = dof_joints(builder)
@@ -385,10 +390,10 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
             body_link[link.body] = index
     dof_rows = [(joint, row, dof) for joint, spec in enumerate(joints)
                 for row, dof in zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)]  # fmt: skip
-    coupling_dof = np.full((len(builder.couplings), 3), -1, np.int32)
+    coupling_dof = np.full((len(builder.couplings), coupling_width(builder)), -1, np.int32)
     for row, coupling in enumerate(builder.couplings):
         coupling_dof[row, : len(coupling.terms)] = [dof for dof, _ in coupling.terms]
-    wrench = np.full((len(builder.couplings), 3), -1, np.int32)
+    wrench = np.full_like(coupling_dof, -1)
     for entry, (row, term) in enumerate(turn_terms(builder)):
         wrench[row, term] = tables.row_count + len(builder.couplings) + entry
     curves, dof_table = collect_tables(builder)

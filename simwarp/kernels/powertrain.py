@@ -171,21 +171,19 @@ def next_gear(gear: int, speed: float, elapsed: float, powertrain: Powertrain) -
 
 
 @wp.func
-def engage(
-    world: int, ratio: float, powertrain: Powertrain, state: StateArrays, coefficient: wp.array3d[float],
-    offset: wp.array2d[wp.float64],
-):  # fmt: skip
-    """Sets the gears' coupling to a ratio where the shafts stand; neutral (0) couples nothing."""
+def engage(world: int, ratio: float, powertrain: Powertrain, coefficient: wp.array3d[float]):
+    """Sets the gears' viscous coupling to a ratio; neutral (0) couples nothing."""
     row = powertrain.gear_coupling
     if coefficient[world, row, 0] == ratio:
         return
+    engaged = wp.where(ratio == 0.0, 0.0, -1.0)
     coefficient[world, row, 0] = ratio
-    coefficient[world, row, 1] = wp.where(ratio == 0.0, 0.0, -1.0)
-    offset[world, row] = wp.float64(0.0)
-    if ratio != 0.0:
-        offset[world, row] = (
-            wp.float64(ratio) * state.joint_x[world, powertrain.input_dof] - state.joint_x[world, powertrain.drive_dof]
-        )
+    if powertrain.drive_dof >= 0:
+        coefficient[world, row, 1] = engaged
+    for axle in range(powertrain.split_count):
+        part = 0.5 * powertrain.split_share[axle] / powertrain.split_ratio[axle]
+        coefficient[world, row, 1 + 2 * axle] = engaged * part
+        coefficient[world, row, 2 + 2 * axle] = engaged * part
 
 
 @wp.func
@@ -208,8 +206,12 @@ def split_speed(world: int, powertrain: Powertrain, state: StateArrays) -> float
 
 
 @wp.func
-def split_torque(world: int, torque: float, powertrain: Powertrain, state: StateArrays, joint_force: wp.array2d[float]):
-    """The drive shaft's torque on the wheels of a simple driveline."""
+def split_torque(
+    world: int, torque: float, even: float, powertrain: Powertrain, state: StateArrays, joint_force: wp.array2d[float]
+):  # fmt: skip
+    """The drive shaft's torque on the wheels of a simple driveline; `even`: each wheel's share of its axle's torque
+    that the gears' coupling brings already, 0 or one half.
+    """
     for axle in range(powertrain.split_count):
         left = powertrain.split_dof[axle, 0]
         right = powertrain.split_dof[axle, 1]
@@ -218,11 +220,11 @@ def split_torque(world: int, torque: float, powertrain: Powertrain, state: State
         w_right = state.joint_qd[world, right]
         slow = differential_share(w_left, w_right, powertrain.split_bias[axle])
         if wp.abs(w_left) < wp.abs(w_right):
-            joint_force[world, left] = slow * part
-            joint_force[world, right] = (1.0 - slow) * part
+            joint_force[world, left] = (slow - even) * part
+            joint_force[world, right] = (1.0 - slow - even) * part
         else:
-            joint_force[world, left] = (1.0 - slow) * part
-            joint_force[world, right] = slow * part
+            joint_force[world, left] = (1.0 - slow - even) * part
+            joint_force[world, right] = (slow - even) * part
 
 
 @wp.func
@@ -251,11 +253,12 @@ def drive_shafts(
         parameters.joint_friction[world, powertrain.slip_dof] = limit
         drive_torque = wp.min(torque, limit)
     ratio = powertrain.ratio[memory.gear[world] + 1]
-    engage(world, ratio, powertrain, state, parameters.coupling_coefficient, parameters.coupling_offset)
+    engage(world, ratio, powertrain, parameters.coupling_coefficient)
     if ratio != 0.0:
         # what accelerates the input shaft does not reach the drive shaft
         change = powertrain.input_inertia * (input_speed - memory.last_input[world]) / dt
         drive_torque = (drive_torque - change) / ratio
+    split_torque(world, drive_torque, 0.5, powertrain, state, joint_force)
     memory.last_input[world] = input_speed
     memory.engine_speed[world] = motor_speed
     memory.engine_torque[world] = torque
@@ -292,7 +295,7 @@ def drive_directly(
     if powertrain.drive_dof >= 0:
         joint_force[world, powertrain.drive_dof] = drive_torque
     else:
-        split_torque(world, drive_torque, powertrain, state, joint_force)
+        split_torque(world, drive_torque, 0.0, powertrain, state, joint_force)
 
 
 @wp.func

@@ -49,7 +49,7 @@ def take_contact(contact: int, world: int, topology: Topology, contacts: Contact
 def take_turns(row: int, topology: Topology, work: Work):
     """A coupling's impulses on the bodies that its TURN terms name, off the account of their joints."""
     coupling = row - topology.joint_row_count
-    for term in range(3):
+    for term in range(topology.coupling_wrench.shape[1]):
         entry = topology.coupling_wrench[coupling, term]
         if entry >= 0:
             joint = topology.dof_joint[topology.coupling_dof[coupling, term]]

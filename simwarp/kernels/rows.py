@@ -249,7 +249,7 @@ def coupling_row(
     value = -parameters.coupling_offset[own(world, parameters.coupling_offset.shape[0]), coupling]
     limit = config.recovery_rate
     wc = own(world, parameters.coupling_coefficient.shape[0])
-    for term in range(3):
+    for term in range(topology.coupling_dof.shape[1]):
         dof = topology.coupling_dof[coupling, term]
         if dof >= 0:
             coefficient = parameters.coupling_coefficient[wc, coupling, term]
@@ -285,7 +285,7 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
     for row in range(topology.joint_row_count, topology.row_count):
         coupling = row - topology.joint_row_count
         speed = float(0.0)
-        for term in range(3):
+        for term in range(topology.coupling_dof.shape[1]):
             dof = topology.coupling_dof[coupling, term]
             if dof >= 0:
                 slot = topology.dof_slot[dof]

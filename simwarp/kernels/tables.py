@@ -64,8 +64,8 @@ class Topology:
     row_axis0: wp.array[int]
     row_axis1: wp.array[int]
     row_dof: wp.array[int]  # -1: rigid; else the row carries that degree of freedom's law or prescribed motion
-    coupling_dof: wp.array2d[int]  # (couplings, 3), -1: none
-    coupling_wrench: wp.array2d[int]  # (couplings, 3): where j0, j1 hold a TURN term's wrenches, -1: a slot
+    coupling_dof: wp.array2d[int]  # (couplings, terms), -1: none
+    coupling_wrench: wp.array2d[int]  # (couplings, terms): where j0, j1 hold a TURN term's wrenches, -1: a slot
     row_path: wp.array[int]  # CSR over rows: slots that a row can move
     path_slot: wp.array[int]
 

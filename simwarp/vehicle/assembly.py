@@ -63,8 +63,8 @@ def add_vehicle(
         at: pose of its frame of reference in the world; `spec.start_height` above the origin when None.
         prefix: of the names of its bodies and joints.
         speed: forwards [m/s]. Wheels roll on their unloaded radius; driveline, transmission and engine turn with them.
-        gear: -1 reverse, 0 neutral, 1 and up forward; None: the one that an automatic takes at that speed, neutral of
-            a manual one.
+        gear: -1 reverse, 0 neutral, 1 and up forward; None: the one that an automatic takes at that speed, of a
+            manual one the lowest in which the engine does not race.
 
     Raises:
         SpecError: parts do not fit together, or there is no such gear.
@@ -119,9 +119,8 @@ def _add_transmission(
     gears = spec.transmission
     if not isinstance(gears, (AutomaticShafts, ManualShafts)):
         return -1, -1, -1, -1
-    if driveline.shaft < 0:
-        found = getattr(spec.driveline, "template", None)
-        raise SpecError(f"transmission: '{gears.template}' needs a driveline with shafts, got '{found}'")
+    if spec.driveline is None:
+        raise SpecError(f"transmission: '{gears.template}' needs a driveline; add one, such as 'simple'")
     motor = builder.add_shaft(f"{prefix}motor_shaft", inertia=gears.motorshaft_inertia)
     inner = builder.add_shaft(f"{prefix}gear_shaft", inertia=gears.input_inertia)
     for shaft in (motor, inner):
@@ -129,7 +128,7 @@ def _add_transmission(
     # neutral takes the coupling out at the first step
     ratio = gear_ratio(gears, start.gear) or gears.forward_ratios[0]
     coupling = builder.add_coupling(
-        f"{prefix}gears", [(inner, ratio), (driveline.shaft, -1.0)], offset=0.0,
+        f"{prefix}gears", [(inner, ratio), *((joint, -value) for joint, value in driveline.speed)], offset=0.0,
         damping=gears.driveshaft_inertia / EXCHANGE_TIME,
     )  # fmt: skip
     slip = -1

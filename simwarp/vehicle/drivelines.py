@@ -40,6 +40,13 @@ class DrivelineParts:
     locks: tuple[Lock, ...] = ()
     split: tuple[tuple[int, int, float, float, float], ...] = ()
 
+    @property
+    def speed(self) -> list[tuple[int, float]]:
+        """(shaft or turn, coefficient): the sum is the speed at which the driveline takes the transmission's torque."""
+        if self.shaft >= 0:
+            return [(self.shaft, 1.0)]
+        return [(turn, 0.5 * share / ratio) for left, right, share, ratio, _ in self.split for turn in (left, right)]
+
 
 def add_driveline(
     builder: ModelBuilder, prefix: str, spec: Driveline | None, sides: list[tuple[Side, Side]]
@@ -54,14 +61,12 @@ def add_driveline(
             return _four_wheels(builder, prefix, spec, sides)
         case SimpleDriveline():
             front, rear = (sides[axle] for axle in spec.axles)
-            return DrivelineParts(
-                split=(
-                    (front[0].turn, front[1].turn, spec.front_torque_fraction, spec.front_gear_ratio,
-                     spec.front_max_bias),
-                    (rear[0].turn, rear[1].turn, 1.0 - spec.front_torque_fraction, spec.rear_gear_ratio,
-                     spec.rear_max_bias),
-                )
-            )  # fmt: skip
+            share = spec.front_torque_fraction
+            axles = (
+                (front[0].turn, front[1].turn, share, spec.front_gear_ratio, spec.front_max_bias),
+                (rear[0].turn, rear[1].turn, 1.0 - share, spec.rear_gear_ratio, spec.rear_max_bias),
+            )
+            return DrivelineParts(split=tuple(axle for axle in axles if axle[2] > 0.0))
     raise SpecError(f"driveline: template '{spec.template}' is not known")
 
 

@@ -22,7 +22,7 @@ ACROSS = (0.7071067811865476, 0.0, 0.0, -0.7071067811865476)
 
 def add_rigid_tire(builder: ModelBuilder, name: str, body: int, tire: Tire) -> int:
     """The cylinder of a rigid tire on its spindle; returns its shape."""
-    values = dict(tire.parameters)
+    values: dict[str, Any] = dict(tire.parameters)
     friction, restitution = values.pop("friction", 0.9), values.pop("restitution", 0.0)
     if values:
         raise SpecError(f"tire: parameters.{next(iter(values))}: unknown key; known: friction, restitution")
@@ -53,10 +53,10 @@ class RigidTires:
     def __init__(self, shapes: Sequence[int], bodies: Sequence[int], model: Model) -> None:
         device = model.device
         self.shape = (model.world_count, len(shapes))
-        self._shapes = wp.array(list(shapes), dtype=int, device=device)
-        self._bodies = wp.array(list(bodies), dtype=int, device=device)
+        self._shapes: wp.array = wp.array(list(shapes), dtype=int, device=device)
+        self._bodies: wp.array = wp.array(list(bodies), dtype=int, device=device)
         frictions = model.shape_friction.numpy()
-        self._own_friction = wp.array(frictions[0, list(shapes)], dtype=float, device=device)
+        self._own_friction: wp.array = wp.array(frictions[0, list(shapes)], dtype=float, device=device)
         self.ground_friction = writable_from([float(frictions.max())] * frictions.shape[0], wp.float32, device)
         for name in ("load", "slip_ratio", "slip_angle", "camber", "deflection"):
             setattr(self, name, writable(self.shape, wp.float32, device))

@@ -15,6 +15,9 @@ from simwarp.vehicle.drivelines import DrivelineParts
 from simwarp.vehicle.spec import AutomaticMap, AutomaticShafts, ManualShafts, SpecError, Transmission, VehicleSpec
 from simwarp.vehicle.suspensions import Side
 
+MANUAL_UPSHIFT = 300.0
+"""Engine speed up to which a manual gearbox starts in a gear, some 2900 rpm [rad/s]."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Rolling:
@@ -55,9 +58,7 @@ def roll_driveline(
     """Turns the shafts of a driveline with the wheels; returns the speed of the drive shaft [rad/s]."""
     turns = {side.turn: wheel_rate(spec, side, speed) for side in sides}
     if driveline.shaft < 0:
-        return sum(
-            share * 0.5 * (turns[left] + turns[right]) / ratio for left, right, share, ratio, _ in driveline.split
-        )
+        return sum(value * turns[turn] for turn, value in driveline.speed)
     joint_of = {builder.dof_start(joint): joint for joint in range(len(builder.joints))}
     terms = [[(joint_of[dof], value) for dof, value in builder.couplings[row].terms] for row in couplings]
     shafts = sorted({joint for row in terms for joint, _ in row if builder.joints[joint].type == JointType.SHAFT})
@@ -86,7 +87,8 @@ def start_of(gears: Transmission | None, speed: float, drive_speed: float, gear:
         gears: the transmission.
         speed: of the vehicle [m/s].
         drive_speed: of the drive shaft [rad/s].
-        gear: the one that the driver wants; None: the one that an automatic takes, or neutral in a manual one.
+        gear: the one that the driver wants; None: the one that an automatic takes, of a manual one the lowest in which
+            the engine turns below `MANUAL_UPSHIFT`.
 
     Raises:
         SpecError: there is no such gear.
@@ -107,8 +109,6 @@ def gear_ratio(gears: Transmission | None, gear: int) -> float:
 
 
 def _automatic_gear(gears: Transmission | None, speed: float, drive_speed: float) -> int:
-    if isinstance(gears, ManualShafts):
-        return 0
     if speed < 0.0:
         return -1
     gear = 1
@@ -117,6 +117,8 @@ def _automatic_gear(gears: Transmission | None, speed: float, drive_speed: float
             upshift = tuple(up for _, up in gears.shift_points)
         case AutomaticShafts():
             upshift = (gears.upshift_speed,) * len(gears.forward_ratios)
+        case ManualShafts():
+            upshift = (MANUAL_UPSHIFT,) * len(gears.forward_ratios)
         case _:
             return gear
     while gear < len(upshift) and abs(drive_speed / gears.forward_ratios[gear - 1]) > upshift[gear - 1]:

@@ -20,7 +20,7 @@ from simwarp.vehicle.rigid_tires import RigidTires
 from simwarp.vehicle.spec import SpecError
 from simwarp.vehicle.tires import Mount, Tires, tire_row
 
-PER_WORLD: Final = ("joint_friction", "coupling_coefficient", "coupling_offset")
+PER_WORLD: Final = ("joint_friction", "coupling_coefficient")
 """Model arrays that a vehicle writes: each world needs its own (`ModelBuilder.finalize(per_world=PER_WORLD)`)."""
 
 VEHICLE_SOLVER: Final = SolverOptions(position_projection=0, refinement=0)
@@ -145,7 +145,6 @@ class Vehicle:
             "last_input": state.last_input,
             "last_drive": state.last_drive,
             "coupling_coefficient": self.model.coupling_coefficient,
-            "coupling_offset": self.model.coupling_offset,
         }
         return {name: array for name, array in arrays.items() if array.size}
 

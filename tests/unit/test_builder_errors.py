@@ -259,8 +259,8 @@ DOFS: list[Case] = [
     )),
 ]  # fmt: skip
 COUPLINGS: list[Case] = [
-    ("no term", lambda b: b.add_coupling("new", []), ("coupling 'new'", "1 to 3 terms", "0")),
-    ("four terms", lambda b: b.add_coupling("new", [(0, 1.0)] * 4), ("coupling 'new'", "1 to 3", "4", "chain")),
+    ("no term", lambda b: b.add_coupling("new", []), ("coupling 'new'", "1 to 6 terms", "0")),
+    ("seven terms", lambda b: b.add_coupling("new", [(0, 1.0)] * 7), ("coupling 'new'", "1 to 6", "7", "chain")),
     ("no list", lambda b: b.add_coupling("new", 3), ("coupling 'new'", "terms", "3", "[(joint")),
     ("flat list", lambda b: b.add_coupling("new", [0, 1.0]), ("coupling 'new'", "a term must be", "0", "tuples")),
     ("no such joint", lambda b: b.add_coupling("new", [(9, 1.0)]), ("coupling 'new'", "0..4", "9", "add_joint")),

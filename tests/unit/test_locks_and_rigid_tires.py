@@ -64,7 +64,10 @@ def test_a_limited_slip_differential_holds_its_torque_and_no_more():
 
 
 def test_an_open_lockable_differential_is_open():
-    speeds = [launch(*split_road(lockable=lockable), 0.3) for lockable in (False, True)]
+    speeds = []
+    for lockable in (False, True):
+        vehicle, sim = split_road(lockable=lockable)
+        speeds.append(launch(vehicle, sim, 0.3))
     # the clutch's slip has 1/500 of the wheels' inertia
     assert speeds[1] == pytest.approx(speeds[0], rel=2e-3)
 

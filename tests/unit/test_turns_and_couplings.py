@@ -6,6 +6,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp.force_elements import words
+from simwarp.rotation import matrix_of
 from simwarp.types import ModelError
 
 DT = 1e-3
@@ -33,17 +34,13 @@ def push(sim, column: int, torque: float) -> None:
     sim.control.joint_force.assign(force)
 
 
-def rotation(q) -> np.ndarray:
-    return np.array(wp.quat_to_matrix(wp.quatd(*map(float, q)))).reshape(3, 3)
-
-
 def momentum(sim) -> np.ndarray:
     """Angular momentum about the origin [N·m·s], of the bodies alone."""
     inertias = [np.diag(d) for d in ((10.0, 10.0, 10.0), (0.1, 0.1, 0.1), (0.2, 0.4, 0.2))]
     state = sim.state
     total = np.zeros(3)
     for body, (mass, inertia) in enumerate(zip((100.0, 1.0, 2.0), inertias, strict=True)):
-        r = rotation(state.body_rot.numpy()[0, body])
+        r = matrix_of(state.body_rot.numpy()[0, body])
         total += r @ inertia @ r.T @ state.body_omega.numpy()[0, body]
         total += mass * np.cross(state.body_x.numpy()[0, body], state.body_v.numpy()[0, body])
     return total
@@ -58,7 +55,7 @@ def test_a_shaft_drives_a_wheel_that_steers():
         sim.step()
     state = sim.state
     omega = state.body_omega.numpy()[0]
-    frame, axis = (rotation(state.body_rot.numpy()[0, body]) for body in (0, 2))
+    frame, axis = (matrix_of(state.body_rot.numpy()[0, body]) for body in (0, 2))
     axis = axis[:, 1]
     assert frame[:, 0] @ axis == pytest.approx(-np.sin(0.5), abs=1e-5)  # it has steered by half a radian
     shaft_rate = state.joint_qd.numpy()[0, column]
@@ -196,9 +193,9 @@ def test_a_damper_map_that_cannot_be_used_is_refused(bad):
 def ramp(counter: wp.array[int], force: wp.array2d[wp.vec3], effort: wp.array2d[float]):
     """Forces that grow with every step: 1 N more on body 0 along x, 1 N more on its joint."""
     world = wp.tid()
-    counter[world] = counter[world] + 1
-    force[world, 0] = wp.vec3(float(counter[world]), 0.0, 0.0)
-    effort[world, 0] = float(counter[world])
+    counter[world] = counter[world] + 1  # type: ignore[index]
+    force[world, 0] = wp.vec3(float(counter[world]), 0.0, 0.0)  # type: ignore[index]
+    effort[world, 0] = float(counter[world])  # type: ignore[index]
 
 
 class Ramp:
@@ -266,11 +263,11 @@ def arm_on_a_spring(order: int, k: float = 400.0, d: float = 30.0):
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, -9.81))
     arm = builder.add_body("arm", mass=2.0, inertia=(0.1, 0.3, 0.3), pose=sw.pose((0.5, 0.0, 0.0)))
     builder.add_joint_revolute("hinge", sw.WORLD, arm, axis=(0.0, 1.0, 0.0), anchor=(0.0, 0.0, 0.0))
-    ends = {"anchor0": (0.0, 0.0, 1.0), "anchor1": (1.0, 0.0, 0.0)}
+    ends = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
     bodies = (sw.WORLD, arm)
     if order < 0:
-        ends, bodies = {"anchor0": (1.0, 0.0, 0.0), "anchor1": (0.0, 0.0, 1.0)}, (arm, sw.WORLD)
-    builder.add_spring("spring", *bodies, **ends, rest=1.2, stiffness=k, damping=d)
+        ends, bodies = ends[::-1], (arm, sw.WORLD)
+    builder.add_spring("spring", *bodies, anchor0=ends[0], anchor1=ends[1], rest=1.2, stiffness=k, damping=d)
     return builder.finalize(1, "cpu")
 
 

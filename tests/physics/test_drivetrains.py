@@ -1,0 +1,132 @@
+"""Every powertrain with every driveline: what turns with what, and who gets the torque."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import simwarp as sw
+from simwarp.vehicle.assembly import add_vehicle
+from simwarp.vehicle.options import option_names, with_options
+from simwarp.vehicle.reading import load_vehicle
+from simwarp.vehicle.spec import ShaftsDriveline4WD, SimpleDriveline, VehicleSpec
+from simwarp.vehicle.tires import ground
+from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
+
+DT = 1e-3
+VEHICLES = ("hmmwv", "hmmwv-reduced", "gator", "artcar", "sedan")
+PAIRS = [
+    (name, powertrain, driveline)
+    for name in VEHICLES
+    for powertrain in (None, *option_names(name, "powertrain"))
+    for driveline in (None, *option_names(name, "driveline"))
+]
+
+
+def driven(spec: VehicleSpec, time: float, *, road=None, clutch: float = 0.0, gear: int | None = None, speed=0.0):
+    """Full throttle on a road; the vehicle and its simulation after `time` [s]."""
+    builder = sw.ModelBuilder()
+    parts = add_vehicle(builder, spec, gear=gear, speed=speed)
+    model = builder.finalize(1, "cpu", per_world=per_world())
+    vehicle = Vehicle(parts, model) if road is None else Vehicle(parts, model, ground=road)
+    sim = sw.Simulation(model, DT, elements=[vehicle], solver=VEHICLE_SOLVER)
+    vehicle.input[:, 1] = 1.0
+    vehicle.input[:, 3] = clutch
+    for _ in range(round(time / DT)):
+        sim.step()
+    return vehicle, sim
+
+
+def forward_speed(vehicle: Vehicle) -> float:
+    return float(vehicle.velocity_b.numpy()[0, 0])
+
+
+def wheel_speeds(vehicle: Vehicle, sim) -> np.ndarray:
+    return sim.state.joint_qd.numpy()[0, [sim.model.joint_dof_start[side.turn] for side in vehicle.parts.sides]]
+
+
+@pytest.mark.parametrize(("name", "powertrain", "driveline"), PAIRS)
+def test_every_powertrain_drives_through_every_driveline(name, powertrain, driveline):
+    spec = with_options(load_vehicle(name), powertrain=powertrain, driveline=driveline)
+    vehicle, sim = driven(spec, 0.8)
+    assert forward_speed(vehicle) > 0.25
+    speeds = wheel_speeds(vehicle, sim)
+    assert np.all(speeds > 0.0)  # on one road, undriven wheels are turned along
+    assert np.isfinite(sim.state.joint_qd.numpy()).all()
+
+
+def light_shafts(spec: VehicleSpec) -> VehicleSpec:
+    """The same vehicle with shafts of next to no inertia and no reaction on the chassis."""
+    assert isinstance(spec.driveline, ShaftsDriveline4WD)
+    names = ("driveshaft", "front_shaft", "rear_shaft", "front_box", "rear_box")
+    light = {f"{name}_inertia": 1e-3 for name in names}
+    return dataclasses.replace(spec, driveline=dataclasses.replace(spec.driveline, reaction=0.0, **light))
+
+
+def even_simple(spec: VehicleSpec, front: float = 0.5, bias: float = 1.0) -> VehicleSpec:
+    """The same ratios without shafts; wheels act back on the chassis as they do behind shafts."""
+    assert isinstance(spec.driveline, ShaftsDriveline4WD)
+    simple = SimpleDriveline(
+        template="simple", axles=(0, 1), front_torque_fraction=front, front_gear_ratio=spec.driveline.front_gear_ratio,
+        rear_gear_ratio=spec.driveline.rear_gear_ratio, front_max_bias=bias, rear_max_bias=bias, reaction=1.0,
+    )  # fmt: skip
+    return dataclasses.replace(spec, driveline=simple)
+
+
+def test_a_simple_driveline_is_shafts_without_inertia():
+    spec = load_vehicle("hmmwv-reduced")
+    shafts, _ = driven(light_shafts(spec), 3.0)
+    simple, _ = driven(even_simple(spec), 3.0)
+    # shafts of 1e-3 kg·m² carry less than 1e-3 of the momentum of the wheels, in two gears
+    assert forward_speed(simple) == pytest.approx(forward_speed(shafts), rel=3e-3)
+    assert simple.gear.numpy()[0] == shafts.gear.numpy()[0]
+    assert simple.engine_speed.numpy()[0] == pytest.approx(shafts.engine_speed.numpy()[0], rel=5e-3)
+
+
+def test_a_simple_driveline_divides_the_torque_between_its_axles():
+    speeds = []
+    for front in (0.0, 1.0):
+        # on ice, the axle that is driven spins
+        ice = ground("cpu", friction_map=[[0.15]], friction_origin=(-500.0, -500.0), friction_cell=(1000.0, 1000.0))
+        vehicle, sim = driven(even_simple(load_vehicle("hmmwv-reduced"), front), 1.0, road=ice)
+        speeds.append(wheel_speeds(vehicle, sim))
+    rear, front = speeds
+    assert rear[2:].min() > 2.0 * rear[:2].max()
+    assert front[:2].min() > 2.0 * front[2:].max()
+
+
+def test_a_biasing_differential_helps_the_slower_wheel():
+    split = ground(
+        "cpu", friction_map=[[1.0], [1.0 / 9.0]], friction_origin=(-500.0, -500.0), friction_cell=(1000.0, 500.0)
+    )
+    speeds = []
+    for bias in (1.0, 4.0):
+        vehicle, _ = driven(even_simple(load_vehicle("hmmwv-reduced"), bias=bias), 1.5, road=split)
+        speeds.append(forward_speed(vehicle))
+    assert speeds[1] > speeds[0] + 0.5
+
+
+def test_a_manual_box_starts_in_first_and_its_clutch_frees_the_engine():
+    spec = with_options(load_vehicle("sedan"), powertrain="shafts")
+    engaged, _ = driven(spec, 0.5)
+    assert engaged.gear.numpy()[0] == 1
+    assert forward_speed(engaged) > 0.5
+    # the springs settle by then, which moves the chassis on by some mm/s
+    open_clutch, _ = driven(spec, 1.0, clutch=1.0)
+    assert abs(forward_speed(open_clutch)) < 0.02
+    assert open_clutch.engine_speed.numpy()[0] > 2.0 * engaged.engine_speed.numpy()[0]
+    neutral, _ = driven(spec, 1.0, gear=0)
+    assert abs(forward_speed(neutral)) < 0.02
+    reverse, _ = driven(spec, 0.5, gear=-1)
+    assert forward_speed(reverse) < -0.5
+
+
+def test_a_manual_box_rolls_in_a_gear_that_suits_the_speed():
+    spec = with_options(load_vehicle("sedan"), powertrain="shafts")
+    gears, engines = [], []
+    for speed in (0.0, 10.0, 25.0):
+        vehicle, _ = driven(spec, DT, speed=speed)
+        gears.append(int(vehicle.gear.numpy()[0]))
+        engines.append(float(vehicle.engine_speed.numpy()[0]))
+    assert gears == sorted(gears) and gears[0] == 1 and gears[-1] > 1
+    assert max(engines) < 320.0
