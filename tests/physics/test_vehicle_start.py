@@ -75,8 +75,9 @@ def test_the_first_step_finds_nothing_to_correct(case, direction):
     assert np.abs(change[parts.chassis, :2]).max() < 2e-3
     assert sim.diagnostics.row_residual.numpy()[0] < 1e-4
     shafts = [sim.model.joint_dof_start[j] for j, spec in enumerate(builder.joints) if spec.type == JointType.SHAFT]
-    # engine brake and converter: below 100 N·m on 0.5 kg·m²
-    assert np.abs(state.joint_qd.numpy()[0, shafts] - rates[shafts]).max(initial=0.0) < 0.5
+    # engine brake and converter act at once: 60 N·m on the sedan's engine and clutch of 0.1 kg·m²; a shaft that was
+    # left behind would jump by tens of rad/s
+    assert np.abs(state.joint_qd.numpy()[0, shafts] - rates[shafts]).max(initial=0.0) < 1.0
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -129,19 +130,23 @@ def test_gear_and_engine_fit_the_speed():
         assert vehicle.engine_speed.numpy()[0] == pytest.approx(abs(parts.start.motor_speed), rel=1e-6)
 
 
-def test_a_manual_box_starts_in_neutral_or_in_the_gear_that_is_asked_for():
+def test_a_manual_box_starts_in_a_gear_or_in_neutral_where_it_is_asked_for():
     spec = described("sedan-shafts")
     _, parts, vehicle, sim = start(spec, 15.0)
-    assert vehicle.gear.numpy()[0] == 0
-    assert parts.start.motor_speed == 0.0
-    _, parts, vehicle, sim = start(spec, 15.0, gear=4)
-    assert vehicle.gear.numpy()[0] == 4
-    motor = parts.start.motor_speed
-    assert 100.0 < motor < 400.0
+    gear, motor = vehicle.gear.numpy()[0], parts.start.motor_speed
+    # the lowest gear below 300 rad/s: neither the next lower one nor a crawling engine
+    assert gear > 1
+    assert 150.0 < motor < 300.0
     for _ in range(200):
         sim.step()
     # the closed clutch keeps engine and wheels together
     assert vehicle.engine_speed.numpy()[0] == pytest.approx(motor, rel=0.1)
+    _, parts, vehicle, _ = start(spec, 15.0, gear=0)
+    assert vehicle.gear.numpy()[0] == 0
+    assert parts.start.motor_speed == 0.0
+    _, higher, vehicle, _ = start(spec, 15.0, gear=gear + 1)
+    assert vehicle.gear.numpy()[0] == gear + 1
+    assert 0.0 < higher.start.motor_speed < motor
 
 
 def test_a_reset_brings_the_start_back():
