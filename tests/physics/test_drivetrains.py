@@ -1,6 +1,7 @@
 """Every powertrain with every driveline: what turns with what, and who gets the torque."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def light_shafts(spec: VehicleSpec) -> VehicleSpec:
     """The same vehicle with shafts of next to no inertia and no reaction on the chassis."""
     assert isinstance(spec.driveline, ShaftsDriveline4WD)
     names = ("driveshaft", "front_shaft", "rear_shaft", "front_box", "rear_box")
-    light = {f"{name}_inertia": 1e-3 for name in names}
+    light: dict[str, Any] = {f"{name}_inertia": 1e-3 for name in names}
     return dataclasses.replace(spec, driveline=dataclasses.replace(spec.driveline, reaction=0.0, **light))
 
 
@@ -90,9 +91,9 @@ def test_a_simple_driveline_divides_the_torque_between_its_axles():
         ice = ground("cpu", friction_map=[[0.15]], friction_origin=(-500.0, -500.0), friction_cell=(1000.0, 1000.0))
         vehicle, sim = driven(even_simple(load_vehicle("hmmwv-reduced"), front), 1.0, road=ice)
         speeds.append(wheel_speeds(vehicle, sim))
-    rear, front = speeds
-    assert rear[2:].min() > 2.0 * rear[:2].max()
-    assert front[:2].min() > 2.0 * front[2:].max()
+    behind, ahead = speeds
+    assert behind[2:].min() > 2.0 * behind[:2].max()
+    assert ahead[:2].min() > 2.0 * ahead[2:].max()
 
 
 def test_a_biasing_differential_helps_the_slower_wheel():
