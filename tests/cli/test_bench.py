@@ -259,7 +259,7 @@ def test_a_vehicle_is_timed_where_it_moves(capfd):
         assert row["steps_per_cpu_s"] > 0
         assert row["position_error"] < vehicles.POSITION_ERROR
         # script, inputs, tires, step
-        assert row["launches_per_step"] == 4
+        assert row["launches_per_step"] == 5  # driver, vehicle, tires, step, motion
 
 
 def test_worlds_of_a_vehicle_stand_at_sixteen_places_of_the_run():
