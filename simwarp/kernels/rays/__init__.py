@@ -1,0 +1,1 @@
+"""Rays: trees of triangles, primitives, instances of worlds, nearest and any hits."""

@@ -1,0 +1,364 @@
+"""What cameras, lidars and radars see: instances of shapes and meshes on bodies, over geometry shared by all worlds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.arrays import writable, writable_from
+from simwarp.builder import ModelBuilder
+from simwarp.checks import checked_pose
+from simwarp.geometry import Hull, TriangleMesh, triangle_mesh
+from simwarp.kernels.rays.instances import RayScene, place_instances
+from simwarp.kernels.rays.wide_tree import Trees
+from simwarp.model import Model
+from simwarp.shapes import checked_size, loaded_mesh
+from simwarp.state import State
+from simwarp.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector
+from simwarp.wide_tree import LEAF_WORDS, NODE_WORDS, WIDTH, build_tree
+
+ALL_GROUPS: Final = 0x7FFFFFFF
+GREY: Final = (0.5, 0.5, 0.5)
+PER_WORLD: Final = ("x", "rot", "size", "asset", "enabled", "color", "texture", "reflectance")
+"""Arrays of a Scene that may differ by world."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Look:
+    """How an instance looks.
+
+    Attributes:
+        color: linear albedo, 0 to 1.
+        texture: index of a texture, -1: none.
+        label: semantic class.
+        reflectance: of a lidar's or radar's beam, 0 to 1.
+        group: bits; a sensor sees instances of the groups in its mask.
+    """
+
+    color: Vec3 = GREY
+    texture: int = -1
+    label: int = 0
+    reflectance: float = 0.5
+    group: int = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Instance:
+    """One thing that rays can hit. A shape of the model (`shape` >= 0) lends its placement, size and asset."""
+
+    name: str
+    kind: ShapeType
+    body: int
+    shape: int
+    pose: Pose
+    size: npt.NDArray[np.float64]
+    asset: int
+    look: Look
+
+
+class Visuals:
+    """Instances over a builder's world, before `finalize`. All its shapes are seen as they are, unless hidden.
+
+    Args:
+        builder: with its shapes; those added later are not seen.
+    """
+
+    def __init__(self, builder: ModelBuilder) -> None:
+        self.builder = builder
+        self.meshes: list[TriangleMesh] = []
+        self.instances: list[Instance] = [
+            Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Look())
+            for index, shape in enumerate(builder.shapes)
+        ]
+
+    def show(self, shape: int, **look: Any) -> None:
+        """Changes the look of a shape: fields of `Look`."""
+        index = self._of_shape(shape)
+        instance = self.instances[index]
+        self.instances[index] = dataclasses.replace(
+            instance, look=dataclasses.replace(instance.look, **_checked_look(instance.name, look))
+        )
+
+    def hide(self, *shapes: int) -> None:
+        """No ray meets these shapes."""
+        gone = {self._of_shape(shape) for shape in shapes}
+        self.instances = [instance for index, instance in enumerate(self.instances) if index not in gone]
+
+    def add_mesh(
+        self, body: int, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None, *,
+        name: str | None = None, pose: Pose | None = None, scale: Vec3 = (1.0, 1.0, 1.0), **look: Any,
+    ) -> int:  # fmt: skip
+        """Triangles (V, 3), (T, 3), or a file of them, on a body or WORLD; returns the instance."""
+        asset = self.add_mesh_asset(vertices, triangles)
+        return self._add(ShapeType.MESH, body, scale, name, pose, look, asset)
+
+    def add_mesh_asset(self, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None) -> int:
+        """A mesh that no instance shows as built: an index for `Scene.asset`."""
+        points, corners = loaded_mesh(vertices, triangles)
+        triangle_mesh(points, corners)  # for its checks: what is seen keeps its triangles as they are
+        self.meshes.append(TriangleMesh(np.asarray(points, np.float32), np.asarray(corners, np.int32)))
+        return len(self.meshes) - 1
+
+    def add_box(
+        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **look: Any
+    ) -> int:  # fmt: skip
+        """A box of half lengths `half` [m]."""
+        return self._add(ShapeType.BOX, body, half, name, pose, look)
+
+    def add_sphere(
+        self, body: int, *, radius: float, name: str | None = None, pose: Pose | None = None, **look: Any
+    ) -> int:  # fmt: skip
+        """A ball."""
+        return self._add(ShapeType.SPHERE, body, (radius,) * 3, name, pose, look)
+
+    def add_ellipsoid(
+        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **look: Any
+    ) -> int:  # fmt: skip
+        """An ellipsoid of half axes `half` [m]."""
+        return self._add(ShapeType.ELLIPSOID, body, half, name, pose, look)
+
+    def add_cylinder(
+        self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
+        **look: Any,
+    ) -> int:  # fmt: skip
+        """A cylinder about z."""
+        return self._add(ShapeType.CYLINDER, body, (radius, half_length, radius), name, pose, look)
+
+    def add_capsule(
+        self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
+        **look: Any,
+    ) -> int:  # fmt: skip
+        """A segment of z from -half_length to half_length, thickened by radius."""
+        return self._add(ShapeType.CAPSULE, body, (radius, half_length, radius), name, pose, look)
+
+    def add_cone(
+        self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
+        **look: Any,
+    ) -> int:  # fmt: skip
+        """A cone about z: its base at -half_length, its tip at half_length."""
+        return self._add(ShapeType.CONE, body, (radius, half_length, radius), name, pose, look)
+
+    def add_plane(self, *, name: str | None = None, pose: Pose | None = None, **look: Any) -> int:
+        """The endless plane z = 0 of its frame."""
+        return self._add(ShapeType.PLANE, WORLD, (0.0, 0.0, 0.0), name, pose, look)
+
+    def finalize(self, model: Model, *, per_world: Iterable[str] = (), origin_body: int | None = None) -> Scene:
+        """The scene of a model that the same builder made; see `Scene`."""
+        return Scene(self, model, per_world, origin_body)
+
+    def _of_shape(self, shape: int) -> int:
+        for index, instance in enumerate(self.instances):
+            if instance.shape == shape and shape >= 0:
+                return index
+        raise ModelError(f"visuals: there must be a shape {shape!r} in sight; pass what add_shape_... returned")
+
+    def _add(
+        self, kind: ShapeType, body: int, size: Vec3, name: str | None, pose: Pose | None, look: dict[str, Any],
+        asset: int = -1,
+    ) -> int:  # fmt: skip
+        title = name if name is not None else f"{kind.name.lower()}_{len(self.instances)}"
+        thing = f"visual '{title}'"
+        if any(instance.name == title for instance in self.instances):
+            raise ModelError(f"{thing}: the name must be unique, got it twice; choose another")
+        count = len(self.builder.bodies)
+        if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not WORLD <= body < count:
+            raise ModelError(f"{thing}: body must be WORLD or in 0..{count - 1}, got {body!r}; pass add_body's index")
+        instance = Instance(
+            title, kind, int(body), -1, checked_pose(thing, pose), checked_size(thing, kind, size), asset,
+            Look(**_checked_look(title, look)),
+        )  # fmt: skip
+        self.instances.append(instance)
+        return len(self.instances) - 1
+
+
+def _checked_look(name: str, values: dict[str, Any]) -> dict[str, Any]:
+    known = [field.name for field in dataclasses.fields(Look)]
+    for key, value in values.items():
+        if key not in known:
+            raise ModelError(f"visual '{name}': unknown option '{key}'; known: name, pose, {', '.join(known)}")
+        if key in ("texture", "label", "group"):
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+                raise ModelError(f"visual '{name}': {key} must be an integer, got {value!r}")
+        else:
+            number = finite_vector(f"visual '{name}'", key, (value,) if key == "reflectance" else value,
+                                   1 if key == "reflectance" else 3)  # fmt: skip
+            if number.min() < 0.0 or number.max() > 1.0:
+                raise ModelError(f"visual '{name}': {key} must be between 0 and 1, got {value!r}")
+    return values
+
+
+class Scene:
+    """What rays can hit, in all worlds. Geometry is stored once; a world has only places, sizes and looks.
+
+    Args:
+        visuals: the instances.
+        model: finalized from the same builder.
+        per_world: names of the arrays below that get a row per world.
+        origin_body: the body about which float32 positions are relative; the first one when None, WORLD: none.
+
+    Attributes:
+        names: of the instances, in index order.
+        x: (1 or W, I) vec3d position in the body's axes from its centre of mass [m]; world axes on WORLD.
+        rot: (1 or W, I) quat xyzw.
+        size: (1 or W, I) vec3, as `ShapeType` tells [m]; of a mesh its scale.
+        asset: (1 or W, I) int32: which mesh of `Visuals.add_mesh_asset` an instance shows.
+        enabled: (1 or W, I) int32: 0 takes it out of sight.
+        color: (1 or W, I) vec3 linear albedo.
+        texture: (1 or W, I) int32, -1: none.
+        reflectance: (1 or W, I).
+        body, shape, label: (I,) NumPy.
+
+    A shape of the model is placed by the model's arrays (`shape_x`, `shape_enabled`, ...): here only its look and
+    `enabled` count.
+    """
+
+    x: wp.array
+    rot: wp.array
+    size: wp.array
+    asset: wp.array
+    enabled: wp.array
+    color: wp.array
+    texture: wp.array
+    reflectance: wp.array
+
+    def __init__(
+        self, visuals: Visuals, model: Model, per_world: Iterable[str] = (), origin_body: int | None = None
+    ) -> None:
+        self.model = model
+        instances = visuals.instances
+        wanted = set(per_world)
+        for name in sorted(wanted - set(PER_WORLD)):
+            raise ModelError(f"scene: per_world names an unknown array '{name}'; known: {', '.join(PER_WORLD)}")
+        self.names = tuple(instance.name for instance in instances)
+        self.body = np.array([instance.body for instance in instances], np.int32)
+        self.shape = np.array([instance.shape for instance in instances], np.int32)
+        self.label = np.array([instance.look.label for instance in instances], np.int32)
+        self.instance_count = len(instances)
+        self._constants = _constants(visuals, model.device)
+        for name, (values, dtype) in _instance_values(instances).items():
+            copies = model.world_count if name in wanted else 1
+            setattr(self, name, writable_from(np.repeat(values[None], copies, axis=0), dtype, model.device))
+        self._placed = _placed(len(instances), model.world_count, model.device)
+        first = 0 if model.body_count else WORLD
+        self.origin_body = first if origin_body is None else origin_body
+        self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
+
+    def instance(self, name: str) -> int:
+        """Index of an instance by name."""
+        if name not in self.names:
+            raise ModelError(f"scene: there is no instance '{name}'; known: {', '.join(self.names[:20])}")
+        return self.names.index(name)
+
+    def tables(self, mask: int = ALL_GROUPS) -> RayScene:
+        """The arrays as a struct for kernels; `mask`: bits of the groups that its rays meet."""
+        scene = RayScene()
+        scene.instance_count, scene.origin_body, scene.mask = self.instance_count, self.origin_body, mask
+        for name, array in (*self._constants.items(), *self._placed.items()):
+            setattr(scene, name, array)
+        for name in PER_WORLD:
+            setattr(scene, name, getattr(self, name))
+        return scene
+
+    def place(self, state: State, tables: RayScene, due: wp.array | None = None, *, record: bool = False) -> Any:
+        """Places the instances of the worlds that are due, (W,) int32, as the state has them, for rays to follow."""
+        return wp.launch(
+            place_instances, dim=self.model.world_count, device=self.model.device, record_cmd=record,
+            inputs=[self._everyone if due is None else due, self.model.parameters, self.model.assets, state.arrays],
+            outputs=[tables],
+        )  # fmt: skip
+
+
+def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
+    """Arrays (I,) of the instances, and the trees of all geometry: hulls, meshes of shapes, meshes of visuals."""
+    builder, instances = visuals.builder, visuals.instances
+
+    def ints(values: list[int]) -> wp.array:
+        return wp.array(np.array(values or [-1], np.int32), dtype=wp.int32, device=device)
+
+    hulls, meshes = len(builder.hulls), len(builder.meshes)
+
+    def first_tree(instance: Instance) -> int:
+        if instance.kind == ShapeType.MESH:
+            return hulls if instance.shape >= 0 else hulls + meshes
+        return 0
+
+    geometry = [*(_hull_mesh(hull) for hull in builder.hulls), *builder.meshes, *visuals.meshes]
+    return {
+        "kind": ints([int(instance.kind) for instance in instances]),
+        "body": ints([instance.body for instance in instances]),
+        "shape": ints([instance.shape for instance in instances]),
+        "tree": ints([first_tree(instance) for instance in instances]),
+        "group": ints([instance.look.group for instance in instances]),
+        "label": ints([instance.look.label for instance in instances]),
+        "trees": tree_tables(geometry, device),
+    }
+
+
+def _instance_values(instances: list[Instance]) -> dict[str, tuple[npt.NDArray[Any], Any]]:
+    """One world's values and dtypes of the arrays of `PER_WORLD`."""
+    return {
+        "x": (np.array([each.pose.position for each in instances], np.float64).reshape(-1, 3), wp.vec3d),
+        "rot": (np.array([each.pose.rotation for each in instances], np.float32).reshape(-1, 4), wp.quat),
+        "size": (np.array([each.size for each in instances], np.float32).reshape(-1, 3), wp.vec3),
+        "asset": (np.array([each.asset for each in instances], np.int32), wp.int32),
+        "enabled": (np.ones(len(instances), np.int32), wp.int32),
+        "color": (np.array([each.look.color for each in instances], np.float32).reshape(-1, 3), wp.vec3),
+        "texture": (np.array([each.look.texture for each in instances], np.int32), wp.int32),
+        "reflectance": (np.array([each.look.reflectance for each in instances], np.float32), wp.float32),
+    }
+
+
+def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
+    """What `place_instances` writes."""
+    nodes, level = 0, max(count, 1)
+    while True:
+        level = -(-level // WIDTH)
+        nodes += level
+        if level == 1:
+            break
+    shape = (world_count, max(count, 1))
+    arrays = {
+        name: writable(shape, dtype, device)
+        for name, dtype in {
+            "place_x": wp.vec3, "place_rot": wp.mat33, "place_size": wp.vec3, "place_asset": wp.int32,
+            "lower": wp.vec3, "upper": wp.vec3, "order": wp.int32, "code": wp.int32,
+        }.items()
+    }  # fmt: skip
+    arrays["origin"] = writable((world_count,), wp.vec3d, device)
+    arrays["node"] = writable((world_count, nodes * NODE_WORDS), wp.float32, device)
+    return arrays
+
+
+def tree_tables(meshes: list[TriangleMesh], device: Any) -> Trees:
+    """The trees of meshes, on a device; their order gives the numbers."""
+    trees = [build_tree(mesh.vertices, mesh.triangles) for mesh in meshes]
+    tables = Trees()
+
+    def floats(blocks: list[npt.NDArray[np.float32]], width: int) -> wp.array:
+        rows = np.concatenate([np.zeros((0, width), np.float32), *blocks])
+        return wp.array(rows.reshape(-1), dtype=wp.float32, device=device)
+
+    def starts(counts: list[int]) -> wp.array:
+        return wp.array(np.cumsum([0, *counts]).astype(np.int32), dtype=wp.int32, device=device)
+
+    tables.node, tables.leaf = (
+        floats([t.nodes for t in trees], NODE_WORDS),
+        floats([t.leaves for t in trees], LEAF_WORDS),
+    )
+    tables.node_start, tables.leaf_start = starts([len(t.nodes) for t in trees]), starts([len(t.leaves) for t in trees])
+    for name in ("lower", "upper"):
+        rows = np.array([getattr(tree, name) for tree in trees], np.float32).reshape(-1, 3)
+        setattr(tables, name, wp.array(rows, dtype=wp.vec3, device=device))
+    return tables
+
+
+def _hull_mesh(hull: Hull) -> TriangleMesh:
+    """A hull's faces as fans of triangles."""
+    fans = [(face[0], face[k], face[k + 1]) for face in hull.faces for k in range(1, len(face) - 1)]
+    return triangle_mesh(hull.vertices, np.array(fans))
