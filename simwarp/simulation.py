@@ -19,6 +19,7 @@ from simwarp.kernels.energy import measure_energy
 from simwarp.kernels.tables import StepConfig
 from simwarp.kernels.world import Operation, Sizes, copy_rows, copy_worlds, make_scratch, run_worlds_kernel
 from simwarp.model import Model
+from simwarp.sensor_protocol import Sensor
 from simwarp.state import Control, State, initial_arrays
 from simwarp.types import ConeSolver, ContactModel, FrictionLaw, ModelError
 
@@ -93,9 +94,12 @@ class Simulation:
         solver: see `SolverOptions`.
         joint_reactions: record the force and torque of every joint (`diagnostics.joint_reaction_force`).
         elements: force elements, such as a Vehicle's, launched before each sub-step.
+        sensors: cameras, inertial units and others of `simwarp.sensors`, launched after each sub-step.
+        read_every: calls of `step` between two looks at the sensors' data; frames that nobody would see are not taken.
+            With 1, every frame that is the latest after some `step` is there.
 
     Raises:
-        ModelError: dt or substeps is not usable.
+        ModelError: dt, substeps or read_every is not usable, or two sensors have the same name.
     """
 
     def __init__(
@@ -107,16 +111,21 @@ class Simulation:
         solver: SolverOptions | None = None,
         joint_reactions: bool = False,
         elements: Sequence[ForceElement] = (),
+        sensors: Sequence[Sensor] = (),
+        read_every: int = 1,
     ) -> None:
         if not (isinstance(dt, (int, float)) and math.isfinite(dt) and dt > 0.0):
             raise ModelError(f"Simulation: dt must be > 0 s, got {dt!r}")
-        if not isinstance(substeps, (int, np.integer)) or substeps < 1:
-            raise ModelError(f"Simulation: substeps must be an integer >= 1, got {substeps!r}")
+        for name, count in (("substeps", substeps), ("read_every", read_every)):
+            if not isinstance(count, (int, np.integer)) or count < 1:
+                raise ModelError(f"Simulation: {name} must be an integer >= 1, got {count!r}")
         self.model = model
         self.dt = float(dt)
         self.substeps = int(substeps)
         self.solver = solver if solver is not None else SolverOptions()
+        self.read_every = int(read_every)
         self.elements = tuple(elements)
+        self.sensors = _named_apart(sensors)
         self.control = Control(model, elements=bool(self.elements))
         self.diagnostics = Diagnostics(model, reactions=joint_reactions)
         self._config = self._step_config(joint_reactions)
@@ -137,10 +146,12 @@ class Simulation:
         self._launch(Operation.MEASURE, self._all_worlds)
         self._initial = State(model)
         self._initial.copy_from(self.state)
-        self.memory = tuple(words(array, model.world_count) for part in self.elements for array in part.memory.values())
-        """What the force elements remember, world-first words; `Snapshot.memory` holds a copy."""
-        self._initial_memory = [wp.clone(array) for array in self.memory]
+        element_memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
+        self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
         self._step_commands = self._record_step()
+        self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
+        """What force elements and sensors remember; `Snapshot.memory` holds a copy."""
+        self._begin_sensors(self._all_worlds)
 
     @property
     def time(self) -> wp.array:
@@ -164,11 +175,12 @@ class Simulation:
             copy_worlds, dim=self.model.world_count, device=self.model.device,
             inputs=[mask, self._initial.arrays], outputs=[self.state.arrays, self.contacts.arrays],
         )  # fmt: skip
-        for initial, present in zip(self._initial_memory, self.memory, strict=True):
+        for present, initial in self._initial_memory:
             wp.launch(
                 copy_rows, dim=self.model.world_count, device=self.model.device,
                 inputs=[mask, initial], outputs=[present],
             )  # fmt: skip
+        self._begin_sensors(mask)
 
     def set_joint_state(self, world_mask: Any, q: Any, qd: Any) -> None:
         """Sets coordinates and rates in the worlds of the mask: forward kinematics over the tree, then the loops
@@ -185,11 +197,15 @@ class Simulation:
         shape = (self.model.world_count, self.model.dof_count)
         position = wp.clone(self.state.joint_q) if q is None else self._values("q", q, shape)
         rate = self._values("qd", np.zeros(shape, np.float32) if qd is None else qd, shape)
-        self._launch(Operation.ASSEMBLE, self._mask(world_mask), position, rate)
+        mask = self._mask(world_mask)
+        self._launch(Operation.ASSEMBLE, mask, position, rate)
+        self._begin_sensors(mask)
 
     def measure(self, world_mask: Any = None) -> None:
         """Publishes `body_q` and joint coordinates after a user wrote `body_x`, `body_rot` or velocities."""
-        self._launch(Operation.MEASURE, self._mask(world_mask))
+        mask = self._mask(world_mask)
+        self._launch(Operation.MEASURE, mask)
+        self._begin_sensors(mask)
 
     def measure_energy(self) -> wp.array:
         """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of linear springs."""
@@ -278,7 +294,13 @@ class Simulation:
             )  # fmt: skip
         commands.append(self._launch(Operation.STEP, self._all_worlds, record=True))
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
+        measuring += [sensor.record for sensor in self.sensors]
         return commands + [command for record in measuring for command in record(self, self._config.dt)]
+
+    def _begin_sensors(self, mask: wp.array) -> None:
+        """A frame of the present state, in worlds where somebody set it."""
+        for sensor in self.sensors:
+            sensor.begin(self, mask)
 
     def _sizes(self) -> Sizes:
         model, topology = self.model, self.model.topology
@@ -332,6 +354,15 @@ class Simulation:
         if tuple(array.shape) != shape:
             raise ModelError(f"set_joint_state: {name} must have shape {shape} (worlds, dofs), got {array.shape}")
         return array
+
+
+def _named_apart(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
+    """The sensors, whose names are all different: their randomness hangs on them."""
+    names = [sensor.name for sensor in sensors]
+    for name in names:
+        if names.count(name) > 1:
+            raise ModelError(f"Simulation: two sensors are called '{name}'; give one another name")
+    return tuple(sensors)
 
 
 def _choice(name: str, choices: type[IntEnum], value: Any) -> IntEnum:

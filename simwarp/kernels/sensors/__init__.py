@@ -1,0 +1,1 @@
+"""Kernels of the sensors: clocks, random numbers, motion, and what each kind measures."""

@@ -1,0 +1,252 @@
+"""Clocks of sensors and the frames that wait to be published: the part of every sensor that is the same."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from simwarp.arrays import writable_from
+from simwarp.kernels.sensors.clock import (
+    ClockSettings,
+    ClockState,
+    Tick,
+    advance_clock,
+    begin_clock,
+    publish_bytes,
+    publish_words,
+)
+from simwarp.kernels.sensors.motion import MountArrays
+from simwarp.model import Model
+from simwarp.sensors.contract import Mount, Schedule, Steps, body_index
+from simwarp.types import ModelError
+
+if TYPE_CHECKING:
+    from simwarp.simulation import Simulation
+
+LANES = 128
+"""Threads that copy one world's frame on a GPU."""
+
+
+class Field(NamedTuple):
+    """One output of a sensor: shape of a world's part of it, and Warp dtype."""
+
+    shape: tuple[int, ...]
+    dtype: Any
+
+
+def stream_of(seed: int, name: str) -> int:
+    """64 bits that tell the randomness of one sensor from all others; different names give unrelated numbers.
+
+    Raises:
+        ModelError: the seed is no integer.
+    """
+    if not isinstance(seed, (int, np.integer)) or isinstance(seed, bool):
+        raise ModelError(f"sensor '{name}': seed must be an integer, got {seed!r}; pass for example 0")
+    digest = hashlib.blake2b(f"{int(seed)}/{name}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little")
+
+
+def mount_arrays(sensor: str, mount: Mount, model: Model, copies: int = 1) -> MountArrays:
+    """The mount as kernels read it, in `copies` rows (1, or W where worlds differ).
+
+    Raises:
+        ModelError: the model has no such body.
+    """
+    if not isinstance(mount, Mount):
+        raise ModelError(f"sensor '{sensor}': mount must be a Mount, got {mount!r}; write Mount(body, pose)")
+    arrays = MountArrays()
+    arrays.body = body_index(sensor, mount.body, model)
+    arrays.position = writable_from(np.tile(mount.pose.position, (copies, 1)), wp.vec3d, model.device)
+    arrays.rotation = writable_from(np.tile(mount.pose.rotation, (copies, 1)), wp.quatd, model.device)
+    return arrays
+
+
+class Frames:
+    """A clock, the frames in waiting, and the one that is published. Every sensor owns one and is recorded through it.
+
+    The kernels of a sensor take `frames.tick` (kernels/sensors/clock.py), work where `tick.collecting` is 1, and write
+    row `tick.row[world]` of the arrays in `frames.ring` where `tick.complete` is 1. The rest is done here::
+
+        class Thermometer:
+            def __init__(self, model, mount, config, *, name="thermometer", seed=0):
+                self.name = name
+                self.frames = Frames(name, config.schedule, model, {"data": Field((), wp.float32)}, seed=seed)
+                self.mount = mount_arrays(name, mount, model)
+
+            data = property(lambda self: self.frames.data["data"])  # likewise timestamp and valid
+
+            @property
+            def memory(self):
+                return self.frames.memory  # and what the sensor itself remembers, such as sums over the window
+
+            def record(self, simulation, dt):
+                def sample():  # called once the ring has its size
+                    return [wp.launch(read_temperature, dim=simulation.model.world_count, record_cmd=True, inputs=[
+                        self.mount, simulation.state.arrays, self.frames.tick], outputs=[self.frames.ring["data"]])]
+
+                return self.frames.record(simulation, dt, sample)
+
+            def begin(self, simulation, mask):
+                self.frames.begin(simulation, mask)
+
+        @wp.kernel
+        def read_temperature(mount: MountArrays, state: StateArrays, tick: Tick, ring: wp.array[float]):
+            world = wp.tid()
+            if tick.complete[world] == 1:
+                ring[tick.row[world]] = 300.0 - 0.0065 * float(mount_position(world, mount, state)[2])
+
+    `begin` launches the same samples: in worlds of its mask `tick.mode` is BEGIN and a whole frame is due in one launch
+    (first, complete and publish are all 1, the fractions span 0 to 1).
+
+    Args:
+        sensor: its name.
+        schedule: when it measures.
+        model: whose worlds it measures.
+        fields: outputs by name: shape of one world's part, dtype.
+        seed: of its randomness, together with its name.
+        gradual: the sensor writes rows of the ring already while it collects, not only when a frame is complete.
+
+    Attributes:
+        data: (W, ...) published frames by name of the field.
+        ring: (W·slots, ...) frames in waiting; without a lag the same memory as `data`.
+        timestamp: (W,) float64, the world's time when the published frame was complete [s].
+        valid: (W,) bool, false in frozen worlds.
+        tick: what happens in this sub-step.
+        clock: numbers of the clock, in sub-steps, once recorded.
+        steps: the schedule in sub-steps of `dt` seconds, once recorded.
+        dt: of a sub-step [s], once recorded.
+    """
+
+    def __init__(
+        self, sensor: str, schedule: Schedule, model: Model, fields: Mapping[str, Field], *, seed: int = 0,
+        gradual: bool = False,
+    ) -> None:  # fmt: skip
+        if not isinstance(schedule, Schedule):
+            raise ModelError(
+                f"sensor '{sensor}': schedule must be a Schedule, got {schedule!r}; write Schedule(rate=...)"
+            )
+        self.sensor, self.schedule, self.model = sensor, schedule, model
+        self._gradual = gradual
+        self._fields = dict(fields)
+        self.stream = stream_of(seed, sensor)
+        self.data = {
+            name: wp.zeros((model.world_count, *field.shape), dtype=field.dtype, device=model.device)
+            for name, field in fields.items()
+        }
+        self.ring: dict[str, wp.array] = {}
+        self.tick = Tick()
+        self._state = ClockState()
+        for struct, instance in ((Tick, self.tick), (ClockState, self._state)):
+            for name, dtype in _members(struct).items():
+                setattr(instance, name, wp.zeros(model.world_count, dtype=dtype, device=model.device))
+        self.clock = ClockSettings()
+        self.steps = Steps(0, 0, 0)
+        self.dt = 0.0
+        self._samples: list[Any] = []
+
+    @property
+    def timestamp(self) -> wp.array:
+        """(W,) float64 [s]."""
+        return self._state.timestamp
+
+    @property
+    def valid(self) -> wp.array:
+        """(W,) bool."""
+        return self._state.valid
+
+    @property
+    def phase(self) -> wp.array:
+        """(W,) int32 [sub-steps]; writable where the schedule's phase is "zero"."""
+        return self._state.phase
+
+    @property
+    def memory(self) -> dict[str, wp.array]:
+        """What a snapshot keeps, complete once recorded; names have two words, so that sensors add theirs freely."""
+        kept = {f"clock {name}": getattr(self._state, name) for name in _members(ClockState)}
+        kept |= {f"data {name}": array for name, array in self.data.items()}
+        kept |= {f"ring {name}": array for name, array in self.ring.items() if array is not self.data[name]}
+        return {name: array for name, array in kept.items() if array.size}
+
+    def record(self, simulation: Simulation, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
+        """The launches of a sub-step: the clock, what `sample` records, and publication.
+
+        Raises:
+            ModelError: the sensor is part of another Simulation, or was made for another model.
+        """
+        if self.ring:
+            raise ModelError(f"sensor '{self.sensor}': is part of a Simulation already; make one for each")
+        if simulation.model is not self.model:
+            raise ModelError(f"sensor '{self.sensor}': was made for another model than the Simulation's; use that one")
+        worlds, device = self.model.world_count, self.model.device
+        self._set_clock(simulation, dt)
+        advance = wp.launch(
+            advance_clock, dim=worlds, device=device, record_cmd=True,
+            inputs=[self.clock, simulation.state.arrays], outputs=[self._state, self.tick],
+        )  # fmt: skip
+        self._samples = [*sample(), *self._publications()]
+        return [advance, *self._samples]
+
+    def begin(self, simulation: Simulation, mask: wp.array) -> None:
+        """Forgets the worlds of the mask and publishes a frame of their present state."""
+        wp.launch(
+            begin_clock, dim=self.model.world_count, device=self.model.device,
+            inputs=[mask, self.clock, simulation.state.arrays], outputs=[self._state, self.tick],
+        )  # fmt: skip
+        for command in self._samples:
+            command.launch()
+
+    def _set_clock(self, simulation: Simulation, dt: float) -> None:
+        """Rounds the schedule to sub-steps and makes room for the frames in waiting."""
+        worlds, device = self.model.world_count, self.model.device
+        steps, self.dt = self.schedule.steps(dt), dt
+        self.steps = steps
+        self.clock.period, self.clock.window, self.clock.lag = steps
+        self.clock.every = simulation.read_every * simulation.substeps
+        self.clock.random_phase = int(self.schedule.phase == "random")
+        self.clock.stream = wp.uint64(self.stream)
+        # a row is taken from the first write of a frame to its publication, which comes after the writes of a sub-step
+        direct = steps.lag == 0 and (steps.window == 0 or not self._gradual)
+        busy = steps.lag + (steps.window if self._gradual else 0)
+        slots = 1 if direct else busy // steps.period + 1
+        self.clock.slots = slots
+        self._state.ring_time = wp.zeros(worlds * slots, dtype=wp.float64, device=device)
+        for name, field in self._fields.items():
+            fresh = wp.zeros((worlds * slots, *field.shape), dtype=field.dtype, device=device) if not direct else None
+            self.ring[name] = self.data[name] if fresh is None else fresh
+
+    def _publications(self) -> list[Any]:
+        """Launches that copy frames that are due out of the ring."""
+        commands = []
+        for name, ring in self.ring.items():
+            data = self.data[name]
+            if ring is data or not data.size:
+                continue
+            size = data.size * wp.types.type_size_in_bytes(data.dtype) // self.model.world_count
+            whole = size % 4 == 0
+            count = size // 4 if whole else size
+            lanes = min(LANES, count) if self.model.device.is_cuda else 1
+            commands.append(
+                wp.launch(
+                    publish_words if whole else publish_bytes, dim=(self.model.world_count, lanes),
+                    device=self.model.device, record_cmd=True,
+                    inputs=[lanes, self.tick, _rows(ring, count, whole)], outputs=[_rows(data, count, whole)],
+                )
+            )  # fmt: skip
+        return commands
+
+
+def _members(struct: Any) -> dict[str, Any]:
+    """Dtypes of the arrays of a Warp struct by name."""
+    return {name: member.type.dtype for name, member in struct.vars.items()}
+
+
+def _rows(array: wp.array, count: int, whole: bool) -> wp.array:
+    """The memory of an array as rows of words or bytes."""
+    return wp.array(
+        ptr=array.ptr, dtype=wp.int32 if whole else wp.uint8, shape=(array.shape[0], count), device=array.device,
+        copy=False,
+    )  # fmt: skip

@@ -1,0 +1,112 @@
+"""What all sensors share: when they measure, where they sit, and what a Simulation asks of them.
+
+A sensor is made from a model, a `Mount` and a frozen configuration with a `schedule`, and is handed to a Simulation:
+`Simulation(model, dt, sensors=[sensor])`. Its results are `data`, `timestamp` and `valid`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from simwarp.checks import checked_pose, finite_number, positive_number
+from simwarp.model import Model
+from simwarp.sensor_protocol import Sensor
+from simwarp.types import WORLD, ModelError, Pose, pose
+
+__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index"]
+
+
+class Steps(NamedTuple):
+    """A schedule in whole sub-steps."""
+
+    period: int
+    window: int
+    lag: int
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """When a sensor measures. Times are rounded to the nearest whole number of sub-steps.
+
+    Frame k begins at s = phase + k / rate, collects over (s, s + window], is complete at its end and is published `lag`
+    later. Time counts from the moment at which the world's state was set.
+
+    Attributes:
+        rate: frames per second [Hz]; at most one per sub-step.
+        window: how long a frame collects, at most 1 / rate [s]; 0: one instant.
+        lag: from completion to publication [s].
+        phase: "zero", or "random": a whole number of sub-steps within a period, per world and episode.
+
+    Raises:
+        ModelError: a value breaks its rule.
+    """
+
+    rate: float
+    window: float = 0.0
+    lag: float = 0.0
+    phase: Literal["zero", "random"] = "zero"
+
+    def __post_init__(self) -> None:
+        positive_number("Schedule", "rate", self.rate, "Hz", "give the frames per second")
+        for field in ("window", "lag"):
+            if not finite_number("Schedule", field, getattr(self, field), "use 0 for none") >= 0.0:
+                raise ModelError(f"Schedule: {field} must be >= 0 s, got {getattr(self, field)!r}; use 0 for none")
+        if self.window > (1.0 + 1.0e-9) / self.rate:
+            raise ModelError(
+                f"Schedule: window must not be longer than a period (1 / rate = {1.0 / self.rate:.6g} s), "
+                f"got {self.window!r} s; shorten it or lower the rate"
+            )
+        if self.phase not in ("zero", "random"):
+            raise ModelError(f"Schedule: phase must be 'zero' or 'random', got {self.phase!r}; choose one of them")
+
+    def steps(self, dt: float) -> Steps:
+        """The schedule in sub-steps of `dt` seconds: the nearest whole numbers (halves up), a period of at least 1."""
+
+        def nearest(time: float) -> int:
+            # the quotient of two decimals is off by its rounding: 0.025 / 0.01 is meant to be a half
+            return math.floor(time / dt + 0.5 + 1.0e-9)
+
+        return Steps(max(nearest(1.0 / self.rate), 1), nearest(self.window), nearest(self.lag))
+
+
+@dataclasses.dataclass(frozen=True)
+class Mount:
+    """Where a sensor sits: X forward, Y left, Z up in its own frame.
+
+    Attributes:
+        body: name or index of a body; `WORLD` for a fixed place.
+        pose: of the sensor, in axes of the body, from its centre of mass [m]; world axes for `WORLD`.
+
+    Raises:
+        ModelError: the pose is none.
+    """
+
+    body: int | str = WORLD
+    pose: Pose = dataclasses.field(default_factory=pose)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", checked_pose("Mount", self.pose))
+
+
+def body_index(sensor: str, body: int | str, model: Model) -> int:
+    """Index of the body that a sensor names.
+
+    Raises:
+        ModelError: the model has no such body.
+    """
+    if isinstance(body, str):
+        try:
+            return model.body(body)
+        except ModelError as error:
+            raise ModelError(f"sensor '{sensor}': {error}") from None
+    usable = isinstance(body, (int, np.integer)) and not isinstance(body, bool)
+    if not usable or not (body == WORLD or 0 <= body < model.body_count):
+        raise ModelError(
+            f"sensor '{sensor}': body must be WORLD (-1), an index below {model.body_count} or a name, got {body!r}; "
+            "take what add_body returned"
+        )
+    return int(body)
