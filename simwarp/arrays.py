@@ -7,6 +7,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+CONVERSIONS = {
+    np.float32: "float", np.float64: "double", np.int32: "int", np.int64: "long", np.uint8: "byte", np.bool_: "bool",
+}  # fmt: skip
+"""The tensor method that makes each NumPy type."""
+
 
 class WritableArray(wp.array):
     """A Warp array whose slices can be assigned: a scalar fills, an array, tensor or sequence is copied in.
@@ -25,7 +30,7 @@ class WritableArray(wp.array):
     def __setitem__(self, key: Any, value: Any) -> None:
         view: Any = super().__getitem__(self._slices(key))
         if isinstance(value, (int, float)):
-            view.fill_(float(value))
+            view.fill_(self._scalar()(value).item())
             return
         if isinstance(value, wp.array):
             source: Any = value
@@ -71,7 +76,8 @@ class WritableArray(wp.array):
         """A contiguous tensor of the shape and type that `view` wants; no torch import needed for its methods."""
         shape = self._value_shape(view)
         try:
-            numbers = tensor.detach().double() if self._scalar() == np.float64 else tensor.detach().float()
+            # methods of the tensor's own: this file does without torch
+            numbers = getattr(tensor.detach(), CONVERSIONS[self._scalar()])()
             return numbers.expand(shape).contiguous()
         except RuntimeError as error:
             raise ValueError(f"cannot broadcast a tensor of shape {tuple(tensor.shape)} to {shape}") from error

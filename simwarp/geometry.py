@@ -15,6 +15,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.types import ModelError, ShapeType
+from simwarp.wide_tree import tree_tables
 
 Array = npt.NDArray[np.float64]
 
@@ -343,11 +344,12 @@ def add_ground_assets(
         wp.Mesh(
             points=wp.array(mesh.vertices, dtype=wp.vec3, device=device),
             indices=wp.array(mesh.triangles.reshape(-1), dtype=wp.int32, device=device),
-            bvh_constructor="sah",  # built on the host, slower, once: rays and queries are what counts
+            bvh_constructor="sah",  # built on the host, slower, once: queries are what counts
         )
         for mesh in meshes
     ]
     assets.mesh = wp.array(np.array([mesh.id for mesh in built], np.uint64), dtype=wp.uint64, device=device)
+    assets.trees = tree_tables(((mesh.vertices, mesh.triangles) for mesh in meshes), device)
     assets.mesh_neighbour = floats([neighbour_normals(mesh).reshape(-1, 3) for mesh in meshes], wp.vec3)
     assets.mesh_neighbour_start = starts([len(mesh.triangles) for mesh in meshes])
     assets.mesh_lower = floats([mesh.vertices.min(axis=0)[None] for mesh in meshes], wp.vec3)

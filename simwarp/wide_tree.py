@@ -7,10 +7,14 @@ the surface area heuristic over bins of centroids (Wald 2007), all nodes of a le
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import warp as wp
+
+from simwarp.kernels.rays.wide_tree import Trees
 
 WIDTH: Final = 8
 """Children of a node, triangles of a leaf."""
@@ -75,6 +79,29 @@ def build_tree(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> WideTree:
     table[:, : 3 * WIDTH] -= slack
     table[:, 3 * WIDTH : 6 * WIDTH] += slack
     return WideTree(table, _leaves(corners, order, np.concatenate(leaf_start), np.concatenate(leaf_end)), lower, upper)
+
+
+def tree_tables(meshes: Iterable[tuple[npt.ArrayLike, npt.ArrayLike]], device: wp.DeviceLike) -> Trees:
+    """The trees of meshes (vertices, triangles), on a device; their order gives the numbers."""
+    trees = [build_tree(vertices, triangles) for vertices, triangles in meshes]
+    tables = Trees()
+
+    def floats(blocks: list[npt.NDArray[np.float32]], width: int) -> wp.array:
+        rows = np.concatenate([np.zeros((0, width), np.float32), *blocks])
+        return wp.array(rows.reshape(-1), dtype=wp.float32, device=device)
+
+    def starts(counts: list[int]) -> wp.array:
+        return wp.array(np.cumsum([0, *counts]).astype(np.int32), dtype=wp.int32, device=device)
+
+    tables.node, tables.leaf = (
+        floats([t.nodes for t in trees], NODE_WORDS),
+        floats([t.leaves for t in trees], LEAF_WORDS),
+    )
+    tables.node_start, tables.leaf_start = starts([len(t.nodes) for t in trees]), starts([len(t.leaves) for t in trees])
+    for name in ("lower", "upper"):
+        rows = np.array([getattr(tree, name) for tree in trees], np.float32).reshape(-1, 3)
+        setattr(tables, name, wp.array(rows, dtype=wp.vec3, device=device))
+    return tables
 
 
 def _leaves(corners: Floats, order: Ints, start: Ints, end: Ints) -> Floats:
@@ -175,8 +202,7 @@ def _plane_costs(boxes: Floats, key: Ints, parts: int) -> Any:
     over = count.sum(axis=1, keepdims=True) - under
     total = np.zeros(under.shape)
     for side, number in ((below, under), (above, over)):
-        with np.errstate(invalid="ignore"):
-            size = -(side[..., 3:] + side[..., :3]).astype(np.float64)
+        size = -np.where(number[..., None] > 0, side[..., 3:] + side[..., :3], 0.0).astype(np.float64)
         area = size[..., 0] * size[..., 1] + size[..., 1] * size[..., 2] + size[..., 2] * size[..., 0]
         # leaves are tested eight triangles at a time
         total += np.where(number > 0, area * np.ceil(number / WIDTH), np.inf)

@@ -16,12 +16,13 @@ from simwarp.builder import ModelBuilder
 from simwarp.checks import checked_pose
 from simwarp.geometry import Hull, TriangleMesh, triangle_mesh
 from simwarp.kernels.rays.instances import RayScene, place_instances
-from simwarp.kernels.rays.wide_tree import Trees
 from simwarp.model import Model
+from simwarp.sensors.appearance import AppearanceList, Texture
 from simwarp.shapes import checked_size, loaded_mesh
 from simwarp.state import State
 from simwarp.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector
-from simwarp.wide_tree import LEAF_WORDS, NODE_WORDS, WIDTH, build_tree
+from simwarp.visual_mesh import VisualMesh
+from simwarp.wide_tree import NODE_WORDS, WIDTH, tree_tables
 
 ALL_GROUPS: Final = 0x7FFFFFFF
 GREY: Final = (0.5, 0.5, 0.5)
@@ -35,7 +36,7 @@ class Look:
 
     Attributes:
         color: linear albedo, 0 to 1.
-        texture: index of a texture, -1: none.
+        texture: what `Visuals.texture` returned; -1: none, or that of the mesh's file.
         label: semantic class.
         reflectance: of a lidar's or radar's beam, 0 to 1.
         group: bits; a sensor sees instances of the groups in its mask.
@@ -72,10 +73,16 @@ class Visuals:
     def __init__(self, builder: ModelBuilder) -> None:
         self.builder = builder
         self.meshes: list[TriangleMesh] = []
+        self.mesh_looks: list[VisualMesh | None] = []
+        self.textures = AppearanceList()
         self.instances: list[Instance] = [
             Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Look())
             for index, shape in enumerate(builder.shapes)
         ]
+
+    def texture(self, texture: Texture) -> int:
+        """The number of a texture, for `Look.texture` and `Scene.texture`."""
+        return self.textures.add(texture)
 
     def show(self, shape: int, **look: Any) -> None:
         """Changes the look of a shape: fields of `Look`."""
@@ -91,18 +98,30 @@ class Visuals:
         self.instances = [instance for index, instance in enumerate(self.instances) if index not in gone]
 
     def add_mesh(
-        self, body: int, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None, *,
+        self, body: int, vertices: npt.ArrayLike | str | Path | VisualMesh, triangles: npt.ArrayLike | None = None, *,
         name: str | None = None, pose: Pose | None = None, scale: Vec3 = (1.0, 1.0, 1.0), **look: Any,
     ) -> int:  # fmt: skip
-        """Triangles (V, 3), (T, 3), or a file of them, on a body or WORLD; returns the instance."""
+        """Triangles (V, 3), (T, 3), or a file of them with its colours and textures, or a `VisualMesh`, on a body or
+        WORLD; returns the instance. A look's colour multiplies the mesh's own, and is white unless given.
+        """
+        if isinstance(vertices, (str, Path, VisualMesh)):
+            look.setdefault("color", (1.0, 1.0, 1.0))
         asset = self.add_mesh_asset(vertices, triangles)
         return self._add(ShapeType.MESH, body, scale, name, pose, look, asset)
 
-    def add_mesh_asset(self, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None) -> int:
+    def add_mesh_asset(
+        self, vertices: npt.ArrayLike | str | Path | VisualMesh, triangles: npt.ArrayLike | None = None
+    ) -> int:
         """A mesh that no instance shows as built: an index for `Scene.asset`."""
-        points, corners = loaded_mesh(vertices, triangles)
+        if isinstance(vertices, (str, Path)) and triangles is None:
+            from simwarp.mesh import load_visual_mesh  # trimesh takes a while to import
+
+            vertices = load_visual_mesh(vertices)
+        mesh = vertices if isinstance(vertices, VisualMesh) else None
+        points, corners = loaded_mesh(vertices, triangles) if mesh is None else (mesh.vertices, mesh.triangles)
         triangle_mesh(points, corners)  # for its checks: what is seen keeps its triangles as they are
         self.meshes.append(TriangleMesh(np.asarray(points, np.float32), np.asarray(corners, np.int32)))
+        self.mesh_looks.append(mesh)
         return len(self.meshes) - 1
 
     def add_box(
@@ -213,6 +232,7 @@ class Scene:
         texture: (1 or W, I) int32, -1: none.
         reflectance: (1 or W, I).
         body, shape, label: (I,) NumPy.
+        appearance: textures and looks of meshes, for kernels.
 
     A shape of the model is placed by the model's arrays (`shape_x`, `shape_enabled`, ...): here only its look and
     `enabled` count.
@@ -241,6 +261,12 @@ class Scene:
         self.label = np.array([instance.look.label for instance in instances], np.int32)
         self.instance_count = len(instances)
         self._constants = _constants(visuals, model.device)
+        without = len(visuals.builder.hulls) + len(visuals.builder.meshes)
+        self.appearance = visuals.textures.tables([None] * without + visuals.mesh_looks, model.device)
+        for instance in instances:
+            own = instance.kind == ShapeType.MESH and instance.shape < 0
+            mesh = visuals.mesh_looks[instance.asset] if own else None
+            visuals.textures.check(f"visual '{instance.name}'", instance.look.texture, mesh)
         for name, (values, dtype) in _instance_values(instances).items():
             copies = model.world_count if name in wanted else 1
             setattr(self, name, writable_from(np.repeat(values[None], copies, axis=0), dtype, model.device))
@@ -296,7 +322,7 @@ def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
         "tree": ints([first_tree(instance) for instance in instances]),
         "group": ints([instance.look.group for instance in instances]),
         "label": ints([instance.look.label for instance in instances]),
-        "trees": tree_tables(geometry, device),
+        "trees": tree_tables(((mesh.vertices, mesh.triangles) for mesh in geometry), device),
     }
 
 
@@ -333,29 +359,6 @@ def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
     arrays["origin"] = writable((world_count,), wp.vec3d, device)
     arrays["node"] = writable((world_count, nodes * NODE_WORDS), wp.float32, device)
     return arrays
-
-
-def tree_tables(meshes: list[TriangleMesh], device: Any) -> Trees:
-    """The trees of meshes, on a device; their order gives the numbers."""
-    trees = [build_tree(mesh.vertices, mesh.triangles) for mesh in meshes]
-    tables = Trees()
-
-    def floats(blocks: list[npt.NDArray[np.float32]], width: int) -> wp.array:
-        rows = np.concatenate([np.zeros((0, width), np.float32), *blocks])
-        return wp.array(rows.reshape(-1), dtype=wp.float32, device=device)
-
-    def starts(counts: list[int]) -> wp.array:
-        return wp.array(np.cumsum([0, *counts]).astype(np.int32), dtype=wp.int32, device=device)
-
-    tables.node, tables.leaf = (
-        floats([t.nodes for t in trees], NODE_WORDS),
-        floats([t.leaves for t in trees], LEAF_WORDS),
-    )
-    tables.node_start, tables.leaf_start = starts([len(t.nodes) for t in trees]), starts([len(t.leaves) for t in trees])
-    for name in ("lower", "upper"):
-        rows = np.array([getattr(tree, name) for tree in trees], np.float32).reshape(-1, 3)
-        setattr(tables, name, wp.array(rows, dtype=wp.vec3, device=device))
-    return tables
 
 
 def _hull_mesh(hull: Hull) -> TriangleMesh:

@@ -193,3 +193,13 @@ def test_from_torch():
     assert interop.from_torch(torch.tensor([True, False])).dtype == wp.bool
     with pytest.raises(ValueError, match=r"contiguous.*call \.contiguous"):
         interop.from_torch(torch.zeros(4, 4)[:, ::2])
+
+
+@pytest.mark.parametrize(
+    ("dtype", "value"), [(wp.int32, 2**31 - 1), (wp.int64, 2**53 + 1), (wp.uint8, 255), (wp.bool, True)]
+)
+@pytest.mark.parametrize("form", ["scalar", "list", "tensor"])
+def test_whole_numbers_and_truths_keep_their_digits(dtype, value, form):
+    array = writable((2, 3), dtype, "cpu")
+    array[1] = {"scalar": value, "list": [value] * 3, "tensor": torch.tensor([value] * 3)}[form]
+    assert array.numpy().tolist() == [[0] * 3, [value] * 3]

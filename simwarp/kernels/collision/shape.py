@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from simwarp.kernels.rays.wide_tree import Trees
 from simwarp.types import ShapeType
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -60,7 +61,8 @@ class Assets:
     field_spacing: wp.array[wp.vec2d]  # between columns and between rows [m]; the grid's middle is the origin
     field_range: wp.array[wp.vec2]  # lowest and highest node [m]
 
-    mesh: wp.array[wp.uint64]  # ids of wp.Mesh
+    mesh: wp.array[wp.uint64]  # ids of wp.Mesh, for what is near a box
+    trees: Trees  # the same meshes, for rays
     mesh_neighbour: wp.array[wp.vec3]  # unit normal of the triangle across edge k of triangle t: [3 t + k]; 0: border
     mesh_neighbour_start: wp.array[int]  # CSR over assets
     mesh_lower: wp.array[wp.vec3]  # bounds

@@ -13,6 +13,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, MESH, Assets, Shape
 from simwarp.kernels.collision.support import Bounds, safe_direction
+from simwarp.kernels.rays.wide_tree import tree_ray
 from simwarp.kernels.spatial import to_double, to_float
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -314,11 +315,11 @@ def mesh_ray(
     hit = SurfaceHit()
     hit.t = -1.0
     hit.triangle = -1
-    query = wp.mesh_query_ray(assets.mesh[asset], wp.cw_div(start, scale), wp.cw_div(direction, scale), max_t)
-    if query.result:
-        hit.t = query.t
-        hit.triangle = query.face
-        hit.normal = mesh_normal(asset, scale, query.face, assets)
+    found = tree_ray(asset, wp.cw_div(start, scale), wp.cw_div(direction, scale), max_t, 0, assets.trees)
+    if found.triangle >= 0:
+        hit.t = found.t
+        hit.triangle = found.triangle
+        hit.normal = wp.normalize(wp.cross(wp.cw_mul(scale, found.edge1), wp.cw_mul(scale, found.edge2)))
     return hit
 
 

@@ -12,7 +12,7 @@ from simwarp.kernels.collision.shape import HEIGHT_FIELD, HULL, MESH, Assets
 from simwarp.kernels.collision.terrain import SurfaceHit, height_field_ray
 from simwarp.kernels.rays.instances import RayScene
 from simwarp.kernels.rays.primitives import primitive_ray
-from simwarp.kernels.rays.wide_tree import bits_of, walk_tree
+from simwarp.kernels.rays.wide_tree import tree_ray
 from simwarp.kernels.spatial import to_double
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -143,19 +143,12 @@ def instance_ray(
         tree = scene.place_asset[world, instance]
         s = wp.cw_div(s, size)
         d = wp.cw_div(d, size)
-        trees = scene.trees
-        found = walk_tree(
-            trees.node, trees.leaf, trees.node_start[tree], trees.leaf_start[tree], s, d, reach, any_one
-        )  # fmt: skip
-        place = bits_of(found[3])
-        if place >= 0:
-            hit.t = found[0]
-            hit.bary = wp.vec2(found[1], found[2])
-            base = 80 * (trees.leaf_start[tree] + place // 8) + place % 8
-            e = wp.vec3(trees.leaf[base + 24], trees.leaf[base + 32], trees.leaf[base + 40])
-            f = wp.vec3(trees.leaf[base + 48], trees.leaf[base + 56], trees.leaf[base + 64])
-            hit.triangle = bits_of(trees.leaf[base + 72])
-            hit.normal = wp.normalize(rot * wp.cross(wp.cw_mul(size, e), wp.cw_mul(size, f)))
+        found = tree_ray(tree, s, d, reach, any_one, scene.trees)
+        if found.triangle >= 0:
+            hit.t = found.t
+            hit.bary = found.bary
+            hit.triangle = found.triangle
+            hit.normal = wp.normalize(rot * wp.cross(wp.cw_mul(size, found.edge1), wp.cw_mul(size, found.edge2)))
     else:
         surface = SurfaceHit()
         if kind == HEIGHT_FIELD:

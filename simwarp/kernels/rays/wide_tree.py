@@ -183,3 +183,33 @@ def walk_tree(
 def bits_of(x: float) -> int:
     """The bits of a float32."""
     ...
+
+
+@wp.struct
+class TreeHit:
+    """A triangle that a ray meets, in the mesh's own frame."""
+
+    t: float  # in lengths of the direction
+    triangle: int  # -1: none
+    bary: wp.vec2  # weights of corners 1 and 2
+    edge1: wp.vec3  # from corner 0 to corner 1
+    edge2: wp.vec3
+
+
+@wp.func
+def tree_ray(mesh: int, start: wp.vec3, direction: wp.vec3, reach: float, any_one: int, trees: Trees) -> TreeHit:
+    """The nearest triangle of a mesh along a ray, up to t = reach; with `any_one` the first that is found."""
+    found = walk_tree(
+        trees.node, trees.leaf, trees.node_start[mesh], trees.leaf_start[mesh], start, direction, reach, any_one
+    )  # fmt: skip
+    hit = TreeHit()
+    hit.triangle = -1
+    place = bits_of(found[3])
+    if place >= 0:
+        hit.t = found[0]
+        hit.bary = wp.vec2(found[1], found[2])
+        base = 80 * (trees.leaf_start[mesh] + place // 8) + place % 8
+        hit.edge1 = wp.vec3(trees.leaf[base + 24], trees.leaf[base + 32], trees.leaf[base + 40])
+        hit.edge2 = wp.vec3(trees.leaf[base + 48], trees.leaf[base + 56], trees.leaf[base + 64])
+        hit.triangle = bits_of(trees.leaf[base + 72])
+    return hit
