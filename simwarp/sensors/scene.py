@@ -117,8 +117,13 @@ class Visuals:
             from simwarp.mesh import load_visual_mesh  # trimesh takes a while to import
 
             vertices = load_visual_mesh(vertices)
-        mesh = vertices if isinstance(vertices, VisualMesh) else None
-        points, corners = loaded_mesh(vertices, triangles) if mesh is None else (mesh.vertices, mesh.triangles)
+        mesh: VisualMesh | None = None
+        points: npt.ArrayLike
+        corners: npt.ArrayLike
+        if isinstance(vertices, VisualMesh):
+            mesh, points, corners = vertices, vertices.vertices, vertices.triangles
+        else:
+            points, corners = loaded_mesh(vertices, triangles)
         triangle_mesh(points, corners)  # for its checks: what is seen keeps its triangles as they are
         self.meshes.append(TriangleMesh(np.asarray(points, np.float32), np.asarray(corners, np.int32)))
         self.mesh_looks.append(mesh)
