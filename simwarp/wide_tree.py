@@ -192,10 +192,10 @@ def _plane_costs(boxes: Floats, key: Ints, parts: int) -> Any:
     """(P, BINS - 1) areas times counts of both sides of each plane between bins; infinite where a side is empty."""
     by_key = np.argsort(key, kind="stable")
     keys, begin = np.unique(key[by_key], return_index=True)
-    bounds = np.full((parts * BINS, 6), np.inf, np.float32)
-    bounds[keys] = np.minimum.reduceat(boxes[by_key], begin, axis=0)
+    flat = np.full((parts * BINS, 6), np.inf, np.float32)
+    flat[keys] = np.minimum.reduceat(boxes[by_key], begin, axis=0)
+    bounds = flat.reshape(parts, BINS, 6)
     count = np.bincount(key, minlength=parts * BINS).reshape(parts, BINS)
-    bounds = bounds.reshape(parts, BINS, 6)
     below = np.minimum.accumulate(bounds, axis=1)[:, :-1]
     above = np.minimum.accumulate(bounds[:, ::-1], axis=1)[:, ::-1][:, 1:]
     under = np.cumsum(count, axis=1)[:, :-1]
