@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from simwarp.model import Model
 from simwarp.sensor_protocol import Sensor
 from simwarp.types import WORLD, ModelError, Pose, pose
 
-__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index"]
+__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index", "checked_outputs"]
 
 
 class Steps(NamedTuple):
@@ -110,3 +111,15 @@ def body_index(sensor: str, body: int | str, model: Model) -> int:
             "take what add_body returned"
         )
     return int(body)
+
+
+def checked_outputs(thing: str, outputs: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """The outputs that a configuration asks for, each once and at least one.
+
+    Raises:
+        ModelError: one is unknown or named twice, or there is none.
+    """
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    if not names or len(set(names)) < len(names) or any(name not in known for name in names):
+        raise ModelError(f"{thing}: outputs must be some of {', '.join(known)}, each once, got {outputs!r}; choose")
+    return names
