@@ -13,6 +13,7 @@ import warp as wp
 from simwarp.checks import finite_number
 from simwarp.kernels.sensors.image import Camera as CameraNumbers
 from simwarp.kernels.sensors.image import Outputs, Views, aim_views, render
+from simwarp.rotation import quat_from_matrix
 from simwarp.sensors.clock import Field, Frames, mount_arrays
 from simwarp.sensors.contract import Mount, Schedule
 from simwarp.sensors.image_noise import PER_WORLD as IMAGING_ARRAYS
@@ -21,7 +22,7 @@ from simwarp.sensors.lenses import Lens, Pinhole
 from simwarp.sensors.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.lights import Lighting, Lights
 from simwarp.sensors.scene import ALL_GROUPS, Scene
-from simwarp.types import ModelError, Vec3, finite_vector
+from simwarp.types import ModelError, Pose, Vec3, finite_vector, pose
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
@@ -173,6 +174,24 @@ class Camera:
             self.frames.ring, record=True,
         )  # fmt: skip
         return [self.scene.place(simulation.state, self._tables, due, record=True), aim, cast]
+
+
+def look_at(eye: Vec3, target: Vec3, up: Vec3 = (0.0, 0.0, 1.0)) -> Pose:
+    """The pose of a camera at `eye` that looks at `target`, the image's upper side towards `up`.
+
+    Raises:
+        ModelError: eye and target are the same place.
+    """
+    place = finite_vector("look_at", "eye", eye, 3)
+    way = finite_vector("look_at", "target", target, 3) - place
+    if float(np.linalg.norm(way)) < 1e-9:
+        raise ModelError(f"look_at: eye and target must be apart, got {eye!r} for both; move one")
+    forward = way / np.linalg.norm(way)
+    left = np.cross(finite_vector("look_at", "up", up, 3), forward)
+    if float(np.linalg.norm(left)) < 1e-9:  # straight up or down: the image's upper side is X
+        left = np.cross((1.0, 0.0, 0.0), forward)
+    left /= np.linalg.norm(left)
+    return pose(place, quat_from_matrix(np.stack([forward, left, np.cross(forward, left)], axis=1)))
 
 
 def camera_numbers(thing: str, config: CameraConfig) -> CameraNumbers:
