@@ -1,0 +1,227 @@
+"""What sensors get wrong, as stages that act one after the other; any sensor of a few numbers takes a sequence of them.
+
+    (NormalNoise(std=0.02), BoundedDrift(std=0.05, time=300.0), Quantisation(step=0.001), Saturation(upper=40.0))
+
+Numbers are one for all channels of a sensor, or one per channel. Randomness is a function of the sensor's seed and
+name, the world, its episode and the frame: worlds do not depend on one another, a restored snapshot repeats it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import warp as wp
+
+from simwarp.arrays import WritableArray, writable_from
+from simwarp.kernels.sensors.noise import (
+    BIAS_WALK,
+    BOUNDED_DRIFT,
+    NORMAL,
+    QUANTISATION,
+    SATURATION,
+    NoiseArrays,
+)
+from simwarp.model import Model
+from simwarp.types import ModelError
+
+Numbers: TypeAlias = float | tuple[float, ...]
+"""One for all channels, or one per channel."""
+
+LARGEST: Final = 3.0e38
+"""Stands for an infinite bound in float32."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class NormalNoise:
+    """Independent from frame to frame: value + N(mean, std).
+
+    Attributes:
+        std: standard deviation [unit of the sensor].
+        mean: a constant bias [unit].
+    """
+
+    std: Numbers
+    mean: Numbers = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self, "mean")
+        _check(self, "std", least=0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BiasWalk:
+    """A bias that walks: after a time t it has moved by N(0, rate sqrt(t)), without bound.
+
+    Attributes:
+        rate: [unit/sqrt(s)]; its Allan deviation is rate sqrt(t / 3).
+        initial_std: standard deviation of the bias at the beginning of an episode (turn-on bias) [unit].
+    """
+
+    rate: Numbers
+    initial_std: Numbers = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self, "rate", least=0.0)
+        _check(self, "initial_std", least=0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BoundedDrift:
+    """A bias that is forgotten: a Gauss-Markov process of first order, stationary from the beginning of an episode.
+
+    Over a time t: bias <- e^(-t/time) bias + N(0, std sqrt(1 - e^(-2 t/time))) (exact for any t).
+
+    Attributes:
+        std: standard deviation of the bias [unit].
+        time: its correlation time [s].
+    """
+
+    std: Numbers
+    time: Numbers
+
+    def __post_init__(self) -> None:
+        _check(self, "std", least=0.0)
+        _check(self, "time", above=0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Quantisation:
+    """The nearest multiple of a step.
+
+    Attributes:
+        step: [unit].
+    """
+
+    step: Numbers
+
+    def __post_init__(self) -> None:
+        _check(self, "step", above=0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Saturation:
+    """Values are cut off at the ends of the range.
+
+    Attributes:
+        lower, upper: ends [unit]; infinite where there is none.
+    """
+
+    lower: Numbers = -math.inf
+    upper: Numbers = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("lower", "upper"):
+            _check(self, name, infinite=True)
+        lower, upper = np.atleast_1d(self.lower), np.atleast_1d(self.upper)
+        fits = len({1, len(lower), len(upper)}) <= 2
+        if fits and not (lower < upper).all():
+            raise ModelError(f"Saturation: lower must be below upper, got {self.lower!r} and {self.upper!r}; swap them")
+
+
+Noise: TypeAlias = NormalNoise | BiasWalk | BoundedDrift | Quantisation | Saturation
+
+_STAGES: Final[dict[type, tuple[int, tuple[str, ...]]]] = {
+    NormalNoise: (NORMAL, ("mean", "std")),
+    BiasWalk: (BIAS_WALK, ("rate", "initial_std")),
+    BoundedDrift: (BOUNDED_DRIFT, ("std", "time")),
+    Quantisation: (QUANTISATION, ("step",)),
+    Saturation: (SATURATION, ("lower", "upper")),
+}
+"""How the kernel calls a stage, and the names of its (one or two) numbers in order."""
+
+
+class NoiseChain:
+    """The stages of one group of channels on a device.
+
+    Args:
+        thing: whose noise it is, for messages: "sensor 'imu': accelerometer_noise".
+        stages: in the order in which they act.
+        channels: of the group.
+        model: whose worlds.
+        copies: rows of the parameters: 1, shared by all worlds, or W.
+        first_draw: index of the first random number within a frame; groups of one sensor must not share any.
+
+    Raises:
+        ModelError: a stage is none, or has numbers for another count of channels.
+    """
+
+    def __init__(
+        self, thing: str, stages: Sequence[Noise], channels: int, model: Model, *, copies: int = 1, first_draw: int = 0
+    ) -> None:
+        self.thing, self.channels = thing, channels
+        self.stages = tuple(stages) if isinstance(stages, Sequence) else (stages,)
+        values = np.zeros((len(self.stages), channels, 2), np.float32)
+        for index, stage in enumerate(self.stages):
+            if type(stage) not in _STAGES:
+                known = ", ".join(cls.__name__ for cls in _STAGES)
+                raise ModelError(f"{thing}: must be a sequence of {known}, got {stage!r}; construct one of them")
+            for column, name in enumerate(_STAGES[type(stage)][1]):
+                values[index, :, column] = self._spread(stage, name)
+        worlds, device = model.world_count, model.device
+        self.arrays: Any = NoiseArrays()
+        self.arrays.kind = wp.array([_STAGES[type(stage)][0] for stage in self.stages], dtype=int, device=device)
+        data = np.ascontiguousarray(np.broadcast_to(values, (copies, *values.shape)))
+        self.arrays.parameter = writable_from(data, wp.float32, device)
+        self.arrays.bias = wp.zeros((worlds, len(self.stages), channels), dtype=wp.float32, device=device)
+        self.arrays.time = wp.zeros(worlds, dtype=wp.float64, device=device)
+        self.arrays.first_draw = first_draw
+
+    @property
+    def draws(self) -> int:
+        """How many random numbers a frame takes."""
+        return len(self.stages) * self.channels
+
+    @property
+    def memory(self) -> dict[str, wp.array]:
+        """What a snapshot keeps."""
+        kept: dict[str, wp.array] = {"noise bias": self.arrays.bias, "noise time": self.arrays.time}
+        return {name: array for name, array in kept.items() if array.size}
+
+    def parameter(self, stage: int, name: str) -> WritableArray:
+        """(1 or W, channels) a number of a stage, to be written between steps: `chain.parameter(0, "std")[:] = 0.1`.
+
+        Raises:
+            ModelError: there is no such stage or number.
+        """
+        names = _STAGES[type(self.stages[stage])][1] if 0 <= stage < len(self.stages) else ()
+        if name not in names:
+            known = "; ".join(f"{k}: {', '.join(_STAGES[type(s)][1])}" for k, s in enumerate(self.stages)) or "none"
+            raise ModelError(f"{self.thing}: no stage {stage!r} with a number '{name}'; there are {known}")
+        view: WritableArray = self.arrays.parameter[:, stage, :, names.index(name)]
+        return view
+
+    def _spread(self, stage: Noise, name: str) -> Any:
+        """A number of a stage for every channel."""
+        value = getattr(stage, name)
+        numbers = np.clip(np.atleast_1d(np.asarray(value, np.float64)), -LARGEST, LARGEST)
+        if len(numbers) not in (1, self.channels):
+            raise ModelError(
+                f"{self.thing}: {name} of {type(stage).__name__} must be one number or {self.channels}, got {value!r}"
+            )
+        return numbers
+
+
+def _check(
+    stage: Any, name: str, *, least: float = -math.inf, above: float = -math.inf, infinite: bool = False
+) -> None:
+    """The numbers of a stage, as floats, or a ModelError."""
+    value = getattr(stage, name)
+    try:
+        numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        usable = numbers.ndim == 1 and numbers.size > 0 and not isinstance(value, (str, bool))
+        usable = usable and bool((np.isfinite(numbers) | (infinite & ~np.isnan(numbers))).all())
+    except (TypeError, ValueError):
+        usable = False
+    rule = "a number or one per channel" if infinite else "a finite number or one per channel"
+    if usable and least > -math.inf:
+        usable, rule = bool((numbers >= least).all()), f"{rule}, >= {least:g}"
+    elif usable and above > -math.inf:
+        usable, rule = bool((numbers > above).all()), f"{rule}, > {above:g}"
+    if not usable:
+        raise ModelError(f"{type(stage).__name__}: {name} must be {rule}, got {value!r}")
+    plain = tuple(float(number) for number in numbers)
+    object.__setattr__(stage, name, plain[0] if np.ndim(value) == 0 else plain)
