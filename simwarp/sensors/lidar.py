@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -12,21 +12,21 @@ import warp as wp
 
 from simwarp.kernels.sensors.lidar import LidarFlaws, LidarSettings, count_returns, scan_lidar
 from simwarp.kernels.sensors.returns import ReturnMode
-from simwarp.model import Model
 from simwarp.sensors.beams import Beam, BeamTable
-from simwarp.sensors.clock import Field, Frames
+from simwarp.sensors.clock import Field, Frames, mount_arrays
 from simwarp.sensors.contract import Mount, Schedule
 from simwarp.sensors.scanning import (
     PerWorld,
     check_choice,
     check_reach,
-    check_scene,
     check_shares,
     lane_count,
-    noise_array,
+    noise_arrays,
     rows_of,
     scan_tables,
+    scene_model,
     set_sweep,
+    wanted_per_world,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 from simwarp.types import ModelError
@@ -124,27 +124,29 @@ class Lidar:
     where they are at its end.
 
     Args:
-        model: whose worlds it scans.
+        scene: what it sees (`Visuals.finalize`).
         mount: where it sits.
         config: see `LidarConfig`.
-        scene: what it sees (`Visuals.finalize`).
         name: unique in a Simulation; part of its randomness.
         seed: of its randomness.
-        per_world: give every world its own noise, writable in `noise`.
+        per_world: names of numbers of the noise, and "mount", that get a row per world, to be written between steps.
 
     Attributes:
+        mount: `position` (1 or W,) vec3d [m] and `rotation` quatd on the body.
         noise: arrays (1 or W,) by the names of `LidarNoise`.
 
     Raises:
-        ModelError: the body does not exist, the scene is another model's, or the noise does not fit the worlds.
+        ModelError: the body does not exist, the noise does not fit the worlds, or `per_world` names something else.
     """
 
     def __init__(
-        self, model: Model, mount: Mount, config: LidarConfig, scene: Scene, *, name: str = "lidar", seed: int = 0,
-        per_world: bool = False,
+        self, scene: Scene, mount: Mount, config: LidarConfig, *, name: str = "lidar", seed: int = 0,
+        per_world: Iterable[str] = (),
     ) -> None:  # fmt: skip
-        check_scene(name, scene, model)
+        thing = f"lidar '{name}'"
+        model = scene_model(thing, scene)
         self.name, self.model, self.config, self.scene = name, model, config, scene
+        wanted = wanted_per_world(thing, per_world, vars(config.noise), ("mount",))
         self.returns = 2 if config.mode == "dual" else 1
         rows, columns = config.beams.shape
         widths = {"points": 4 * self.returns, "ranges": 2 * self.returns}
@@ -152,11 +154,9 @@ class Lidar:
         self.frames = Frames(
             name, config.schedule, model, {**fields, "count": Field((), wp.int32)}, seed=seed, gradual=True
         )  # fmt: skip
-        self.noise = {
-            field.name: noise_array(name, field.name, getattr(config.noise, field.name), model, per_world)
-            for field in dataclasses.fields(LidarNoise)
-        }
-        self._scan = scan_tables(name, mount, model, config.beams, config.near, config.far)
+        self.noise = noise_arrays(thing, config.noise, model, wanted)
+        self.mount = mount_arrays(name, mount, model, model.world_count if "mount" in wanted else 1)
+        self._scan = scan_tables(self.mount, config.beams, config.near, config.far, model.device)
         self._settings = LidarSettings()
         self._settings.mode = int(ReturnMode[config.mode.upper()])
         self._settings.miss = {"zero": 0.0, "inf": math.inf, "far": config.far}[config.miss]
@@ -235,7 +235,7 @@ class Lidar:
     def _output(self, name: str) -> wp.array:
         if name not in self.config.outputs:
             raise ModelError(
-                f"sensor '{self.name}': '{name}' is not among its outputs {self.config.outputs!r}; "
+                f"lidar '{self.name}': '{name}' is not among its outputs {self.config.outputs!r}; "
                 "add it to LidarConfig.outputs"
             )
         return self.frames.data[name]

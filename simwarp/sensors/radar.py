@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,20 +13,20 @@ from simwarp.arrays import writable_from
 from simwarp.checks import finite_number, positive_number
 from simwarp.kernels.sensors.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
 from simwarp.kernels.sensors.radar import CHANNELS, RadarFlaws, scan_radar
-from simwarp.model import Model
 from simwarp.sensors.beams import BeamTable
-from simwarp.sensors.clock import Field, Frames
+from simwarp.sensors.clock import Field, Frames, mount_arrays
 from simwarp.sensors.contract import Mount, Schedule
 from simwarp.sensors.scanning import (
     PerWorld,
     check_reach,
-    check_scene,
     check_shares,
     lane_count,
-    noise_array,
+    noise_arrays,
     rows_of,
     scan_tables,
+    scene_model,
     set_sweep,
+    wanted_per_world,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 from simwarp.types import ModelError
@@ -136,42 +136,43 @@ class Radar:
     what stands beside the road comes closer.
 
     Args:
-        model: whose worlds it measures.
+        scene: what it sees (`Visuals.finalize`).
         mount: where it sits; x ahead, y left, z up.
         config: see `RadarConfig`.
-        scene: what it sees (`Visuals.finalize`).
         name: unique in a Simulation; part of its randomness.
         seed: of its randomness.
-        per_world: give every world its own noise and backscatter, writable in `noise` and `backscatter`.
+        per_world: names of numbers of the noise, "mount" and "backscatter", that get a row per world, to be written
+            between steps.
 
     Attributes:
+        mount: `position` (1 or W,) vec3d [m] and `rotation` quatd on the body.
         noise: arrays (1 or W,) by the names of `RadarNoise`.
         backscatter: (1 or W, instances) of the scene; as built its reflectances.
 
     Raises:
-        ModelError: the body does not exist, the scene is another model's, or the noise does not fit the worlds.
+        ModelError: the body does not exist, the noise does not fit the worlds, or `per_world` names something else.
     """
 
     def __init__(
-        self, model: Model, mount: Mount, config: RadarConfig, scene: Scene, *, name: str = "radar", seed: int = 0,
-        per_world: bool = False,
+        self, scene: Scene, mount: Mount, config: RadarConfig, *, name: str = "radar", seed: int = 0,
+        per_world: Iterable[str] = (),
     ) -> None:  # fmt: skip
-        check_scene(name, scene, model)
+        thing = f"radar '{name}'"
+        model = scene_model(thing, scene)
         self.name, self.model, self.config, self.scene = name, model, config, scene
+        wanted = wanted_per_world(thing, per_world, vars(config.noise), ("mount", "backscatter"))
         rows, columns = config.rays.shape
         fields = {"returns": Field((rows, columns, CHANNELS), wp.float32)}
         if config.clusters is not None:
             fields["clusters"] = Field((config.clusters.capacity, CLUSTER_CHANNELS), wp.float32)
             fields["cluster_count"] = fields["cluster_overflow"] = Field((), wp.int32)
         self.frames = Frames(name, config.schedule, model, fields, seed=seed, gradual=True)
-        self.noise = {
-            field.name: noise_array(name, field.name, getattr(config.noise, field.name), model, per_world)
-            for field in dataclasses.fields(RadarNoise)
-        }
+        self.noise = noise_arrays(thing, config.noise, model, wanted)
         values = scene.reflectance.numpy()
-        copies = model.world_count if per_world and len(values) == 1 else 1
+        copies = model.world_count if "backscatter" in wanted and len(values) == 1 else 1
         self.backscatter = writable_from(np.tile(values, (copies, 1)), wp.float32, model.device)
-        self._scan = scan_tables(name, mount, model, config.rays, config.near, config.far)
+        self.mount = mount_arrays(name, mount, model, model.world_count if "mount" in wanted else 1)
+        self._scan = scan_tables(self.mount, config.rays, config.near, config.far, model.device)
         self._flaws = RadarFlaws()
         for key, array in self.noise.items():
             setattr(self._flaws, key, array)
@@ -243,7 +244,7 @@ class Radar:
     def _gather(self, config: Clusters, returns: wp.array) -> Any:
         """The launch that finds the clusters."""
         worlds, device, ring = self.model.world_count, self.model.device, self.frames.ring
-        results = ClusterFrames()
+        results: Any = ClusterFrames()
         results.cluster = rows_of(ring["clusters"])
         results.count, results.overflow = ring["cluster_count"], ring["cluster_overflow"]
         self._scratch = cluster_scratch(worlds, returns.shape[1] // CHANNELS, device)
@@ -258,15 +259,16 @@ class Radar:
 
     def _of_clusters(self, name: str) -> wp.array:
         if self.config.clusters is None:
-            raise ModelError(f"sensor '{self.name}': there are no clusters; pass RadarConfig(clusters=Clusters())")
+            raise ModelError(f"radar '{self.name}': there are no clusters; pass RadarConfig(clusters=Clusters())")
         return self.frames.data[name]
 
 
 def cluster_scratch(worlds: int, rays: int, device: Any) -> ClusterScratch:
     """Scratch of `cluster_returns` for this many rays in each world."""
     slots = 1 << (2 * rays - 1).bit_length()
-    scratch = ClusterScratch()
-    for name, hint in ClusterScratch.vars.items():
+    scratch: Any = ClusterScratch()
+    fields: Any = ClusterScratch
+    for name, hint in fields.vars.items():
         length = slots if name == "table" else rays
         setattr(scratch, name, wp.zeros((worlds, length), dtype=hint.type.dtype, device=device))
     return scratch

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,10 +14,10 @@ import warp as wp
 from simwarp.arrays import WritableArray, writable_from
 from simwarp.checks import finite_number, positive_number
 from simwarp.kernels.sensors.beams import Scan
+from simwarp.kernels.sensors.motion import MountArrays
 from simwarp.model import Model
 from simwarp.sensors.beams import BeamTable
-from simwarp.sensors.clock import Frames, mount_arrays
-from simwarp.sensors.contract import Mount
+from simwarp.sensors.clock import Frames
 from simwarp.sensors.scene import Scene
 from simwarp.types import ModelError
 
@@ -50,33 +51,42 @@ def check_shares(thing: str, field: str, value: Any, limit: float | None) -> Non
         raise ModelError(f"{thing}: {field} must be {rule}, a number or one per world, got {value!r}; use 0 for none")
 
 
-def check_scene(sensor: str, scene: Any, model: Model) -> None:
-    """A Scene of this model, or a ModelError."""
-    if not isinstance(scene, Scene) or scene.model is not model:
-        raise ModelError(
-            f"sensor '{sensor}': scene must be a Scene of the sensor's model, got {scene!r}; "
-            "write visuals.finalize(model)"
-        )
+def scene_model(sensor: str, scene: Any) -> Model:
+    """The model of what should be a Scene, or a ModelError."""
+    if not isinstance(scene, Scene):
+        raise ModelError(f"{sensor}: scene must be a Scene, got {scene!r}; write visuals.finalize(model)")
+    return scene.model
 
 
-def noise_array(sensor: str, field: str, value: PerWorld, model: Model, per_world: bool) -> WritableArray:
-    """(1,) or, for one number per world or where `per_world` asks for it, (W,)."""
-    numbers = np.atleast_1d(np.asarray(value, dtype=np.float32))
-    if len(numbers) not in (1, model.world_count):
-        raise ModelError(
-            f"sensor '{sensor}': {field} must be one number or one for each of {model.world_count} worlds, "
-            f"got {len(numbers)}"
-        )
-    copies = model.world_count if per_world and len(numbers) == 1 else 1
-    return writable_from(np.tile(numbers, copies), wp.float32, model.device)
+def wanted_per_world(sensor: str, names: Iterable[str], noise: Mapping[str, Any], others: Sequence[str]) -> set[str]:
+    """Names of the arrays that get a row per world, or a ModelError."""
+    known = (*noise, *others)
+    for name in sorted(set(names) - set(known)):
+        raise ModelError(f"{sensor}: per_world names an unknown array '{name}'; known: {', '.join(known)}")
+    return set(names)
 
 
-def scan_tables(sensor: str, mount: Mount, model: Model, beams: BeamTable, near: float, far: float) -> Scan:
+def noise_arrays(sensor: str, noise: Any, model: Model, per_world: set[str]) -> dict[str, WritableArray]:
+    """Numbers of a noise by name: (1,), or (W,) where there is one per world or `per_world` asks for it."""
+    arrays = {}
+    for field in dataclasses.fields(noise):
+        numbers = np.atleast_1d(np.asarray(getattr(noise, field.name), dtype=np.float32))
+        if len(numbers) not in (1, model.world_count):
+            raise ModelError(
+                f"{sensor}: {field.name} must be one number or one for each of {model.world_count} worlds, "
+                f"got {len(numbers)}"
+            )
+        copies = model.world_count if field.name in per_world and len(numbers) == 1 else 1
+        arrays[field.name] = writable_from(np.tile(numbers, copies), wp.float32, model.device)
+    return arrays
+
+
+def scan_tables(mount: MountArrays, beams: BeamTable, near: float, far: float, device: Any) -> Scan:
     """Mount and beams as kernels read them."""
-    scan = Scan()
-    scan.mount = mount_arrays(sensor, mount, model)
+    scan: Any = Scan()
+    scan.mount = mount
     scan.near, scan.far = near, far
-    scan.direction = wp.array(beams.directions(), dtype=wp.vec3, device=model.device)
+    scan.direction = wp.array(beams.directions(), dtype=wp.vec3, device=device)
     return scan
 
 

@@ -1,4 +1,5 @@
 """Tables of beams, the rays within one, and the reduction of rays to returns against its slow twin."""
+# mypy: disable-error-code="index,attr-defined,arg-type"
 
 import math
 

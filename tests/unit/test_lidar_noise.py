@@ -22,10 +22,10 @@ def shell(visuals, builder):
     visuals.add_sphere(sw.WORLD, radius=RADIUS, reflectance=0.5)
 
 
-def lidar_of(noise, *, worlds=1, seed=0, name="lidar", steps=0, per_world=False, fill=shell, **options):
+def lidar_of(noise, *, worlds=1, seed=0, name="lidar", steps=0, per_world=(), fill=shell, **options):
     model, scene = carrier(fill, worlds=worlds)
     config = LidarConfig(schedule=Schedule(rate=100.0), beams=options.pop("beams", BEAMS), noise=noise, **options)
-    lidar = Lidar(model, Mount("carrier"), config, scene, seed=seed, name=name, per_world=per_world)
+    lidar = Lidar(scene, Mount("carrier"), config, seed=seed, name=name, per_world=per_world)
     sim = sw.Simulation(model, dt=0.01, sensors=[lidar])
     for _ in range(steps):
         sim.step()
@@ -130,8 +130,9 @@ def test_randomness_hangs_on_seed_name_frame_and_episode():
 
 
 def test_noise_may_differ_by_world_and_be_written():
-    lidar, sim = lidar_of(LidarNoise(range=(0.0, 0.1, 0.0)), worlds=3, per_world=True)
-    assert lidar.noise["range"].shape == lidar.noise["dropout"].shape == (3,)
+    lidar, sim = lidar_of(LidarNoise(range=(0.0, 0.1, 0.0)), worlds=3, per_world=("dropout", "mount"))
+    assert lidar.noise["range"].shape == lidar.noise["dropout"].shape == lidar.mount.position.shape == (3,)
+    assert lidar.noise["azimuth"].shape == (1,)
 
     def spread():
         return np.linalg.norm(lidar.points.numpy()[..., :3].astype(float), axis=-1).std(axis=(1, 2))
@@ -169,8 +170,8 @@ ONE = BeamTable(azimuth=(0.0,), elevation=(0.0,))
         (lambda: LidarNoise(range=-0.1), "LidarNoise: range must be >= 0, a number or one per world, got -0.1"),
         (lambda: LidarNoise(dropout=1.5), "LidarNoise: dropout must be between 0 and 1"),
         (lambda: LidarNoise(azimuth=()), "LidarNoise: azimuth must be >= 0"),
-        (lambda: LidarConfig(schedule=10.0, beams=ONE), "LidarConfig: schedule must be a Schedule, got 10.0"),
-        (lambda: LidarConfig(schedule=Schedule(rate=1.0), beams=[0.0]), "LidarConfig: beams must be a BeamTable"),
+        (lambda: config(schedule=10.0), "LidarConfig: schedule must be a Schedule, got 10.0"),
+        (lambda: config(beams=[0.0]), "LidarConfig: beams must be a BeamTable"),
         (lambda: config(mode="nearest"), "mode must be one of strongest, first, last, mean, dual, got 'nearest'"),
         (lambda: config(miss="nan"), "miss must be one of zero, inf, far, got 'nan'"),
         (lambda: config(outputs=()), "outputs must be one of points, ranges, got ''"),
@@ -179,6 +180,7 @@ ONE = BeamTable(azimuth=(0.0,), elevation=(0.0,))
         (lambda: config(far=0.0), "far must be finite and > 0 m, got 0.0"),
         (lambda: lidar_of(LidarNoise(range=(0.1, 0.2)), worlds=3), "range must be one number or one for each of 3 "),
         (lambda: on("missing"), "sensor 'lidar': .*missing"),
+        (lambda: on("carrier", per_world=("far",)), "lidar 'lidar': per_world names an unknown array 'far'; known"),
         (lambda: on(7), "sensor 'lidar': body must be WORLD .* got 7"),
         (lambda: lidar_of(LidarNoise(), outputs="points")[0].ranges, "'ranges' is not among its outputs"),
     ],
@@ -190,16 +192,15 @@ def test_mistakes_are_named(make, message):
 
 
 def config(**options):
-    return LidarConfig(schedule=Schedule(rate=1.0), beams=ONE, **options)
+    return LidarConfig(**{"schedule": Schedule(rate=1.0), "beams": ONE, **options})
 
 
-def on(body):
-    model, scene = carrier(shell)
-    return Lidar(model, Mount(body), config(), scene)
-
-
-def test_a_scene_of_another_model_is_refused():
-    model, _ = carrier(shell)
+def on(body, **options):
     _, scene = carrier(shell)
-    with pytest.raises(ModelError, match="scene must be a Scene of the sensor's model"):
-        Lidar(model, Mount("carrier"), config(), scene)
+    return Lidar(scene, Mount(body), config(), **options)
+
+
+def test_what_is_no_scene_is_refused():
+    model, _ = carrier(shell)
+    with pytest.raises(ModelError, match="lidar 'lidar': scene must be a Scene, got"):
+        Lidar(model, Mount("carrier"), config())
