@@ -1,6 +1,7 @@
 """Textures and colours of meshes: known texels, files of all formats, and files that say nothing useful."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import PIL.Image
@@ -235,8 +236,7 @@ def test_vertex_colors_of_files(tmp_path, suffix):
 
 
 def test_face_colors_of_an_stl_file(tmp_path):
-    mesh = trimesh.Trimesh(QUAD, FACES, process=False)
-    mesh.visual.face_colors = [(255, 0, 0, 255), (0, 0, 255, 255)]
+    mesh = trimesh.Trimesh(QUAD, FACES, process=False, face_colors=[(255, 0, 0, 255), (0, 0, 255, 255)])
     mesh.export(tmp_path / "quad.ply")
     look = load_visual_mesh(tmp_path / "quad.ply")
     assert look.color is not None
@@ -296,14 +296,15 @@ def test_errors_of_what_users_give():
     visuals.add_plane(name="ground", texture=3)
     with pytest.raises(ModelError, match="'ground': texture must be -1 or below 0, got 3"):
         visuals.finalize(visuals.builder.finalize(1, "cpu"))
-    for texture, message in (
+    wrong: list[tuple[Any, str]] = [
         (ImageTexture(image=PICTURE.astype(float)), r"must be \(height, width, 3\) uint8 or a path"),
         (ImageTexture(image="absent.png"), "must be a readable image"),
         (ImageTexture(image=PICTURE, metres=0.0), "metres must be finite and > 0"),
         (CheckerTexture(colors=((1, 1, 1), (2, 0, 0))), "colors must be between 0 and 1"),
         (CheckerTexture(metres=-1.0), "metres must be finite and > 0"),
         ("wood", "must be an ImageTexture, CheckerTexture or NoiseTexture"),
-    ):
+    ]
+    for texture, message in wrong:
         with pytest.raises(ModelError, match=message):
             Visuals(empty_builder()).texture(texture)
     with pytest.raises(ModelError, match=r"uv must have shape \(2, 3, 2\)"):
