@@ -43,7 +43,7 @@ def with_scene(monkeypatch):
     def add(**fields):
         scene = BenchScene(name="test", summary="", **fields)
         found = bench_scenes() | {"test": scene}
-        monkeypatch.setattr("simwarp.cli.bench.command.bench_scenes", lambda: found)
+        monkeypatch.setattr("simwarp.cli.bench.subjects.bench_scenes", lambda: found)
         return scene
 
     return add
@@ -507,8 +507,7 @@ def test_the_script_writes_tables_and_what_the_time_goes_to(tmp_path):
         (["fast-taks"], "did you mean"),
         (["hexapood"], "did you mean hexapod"),
         (["stak"], "did you mean stack"),
-        (["camera"], "needs sensors"),
-        (["lidar"], "needs sensors"),
+        (["camra"], "did you mean camera"),
         (["pendulum", "--worlds", "0"], "at least 1"),
         (["pendulum", "--worlds", "-4"], "at least 1"),
         (["pendulum", "--worlds", "1,,2"], "whole numbers"),
@@ -537,5 +536,23 @@ def test_help_lists_the_scenes(capfd):
     assert all(name in out for name in ("linkage", "pendulum", "pendulum-task", "fast"))
 
 
-def test_no_later_scene_is_there_already():
-    assert not set(workloads.LATER) & set(bench_scenes())
+@pytest.mark.parametrize("name", [name for name in workloads.SENSOR_SCENES if name != "rays"])
+def test_every_sensor_is_timed_on_frames_that_show_something(bench, name):
+    code, result, err = bench(name, "--worlds", "2")
+    assert code == 0, err
+    (row,) = result["rows"]
+    assert set(row) >= CONTRACT
+    assert (result["kind"], row["scene"], row["valid"]) == ("sensor", name, True)
+    assert row["bytes_per_world"] > 0
+
+
+def test_rays_are_timed_beside_embree_on_the_same_hits(bench):
+    pytest.importorskip("embreex")
+    code, result, err = bench("rays", "--worlds", "2", "--peers")
+    assert code == 0, err
+    assert [row["scene"] for row in result["rows"]] == ["rays-10k", "rays-200k"]
+    assert [(row["engine"], row["valid"]) for row in result["peers"]] == [("embree", True)] * 2
+    # geometry is shared: a world has a place in it, no copy (a mesh of 10 k triangles takes half a megabyte)
+    assert all(row["bytes_per_world"] < 100_000 for row in result["rows"])
+    assert result["rows"][1]["bytes_shared"] > 5 * result["rows"][0]["bytes_shared"]
+    assert "rays-200k" in err

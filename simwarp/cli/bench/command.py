@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import tyro
@@ -15,12 +14,11 @@ from rich.table import Table
 from simwarp.cli import DONE, FELL_SHORT, UsageError
 from simwarp.cli.bench.compiling import cold_and_warm
 from simwarp.cli.bench.machine import describe
-from simwarp.cli.bench.measure import Row, measure_scene
-from simwarp.cli.bench.peers import peer_measures, peer_notes
-from simwarp.cli.bench.workloads import TASK_SUFFIX, bench_scenes, explain_unknown, names_for_people, task_of
+from simwarp.cli.bench.measure import Row
+from simwarp.cli.bench.subjects import find_subject
+from simwarp.cli.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, names_for_people
 from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.model import resolve_device
-from simwarp.vehicle.reading import vehicle_names
 
 _SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
 
@@ -29,7 +27,7 @@ Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 @dataclasses.dataclass(frozen=True)
 class BenchOptions(CommonOptions):
-    """Speed of a scene, a vehicle or a task over numbers of worlds.
+    """Speed of a scene, a vehicle, a sensor or a task over numbers of worlds.
 
     No speed is told of a state that is not sound (exit code 1).
 
@@ -53,12 +51,7 @@ class BenchOptions(CommonOptions):
 def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
     name, rest = _take_scene(arguments)
-    scene = bench_scenes().get(name)
-    vehicle = name if scene is None and name in vehicle_names() else None
-    tasks = () if scene is not None or vehicle is not None else _task_names()
-    task = task_of(name, tasks)
-    if scene is None and vehicle is None and task is None:
-        raise UsageError(explain_unknown(name, tasks))
+    subject = find_subject(name, _task_names)
     options = parse_options(BenchOptions, rest, f"simwarp bench {name}")
     options.check()
     worlds = _world_counts(options.worlds)
@@ -68,44 +61,24 @@ def run(arguments: list[str]) -> int:
     machine = describe(device)
     console = options.console()
 
-    measure: Callable[[int], Row]
-    if scene is not None:
-        known = scene
-
-        def measure(count: int) -> Row:
-            return measure_scene(known, count, str(device), options.dt, options.seconds)
-    elif vehicle is not None:
-        from simwarp.cli.bench.vehicles import measure_vehicle
-
-        def measure(count: int) -> Row:
-            return measure_vehicle(name, count, str(device), options.dt, options.seconds)
-    else:
-        from simwarp.cli.bench.tasks import measure_task, task_device
-
-        wanted, place = str(task), task_device(str(device))
-
-        def measure(count: int) -> Row:
-            return dataclasses.replace(measure_task(wanted, count, place, options.dt, options.seconds), scene=name)
-
-    rows = [measure(count) for count in worlds]
-    if options.compile:
-        _enter_cold_start(rows, name if task is None else task, str(device))
+    numbers = str(device), options.dt, options.seconds
+    rows = [measure(count, *numbers) for measure in subject.measures for count in worlds]
+    if options.compile and subject.cold_name is not None:
+        _enter_cold_start(rows, subject.cold_name, str(device))
     peers: list[Row] = []
-    notes: list[str] = []
+    notes: tuple[str, ...] = ()
     if options.peers:
-        notes = peer_notes(name)
-        if scene is not None:
-            measures = peer_measures(name)
-            peers = [run_peer(scene, count, options.dt, options.seconds) for run_peer in measures for count in worlds]
+        notes = subject.notes
+        peers = [measure(count, *numbers) for measure in subject.peers for count in worlds]
     _print(console, name, rows, peers, notes, machine)
     options.emit(
         {
             "scene": name,
-            "kind": "scene" if scene is not None else "vehicle" if vehicle is not None else "task",
+            "kind": subject.kind,
             "machine": machine,
             "rows": [dataclasses.asdict(row) for row in rows],
             "peers": [dataclasses.asdict(row) for row in peers],
-            "notes": notes,
+            "notes": list(notes),
         }
     )
     return DONE if all(row.valid for row in rows + peers) else FELL_SHORT
@@ -127,7 +100,7 @@ def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
         if argument in names or argument.endswith(TASK_SUFFIX):
             return argument, arguments[:index] + arguments[index + 1 :]
     if {"-h", "--help"} & set(arguments):
-        print(f"usage: simwarp bench SCENE [options]\n\nscenes, vehicles and tasks: {', '.join(names)}")
+        print(f"usage: simwarp bench SCENE [options]\n\nscenes, vehicles, sensors and tasks: {', '.join(names)}")
         print("\n`simwarp bench SCENE --help` lists the options.")
         raise SystemExit(0)
     raise UsageError(f"which scene? usage: simwarp bench SCENE [options]; there are: {', '.join(names)}")
@@ -158,10 +131,10 @@ def _enter_cold_start(rows: list[Row], name: str, device: str) -> None:
 
 
 def _print(
-    console: Console, name: str, rows: list[Row], peers: list[Row], notes: list[str], machine: dict[str, Any]
+    console: Console, name: str, rows: list[Row], peers: list[Row], notes: tuple[str, ...], machine: dict[str, Any]
 ) -> None:
     console.print(
-        f"{name}, dt {rows[0].dt:g} s, {machine['gpu'] or machine['cpu']}",
+        ", ".join([name, *([f"dt {rows[0].dt:g} s"] if rows[0].dt else []), machine["gpu"] or machine["cpu"]]),
         style="bold",
         highlight=False,
         soft_wrap=True,
@@ -169,19 +142,18 @@ def _print(
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("engine", no_wrap=True)
     headings = ["worlds", "steps/s", "steps/CPU-s", "residual", "joints apart"]
+    if name in SENSOR_SCENES:
+        unit = "rays" if name == "rays" else "frames"
+        headings[1:] = [f"{unit}/s", f"{unit}/CPU-s"]
     touching = any(row.contacts is not None for row in rows + peers)
     if touching:
         headings[4:] = ["contacts", "iterations"]
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows + peers:
-        last = [_small(row.position_error)]
-        if touching:
-            last = [_mean(row.contacts), _mean(row.iterations)]
-        table.add_row(
-            row.engine, f"{row.worlds:,}", _rate(row.steps_per_s), _rate(row.steps_per_cpu_s), _small(row.residual),
-            *last,
-        )  # fmt: skip
+        cells = [f"{row.worlds:,}", _rate(row.steps_per_s), _rate(row.steps_per_cpu_s), _small(row.residual)]
+        cells += [_mean(row.contacts), _mean(row.iterations)] if touching else [_small(row.position_error)]
+        table.add_row(row.engine if row.scene == name else f"{row.engine} {row.scene}", *cells[: len(headings)])
     console.print(table)
     for row in rows + peers:
         if not row.valid:
