@@ -46,7 +46,7 @@ class LidarNoise:
     Attributes:
         range: standard deviation of ranges [m].
         azimuth, elevation: of the angles under which a point is reported [rad].
-        intensity: of intensities.
+        intensity: of intensities; what they would make negative is shown as 1e-6.
         threshold: returns whose measured intensity is below it are lost.
         dropout: probability that a beam is lost.
 

@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 DRAWS = wp.constant(4)
 """Random numbers of a beam: angles, first return, second return, dropout."""
 FAINT = wp.constant(1.0e-6)
-"""Returns of less are not detected."""
+"""Intensity of a return that noise would make negative: 0 means that there is none."""
 
 
 @wp.struct
@@ -62,7 +62,7 @@ def write_return(
 @wp.func
 def measured(found: wp.vec2, key: wp.uint64, draw: int, near: float, world: int, flaws: LidarFlaws) -> wp.vec2:
     """(range, intensity) of a return with its noise; zeros where it is lost."""
-    if found[1] <= FAINT:
+    if found[1] <= 0.0:
         return wp.vec2()
     r = found[0]
     i = found[1]
@@ -71,8 +71,8 @@ def measured(found: wp.vec2, key: wp.uint64, draw: int, near: float, world: int,
     if sigma_r > 0.0 or sigma_i > 0.0:
         noise = draw_normals(key, draw)
         r = wp.max(r + sigma_r * noise[0], near)
-        i = i + sigma_i * noise[1]
-    if i <= FAINT or i < flaws.threshold[own(world, flaws.threshold.shape[0])]:
+        i = wp.max(i + sigma_i * noise[1], FAINT)
+    if i < flaws.threshold[own(world, flaws.threshold.shape[0])]:
         return wp.vec2()
     return wp.vec2(r, i)
 

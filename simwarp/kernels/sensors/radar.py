@@ -27,6 +27,9 @@ CHANNELS = wp.constant(6)
 DRAWS = wp.constant(4)
 """Random numbers of a ray: angles, range and velocity, amplitude, dropout."""
 
+FAINT = wp.constant(1.0e-20)
+"""Amplitude of a return that noise would make negative: 0 means that there is none."""
+
 
 @wp.struct
 class RadarFlaws:
@@ -81,7 +84,7 @@ def with_flaws(found: RadarReturn, key: wp.uint64, ray: int, near: float, world:
         result.velocity = found.velocity + sigma_d * noise[1]
     sigma_a = flaws.amplitude[own(world, flaws.amplitude.shape[0])]
     if sigma_a > 0.0:
-        result.amplitude = wp.max(found.amplitude + sigma_a * draw_normals(key, DRAWS * ray + 2)[0], 0.0)
+        result.amplitude = wp.max(found.amplitude + sigma_a * draw_normals(key, DRAWS * ray + 2)[0], FAINT)
     if result.amplitude < flaws.threshold[own(world, flaws.threshold.shape[0])]:
         result.amplitude = 0.0
     return result
