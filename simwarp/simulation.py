@@ -164,11 +164,13 @@ class Simulation:
             for command in self._step_commands:
                 command.launch()
 
-    def reset(self, world_mask: Any = None) -> None:
+    def reset(self, world_mask: Any = None, *, sensors: bool = True) -> None:
         """Puts the worlds of the mask (all when None) back to the model's initial state.
 
         Args:
             world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads.
+            sensors: take their first frames now; where more is set before a world is ready, leave it to
+                `begin_sensors`.
         """
         mask = self._mask(world_mask)
         wp.launch(
@@ -180,7 +182,19 @@ class Simulation:
                 copy_rows, dim=self.model.world_count, device=self.model.device,
                 inputs=[mask, initial], outputs=[present],
             )  # fmt: skip
-        self._begin_sensors(mask)
+        if sensors:
+            self._begin_sensors(mask)
+
+    def begin_sensors(self, world_mask: Any = None) -> None:
+        """Starts the sensors' clocks in the worlds of the mask anew, with a frame of the present state."""
+        self._begin_sensors(self._mask(world_mask))
+
+    def keep_as_initial(self) -> None:
+        """From now on a reset brings back the present state, at time 0: of a vehicle that has settled, say."""
+        self._initial.copy_from(self.state)
+        self._initial.world_time.zero_()
+        for present, initial in self._initial_memory:
+            wp.copy(initial, present)
 
     def set_joint_state(self, world_mask: Any, q: Any, qd: Any) -> None:
         """Sets coordinates and rates in the worlds of the mask: forward kinematics over the tree, then the loops
@@ -201,11 +215,15 @@ class Simulation:
         self._launch(Operation.ASSEMBLE, mask, position, rate)
         self._begin_sensors(mask)
 
-    def measure(self, world_mask: Any = None) -> None:
-        """Publishes `body_q` and joint coordinates after a user wrote `body_x`, `body_rot` or velocities."""
+    def measure(self, world_mask: Any = None, *, sensors: bool = True) -> None:
+        """Publishes `body_q` and joint coordinates after a user wrote `body_x`, `body_rot` or velocities.
+
+        `sensors`: as in `reset`.
+        """
         mask = self._mask(world_mask)
         self._launch(Operation.MEASURE, mask)
-        self._begin_sensors(mask)
+        if sensors:
+            self._begin_sensors(mask)
 
     def measure_energy(self) -> wp.array:
         """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of linear springs."""

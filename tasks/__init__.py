@@ -15,6 +15,7 @@ from .gym_env import TaskEnv, TaskVectorEnv, register_envs
 from .randomness import WorldRandom
 from .registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
 from .replay import ReplayReport
+from .simulation_access import Equipment
 from .statistics import EpisodeSummary
 from .task import NON_FINITE, TIME_LIMIT, StepResult, Task
 from .uncertainty import Curriculum, Driver, Mode, Range, Sensing, When
@@ -27,6 +28,7 @@ __all__ = [
     "Drawing",
     "Driver",
     "EpisodeSummary",
+    "Equipment",
     "InputError",
     "Line",
     "Mode",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -49,6 +49,21 @@ class PhysicsViews:
         return (self.world_status & _NON_FINITE_BIT) != 0
 
 
+@dataclasses.dataclass(frozen=True)
+class Equipment:
+    """What runs in every physics step beside the bodies: force elements, and sensors, whose frames a policy sees once
+    per control step.
+    """
+
+    elements: Sequence[Any] = ()
+    sensors: Sequence[Any] = ()
+
+
+def no_equipment(model: Any) -> Equipment:
+    """Bodies alone."""
+    return Equipment()
+
+
 def build_physics(
     build: Callable[[ModelBuilder], ModelBuilder | None],
     config: TaskConfig,
@@ -57,6 +72,7 @@ def build_physics(
     *,
     per_world: Iterable[str] = (),
     solver: SolverOptions | None = None,
+    equip: Callable[[Any], Equipment] = no_equipment,
 ) -> tuple[Any, PhysicsViews]:
     """Build model and simulation from a task's ``build`` and its configuration.
 
@@ -67,6 +83,7 @@ def build_physics(
         device: device name.
         per_world: names of model parameters that get a copy per world.
         solver: numbers of the solver.
+        equip: force elements and sensors for the finished model.
     """
     import simwarp as sw
     from simwarp.interop import to_torch
@@ -77,7 +94,11 @@ def build_physics(
         made.gravity = builder.gravity
         builder = made
     model = builder.finalize(world_count=num_worlds, device=device, per_world=per_world)
-    simulation = sw.Simulation(model, dt=config.dt, substeps=config.substeps, solver=solver)
+    equipment = equip(model)
+    simulation = sw.Simulation(
+        model, dt=config.dt, substeps=config.substeps, solver=solver, elements=equipment.elements,
+        sensors=equipment.sensors, read_every=config.decimation,
+    )  # fmt: skip
     state, control = simulation.state, simulation.control
     views = PhysicsViews(
         joint_q=to_torch(state.joint_q),

@@ -26,12 +26,13 @@ from .guard import Guard
 from .randomising import Randomiser, check_ranges
 from .randomness import WorldRandom
 from .sensing import DelayLine, Sensors
-from .simulation_access import PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
+from .simulation_access import Equipment, PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .uncertainty import Driver
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
+    from simwarp.model import Model
 
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
@@ -130,6 +131,10 @@ class Task(ABC, Generic[ConfigT]):
     def solver_options(self) -> SolverOptions | None:
         """Return the numbers of the solver; None takes its defaults."""
         return None
+
+    def equip(self, model: Model) -> Equipment:
+        """Return what acts and measures in every physics step: force elements such as a vehicle, sensors. Optional."""
+        return Equipment()
 
     def setup(self) -> None:
         """Allocate the task's own buffers, once, after the simulation exists. Optional."""
@@ -401,8 +406,9 @@ class Task(ABC, Generic[ConfigT]):
             return None, None
         drawn = {*self.per_world, *self.config.randomise}
         return build_physics(
-            self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options()
-        )
+            self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),
+            equip=self.equip,
+        )  # fmt: skip
 
     def _probe(self) -> None:
         """Call the author's methods once to learn their names and hold them to the contract."""
@@ -509,6 +515,9 @@ class Task(ABC, Generic[ConfigT]):
             self._action_line.fill(mask, self.action, self.random)
         if self._randomiser is not None:
             self._randomiser.begin_episodes(self.random, mask, self.level)
-        if self.simulation is not None:
-            self.simulation.reset(mask)
+        if self.simulation is None:
+            self.reset(mask)
+            return
+        self.simulation.reset(mask, sensors=False)
         self.reset(mask)
+        self.simulation.begin_sensors(mask)
