@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import warp as wp
 
@@ -79,7 +79,7 @@ class Imu(Instrument):
             model, name, self.config.schedule, 3 * len(outputs), noise, seed=seed, randomised=randomised
         )  # fmt: skip
         self.mount: Any = mount_arrays(name, mount, model, self.copies)
-        self._inertial: Any = InertialArrays()
+        self._inertial = cast(Any, InertialArrays())
         for part in PARTS:
             setattr(self._inertial, part, 3 * outputs.index(part) if part in outputs else -1)
         self._inertial.velocity = wp.zeros(model.world_count, dtype=wp.vec3d, device=model.device)

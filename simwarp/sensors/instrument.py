@@ -28,17 +28,17 @@ class Instrument:
         dtype: of data and truth.
         seed: of the randomness, together with the name.
         randomised: whether every world has a row of its own in the parameters of the noise (and in the mount).
+        others: further outputs by name.
     """
 
     def __init__(
         self, model: Model, name: str, schedule: Schedule, channels: int,
         noise: Mapping[str, tuple[Sequence[Noise], int]], *, dtype: Any = wp.float32, seed: int = 0,
-        randomised: bool = False,
+        randomised: bool = False, others: Mapping[str, Field] | None = None,
     ) -> None:  # fmt: skip
         self.name = name
-        self.frames = Frames(
-            name, schedule, model, {"data": Field((channels,), dtype), "truth": Field((channels,), dtype)}, seed=seed
-        )
+        fields = {"data": Field((channels,), dtype), "truth": Field((channels,), dtype), **(others or {})}
+        self.frames = Frames(name, schedule, model, fields, seed=seed)
         self.copies = model.world_count if randomised else 1
         self._sums = wp.zeros((model.world_count, channels), dtype=wp.float64, device=model.device)
         self._chains: dict[str, NoiseChain] = {}

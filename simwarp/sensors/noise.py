@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
 import warp as wp
@@ -162,7 +162,7 @@ class NoiseChain:
             for column, name in enumerate(_STAGES[type(stage)][1]):
                 values[index, :, column] = self._spread(stage, name)
         worlds, device = model.world_count, model.device
-        self.arrays: Any = NoiseArrays()
+        self.arrays = cast(Any, NoiseArrays())
         self.arrays.kind = wp.array([_STAGES[type(stage)][0] for stage in self.stages], dtype=int, device=device)
         data = np.ascontiguousarray(np.broadcast_to(values, (copies, *values.shape)))
         self.arrays.parameter = writable_from(data, wp.float32, device)

@@ -3,9 +3,9 @@
 import warp as wp
 
 from simwarp.kernels.sensors.clock import BEGIN, IDLE, ClockSettings, Tick
-from simwarp.kernels.sensors.instrument import add_up, window_length
+from simwarp.kernels.sensors.instrument import write_vector
 from simwarp.kernels.sensors.motion import MountArrays, body_rate, body_velocity
-from simwarp.kernels.sensors.noise import NoiseArrays, noise_elapsed, noisy
+from simwarp.kernels.sensors.noise import NoiseArrays
 from simwarp.kernels.spatial import to_double, to_float, turned
 from simwarp.kernels.tables import Parameters, StateArrays, own
 
@@ -20,24 +20,6 @@ class InertialArrays:
     gyroscope: int  # of the angular velocity
     velocity: wp.array[wp.vec3d]  # of the point in the middle of the last sub-step, world [m/s]
     sums: wp.array2d[wp.float64]  # over the window
-
-
-@wp.func
-def write_vector(
-    world: int, first: int, value: wp.vec3d, clock: ClockSettings, tick: Tick, state: StateArrays, noise: NoiseArrays,
-    sums: wp.array2d[wp.float64], truth: wp.array2d[float], data: wp.array2d[float],
-):  # fmt: skip
-    """Adds three channels to the window; where the frame is complete, writes their mean, true and measured."""
-    row = tick.row[world]
-    elapsed = wp.float64(0.0)
-    if tick.complete[world] == 1:
-        elapsed = noise_elapsed(world, tick, state, noise)
-    for axis in range(3):
-        total = add_up(world, first + axis, value[axis], tick, sums)
-        if tick.complete[world] == 1:
-            mean = total / wp.float64(window_length(world, clock, tick))
-            truth[row, first + axis] = float(mean)
-            data[row, first + axis] = float(noisy(world, axis, mean, elapsed, tick, noise))
 
 
 @wp.kernel

@@ -60,3 +60,13 @@ def body_rate(world: int, body: int, state: StateArrays) -> wp.vec3d:
         wp.float64(v[1]) + wp.float64(low[1]),
         wp.float64(v[2]) + wp.float64(low[2]),
     )
+
+
+@wp.func
+def mount_velocity(world: int, mount: MountArrays, state: StateArrays) -> wp.vec3d:
+    """Velocity of the sensor's origin, world axes [m/s]."""
+    if mount.body < 0:
+        return wp.vec3d()
+    p = mount.position[own(world, mount.position.shape[0])]
+    arm = wp.quat_rotate(state.body_rot[world, mount.body], p)
+    return body_velocity(world, mount.body, state) + wp.cross(body_rate(world, mount.body, state), arm)
