@@ -54,15 +54,17 @@ def column_at(fraction: float, columns: int) -> int:
 
 
 @wp.func
-def motion_at_column(column: int, columns: int, world: int, scan: Scan, motion: SensorMotion, tick: Tick):
-    """Pose when a column fires, to first order back from the end of the sub-step."""
-    x = motion.x
-    rot = motion.rot
-    if scan.span > 0.0 and tick.mode[world] != BEGIN:
-        early = (tick.fraction_to[world] - float(column) / float(columns)) * scan.span
-        x = x - wp.float64(early) * motion.v
-        rot = turned(rot, -early * to_float(motion.omega))
-    return x, matrix_to_float(wp.quat_to_matrix(rot))
+def is_swept(world: int, scan: Scan, tick: Tick) -> bool:
+    """Whether the sensor moves while columns of one sub-step fire."""
+    return scan.span > 0.0 and tick.mode[world] != BEGIN
+
+
+@wp.func
+def sweep_back(column: int, columns: int, world: int, scan: Scan, motion: SensorMotion, tick: Tick):
+    """Place and axes when a column fires, to first order back from the end of the sub-step."""
+    early = (tick.fraction_to[world] - float(column) / float(columns)) * scan.span
+    rot = turned(motion.rot, -early * to_float(motion.omega))
+    return motion.x - wp.float64(early) * motion.v, matrix_to_float(wp.quat_to_matrix(rot))
 
 
 @wp.func

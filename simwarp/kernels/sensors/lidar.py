@@ -5,10 +5,20 @@ import warp as wp
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.rays.cast import closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
-from simwarp.kernels.sensors.beams import Scan, column_at, left_of, misread, motion_at_column, off_axis, sensor_motion
+from simwarp.kernels.sensors.beams import (
+    Scan,
+    column_at,
+    is_swept,
+    left_of,
+    misread,
+    off_axis,
+    sensor_motion,
+    sweep_back,
+)
 from simwarp.kernels.sensors.clock import Tick
 from simwarp.kernels.sensors.random import draw_normals, draw_uniform
 from simwarp.kernels.sensors.returns import MAX_RAYS, ReturnMode, reduce_beam
+from simwarp.kernels.spatial import matrix_to_float
 from simwarp.kernels.tables import StateArrays, own
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -101,7 +111,10 @@ def scan_lidar(
     width = column_at(tick.fraction_to[world], columns) - begin
     row = tick.row[world]
     key = tick.key[world]
+    swept = is_swept(world, scan, tick)
     motion = sensor_motion(world, scan.mount, state)
+    x = motion.x
+    rot = matrix_to_float(wp.quat_to_matrix(motion.rot))
     count = settings.ray.shape[0]
     returns = wp.where(settings.mode == ReturnMode.DUAL, 2, 1)
     range_ = wp.zeros(shape=MAX_RAYS, dtype=float)
@@ -116,7 +129,8 @@ def scan_lidar(
         found = wp.vec4()
         if dropout <= 0.0 or draw_uniform(key, DRAWS * beam + 3) >= dropout:
             left = left_of(direction)
-            x, rot = motion_at_column(column, columns, world, scan, motion, tick)
+            if swept:
+                x, rot = sweep_back(column, columns, world, scan, motion, tick)
             start = start_of_ray(world, x, scene)
             for k in range(count):
                 d = rot * off_axis(direction, left, settings.ray[k])

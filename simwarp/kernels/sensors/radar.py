@@ -13,11 +13,11 @@ import warp as wp
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray, world_position
-from simwarp.kernels.sensors.beams import Scan, SensorMotion, column_at, misread, motion_at_column, sensor_motion
+from simwarp.kernels.sensors.beams import Scan, SensorMotion, column_at, is_swept, misread, sensor_motion, sweep_back
 from simwarp.kernels.sensors.clock import Tick
 from simwarp.kernels.sensors.motion import body_rate, body_velocity
 from simwarp.kernels.sensors.random import draw_normals, draw_uniform
-from simwarp.kernels.spatial import to_double
+from simwarp.kernels.spatial import matrix_to_float, to_double
 from simwarp.kernels.tables import StateArrays, own
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -131,7 +131,10 @@ def scan_radar(
     begin = column_at(tick.fraction_from[world], columns)
     width = column_at(tick.fraction_to[world], columns) - begin
     key = tick.key[world]
+    swept = is_swept(world, scan, tick)
     motion = sensor_motion(world, scan.mount, state)
+    x = motion.x
+    rot = matrix_to_float(wp.quat_to_matrix(motion.rot))
     dropout = flaws.dropout[own(world, flaws.dropout.shape[0])]
     for place in range(lane, width * scan.direction.shape[0], lanes):
         column = begin + place % width
@@ -139,7 +142,8 @@ def scan_radar(
         found = RadarReturn()
         found.direction = scan.direction[place / width, column]
         if dropout <= 0.0 or draw_uniform(key, DRAWS * ray + 3) >= dropout:
-            x, rot = motion_at_column(column, columns, world, scan, motion, tick)
+            if swept:
+                x, rot = sweep_back(column, columns, world, scan, motion, tick)
             d = rot * found.direction
             start = start_of_ray(world, x, scene) + scan.near * d
             hit = closest_hit(world, start, d, scan.far - scan.near, scene, assets)

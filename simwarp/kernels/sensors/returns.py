@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 MAX_RAYS = wp.constant(81)
 """Rays of one beam."""
-PULSE = wp.constant(0.05)  # half width of the pulse's triangle, in range [m]
+PER_PULSE = wp.constant(1.0 / 0.05)  # over the half width of the pulse's triangle, in range [1/m]
 LEAST_INTENSITY = wp.constant(1.0e-6)
 """Rays of less are not seen."""
 
@@ -41,7 +41,7 @@ def pulse_intensity(ray: int, count: int, range_: wp.array[float], intensity: wp
     """J of a ray: what arrives together with it."""
     total = float(0.0)
     for other in range(count):
-        share = 1.0 - wp.abs(range_[other] - range_[ray]) / PULSE
+        share = 1.0 - wp.abs(range_[other] - range_[ray]) * PER_PULSE
         if share > 0.0:
             total += share * intensity[other]
     return total / float(count)
