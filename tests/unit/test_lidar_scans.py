@@ -168,6 +168,28 @@ def test_a_beam_over_an_edge_has_returns_from_both_sides_of_it():
     assert dual.count.numpy().tolist() == [2]
 
 
+def test_nothing_to_see():
+    model, scene = carrier(lambda visuals, builder: None)
+    lidar = frame(model, scene, beam_grid(6, 3), steps=12)
+    assert lidar.count.numpy().tolist() == [0]
+    assert not lidar.points.numpy().any()
+
+
+def test_a_frozen_world_does_not_disturb_its_neighbours():
+    model, scene = carrier(ground, worlds=3, position=(0.0, 0.0, 1.0))
+    lidar = Lidar(scene, Mount("carrier"), LidarConfig(schedule=Schedule(rate=100.0), beams=beam_grid(8, 3)))
+    sim = sw.Simulation(model, dt=0.01, sensors=[lidar])
+    before = lidar.points.numpy().copy()
+    speed = sim.state.body_v.numpy()
+    speed[1] = np.nan
+    sim.state.body_v.assign(speed)
+    for _ in range(3):
+        sim.step()
+    assert lidar.valid.numpy().tolist() == [True, False, True]
+    assert np.array_equal(lidar.points.numpy()[[0, 2]], before[[0, 2]])
+    assert np.isfinite(lidar.points.numpy()).all()
+
+
 # ---- sweeps ----------------------------------------------------------------------------------------------------------
 
 SWEEP = Schedule(rate=10.0, window=0.1)
@@ -234,6 +256,12 @@ def test_a_sweep_is_published_as_a_whole_and_after_its_lag():
     sim.reset(np.array([True, False]))
     assert lidar.data.numpy()[0, 0, :, 0] == pytest.approx(at_rest, rel=FLOAT32)
     assert lidar.data.numpy()[1, 0, :, 0] == pytest.approx(first - 0.8, rel=FLOAT32)
+    # the other world was in the middle of a sweep, and goes on with it; this one begins anew
+    for _ in range(13):
+        sim.step()
+    assert lidar.data.numpy()[0, 0, :, 0] == pytest.approx(first, rel=FLOAT32)
+    assert lidar.data.numpy()[1, 0, :, 0] == pytest.approx(first - 1.6, rel=FLOAT32)
+    assert lidar.timestamp.numpy() == pytest.approx([0.1, 0.3])
 
 
 def test_a_snapshot_in_the_middle_of_a_sweep_repeats_it():
@@ -254,3 +282,27 @@ def test_a_snapshot_in_the_middle_of_a_sweep_repeats_it():
     assert runs[0][0].any()
     assert np.array_equal(runs[0][0], runs[1][0])
     assert np.array_equal(runs[0][1], runs[1][1])
+
+
+NOISY = {"noise": LidarNoise(range=0.02, azimuth=0.001, dropout=0.1), "beam": Beam(divergence=0.01, radius=2)}
+
+
+def test_threads_that_share_a_sweep_change_nothing(monkeypatch):
+    model, scene = carrier(wall, velocity=(8.0, 0.0, 0.0), worlds=2)
+    beams = beam_grid(40, 3, azimuth=(0.3, -0.3), elevation=(0.1, -0.1))
+    alone = frame(model, scene, beams, schedule=SWEEP, steps=10, **NOISY).points.numpy().copy()
+    monkeypatch.setattr("simwarp.sensors.lidar.lane_count", lambda *_: 7)
+    shared = frame(model, scene, beams, schedule=SWEEP, steps=10, **NOISY)
+    assert np.array_equal(shared.points.numpy(), alone)
+
+
+@pytest.mark.cuda
+def test_a_gpu_sees_the_same():
+    seen = {}
+    for device in ("cpu", "cuda:0"):
+        model, scene = carrier(wall, velocity=(8.0, 0.0, 0.0), worlds=2, device=device)
+        beams = beam_grid(40, 3, azimuth=(0.3, -0.3), elevation=(0.1, -0.1))
+        lidar = frame(model, scene, beams, schedule=SWEEP, steps=10, **NOISY)
+        seen[device] = lidar.points.numpy().copy(), lidar.count.numpy().copy()
+    assert seen["cuda:0"][0] == pytest.approx(seen["cpu"][0], rel=1e-5, abs=1e-5)
+    assert seen["cuda:0"][1].tolist() == seen["cpu"][1].tolist()
