@@ -22,6 +22,7 @@ from .task import Task
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
+    from simwarp.sensors.scene import Visuals
 
 _TORSO = 0
 _JOINTS = 8
@@ -244,6 +245,13 @@ class AntTask(Task[AntConfig]):
             "distance": place[:, 0],
             "lateral_error": self._farthest_aside,
         }
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Show the legs as well, of which only the feet are collision shapes."""
+        from simwarp.scenes.contact import ANT_LIMB_RADIUS
+        from simwarp.viewer import add_skeleton
+
+        add_skeleton(visuals, ANT_LIMB_RADIUS)
 
     def drawing(self) -> Drawing:
         """Draw the torso as a ring and every leg as two lines, seen from the side around the first world's ant."""

@@ -22,6 +22,7 @@ from .task import Task
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
+    from simwarp.sensors.scene import Visuals
 
 _BASE = 0
 _LEGS = 6
@@ -254,6 +255,12 @@ class HexapodTask(Task[HexapodConfig]):
             "distance": place[:, 0],
             "lateral_error": self._farthest_aside,
         }
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Show the links as rods between the hinges; the collision boxes are the servos."""
+        from simwarp.viewer import add_skeleton
+
+        add_skeleton(visuals, 0.008)
 
     def drawing(self) -> Drawing:
         """Draw the base as a ring through the hips and every leg as three lines, seen obliquely from the right."""

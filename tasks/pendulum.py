@@ -7,6 +7,7 @@ slides along X, the pole turns about Y. A 0.1 kg cart carries a pole of 0.785 kg
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -19,6 +20,8 @@ from .task import Task
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
+    from simwarp.sensors.scene import Visuals
+    from simwarp.viewer import Shot
 
 _CART_MASS = 0.1
 _CART_HALF_SIZE = 0.15
@@ -130,6 +133,22 @@ class PendulumTask(Task[PendulumConfig]):
         start = self.random.uniform("start", -1.0, 1.0, size=4) * self._spread
         self._late_speed.masked_fill_(world_mask, 0.0)
         self.simulation.set_joint_state(world_mask, start[:, :2].contiguous(), start[:, 2:].contiguous())
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Show the rail, the cart and the pole: nothing here collides."""
+        import simwarp as sw
+
+        along_x = sw.pose(rotation=(0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)))
+        visuals.add_plane(name="floor", pose=sw.pose((0, 0, -0.6)))
+        visuals.add_cylinder(sw.WORLD, radius=0.03, half_length=3.0, name="rail", pose=along_x, color=(0.3, 0.3, 0.32))
+        visuals.add_box(0, half=(_CART_HALF_SIZE, 0.1, 0.1), name="cart", color=(0.05, 0.22, 0.55))
+        visuals.add_cylinder(1, radius=0.05, half_length=0.5 * _POLE_LENGTH, name="pole", color=(0.78, 0.22, 0.05))
+
+    def shot(self) -> Shot:
+        """From the side, at rest: the whole rail is in sight."""
+        from simwarp.viewer import Shot
+
+        return Shot(body=-1, target=(0.0, 0.0, 0.75), eye=(-1.5, -8.5, 1.2), fov=0.6)
 
     def drawing(self) -> Drawing:
         """Draw the rail, the cart and the pole."""

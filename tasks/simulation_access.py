@@ -73,8 +73,8 @@ def build_physics(
     per_world: Iterable[str] = (),
     solver: SolverOptions | None = None,
     equip: Callable[[Any], Equipment] = no_equipment,
-) -> tuple[Any, PhysicsViews]:
-    """Build model and simulation from a task's ``build`` and its configuration.
+) -> tuple[Any, PhysicsViews, ModelBuilder]:
+    """Build model and simulation from a task's ``build`` and its configuration; also returns the builder.
 
     Args:
         build: fills the builder it gets, or returns one of its own, which then gets the configured gravity.
@@ -111,7 +111,7 @@ def build_physics(
         body_omega=to_torch(state.body_omega),
         world_status=to_torch(state.world_status),
     )
-    return simulation, views
+    return simulation, views, builder
 
 
 def _rooms(snapshot: Any) -> list[tuple[str, Any]]:

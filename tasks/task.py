@@ -33,6 +33,8 @@ from .uncertainty import Driver
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
     from simwarp.model import Model
+    from simwarp.sensors.scene import Scene, Visuals
+    from simwarp.viewer import Shot
 
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
@@ -114,7 +116,7 @@ class Task(ABC, Generic[ConfigT]):
         self.first_world = first_world
         with self._acting():
             self._allocate(seed, first_world)
-            self.simulation, self._views = self._make_physics(device)
+            self.simulation, self._views, self.builder = self._make_physics(device)
             self._randomiser = Randomiser(config.randomise, self.simulation.model) if config.randomise else None
             self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
             """Remembers the last steps, for the dump of a world whose physics breaks down."""
@@ -190,6 +192,32 @@ class Task(ABC, Generic[ConfigT]):
         if self._views is None:
             raise InputError(f"task '{self.name}' has nothing to draw")
         return Drawing((Line(self.views.body_q[..., :3]),))
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional.
+
+        ``simwarp play`` renders tasks in which something moves visibly, and draws the lines of ``drawing`` otherwise.
+        """
+
+    def scene(self) -> Scene | None:
+        """Return what rendered pictures show; None if nothing that moves can be seen. Optional."""
+        if self.simulation is None or self.builder is None:
+            return None
+        from simwarp.sensors.scene import Visuals
+        from simwarp.viewer import paint
+
+        visuals = Visuals(self.builder)
+        self.visuals(visuals)
+        if all(instance.body < 0 for instance in visuals.instances):
+            return None
+        paint(visuals)
+        return visuals.finalize(self.simulation.model)
+
+    def shot(self) -> Shot:
+        """Return how the camera of ``simwarp play`` looks at a world; by default it goes along with body 0."""
+        from simwarp.viewer import Shot
+
+        return Shot()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the task's own state, such as a curriculum level, that a checkpoint must keep."""
@@ -398,12 +426,12 @@ class Task(ABC, Generic[ConfigT]):
         assert self._statistics is not None
         return self._statistics
 
-    def _make_physics(self, device: str) -> tuple[Any, PhysicsViews | None]:
+    def _make_physics(self, device: str) -> tuple[Any, PhysicsViews | None, ModelBuilder | None]:
         check_ranges(self.config.randomise)
         if not self.physics:
             if self.config.randomise:
                 raise InputError(f"randomise: task '{self.name}' has no physics whose parameters could differ")
-            return None, None
+            return None, None, None
         drawn = {*self.per_world, *self.config.randomise}
         return build_physics(
             self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),

@@ -1,4 +1,4 @@
-"""A picture or a short video of worlds in which a policy acts, as line drawings."""
+"""A picture or a short video of worlds in which a policy acts: rendered, or line drawings of what has no shape."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from simwarp.tasks import Drawing, InputError, Task
 
+from .filming import Film, film_still, film_strip
 from .policies import Policy, forget
 
 PICTURE_SUFFIXES = (".png",)
@@ -34,10 +35,12 @@ class Frame:
     Attributes:
         lines: per line of the drawing, (W, P, 2) projected points [m].
         time: since the start [s].
+        images: (W, height, width, 3) uint8, rendered; None where none was taken.
     """
 
     lines: tuple[npt.NDArray[np.float32], ...]
     time: float
+    images: npt.NDArray[np.uint8] | None = None
 
 
 def check_video_path(path: Path) -> None:
@@ -55,13 +58,22 @@ def check_video_path(path: Path) -> None:
         raise InputError("mp4 needs the package imageio-ffmpeg: pip install 'simwarp[viewer]', or give a .gif instead")
 
 
-def _frame(drawing: Drawing, time: float) -> Frame:
+def _frame(drawing: Drawing, time: float, images: npt.NDArray[np.uint8] | None) -> Frame:
     across, up = drawing.view.value
-    return Frame(tuple(line.points[..., [across, up]].cpu().numpy().copy() for line in drawing.lines), time)
+    return Frame(tuple(line.points[..., [across, up]].cpu().numpy().copy() for line in drawing.lines), time, images)
 
 
-def record(task: Task[Any], policy: Policy, seconds: float, seed: int) -> tuple[list[Frame], Drawing, float]:
+def record(
+    task: Task[Any], policy: Policy, seconds: float, seed: int, film: Film | None = None
+) -> tuple[list[Frame], Drawing, float]:
     """Let a policy act and keep frames.
+
+    Args:
+        task: what is played.
+        policy: what acts.
+        seconds: time shown [s].
+        seed: of the worlds.
+        film: takes rendered images of the frames it wants.
 
     Returns:
         Frames some 25 per second apart, the drawing they follow, and the mean return of the first episodes so far.
@@ -74,7 +86,12 @@ def record(task: Task[Any], policy: Policy, seconds: float, seed: int) -> tuple[
     every = max(1, round(1.0 / (_FRAMES_PER_SECOND * task.config.control_dt)))
     steps = max(1, round(seconds / task.config.control_dt))
     drawing = task.drawing()
-    frames = [_frame(drawing, 0.0)]
+    count = steps // every + 1
+
+    def image(index: int, time: float) -> npt.NDArray[np.uint8] | None:
+        return None if film is None else film.take(index, count, time)
+
+    frames = [_frame(drawing, 0.0, image(0, 0.0))]
     total = torch.zeros(task.num_worlds, dtype=torch.float64, device=task.device)
     running = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
     for step in range(1, steps + 1):
@@ -85,7 +102,8 @@ def record(task: Task[Any], policy: Policy, seconds: float, seed: int) -> tuple[
         running &= ~ended
         forget(policy, ended)
         if step % every == 0:
-            frames.append(_frame(task.drawing(), step * task.config.control_dt))
+            time = step * task.config.control_dt
+            frames.append(_frame(task.drawing(), time, image(step // every, time)))
     return frames, drawing, float(total.mean())
 
 
@@ -160,7 +178,11 @@ class _Canvas:
 
 
 def write_picture(path: Path, task: Task[Any], drawing: Drawing, frames: list[Frame], title: str) -> None:
-    """Write a PNG: the last moment of every world, earlier ones pale behind it."""
+    """Write a PNG: rendered moments of every world, or lines of the last one with earlier ones pale behind it."""
+    taken = [(frame.time, frame.images) for frame in frames if frame.images is not None]
+    if taken:
+        Image.fromarray(film_strip(taken, title)).save(path)
+        return
     Image.fromarray(_Canvas(task, drawing, frames, title).draw_trail(frames)).save(path)
 
 
@@ -168,12 +190,14 @@ def write_video(path: Path, task: Task[Any], drawing: Drawing, frames: list[Fram
     """Write a GIF or an MP4."""
     canvas = _Canvas(task, drawing, frames, title)
     rate = (len(frames) - 1) / frames[-1].time if len(frames) > 1 else _FRAMES_PER_SECOND
-    images = (canvas.draw(frame) for frame in frames)
+    images = (
+        canvas.draw(frame) if frame.images is None else film_still(frame.images, frame.time, title) for frame in frames
+    )
     if path.suffix.lower() == ".mp4":
         _write_mp4(path, images, rate)
         return
     # One palette for all images keeps a GIF of flat colours small
-    first = Image.fromarray(next(images)).quantize(64)
+    first = Image.fromarray(next(images)).quantize(64 if frames[0].images is None else 256)
     rest = [Image.fromarray(image).quantize(palette=first, dither=Image.Dither.NONE) for image in images]
     first.save(path, save_all=True, append_images=rest, duration=round(1000.0 / rate), loop=0)
 

@@ -39,6 +39,7 @@ def run(arguments: list[str]) -> int:
     import torch
 
     from simwarp.train.config import task_config_from_plain
+    from simwarp.train.filming import film_of
     from simwarp.train.play import VIDEO_SUFFIXES, check_video_path, record, write_picture, write_video
     from simwarp.train.policies import find_policy, network_policy
 
@@ -53,8 +54,10 @@ def run(arguments: list[str]) -> int:
     target = options.video or Path(f"{name}.png")
     check_video_path(target)
     task = make(name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task)
-    frames, drawing, total = record(task, network_policy(source.content, task), options.seconds, options.seed)
-    write = write_video if target.suffix.lower() in VIDEO_SUFFIXES else write_picture
+    video = target.suffix.lower() in VIDEO_SUFFIXES
+    policy = network_policy(source.content, task)
+    frames, drawing, total = record(task, policy, options.seconds, options.seed, film_of(task, video))
+    write = write_video if video else write_picture
     write(target, task, drawing, frames, name)
     console = options.console()
     console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)

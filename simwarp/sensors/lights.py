@@ -64,7 +64,7 @@ class Lighting:
         ambient_below: light from the ground on surfaces that look down; those in between get their share of both.
         sky: colour of the zenith.
         horizon: colour of the sky at the horizon.
-        below: colour of what lies below the horizon where there is nothing.
+        below: colour of what lies below the horizon where there is nothing; None: that of the horizon.
         fog_density: b of exp(-b distance) [1/m].
         fog: its colour; None: that of the horizon.
     """
@@ -77,7 +77,7 @@ class Lighting:
     ambient_below: Color = (0.14, 0.13, 0.12)
     sky: Color = (0.16, 0.33, 0.67)
     horizon: Color = (0.62, 0.74, 0.87)
-    below: Color = (0.3, 0.3, 0.3)
+    below: Color | None = None
     fog_density: float = 0.0
     fog: Color | None = None
 
@@ -135,6 +135,7 @@ def _values(lighting: Lighting) -> dict[str, tuple[npt.NDArray[Any], Any]]:
     if density < 0.0:
         raise ModelError(f"Lighting: fog_density must be >= 0 1/m, got {density!r}; use 0 for none")
     fog = lighting.horizon if lighting.fog is None else lighting.fog
+    below = lighting.horizon if lighting.below is None else lighting.below
     directions = [unit_vector("Sun", "direction", sun.direction) for sun in lighting.suns]
     places = [finite_vector("Lamp", "position", lamp.position, 3) for lamp in lighting.lamps]
     return {
@@ -146,7 +147,7 @@ def _values(lighting: Lighting) -> dict[str, tuple[npt.NDArray[Any], Any]]:
         "ambient_below": (checked_color("Lighting", "ambient_below", lighting.ambient_below), wp.vec3),
         "sky_zenith": (checked_color("Lighting", "sky", lighting.sky), wp.vec3),
         "sky_horizon": (checked_color("Lighting", "horizon", lighting.horizon), wp.vec3),
-        "sky_below": (checked_color("Lighting", "below", lighting.below), wp.vec3),
+        "sky_below": (checked_color("Lighting", "below", below), wp.vec3),
         "fog_color": (checked_color("Lighting", "fog", fog), wp.vec3),
         "fog_density": (np.array(density, np.float32), wp.float32),
     }

@@ -354,7 +354,7 @@ def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
         if level == 1:
             break
     shape = (world_count, max(count, 1))
-    arrays = {
+    arrays: dict[str, wp.array] = {
         name: writable(shape, dtype, device)
         for name, dtype in {
             "place_x": wp.vec3, "place_rot": wp.mat33, "place_size": wp.vec3, "place_asset": wp.int32,

@@ -15,7 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
 ORDER = ["types", "kernels", "core", "parts", "tasks", "train", "cli"]
-PARTS = {"vehicle", "sensors", "importers", "viewer"}
+PARTS = {"vehicle", "sensors", "importers", "scenery", "viewer"}
 ONLY_IMPORTER = {"torch": "simwarp.interop", "trimesh": "simwarp.mesh"}
 
 

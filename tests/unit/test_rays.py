@@ -11,7 +11,7 @@ import simwarp as sw
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.rays.cast import any_hit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
-from simwarp.sensors.scene import Visuals
+from simwarp.sensors.scene import Scene, Visuals
 from simwarp.types import ModelError, ShapeType
 from simwarp.wide_tree import LEAF_WORDS, NODE_WORDS, build_tree
 
@@ -23,10 +23,10 @@ def cast(
     scene: RayScene, assets: Assets, start: wp.array2d[wp.vec3d], direction: wp.array2d[wp.vec3],
     distance: wp.array2d[float], normal: wp.array2d[wp.vec3], found: wp.array2d[wp.vec3i],
 ):  # fmt: skip
-    world, ray = wp.tid()
-    s = start_of_ray(world, start[world, ray], scene)
-    hit = closest_hit(world, s, direction[world, ray], REACH, scene, assets)
-    some = any_hit(world, s, direction[world, ray], REACH, scene, assets)
+    world, ray = wp.tid()  # type: ignore[misc]
+    s = start_of_ray(world, start[world, ray], scene)  # type: ignore[index]
+    hit = closest_hit(world, s, direction[world, ray], REACH, scene, assets)  # type: ignore[index]
+    some = any_hit(world, s, direction[world, ray], REACH, scene, assets)  # type: ignore[index]
     distance[world, ray] = hit.t  # type: ignore[index]
     normal[world, ray] = hit.normal  # type: ignore[index]
     found[world, ray] = wp.vec3i(hit.instance, hit.triangle, some)  # type: ignore[index]
@@ -54,7 +54,7 @@ class Cast:
         assert np.array_equal(self.instance >= 0, self.t >= 0.0)
 
 
-def built(add, worlds: int = 1, per_world=(), scene_per_world=(), **bodies):
+def built(add, worlds: int = 1, per_world=(), scene_per_world=(), **bodies) -> tuple[Scene, sw.Simulation]:
     """A scene; `add(builder, visuals)` fills it. There is one body unless told otherwise, at the origin."""
     builder = sw.ModelBuilder()
     builder.add_body("body", mass=1.0, inertia=(1.0, 1.0, 1.0), **bodies)
@@ -136,7 +136,7 @@ def solid(kind: ShapeType, size) -> trimesh.Trimesh:
     return mesh
 
 
-PRIMITIVES = {
+PRIMITIVES: dict[str, tuple[ShapeType, tuple[float, ...], dict[str, Any]]] = {
     "box": (ShapeType.BOX, (0.5, 0.8, 1.2), {"half": (0.5, 0.8, 1.2)}),
     "sphere": (ShapeType.SPHERE, (0.9, 0.9, 0.9), {"radius": 0.9}),
     "ellipsoid": (ShapeType.ELLIPSOID, (0.5, 0.8, 1.2), {"half": (0.5, 0.8, 1.2)}),
@@ -247,11 +247,11 @@ def test_each_world_places_scales_enables_and_chooses_its_own():
     size[2, 0] = (0.5, 0.5, 0.5)
     scene.x.assign(x)
     scene.size.assign(size)
-    scene.asset[3, 0] = 1
+    scene.asset[3, 0] = 1  # type: ignore[index]
     rays = Cast(scene, sim, [[-5.0, 0.0, 0.0], [-5.0, 0.9, 0.9]], [[1.0, 0.0, 0.0]] * 2)
     np.testing.assert_allclose(rays.t[:, 0], (4.0, -1.0, 4.5, 4.0), atol=2e-3)  # 642 corners on the ball
     assert rays.t[:, 1].tolist() == [-1.0, -1.0, -1.0, pytest.approx(4.0, abs=1e-5)]
-    scene.enabled[3, 0] = 0
+    scene.enabled[3, 0] = 0  # type: ignore[index]
     assert Cast(scene, sim, [[-5.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]]).t[3, 0] == -1.0
 
 

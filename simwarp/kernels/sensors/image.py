@@ -120,6 +120,28 @@ def aim_views(
         views.sample_to[world] = int(wp.round(tick.fraction_to[world] * float(samples)))
 
 
+@wp.kernel
+def aim_freely(
+    # inputs
+    camera: Camera,
+    place: wp.array[wp.vec3d],  # world [m]
+    scene: RayScene,
+    # outputs
+    views: Views,
+):
+    """Views whose world and axes are set already: a whole frame from these places, now."""
+    view = wp.tid()
+    views.start[view] = start_of_ray(views.world[view], place[view], scene)
+    views.samples[view] = camera.samples
+    views.sample_from[view] = 0
+    views.sample_to[view] = camera.samples
+    if (camera.outputs & LIGHT) == 0:
+        views.sample_to[view] = 0
+    views.first[view] = 1
+    views.complete[view] = 1
+    views.row[view] = view
+
+
 @wp.func
 def sample_place(sample: int, pixel: int, key: wp.uint64, camera: Camera) -> wp.vec2:
     """Where in its pixel a ray goes, 0 to 1: at random in its stratum; the middle where there is but one."""

@@ -1,0 +1,193 @@
+"""Cones, pillars, crates and barriers."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.checks import positive_number
+from simwarp.scenery.prop import Label, Prop, Proxy
+from simwarp.scenery.solids import Array, box, lathe, loft, solid, stream, tone, varied
+from simwarp.types import ModelError, ShapeType, Vec3, finite_vector, pose
+from simwarp.visual_mesh import VisualMesh, joined
+
+_ORANGE, _WHITE, _RED, _GREEN = tone("ff5a10"), tone("f2f2f2"), tone("d81f1f"), tone("18a03c")
+_CONES: Final = {"orange": (_ORANGE, _WHITE), "red": (_RED, _RED), "green": (_GREEN, _GREEN)}
+CONES: Final = tuple(_CONES)
+"""Colours of cones; the orange one has white bands."""
+
+
+def cone(color: str = "orange", *, height: float = 0.75) -> Prop:
+    """A traffic cone on its square plate, 116 triangles; half as wide as it is high.
+
+    Args:
+        color: one of `CONES`.
+        height: [m].
+
+    Returns:
+        A prop with a HULL of the cone and its plate.
+    """
+    if color not in _CONES:
+        raise ModelError(f"cone: color must be one of {', '.join(CONES)}, got {color!r}")
+    tall = positive_number("cone", "height", height, "m", "pass metres")
+    main, band = _CONES[color]
+    plate = 0.05 * tall
+    levels = np.array([plate, 0.3 * tall, 0.47 * tall, 0.62 * tall, 0.77 * tall, tall])
+    radii = np.interp(levels, [plate, tall], [0.2 * tall, 0.045 * tall])
+    bands = np.array([main, band, main, band, main])
+    parts = [
+        box((0.25 * tall, 0.25 * tall, 0.5 * plate), 0.8 * main, (0.0, 0.0, 0.5 * plate)),
+        lathe(np.stack([radii, levels], axis=1), bands, 9),
+    ]
+    hull = Proxy(kind=ShapeType.HULL, points=np.concatenate([part.vertices for part in parts]))
+    return Prop(name=f"{color} cone", mesh=joined(parts), proxies=(hull,), label=Label.CONE, reflectance=0.7)
+
+
+def pillar(*, width: float = 2.0, height: float = 10.0, color: Vec3 | None = None) -> Prop:
+    """A square pillar with light bands, the obstacle of obstacle avoidance: 60 triangles.
+
+    Args:
+        width: of its sides [m].
+        height: [m].
+        color: linear; None: blue.
+
+    Returns:
+        A prop with one BOX, which it fills.
+    """
+    wide = positive_number("pillar", "width", width, "m", "pass metres")
+    tall = positive_number("pillar", "height", height, "m", "pass metres")
+    main = np.array([0.06, 0.06, 0.75]) if color is None else finite_vector("pillar", "color", color, 3)
+    levels = np.array([0.0, 0.06, 0.5 * 0.16, 0.28, 0.31, 1.0]) * tall
+    bands = np.array([0.55 * main, _WHITE, main, _WHITE, main])
+    half = 0.5 * wide
+    square = np.array([[half, half], [-half, half], [-half, -half], [half, -half]])
+    rings = np.concatenate([
+        np.broadcast_to(square, (len(levels), 4, 2)), np.broadcast_to(levels[:, None, None], (len(levels), 4, 1)),
+    ], axis=2)  # fmt: skip
+    proxy = Proxy(kind=ShapeType.BOX, size=(half, half, 0.5 * tall), pose=pose((0.0, 0.0, 0.5 * tall)))
+    return Prop(name="pillar", mesh=loft(rings, bands), proxies=(proxy,), label=Label.PILLAR)
+
+
+def crate(*, size: Vec3 = (1.0, 1.0, 1.0), seed: int = 0) -> Prop:
+    """A wooden crate: six frames of boards about sunk panels, 132 triangles.
+
+    Args:
+        size: along x, y and z [m].
+        seed: of the colours of its boards.
+
+    Returns:
+        A prop with one BOX.
+    """
+    extent = finite_vector("crate", "size", size, 3)
+    for length in extent:
+        positive_number("crate", "size", length, "m", "pass lengths along x, y and z")
+    rng = stream("crate", seed)
+    vertices: list[Array] = []
+    triangles: list[list[int]] = []
+    colors: list[Array] = []
+    light, dark = tone("c29a62"), tone("8f6a3c")
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            frame, panel = np.zeros((4, 3)), np.zeros((4, 3))
+            corner = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
+            frame[:, axis] = side
+            frame[:, [u, v]] = corner
+            panel[:, axis] = side * 0.9
+            panel[:, [u, v]] = 0.78 * corner
+            back = panel * np.where(np.arange(3) == axis, 1.0, 1.0)
+            lip = panel.copy()
+            lip[:, axis] = side
+            start = sum(len(block) for block in vertices)
+            vertices.append(np.concatenate([frame, lip, back]))
+            quads = [(k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4)]
+            quads += [(4 + k, 4 + (k + 1) % 4, 8 + (k + 1) % 4, 8 + k) for k in range(4)]
+            quads.append((8, 9, 10, 11))
+            for index, (a, b, c, d) in enumerate(quads):
+                face = [(a, b, c), (a, c, d)]
+                triangles += [[start + n for n in (t if side > 0.0 else t[::-1])] for t in face]
+                shade = light if index < 4 else (0.6 * dark if index < 8 else dark)
+                colors += list(varied(shade, 1, rng, 0.15)) * 2
+    points = np.concatenate(vertices)
+    unique, inverse = np.unique(np.round(points, 9), axis=0, return_inverse=True)
+    points = unique * (0.5 * extent)
+    points[:, 2] += 0.5 * extent[2]
+    mesh = solid(points, inverse.reshape(-1)[np.array(triangles)], np.array(colors))
+    half = (float(0.5 * extent[0]), float(0.5 * extent[1]), float(0.5 * extent[2]))
+    proxy = Proxy(kind=ShapeType.BOX, size=half, pose=pose((0.0, 0.0, half[2])))
+    return Prop(name="crate", mesh=mesh, proxies=(proxy,), label=Label.CRATE)
+
+
+def _jersey(height: float) -> Array:
+    """(8, 2) outline of a barrier, y and z, counter-clockwise seen from the front: a plain foot, a slope, a neck."""
+    half = np.array([(0.375, 0.0), (0.375, 0.1), (0.19, 0.41), (0.11, 1.0)]) * height
+    return np.concatenate([half, half[::-1] * np.array([-1.0, 1.0])])
+
+
+def barrier(*, length: float = 2.0, height: float = 0.8, color: Vec3 | None = None) -> Prop:
+    """A jersey barrier along X: three quarters as wide as high at its foot; 48 triangles.
+
+    Args:
+        length: [m].
+        height: [m].
+        color: linear; None: concrete.
+
+    Returns:
+        A prop with one HULL, a little fuller than the barrier's hollow sides.
+    """
+    long = positive_number("barrier", "length", length, "m", "pass metres")
+    outline = _jersey(positive_number("barrier", "height", height, "m", "pass metres"))
+    main = tone("b5b2aa") if color is None else finite_vector("barrier", "color", color, 3)
+    mesh = _block(np.array([-0.5 * long, 0.0]), np.array([0.5 * long, 0.0]), outline, main)
+    hull = Proxy(kind=ShapeType.HULL, points=mesh.vertices[:16])
+    return Prop(name="barrier", mesh=mesh, proxies=(hull,), label=Label.BARRIER)
+
+
+def _block(start: Array, end: Array, outline: Array, color: Array) -> VisualMesh:
+    """A barrier from one point of the plane to another."""
+    along = (end - start) / np.linalg.norm(end - start)
+    across = np.array([-along[1], along[0]])
+    plane = outline[:, :1] * across
+    rings = np.stack([
+        np.concatenate([point + plane, outline[:, 1:]], axis=1) for point in (start, end)
+    ])  # fmt: skip
+    shades = np.array([0.75, 0.9, 1.0, 1.0, 1.0, 0.9, 0.75, 0.6])[None, :, None] * color
+    return loft(rings, shades, caps=np.stack([0.8 * color, 0.8 * color]))
+
+
+def barrier_chain(
+    points: npt.ArrayLike, *, closed: bool = False, length: float = 2.0, height: float = 0.8,
+    colors: tuple[Vec3, ...] | None = None,
+) -> Prop:  # fmt: skip
+    """Barriers end to end along a line, in the frame of the line: 48 triangles each.
+
+    Args:
+        points: (n, 2) [m].
+        closed: from the last point back to the first.
+        length: of a barrier, about: all are equally long along the line [m].
+        height: [m].
+        colors: linear, in turn; None: red and white.
+
+    Returns:
+        A prop with one MESH: one shape, however many barriers. Its origin is that of the points.
+    """
+    line = np.asarray(points, dtype=np.float64)
+    if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.isfinite(line).all():
+        raise ModelError(f"barrier_chain: points must be (n >= 2, 2) finite numbers, got shape {line.shape}")
+    if closed:
+        line = np.concatenate([line, line[:1]])
+    outline = _jersey(positive_number("barrier_chain", "height", height, "m", "pass metres"))
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    tones = (_RED, _WHITE) if colors is None else tuple(np.asarray(c, dtype=np.float64) for c in colors)
+    step = positive_number("barrier_chain", "length", length, "m", "pass metres")
+    count = max(
+        1 + 2 * int(closed), len(tones) * round(arc[-1] / step / len(tones)) if closed else round(arc[-1] / step)
+    )
+    at = np.linspace(0.0, arc[-1], count + 1)
+    ends = np.stack([np.interp(at, arc, line[:, k]) for k in range(2)], axis=1)
+    blocks = [_block(ends[k], ends[k + 1], outline, tones[k % len(tones)]) for k in range(count)]
+    mesh = joined(blocks)
+    proxy = Proxy(kind=ShapeType.MESH, points=mesh.vertices, triangles=mesh.triangles)
+    return Prop(name="barriers", mesh=mesh, proxies=(proxy,), label=Label.BARRIER, reflectance=0.6)

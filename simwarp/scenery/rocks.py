@@ -1,0 +1,97 @@
+"""Rocks: round bodies from which planes have cut pieces."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Final
+
+import numpy as np
+
+from simwarp.checks import positive_number
+from simwarp.scenery.prop import Label, Prop, Proxy
+from simwarp.scenery.solids import Array, between, face_normals, icosphere, solid, stream, tone, varied
+from simwarp.types import ModelError, ShapeType, Vec3, finite_vector
+
+
+@dataclasses.dataclass(frozen=True)
+class _Style:
+    """Size [m], planes that cut, how deep at most, bumps (share of the radius), dark and light colour, moss."""
+
+    size: tuple[float, float, float]
+    cuts: int
+    depth: float
+    bumps: float
+    colors: tuple[str, str]
+    moss: float = 0.0
+
+
+_STYLES: Final = {
+    "boulder": _Style((2.4, 2.0, 1.5), 14, 0.34, 0.05, ("6b6257", "a39a8c")),
+    "slab": _Style((3.0, 2.2, 0.8), 12, 0.3, 0.05, ("5d5a55", "989389")),
+    "shard": _Style((1.6, 1.3, 2.2), 9, 0.75, 0.02, ("5a5450", "8f867d")),
+    "cobble": _Style((1.6, 1.4, 1.0), 5, 0.12, 0.04, ("7a6f60", "b3a793")),
+    "mossy": _Style((2.2, 2.4, 1.6), 12, 0.28, 0.06, ("5f594f", "8e8577"), 0.8),
+}
+ROCKS: Final = tuple(_STYLES)
+"""Kinds of rocks."""
+
+
+def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, detail: int = 2) -> Prop:
+    """A rock that lies on the ground, its foot flat; every seed gives another one.
+
+    Args:
+        kind: one of `ROCKS`.
+        seed: of its form and colours.
+        size: of the box around it [m]; None: as the kind is.
+        detail: 1: 80 triangles, 2: 320.
+
+    Returns:
+        A prop with one HULL of at most 42 corners, all of them on the rock.
+    """
+    if kind not in _STYLES:
+        raise ModelError(f"rock: kind must be one of {', '.join(ROCKS)}, got {kind!r}")
+    if detail not in (1, 2, 3):
+        raise ModelError(f"rock: detail must be 1, 2 or 3, got {detail!r}; 2 has 320 triangles")
+    style = _STYLES[kind]
+    extent = finite_vector("rock", "size", style.size if size is None else size, 3)
+    for length in extent:
+        positive_number("rock", "size", length, "m", "pass lengths along x, y and z")
+    rng = stream(f"rock {kind}", seed)
+    directions, triangles = icosphere(detail)
+    points = _cut(_bumpy(directions, style.bumps, rng), style, rng)
+    low, high = points.min(axis=0), points.max(axis=0)
+    points = (points - 0.5 * (low + high)) * (extent / (high - low))
+    points[:, 2] += 0.5 * extent[2]
+    normals = face_normals(points, triangles)
+    height = points[triangles].mean(axis=1)[:, 2] / extent[2]
+    dark, light = (tone(code) for code in style.colors)
+    color = between(dark, light, 0.25 + 0.4 * height + 0.3 * normals[:, 2])
+    color = between(color, tone("55702f"), style.moss * np.clip(2.0 * normals[:, 2] - 0.7, 0.0, 1.0))
+    color = varied(color, len(triangles), rng, 0.14)
+    # corners of the hull: what lies farthest along 42 directions
+    farthest = np.unique((icosphere(1)[0] / extent @ points.T).argmax(axis=1))
+    hull = Proxy(kind=ShapeType.HULL, points=points[farthest])
+    return Prop(name=kind, mesh=solid(points, triangles, color), proxies=(hull,), label=Label.ROCK, reflectance=0.35)
+
+
+def _bumpy(directions: Array, bumps: float, rng: np.random.Generator) -> Array:
+    """A ball with a few smooth waves on it."""
+    radius = np.ones(len(directions))
+    for _ in range(6):
+        wave = rng.normal(size=3) * 2.2
+        radius += bumps * np.cos(directions @ wave + rng.uniform(0.0, 2.0 * math.pi))
+    return np.asarray(directions * radius[:, None])
+
+
+def _cut(points: Array, style: _Style, rng: np.random.Generator) -> Array:
+    """What is beyond a plane moves onto it; the first plane is the foot."""
+    normals = rng.normal(size=(style.cuts, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    depths = rng.uniform(0.25, 1.0, style.cuts) * style.depth
+    normals[0], depths[0] = (0.0, 0.0, -1.0), 0.65
+    for normal, depth in zip(normals, depths, strict=True):
+        beyond = np.maximum(points @ normal - (1.0 - depth), 0.0)
+        # a last 3 % stays, so that triangles on the plane keep an outside
+        points = points - 0.97 * beyond[:, None] * normal
+    return points

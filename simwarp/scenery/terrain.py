@@ -1,0 +1,110 @@
+"""Hills as height fields: band-limited noise, flat where things start, heights where things stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.checks import finite_number, positive_number
+from simwarp.scenery.solids import stream
+from simwarp.types import ModelError
+
+Array = npt.NDArray[np.float64]
+Heights = npt.NDArray[np.float32]
+
+WAVES = 48
+"""Plane waves that hills are a sum of."""
+
+
+def hills(
+    seed: int = 0, *, size: tuple[float, float] = (120.0, 120.0), spacing: float = 1.0, amplitude: float = 2.5,
+    wavelength: tuple[float, float] = (25.0, 60.0),
+) -> Heights:  # fmt: skip
+    """Smooth random hills for `add_shape_height_field(..., size=size)`: the field is centred on the origin.
+
+    A sum of plane waves in random directions, whose lengths lie within `wavelength` and whose heights are in proportion
+    to them, so that all have the same slope. The mean is 0; no height exceeds the amplitude.
+
+    Args:
+        seed: of the waves.
+        size: along x and y [m].
+        spacing: of the nodes, at most [m].
+        amplitude: greatest height above or depth below 0 [m]; 0: flat.
+        wavelength: shortest and longest [m].
+
+    Returns:
+        (rows, columns) float32 [m], rows along y.
+    """
+    extent = [positive_number("hills", "size", value, "m", "pass lengths along x and y") for value in size]
+    step = positive_number("hills", "spacing", spacing, "m", "pass metres")
+    short, long = (positive_number("hills", "wavelength", value, "m", "pass two lengths") for value in wavelength)
+    high = finite_number("hills", "amplitude", amplitude, "0 is flat")
+    if short > long or high < 0.0 or step > 0.5 * short:
+        raise ModelError(
+            f"hills: 0 <= amplitude and 2 spacing <= shortest <= longest wavelength must hold, got amplitude={high:g}, "
+            f"spacing={step:g}, wavelength={(short, long)}; use a finer grid or longer waves"
+        )
+    x, y = (np.linspace(-0.5 * length, 0.5 * length, math.ceil(length / step - 1e-9) + 1) for length in extent)
+    rng = stream("hills", seed)
+    length = np.exp(rng.uniform(math.log(short), math.log(long), WAVES))
+    angle = 2.0 * math.pi * (np.arange(WAVES) + rng.random(WAVES)) / WAVES
+    phase = rng.uniform(0.0, 2.0 * math.pi, WAVES)
+    k = 2.0 * math.pi / length
+    along_x = np.exp(1j * np.outer(x, k * np.cos(angle)))
+    along_y = np.exp(1j * (np.outer(y, k * np.sin(angle)) + phase))
+    heights = np.real((along_y * length) @ along_x.T)
+    heights -= heights.mean()
+    return np.asarray(heights * (high / np.abs(heights).max()), dtype=np.float32)
+
+
+def flattened(
+    heights: npt.ArrayLike, size: Sequence[float], discs: npt.ArrayLike, *, blend: float = 6.0
+) -> Heights:  # fmt: skip
+    """The same ground with level discs, each as high as the ground was in its middle; slopes lead to them.
+
+    Args:
+        heights: (rows, columns) [m].
+        size: of the field along x and y [m].
+        discs: (k, 3) x, y and radius [m].
+        blend: width of the slopes [m].
+    """
+    ground = np.array(heights, dtype=np.float64)
+    rows, columns = ground.shape
+    x = np.linspace(-0.5 * size[0], 0.5 * size[0], columns)
+    y = np.linspace(-0.5 * size[1], 0.5 * size[1], rows)
+    width = positive_number("flattened", "blend", blend, "m", "pass metres")
+    for a, b, radius in np.asarray(discs, dtype=np.float64).reshape(-1, 3):
+        level = height_at(ground, size, [(a, b)])[0]
+        t = np.clip((np.hypot(x[None] - a, y[:, None] - b) - radius) / width, 0.0, 1.0)
+        share = t * t * (3.0 - 2.0 * t)
+        ground = level + share * (ground - level)
+    return ground.astype(np.float32)
+
+
+def height_at(heights: npt.ArrayLike, size: Sequence[float], points: npt.ArrayLike) -> Array:
+    """(n,) heights of a field at points (n, 2) [m]: those of the triangles that contact, tires and rays meet. Beyond
+    the border: of its nearest point.
+    """
+    ground = np.asarray(heights, dtype=np.float64)
+    rows, columns = ground.shape
+    at = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    u = np.clip((at[:, 0] / size[0] + 0.5) * (columns - 1), 0.0, columns - 1.0)
+    v = np.clip((at[:, 1] / size[1] + 0.5) * (rows - 1), 0.0, rows - 1.0)
+    i, j = np.minimum(u.astype(int), columns - 2), np.minimum(v.astype(int), rows - 2)
+    s, t = u - i, v - j
+    low, high = ground[j, i], ground[j + 1, i + 1]
+    # cells are cut from node (i, j) to node (i + 1, j + 1)
+    other = np.where(t > s, ground[j + 1, i], ground[j, i + 1])
+    return np.where(t > s, low + t * (other - low) + s * (high - other), low + s * (other - low) + t * (high - other))
+
+
+def steepness(heights: npt.ArrayLike, size: Sequence[float]) -> float:
+    """Greatest slope of a field between neighbouring nodes [rad]."""
+    ground = np.asarray(heights, dtype=np.float64)
+    rows, columns = ground.shape
+    along = np.diff(ground, axis=1)[:-1] / (size[0] / (columns - 1))
+    across = np.diff(ground, axis=0)[:, :-1] / (size[1] / (rows - 1))
+    return math.atan(float(np.hypot(along, across).max()))

@@ -1,0 +1,10 @@
+"""Pictures and videos of simulations, by cameras that belong to nobody's body."""
+
+from __future__ import annotations
+
+from simwarp.viewer.free_camera import FreeCamera
+from simwarp.viewer.painting import add_skeleton, paint
+from simwarp.viewer.sheets import caption, grid
+from simwarp.viewer.studio import Shot, Studio
+
+__all__ = ["FreeCamera", "Shot", "Studio", "add_skeleton", "caption", "grid", "paint"]

@@ -1,0 +1,99 @@
+"""A camera that is put where the host wants it, in some of the worlds, for pictures that people look at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.kernels.sensors.image import aim_freely
+from simwarp.rotation import matrix_of
+from simwarp.sensors.camera import OUTPUTS, CameraConfig, camera_numbers, launch_render, lights_of, make_views
+from simwarp.sensors.image_noise import Development
+from simwarp.sensors.lights import Lighting, Lights
+from simwarp.sensors.scene import Scene
+from simwarp.state import State
+from simwarp.types import ModelError, Pose
+
+
+class FreeCamera:
+    """Takes pictures at any time, outside the step; one view of each of some worlds.
+
+    Args:
+        scene: what there is to see.
+        worlds: indices of the worlds that are seen; the same one may come twice.
+        config: what the camera is; its schedule does not matter.
+        lights: of the scene.
+
+    Attributes:
+        outputs: by name, (views, height, width, channels): one array each, overwritten by each picture.
+
+    Raises:
+        ModelError: there is no such world, or a number of the camera is not usable.
+    """
+
+    def __init__(
+        self, scene: Scene, worlds: Sequence[int], config: CameraConfig, lights: Lights | Lighting | None = None
+    ) -> None:
+        model = scene.model
+        chosen = np.asarray(worlds, dtype=np.int32).reshape(-1)
+        if not chosen.size or chosen.min() < 0 or chosen.max() >= model.world_count:
+            raise ModelError(
+                f"free camera: worlds must be indices below {model.world_count}, got {list(worlds)!r}; name one"
+            )
+        self.scene, self.config, self.worlds = scene, config, tuple(int(world) for world in chosen)
+        self._device = model.device
+        self._numbers = camera_numbers("free camera", config)
+        self._tables = scene.tables(config.groups)
+        self._views = make_views(len(chosen), model.device)
+        self._views.world = wp.array(chosen, dtype=wp.int32, device=model.device)
+        due = np.zeros(model.world_count, np.int32)
+        due[chosen] = 1
+        self._due: wp.array = wp.array(due, dtype=wp.int32, device=model.device)
+        self._development = Development(config.imaging, model.world_count, model.device)
+        self.lights = lights_of(lights, scene, ())
+        shape = (len(chosen), config.height, config.width)
+        self.outputs = {
+            name: wp.zeros((*shape, OUTPUTS[name][1]), dtype=OUTPUTS[name][2], device=model.device)
+            for name in config.outputs
+        }
+        self._sums = wp.zeros((0, 0), dtype=wp.vec3, device=model.device)
+
+    def take(self, state: State, poses: Sequence[Pose]) -> npt.NDArray[Any]:
+        """A picture of the present state from these poses, one per view (`look_at` makes them).
+
+        Returns:
+            (views, height, width, channels) of the first output, a copy; the others are in `outputs`.
+        """
+        if len(poses) != len(self.worlds):
+            raise ModelError(f"free camera: there must be {len(self.worlds)} poses, got {len(poses)}; one per view")
+        place = np.array([pose.position for pose in poses], np.float64)
+        axes = np.array([matrix_of(pose.rotation) for pose in poses], np.float32)
+        self._views.rot = wp.array(axes, dtype=wp.mat33, device=self._device)
+        self.scene.place(state, self._tables, self._due)
+        wp.launch(
+            aim_freely, dim=len(poses), device=self._device,
+            inputs=[self._numbers, wp.array(place, dtype=wp.vec3d, device=self._device), self._tables],
+            outputs=[self._views],
+        )  # fmt: skip
+        launch_render(
+            self._numbers, self._views, self.scene, self._tables, self.lights, self._development, self._sums,
+            self.outputs,
+        )  # fmt: skip
+        return self.outputs[self.config.outputs[0]].numpy().copy()
+
+    def extent(self, state: State) -> npt.NDArray[np.float64]:
+        """(views, 2, 3) lowest and highest corner of what moves with bodies, world axes [m]; zeros without any."""
+        self.scene.place(state, self._tables, self._due)
+        origin = self._tables.origin.numpy()[list(self.worlds)]
+        boxes: tuple[Any, ...] = (self._tables.lower, self._tables.upper)
+        lower, upper = (array.numpy()[list(self.worlds)].astype(np.float64) for array in boxes)
+        counts = (self.scene.body >= 0)[None, :] & (upper >= lower).all(axis=-1) & (upper < 1e17).all(axis=-1)
+        if not counts.any():
+            return np.repeat(origin[:, None], 2, axis=1)
+        low = np.where(counts[..., None], lower, np.inf).min(axis=1)
+        high = np.where(counts[..., None], upper, -np.inf).max(axis=1)
+        return np.stack([low, high], axis=1) + origin[:, None]

@@ -1,0 +1,1 @@
+"""Driving tasks: vehicles with suspensions, tires and drivetrains, among obstacles, on tracks and off the road."""

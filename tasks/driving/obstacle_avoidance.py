@@ -1,0 +1,203 @@
+"""Obstacle avoidance: a truck drives along a straight road past three pillars that stand anywhere across it.
+
+After ``camera_obstacle_avoidance-v0`` of gym-chrono: the road, the pillars, the camera and the end
+are the original's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import torch
+
+from ..config import require
+from ..drawing import Drawing, Line, View
+from ..registry import register
+from .base import DrivingConfig, DrivingTask, to_vehicle
+
+if TYPE_CHECKING:
+    from simwarp import ModelBuilder
+    from simwarp.sensors.scene import Visuals
+
+PILLARS_X = (25.0, 50.0, 75.0)
+PILLAR_HALF = (1.0, 1.0, 5.0)
+ROAD_HALF_WIDTH = 7.5
+TRUCK_HALF_WIDTH = 1.2
+PILLAR_COLOR = (0.04, 0.04, 0.7)
+_LENGTHS = 25.0
+_SPEED = 10.0
+
+
+@dataclasses.dataclass(frozen=True)
+class ObstacleAvoidanceConfig(DrivingConfig):
+    """Configuration of :class:`ObstacleAvoidanceTask`."""
+
+    dt: float = 0.003
+    """Physics step [s]."""
+    decimation: int = 33
+    """Physics steps per control step: ten actions a second."""
+    max_episode_steps: int = 200
+    """Control steps after which an episode is truncated: 20 s."""
+    spread: float = 5.0
+    """Pillars stand within this of the middle of the road [m]."""
+    end: float = 100.0
+    """Distance along the road that is to be driven [m]."""
+    progress_weight: float = 0.1
+    """Reward per metre nearer to the end."""
+    bonus: float = 9.0
+    """Reward at the end. The original pays 33 per metre and 3000 at the end: the same ratio."""
+
+    def validate(self) -> None:
+        """Check sizes."""
+        super().validate()
+        require(0.0 <= self.spread <= ROAD_HALF_WIDTH, self, "spread", f"in [0, {ROAD_HALF_WIDTH}]")
+        require(self.end > 0.0, self, "end", "positive")
+
+
+@register("obstacle-avoidance")
+class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
+    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; or, with
+    ``obs`` state, ``policy`` (W, 13): place across the road, heading, motion, inputs, and the next two pillars.
+
+    Actions: steering (positive to the left), and throttle (positive) or brake (negative).
+    """
+
+    summary: ClassVar[str] = "obstacle avoidance: a truck passes three pillars on a road, by camera or by state"
+    config_type: ClassVar[type[DrivingConfig]] = ObstacleAvoidanceConfig
+    per_world: ClassVar[tuple[str, ...]] = ("shape_x", "joint_friction", "coupling_coefficient")
+    success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})
+    training: ClassVar[Mapping[str, Any]] = {
+        "iterations": 250,
+        "num_envs": 256,
+        "steps_per_iteration": 32,
+        "network.hidden": (64, 64),
+        "network.init_std": 0.5,
+        "ppo.gamma": 0.99,
+        "ppo.entropy": 0.002,
+    }
+
+    def build_world(self, builder: ModelBuilder) -> None:
+        """Three pillars; a reset moves them across the road."""
+        import simwarp as sw
+
+        self.pillars = [
+            builder.add_shape_box(
+                sw.WORLD, half=PILLAR_HALF, pose=sw.pose((x, 0.0, PILLAR_HALF[2])), name=f"pillar_{index}"
+            )
+            for index, x in enumerate(PILLARS_X)
+        ]
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Blue pillars on a grey road; nothing beside it."""
+        import simwarp as sw
+
+        for pillar in self.pillars:
+            visuals.show(pillar, color=PILLAR_COLOR, label=1)
+        visuals.add_box(
+            sw.WORLD, half=(125.0, ROAD_HALF_WIDTH, 5.0), pose=sw.pose((75.0, 0.0, -5.0)), name="road",
+            color=(0.3, 0.3, 0.3),
+        )  # fmt: skip
+
+    def setup(self) -> None:
+        """Make views of the pillars."""
+        from simwarp.interop import to_torch
+
+        super().setup()
+        self._shape_x = to_torch(self.simulation.model.shape_x)
+        first = self.pillars[0]
+        self._pillar_x = self._shape_x[:, first : first + len(self.pillars)]
+        self._before = torch.zeros(self.num_worlds, dtype=torch.float64, device=self.device)
+        self._far = torch.tensor([2.0 * _LENGTHS, 0.0], device=self.device)
+
+    def begin_step(self) -> None:
+        """Remember the distance to the end."""
+        super().begin_step()
+        self._before.copy_(self._distance())
+
+    def _distance(self) -> torch.Tensor:
+        """(W,) from the end of the road, at its middle [m]."""
+        point, _ = self.pose()
+        goal = point.new_tensor([self.config.end, 0.0])
+        return (goal - point[:, :2]).norm(dim=1)
+
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Return the image and what the truck measures itself, or its exact state."""
+        motion = self.motion()
+        own = torch.stack([motion[:, 0] / _SPEED, motion[:, 2], self.action[:, 0]], dim=1)
+        if self.camera is not None:
+            from simwarp.interop import to_torch
+
+            return {"policy": own, "camera": to_torch(self.camera.data)}
+        point, heading = self.pose()
+        passed = (self._pillar_x[..., 0] < point[:, :1] - 3.0).sum(dim=1, keepdim=True)
+        place = to_vehicle(self._pillar_x[..., :2], heading, point[:, :2])
+        places = torch.cat([place, self._far.expand(self.num_worlds, 2, 2)], dim=1)
+        index = (passed + torch.arange(2, device=self.device)).unsqueeze(2).expand(-1, -1, 2)
+        following = places.gather(1, index) / _LENGTHS
+        policy = torch.cat(
+            [
+                own,
+                motion[:, 1:2],
+                self.action[:, 1:],
+                (point[:, 1:2] / ROAD_HALF_WIDTH).float(),
+                heading.sin().unsqueeze(1),
+                heading.cos().unsqueeze(1),
+                ((self.config.end - point[:, :1]) / self.config.end).float(),
+                following.flatten(1),
+            ],
+            dim=1,
+        )
+        return {"policy": policy}
+
+    def rewards(self) -> dict[str, torch.Tensor]:
+        """Return ``progress`` towards the end, and the ``goal``'s bonus."""
+        return {
+            "progress": (self.config.progress_weight * (self._before - self._distance())).float(),
+            "goal": self.config.bonus * self._at_end().float(),
+        }
+
+    def _at_end(self) -> torch.Tensor:
+        point, _ = self.pose()
+        return (point[:, 0] > self.config.end) & ~self._hit
+
+    def terminations(self) -> dict[str, torch.Tensor]:
+        """Return ``goal``, ``collision`` with a pillar, and ``off_road``."""
+        point, _ = self.pose()
+        return {
+            "goal": self._at_end(),
+            "collision": self._hit.clone(),
+            "off_road": (point[:, 1].abs() + TRUCK_HALF_WIDTH > ROAD_HALF_WIDTH) | self.upset(),
+        }
+
+    def reset(self, world_mask: torch.Tensor) -> None:
+        """Stand at the beginning of the road; pillars anywhere across it."""
+        spread = self.config.spread
+        aside = self.random.uniform("pillars", -spread, spread, size=len(PILLARS_X)).double()
+        self._pillar_x[..., 1] = torch.where(world_mask.unsqueeze(1), aside, self._pillar_x[..., 1])
+        self._hit.masked_fill_(world_mask, False)
+
+    def metrics(self) -> dict[str, torch.Tensor]:
+        """Return the ``distance`` along the road [m]."""
+        point, _ = self.pose()
+        return {"distance": point[:, 0].float()}
+
+    def drawing(self) -> Drawing:
+        """Draw road, pillars and truck from above."""
+        point, heading = self.pose()
+        worlds = self.num_worlds
+        lines = []
+        for y in (-ROAD_HALF_WIDTH, ROAD_HALF_WIDTH):
+            edge = point.new_tensor([[0.0, y, 0.0], [self.config.end, y, 0.0]]).float()
+            lines.append(Line(edge.expand(worlds, 2, 3), "0.6", 1.0))
+        corner = point.new_tensor([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]).float()
+        for pillar in range(len(PILLARS_X)):
+            outline = self._pillar_x[:, pillar, :2].float().unsqueeze(1) + corner
+            lines.append(Line(torch.nn.functional.pad(outline, (0, 1)), "tab:blue", 2.0))
+        size = corner * corner.new_tensor([2.3, 1.1])
+        cosine, sine = heading.cos().view(-1, 1), heading.sin().view(-1, 1)
+        body = torch.stack([cosine * size[:, 0] - sine * size[:, 1], sine * size[:, 0] + cosine * size[:, 1]], dim=2)
+        truck = body + point[:, :2].float().unsqueeze(1)
+        lines.append(Line(torch.nn.functional.pad(truck, (0, 1)), "tab:orange", 2.0))
+        return Drawing(tuple(lines), View.TOP, ((-5.0, self.config.end + 5.0), (-9.0, 9.0)), panel=6.0)
