@@ -74,7 +74,7 @@ DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
 class DrivingTask(Task[DrivingT]):
     """A task whose actions are steering (positive to the left) and the pedals (positive throttle, negative brake).
 
-    A subclass writes `build_world`, `visuals`, and the task methods that are its own; its `reset` calls `place_vehicle`.
+    A subclass writes `build_world`, `visuals`, and the task methods of its own; its `reset` calls `place_vehicle`.
     """
 
     action_size: ClassVar[int] = 2
