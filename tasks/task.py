@@ -101,6 +101,8 @@ class Task(ABC, Generic[ConfigT]):
     """End reasons that count as success, unless ``metrics`` has a ``success``."""
     training: ClassVar[Mapping[str, Any]] = {}
     """Defaults of ``simwarp train`` for this task, such as ``{"iterations": 80, "ppo.gamma": 0.98}``."""
+    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Further defaults by the value of the configuration's field ``obs``, if there is one (``simwarp train --obs``)."""
 
     def __init__(
         self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0

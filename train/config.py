@@ -188,9 +188,16 @@ class TrainConfig:
             require(False, self, "num_envs", f"large enough for {self.ppo.mini_batches} mini-batches")
 
 
-def default_config(task: type[Task[Any]]) -> TrainConfig:
-    """Return the training configuration that a task asks for (``Task.training``)."""
-    return replace_fields(TrainConfig(), task.training)
+def default_config(task: type[Task[Any]], config: TaskConfig | None = None) -> TrainConfig:
+    """Return the training configuration that a task asks for (``Task.training``) with its own configuration."""
+    obs = obs_of(task.config_type() if config is None else config)
+    return replace_fields(TrainConfig(), {**task.training, **task.training_by_obs.get(obs or "", {})})
+
+
+def obs_of(config: TaskConfig) -> str | None:
+    """Return which observations a task's configuration chooses (its field ``obs``); None if there is no choice."""
+    obs = getattr(config, "obs", None)
+    return str(obs.value) if isinstance(obs, enum.Enum) else None
 
 
 _CLASSES = {

@@ -10,11 +10,11 @@ from typing import Any
 import torch
 from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_class
-from simwarp.tasks import InputError, Task
+from simwarp.tasks import InputError, Task, task_class
 from tensordict import TensorDict
 
 from .checkpoint import SUFFIX, load_checkpoint
-from .config import rsl_rl_config, train_config_from_plain
+from .config import obs_of, rsl_rl_config, train_config_from_plain
 from .networks import check_groups
 from .run_folder import RUNS, latest_run, resolve_checkpoint
 
@@ -39,14 +39,22 @@ class PolicySource:
     origin: str
 
 
-def shipped_policy(task_name: str) -> Path | None:
-    """Return the policy that comes with the package for a task, if there is one."""
-    path = SHIPPED / f"{task_name}{SUFFIX}"
-    return path if path.is_file() else None
+def shipped_policy(task_name: str, obs: str | None = None) -> Path | None:
+    """Return the policy that comes with the package for a task and its observations, if there is one.
+
+    Where the task has a choice of observations and ``obs`` makes none, the task's default comes first.
+    """
+    names = [f"{task_name}.{obs}"]
+    if obs is None:
+        choice = obs_of(task_class(task_name).config_type())
+        names = [task_name, f"{task_name}.{choice}", *sorted(path.stem for path in SHIPPED.glob(f"{task_name}.*.pt"))]
+    return next((path for name in names if (path := SHIPPED / f"{name}{SUFFIX}").is_file()), None)
 
 
-def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS) -> PolicySource:
+def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs: str | None = None) -> PolicySource:
     """Read the policy the user means: the given file or run, else the newest run, else the shipped one.
+
+    With ``obs`` only a policy of these observations will do.
 
     Raises:
         InputError: there is none, it cannot be read, or it is of another task.
@@ -55,20 +63,25 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS) -> P
         path = resolve_checkpoint(checkpoint)
         origin = f"checkpoint {path}"
     else:
-        run = latest_run(root, task_name)
-        shipped = shipped_policy(task_name)
+        run = latest_run(root, task_name, obs)
+        shipped = shipped_policy(task_name, obs)
         if run is not None:
             path = run.latest_checkpoint()
             origin = f"newest run, {path}"
         elif shipped is not None:
             path, origin = shipped, "policy shipped with simwarp"
         else:
+            of, option = (f" with {obs} observations", f" --obs {obs}") if obs else ("", "")
             raise InputError(
-                f"no policy for task '{task_name}': train one with `simwarp train {task_name}` or give --checkpoint"
+                f"no policy for task '{task_name}'{of}: train one with `simwarp train {task_name}{option}` or give"
+                " --checkpoint"
             )
     content = load_checkpoint(path)
     if content["task"] != task_name:
         raise InputError(f"checkpoint {path} is of task '{content['task']}', not '{task_name}'")
+    trained = content["task_config"].get("obs")
+    if obs not in (None, trained):
+        raise InputError(f"checkpoint {path} was trained on {trained} observations, not {obs}: leave --obs away")
     return PolicySource(path, content, origin)
 
 

@@ -128,12 +128,12 @@ def open_run(path: Path) -> RunFolder:
     return folder
 
 
-def latest_run(root: Path, task: str) -> RunFolder | None:
-    """Return the newest run of a task that has a checkpoint, if there is one."""
+def latest_run(root: Path, task: str, obs: str | None = None) -> RunFolder | None:
+    """Return the newest run of a task (with ``obs`` observations) that has a checkpoint, if there is one."""
     folders = sorted((path for path in (root / task).glob("*") if path.is_dir()), key=lambda path: path.name)
     for path in reversed(folders):
         folder = RunFolder(path)
-        if folder.checkpoint_files():
+        if folder.checkpoint_files() and obs in (None, folder.load_config()["task_config"].get("obs")):
             return folder
     return None
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.cli import DONE, UsageError
-from simwarp.cli.options import CommonOptions, option_value, parse_options, take_task, task_options
+from simwarp.cli.options import HELP, CommonOptions, option_value, parse_options, take_task, task_options
 from simwarp.tasks import make, task_class, task_names
 
 
@@ -33,17 +33,19 @@ def run(arguments: list[str]) -> int:
     from simwarp.train.trajectories import load_trajectories
 
     torch.set_num_threads(1)
-    train_config = default_config(cls)
+    source = option_value(arguments, "--data")
+    data = None if source is None or HELP & set(arguments) else load_trajectories(Path(source), name)
+    task_config = cls.config_type() if data is None else task_config_from_plain(cls, data.about["task_config"])
+    train_config = default_config(cls, task_config)
     kind = task_options("CloneCommand", CloneOptions, flat_clone=CloneConfig(), network=train_config.network)
     options: Any = parse_options(kind, arguments, f"simwarp clone {name}")
     options.check()
-    if option_value(arguments, "--data") is None:
+    if data is None:
         raise UsageError(f"which trajectories? usage: simwarp clone {name} --data FILE.npz")
     target = options.output or Path(f"{name}_clone.pt")
     if not target.parent.is_dir():
         raise UsageError(f"cannot write '{target}': folder {target.parent} does not exist")
-    data = load_trajectories(options.data, name)
-    task = make(name, 1, config=task_config_from_plain(cls, data.about["task_config"]))
+    task = make(name, 1, config=task_config)
     console = options.console()
 
     def report(epoch: int, loss: float) -> None:

@@ -11,7 +11,16 @@ from rich.console import Console
 from rich.table import Table
 
 from simwarp.cli import DONE, UsageError
-from simwarp.cli.options import CommonOptions, option_value, parse_options, take_task, task_options
+from simwarp.cli.options import (
+    HELP,
+    CommonOptions,
+    chosen_obs,
+    expand_obs,
+    option_value,
+    parse_options,
+    take_task,
+    task_options,
+)
 from simwarp.tasks import resolve_device, task_class, task_names
 
 if TYPE_CHECKING:
@@ -44,6 +53,7 @@ def run(arguments: list[str]) -> int:
     """Evaluate as the arguments say."""
     name, arguments = take_task(arguments, "eval", task_names())
     cls = task_class(name)
+    arguments = expand_obs(arguments, name, cls.config_type())
     import torch
 
     from simwarp.train.config import task_config_from_plain
@@ -61,7 +71,7 @@ def run(arguments: list[str]) -> int:
     options.check()
     _check_counts(options)
     device = resolve_device(options.device)
-    source = source or find_policy(name, options.checkpoint, options.runs)
+    source = source or find_policy(name, options.checkpoint, options.runs, chosen_obs(arguments))
     console = options.console()
     results: list[dict[str, Any]] = []
     # A value of the grid is one more option, so that it is typed and checked like any other; all before the first run
@@ -97,11 +107,11 @@ def policy_defaults(name: str, arguments: list[str], find: Any, from_plain: Any)
 
     Nothing where the arguments ask for help: that must work without a policy.
     """
-    if {"-h", "--help"} & set(arguments):
+    if HELP & set(arguments):
         return None, None
     checkpoint = option_value(arguments, "--checkpoint")
     runs = Path(option_value(arguments, "--runs") or "runs")
-    source = find(name, None if checkpoint is None else Path(checkpoint), runs)
+    source = find(name, None if checkpoint is None else Path(checkpoint), runs, chosen_obs(arguments))
     return source, from_plain(task_class(name), source.content["task_config"])
 
 

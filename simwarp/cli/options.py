@@ -21,6 +21,7 @@ from simwarp.cli import UsageError, one_line
 
 OptionsT = TypeVar("OptionsT")
 
+HELP = frozenset({"-h", "--help"})
 FLAT = tyro.conf.arg(name="")
 """Marks a nested dataclass whose fields are options without a prefix."""
 
@@ -100,11 +101,41 @@ def take_task(arguments: list[str], command: str, known: Iterable[str]) -> tuple
     for index, argument in enumerate(arguments):
         if argument in known:
             return argument, arguments[:index] + arguments[index + 1 :]
-    if {"-h", "--help"} & set(arguments):
+    if HELP & set(arguments):
         print(f"usage: simwarp {command} TASK [options]\n\ntasks: {', '.join(known)}")
         print(f"\n`simwarp {command} TASK --help` lists the options, which depend on the task.")
         raise SystemExit(0)
     raise UsageError(f"which task? usage: simwarp {command} TASK [options]; tasks: {', '.join(known)}")
+
+
+def expand_obs(arguments: list[str], task: str, config: Any) -> list[str]:
+    """Write ``--obs X`` as the option of the task's configuration that it stands for.
+
+    Raises:
+        UsageError: the task has no choice of observations, or not this one.
+    """
+    wanted = option_value(arguments, "--obs")
+    if wanted is None:
+        return arguments
+    if not hasattr(config, "obs"):
+        raise UsageError(f"task '{task}' has no choice of observations: leave --obs away")
+    choices = [kind.value for kind in type(config.obs)]
+    if wanted not in choices:
+        raise UsageError(f"--obs of task '{task}' must be {' or '.join(choices)}, got '{wanted}'")
+    return [f"--task.{word[2:]}" if word == "--obs" or word.startswith("--obs=") else word for word in arguments]
+
+
+def chosen_obs(arguments: list[str]) -> str | None:
+    """Return the observations that arguments choose after :func:`expand_obs`; None if they leave it to the task."""
+    return option_value(arguments, "--task.obs")
+
+
+def with_chosen_obs(arguments: list[str], config: Any) -> Any:
+    """Return a task's configuration with the observations that arguments choose, if that is one of its values."""
+    obs = chosen_obs(arguments)
+    kinds = type(config.obs) if obs is not None and hasattr(config, "obs") else ()
+    chosen = next((kind for kind in kinds if kind.value == obs), None)
+    return config if chosen is None else dataclasses.replace(config, obs=chosen)
 
 
 def take_path(arguments: list[str], command: str, what: str) -> tuple[Path, list[str]]:
@@ -115,7 +146,7 @@ def take_path(arguments: list[str], command: str, what: str) -> tuple[Path, list
     """
     if arguments and not arguments[0].startswith("-"):
         return Path(arguments[0]), arguments[1:]
-    if {"-h", "--help"} & set(arguments):
+    if HELP & set(arguments):
         return Path(), arguments
     raise UsageError(f"usage: simwarp {command} {what} [options]")
 

@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.cli import DONE, INTERRUPTED
-from simwarp.cli.options import CommonOptions, option_value, parse_options, take_task, task_options
+from simwarp.cli.options import (
+    CommonOptions,
+    expand_obs,
+    option_value,
+    parse_options,
+    take_task,
+    task_options,
+    with_chosen_obs,
+)
 from simwarp.tasks import task_class, task_names
 
 
@@ -27,6 +35,7 @@ def run(arguments: list[str]) -> int:
     """Train as the arguments say; 130 after an interruption."""
     name, arguments = take_task(arguments, "train", task_names())
     cls = task_class(name)
+    arguments = expand_obs(arguments, name, cls.config_type())
     # Only now what takes seconds to import: an unknown task is known at once
     from simwarp.train.checkpoint import load_checkpoint
     from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
@@ -34,7 +43,8 @@ def run(arguments: list[str]) -> int:
     from simwarp.train.run_folder import open_run, resolve_checkpoint
     from simwarp.train.training import train
 
-    config, task_config = default_config(cls), cls.config_type()
+    task_config = with_chosen_obs(arguments, cls.config_type())
+    config = default_config(cls, task_config)
     resume = option_value(arguments, "--resume")
     if resume is not None:
         saved = open_run(Path(resume)).load_config()
