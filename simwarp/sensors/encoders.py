@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, cast
 import numpy as np
 import warp as wp
 
-from simwarp.arrays import writable_from
+from simwarp.arrays import WritableArray, writable_from
 from simwarp.elements import ELEMENTS
 from simwarp.kernels.sensors.encoders import EncoderArrays, RateMeter, sample_encoder, sample_rate
 from simwarp.model import Model
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from simwarp.simulation import Simulation
 
 READINGS: Final = ("position", "counts", "speed")
+MEMORY: Final = ("origin", "last", "start")
 TURN: Final = 2.0 * math.pi
 Coordinate: TypeAlias = str | int
 """A joint of one coordinate by name, or a column of `joint_q` (`model.dof(name, local)`)."""
@@ -34,7 +35,8 @@ Coordinate: TypeAlias = str | int
 class EncoderConfig:
     """An encoder on coordinates of joints: a joint encoder, or that of a wheel.
 
-    Everything is told of the encoder's own shaft, which moves `ratio` times as far as the coordinate.
+    Everything is told of the encoder's own shaft, which moves `ratio` times as far as the coordinate. It knows whole
+    turns: positions go on beyond one.
 
     Attributes:
         schedule: when it measures; a frame holds the latest position or count of its window.
@@ -43,7 +45,7 @@ class EncoderConfig:
         counts_per_turn: of a rotation; one number, or one per coordinate. None: not counted.
         step: travel per count instead [rad or m].
         ratio: travel of the encoder per coordinate, of either sign; one number, or one per coordinate.
-        noise: of what is read, for positions and counts before they are counted [rad or m].
+        noise: of what is read; for positions and counts before they are counted [rad or m].
 
     Raises:
         ModelError: both a number of counts and a step, a value that is not positive, or counts of nothing.
@@ -59,14 +61,10 @@ class EncoderConfig:
     def __post_init__(self) -> None:
         if self.reading not in READINGS:
             raise ModelError(f"EncoderConfig: reading must be one of {', '.join(READINGS)}, got {self.reading!r}")
-        for name in ("counts_per_turn", "step", "ratio"):
-            value = getattr(self, name)
-            numbers = np.atleast_1d(np.asarray(1.0 if value is None else value, dtype=np.float64))
-            if not np.isfinite(numbers).all() or (
-                (numbers <= 0.0).any() and (name != "ratio" or (numbers == 0.0).any())
-            ):
-                rule = "finite and not 0" if name == "ratio" else "finite and > 0"
-                raise ModelError(f"EncoderConfig: {name} must be {rule}, got {value!r}")
+        for name in ("counts_per_turn", "step"):
+            if getattr(self, name) is not None:
+                _check_numbers(name, getattr(self, name), "> 0")
+        _check_numbers("ratio", self.ratio, "not 0")
         if self.counts_per_turn is not None and self.step is not None:
             raise ModelError("EncoderConfig: give either counts_per_turn or step, got both; a turn is 2 pi")
         if self.reading == "counts" and self.counts_per_turn is None and self.step is None:
@@ -85,9 +83,9 @@ class Encoder(Instrument):
         randomised: whether every world has rows of its own in the noise's parameters, `step` and `ratio`.
 
     Attributes:
-        data: (W, n) float32, see `EncoderConfig.reading`.
+        data: (W, n) float32, see `EncoderConfig.reading`; counts are exact up to 2^24.
         truth: the same without noise and not rounded to counts.
-        step, ratio: (1 or W, n) float32, to be written between steps; a step of 0: not counted.
+        step, ratio: (1 or W, n) float64, to be written between steps; a step of 0: positions and speeds not counted.
         noise: numbers of the noise (`NoiseChain.parameter`).
 
     Raises:
@@ -111,21 +109,22 @@ class Encoder(Instrument):
         arrays.dof = wp.array(self.dofs, dtype=int, device=model.device)
         for field, values in (("ratio", self.config.ratio), ("step", self._steps(model))):
             numbers = np.tile(_per_coordinate(name, field, values, count), (self.copies, 1))
-            setattr(arrays, field, writable_from(numbers, wp.float32, model.device))
-        for field in ("origin", "last", "start"):
-            zeros = wp.zeros((model.world_count, count), dtype=wp.float64, device=model.device)
-            setattr(arrays, field, zeros)
+            setattr(arrays, field, writable_from(numbers, wp.float64, model.device))
+        for field in MEMORY:
+            setattr(arrays, field, wp.zeros((model.world_count, count), dtype=wp.float64, device=model.device))
         self._encoder = arrays
 
     @property
-    def step(self) -> wp.array:
+    def step(self) -> WritableArray:
         """(1 or W, n) of the encoder's shaft per count [rad or m]."""
-        return self._encoder.step
+        found: WritableArray = self._encoder.step
+        return found
 
     @property
-    def ratio(self) -> wp.array:
+    def ratio(self) -> WritableArray:
         """(1 or W, n) travel of the encoder per coordinate."""
-        return self._encoder.ratio
+        found: WritableArray = self._encoder.ratio
+        return found
 
     @property
     def noise(self) -> NoiseChain:
@@ -135,10 +134,7 @@ class Encoder(Instrument):
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """What a snapshot keeps."""
-        return {
-            **super().memory,
-            **{f"shaft {name}": getattr(self._encoder, name) for name in ("origin", "last", "start")},
-        }
+        return {**super().memory, **{f"shaft {name}": getattr(self._encoder, name) for name in MEMORY}}
 
     def _steps(self, model: Model) -> Any:
         """Travel per count."""
@@ -210,12 +206,13 @@ class Tachometer(Instrument):
         config: schedule, unit, axis and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has a row of its own in the noise's parameters.
+        randomised: whether every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 1) float32 [rpm or rad/s].
         truth: the same without noise.
         noise: numbers of the noise (`NoiseChain.parameter`).
+        mount: (1 or W,) `rotation` quatd on the body, to be written between steps; without meaning on a joint.
 
     Raises:
         ModelError: the body or the joint does not exist.
@@ -228,10 +225,11 @@ class Tachometer(Instrument):
         self.config = TachometerConfig() if config is None else config
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 1)}
         super().__init__(model, name, self.config.schedule, 1, noise, seed=seed, randomised=randomised)
-        on_joint = not isinstance(source, Mount)
-        axis = unit_vector("TachometerConfig", "axis", self.config.axis)
-        self._meter = _meter(name, Mount() if on_joint else source, model, axis, turning=True)
-        self._meter.dof = _column(name, source, model) if on_joint else -1
+        on_body = isinstance(source, Mount)
+        self.mount: Any = mount_arrays(name, source if on_body else Mount(), model, self.copies)
+        self._meter = _meter(self.mount, unit_vector("TachometerConfig", "axis", self.config.axis))
+        self._meter.turning = 1
+        self._meter.dof = -1 if on_body else _column(name, source, model)
         self._meter.scale = wp.float64(60.0 / TURN if self.config.unit == "rpm" else 1.0)
 
     @property
@@ -252,12 +250,13 @@ class Speedometer(Instrument):
         config: schedule and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in the noise's parameters.
+        randomised: whether every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 1) float32 [m/s].
         truth: the same without noise.
         noise: numbers of the noise (`NoiseChain.parameter`).
+        mount: (1 or W,) `position` vec3d [m] and `rotation` quatd on the body, to be written between steps.
 
     Raises:
         ModelError: the body does not exist.
@@ -270,7 +269,8 @@ class Speedometer(Instrument):
         self.config = SpeedometerConfig() if config is None else config
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 1)}
         super().__init__(model, name, self.config.schedule, 1, noise, seed=seed, randomised=randomised)
-        self._meter = _meter(name, mount, model, (1.0, 0.0, 0.0), turning=False)
+        self.mount: Any = mount_arrays(name, mount, model, self.copies)
+        self._meter = _meter(self.mount, (1.0, 0.0, 0.0))
 
     @property
     def noise(self) -> NoiseChain:
@@ -281,13 +281,13 @@ class Speedometer(Instrument):
         return [_record_rate(self, self._meter, simulation)]
 
 
-def _meter(sensor: str, mount: Any, model: Model, axis: Vec3, *, turning: bool) -> Any:
+def _meter(mount: Any, axis: Any) -> Any:
+    """A meter of the velocity along an axis of a mount."""
     meter = cast(Any, RateMeter())
     meter.dof = -1
-    meter.turning = int(turning)
     meter.axis = wp.vec3d(*(float(component) for component in axis))
     meter.scale = wp.float64(1.0)
-    meter.mount = mount_arrays(sensor, mount, model)
+    meter.mount = mount
     return meter
 
 
@@ -336,7 +336,21 @@ def _turns(dof: int, model: Model) -> bool:
 
 
 def _per_coordinate(sensor: str, field: str, values: Any, count: int) -> Any:
+    """(count,) of one number, or one per coordinate."""
     numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if len(numbers) not in (1, count):
         raise ModelError(f"sensor '{sensor}': {field} must be one number or {count}, got {len(numbers)}")
     return np.broadcast_to(numbers, count)
+
+
+def _check_numbers(field: str, value: Any, rule: Literal["> 0", "not 0"]) -> None:
+    """One number or one per coordinate that keep a rule, or a ModelError."""
+    try:
+        numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        usable = numbers.ndim == 1 and numbers.size > 0 and bool(np.isfinite(numbers).all())
+    except (TypeError, ValueError):
+        usable = False
+    if not usable or isinstance(value, (str, bool)) or (numbers == 0.0 if rule == "not 0" else numbers <= 0.0).any():
+        raise ModelError(
+            f"EncoderConfig: {field} must be finite and {rule}, one number or one per joint, got {value!r}"
+        )

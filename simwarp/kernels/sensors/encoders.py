@@ -21,10 +21,10 @@ class EncoderArrays:
 
     reading: int  # POSITION, COUNTS or SPEED
     dof: wp.array[int]  # (n,) columns of joint_x
-    ratio: wp.array2d[float]  # (1 or W, n) turns of the encoder per coordinate
-    step: wp.array2d[float]  # (1 or W, n) of the encoder's shaft per count, 0: not counted [rad or m]
-    origin: wp.array2d[wp.float64]  # (W, n) count at the beginning of the episode
-    last: wp.array2d[wp.float64]  # (W, n) shaft after the last sub-step [rad or m]
+    ratio: wp.array2d[wp.float64]  # (1 or W, n) travel of the encoder's shaft per coordinate
+    step: wp.array2d[wp.float64]  # (1 or W, n) of the shaft per count, 0: not counted [rad or m]
+    origin: wp.array2d[wp.float64]  # (W, n) shaft at the beginning of the episode [rad or m]
+    last: wp.array2d[wp.float64]  # (W, n) after the last sub-step
     start: wp.array2d[wp.float64]  # (W, n) at the beginning of the window
 
 
@@ -65,15 +65,17 @@ def sample_encoder(
     row = tick.row[world]
     for index in range(encoder.dof.shape[0]):
         dof = encoder.dof[index]
-        ratio = wp.float64(encoder.ratio[copy, index])
-        step = wp.float64(encoder.step[copy, index])
+        ratio = encoder.ratio[copy, index]
+        step = encoder.step[copy, index]
         shaft = ratio * state.joint_x[world, dof]
+        if tick.mode[world] == BEGIN:
+            encoder.origin[world, index] = shaft
         if tick.first[world] == 1:
             encoder.start[world, index] = encoder.last[world, index]
         encoder.last[world, index] = shaft
         if tick.complete[world] == 1:
             true = shaft
-            value = wp.float64(0.0)
+            value = shaft
             if encoder.reading == SPEED:
                 true = ratio * wp.float64(state.joint_qd[world, dof])
                 value = true
@@ -88,11 +90,9 @@ def sample_encoder(
                 if encoder.reading == POSITION:
                     value = on_a_step(value, step)
                 else:
-                    value = counted(value, step)
-                    if tick.mode[world] == BEGIN:
-                        encoder.origin[world, index] = value
-                    value -= encoder.origin[world, index]
-                    true = shaft / step - encoder.origin[world, index]
+                    begin = encoder.origin[world, index]
+                    true = (shaft - begin) / step
+                    value = counted(value, step) - counted(begin, step)
             truth[row, index] = float(true)
             data[row, index] = float(value)
 
