@@ -58,6 +58,8 @@ class LoadCellConfig:
 class ContactSensor(Instrument):
     """The sum of all contact forces on a body, in axes of the sensor. Tires are force elements: they are not in it.
 
+    Forces of a sub-step are told in the axes that the sensor had at its beginning.
+
     Args:
         model: whose worlds it measures; with shapes.
         mount: the body, and the axes of the sensor on it; its place does not matter.
@@ -178,8 +180,8 @@ def _record_forces(
     return wp.launch(
         sample_forces, dim=model.world_count, device=model.device, record_cmd=True,
         inputs=[
-            frames.clock, mount, force, torque, index, simulation.state.arrays, frames.tick, sensor.noise.arrays,
-            torque_noise.arrays, sensor._sums,
+            frames.dt, frames.clock, mount, force, torque, index, simulation.state.arrays, frames.tick,
+            sensor.noise.arrays, torque_noise.arrays, sensor._sums,
         ],
         outputs=[frames.ring["truth"], frames.ring["data"]],
     )  # fmt: skip

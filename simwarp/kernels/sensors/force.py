@@ -4,17 +4,28 @@ import warp as wp
 
 from simwarp.kernels.sensors.clock import STEP, ClockSettings, Tick
 from simwarp.kernels.sensors.instrument import write_vector
-from simwarp.kernels.sensors.motion import MountArrays, mount_rotation
+from simwarp.kernels.sensors.motion import MountArrays, body_rate
 from simwarp.kernels.sensors.noise import NoiseArrays
-from simwarp.kernels.spatial import to_double
-from simwarp.kernels.tables import StateArrays
+from simwarp.kernels.spatial import to_double, to_float, turned
+from simwarp.kernels.tables import StateArrays, own
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+
+@wp.func
+def axes_of_forces(world: int, dt: wp.float64, mount: MountArrays, state: StateArrays) -> wp.quatd:
+    """Sensor axes to world axes at the beginning of the sub-step, where its forces have their directions."""
+    q = mount.rotation[own(world, mount.rotation.shape[0])]
+    if mount.body >= 0:
+        back = to_float(body_rate(world, mount.body, state) * -dt)
+        return turned(state.body_rot[world, mount.body], back) * q
+    return q
 
 
 @wp.kernel
 def sample_forces(
     # inputs
+    dt: wp.float64,
     clock: ClockSettings,
     mount: MountArrays,
     force: wp.array2d[wp.vec3],  # (W, things), world axes
@@ -34,7 +45,7 @@ def sample_forces(
     world = wp.tid()
     if tick.collecting[world] == 0:
         return
-    q = mount_rotation(world, mount, state)
+    q = axes_of_forces(world, dt, mount, state)
     value = wp.vec3d()
     if tick.mode[world] == STEP:
         value = wp.quat_rotate_inv(q, to_double(force[world, index]))
