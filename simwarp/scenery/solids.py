@@ -206,7 +206,7 @@ def turned_about_y(outline: npt.ArrayLike, colors: npt.ArrayLike, segments: int)
         segments: steps of the turn.
     """
     radius, y = np.asarray(outline, dtype=np.float64).T
-    angle = 2.0 * math.pi * np.arange(segments) / segments
+    angle = -2.0 * math.pi * np.arange(segments) / segments
     rings = np.stack([
         np.sin(angle)[:, None] * radius, np.broadcast_to(y, (segments, len(y))), np.cos(angle)[:, None] * radius,
     ], axis=2)  # fmt: skip
