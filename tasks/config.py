@@ -48,7 +48,8 @@ def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
         if rest:
             grouped.setdefault(head, {})[rest] = value
         else:
-            direct[head] = value
+            like = getattr(config, head)
+            direct[head] = type(like)(value) if isinstance(like, enum.Enum) and isinstance(value, str) else value
     for head, nested in grouped.items():
         direct[head] = replace_fields(direct.get(head, getattr(config, head)), nested)
     return dataclasses.replace(config, **direct)  # type: ignore[type-var]

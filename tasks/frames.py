@@ -37,3 +37,47 @@ def heading_quaternion(angle: torch.Tensor) -> torch.Tensor:
     """Return (W, 4) quaternions that turn by ``angle`` (W,) [rad] about the vertical."""
     zero = torch.zeros_like(angle)
     return torch.stack([zero, zero, (0.5 * angle).sin(), (0.5 * angle).cos()], dim=1)
+
+
+def rotate(rotation: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
+    """Return vectors (..., 3) of a body's axes in those of the world; rotations (..., 4) broadcast with them."""
+    axis, scalar = rotation[..., :3], rotation[..., 3:]
+    axis, vector = torch.broadcast_tensors(axis, vector)
+    twice = 2.0 * torch.linalg.cross(axis, vector, dim=-1)
+    return vector + scalar * twice + torch.linalg.cross(axis, twice, dim=-1)
+
+
+def quat_product(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    """Return the product of quaternions (..., 4), broadcast: ``second`` turns before ``first``."""
+    ax, ay, az, aw = first.unbind(dim=-1)
+    bx, by, bz, bw = second.unbind(dim=-1)
+    return torch.stack(
+        [
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        ],
+        dim=-1,
+    )
+
+
+def tilt_to(normal: torch.Tensor) -> torch.Tensor:
+    """Return (W, 4) the shortest turns that take the vertical to unit vectors (W, 3) that look upwards."""
+    x, y, z = normal.unbind(dim=1)
+    turn = torch.stack([-y, x, torch.zeros_like(x), 1.0 + z], dim=1)
+    return turn / turn.norm(dim=1, keepdim=True)
+
+
+def heading_of(rotation: torch.Tensor) -> torch.Tensor:
+    """Return (W,) the direction in which a body's x axis points, seen from above [rad]; rotations (W, 4)."""
+    x, y, z, w = rotation.unbind(dim=1)
+    return torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def to_heading(away: torch.Tensor, heading: torch.Tensor) -> torch.Tensor:
+    """Return plane vectors (W, N, 2) of the world in axes of a heading (W,): ahead and to the left."""
+    cosine, sine = heading.cos().unsqueeze(1), heading.sin().unsqueeze(1)
+    return torch.stack(
+        [cosine * away[..., 0] + sine * away[..., 1], cosine * away[..., 1] - sine * away[..., 0]], dim=2
+    )

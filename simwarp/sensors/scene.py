@@ -86,7 +86,7 @@ class Visuals:
 
     def show(self, shape: int, **look: Any) -> None:
         """Changes the look of a shape: fields of `Look`."""
-        index = self._of_shape(shape)
+        index = self.index_of(shape)
         instance = self.instances[index]
         self.instances[index] = dataclasses.replace(
             instance, look=dataclasses.replace(instance.look, **_checked_look(instance.name, look))
@@ -94,7 +94,7 @@ class Visuals:
 
     def hide(self, *shapes: int) -> None:
         """No ray meets these shapes."""
-        gone = {self._of_shape(shape) for shape in shapes}
+        gone = {self.index_of(shape) for shape in shapes}
         self.instances = [instance for index, instance in enumerate(self.instances) if index not in gone]
 
     def add_mesh(
@@ -128,6 +128,17 @@ class Visuals:
         self.meshes.append(TriangleMesh(np.asarray(points, np.float32), np.asarray(corners, np.int32)))
         self.mesh_looks.append(mesh)
         return len(self.meshes) - 1
+
+    def add_mesh_instance(
+        self, body: int, asset: int, *, name: str | None = None, pose: Pose | None = None,
+        scale: Vec3 = (1.0, 1.0, 1.0), **look: Any,
+    ) -> int:  # fmt: skip
+        """One more thing that shows a mesh of `add_mesh_asset`; returns the instance."""
+        if isinstance(asset, bool) or not 0 <= asset < len(self.meshes):
+            raise ModelError(f"visuals: asset must be in 0..{len(self.meshes) - 1}, got {asset!r}; see add_mesh_asset")
+        if self.mesh_looks[asset] is not None:
+            look.setdefault("color", (1.0, 1.0, 1.0))
+        return self._add(ShapeType.MESH, body, scale, name, pose, look, asset)
 
     def add_box(
         self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **look: Any
@@ -176,7 +187,8 @@ class Visuals:
         """The scene of a model that the same builder made; see `Scene`."""
         return Scene(self, model, per_world, origin_body)
 
-    def _of_shape(self, shape: int) -> int:
+    def index_of(self, shape: int) -> int:
+        """The instance that shows a shape of the model; those after a hidden one move up."""
         for index, instance in enumerate(self.instances):
             if instance.shape == shape and shape >= 0:
                 return index

@@ -5,14 +5,15 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 import torch
 
 from ..config import TaskConfig, require
-from ..frames import heading_quaternion
+from ..frames import heading_of, heading_quaternion, quat_product, rotate, tilt_to
 from ..simulation_access import Equipment
 from ..task import Task
 
@@ -20,13 +21,15 @@ if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
     from simwarp.model import Model
     from simwarp.sensors.camera import Camera
-    from simwarp.sensors.scene import Scene
+    from simwarp.sensors.scene import Scene, Visuals
     from simwarp.vehicle.assembly import VehicleParts
     from simwarp.vehicle.spec import VehicleSpec
     from simwarp.vehicle.vehicle import Vehicle
 
 SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""
+VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
+"""Model parameters that a vehicle writes, world by world."""
 CHASSIS_GROUP = 2
 """Bit of the collision group of the driven vehicle's chassis; obstacles meet nothing else."""
 
@@ -74,7 +77,7 @@ DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
 class DrivingTask(Task[DrivingT]):
     """A task whose actions are steering (positive to the left) and the pedals (positive throttle, negative brake).
 
-    A subclass writes `build_world`, `visuals`, and the task methods of its own; its `reset` calls `place_vehicle`.
+    A subclass writes `build_world`, `draw_world`, `start`, and the observations, rewards and terminations of its own.
     """
 
     action_size: ClassVar[int] = 2
@@ -96,6 +99,23 @@ class DrivingTask(Task[DrivingT]):
 
     def build_world(self, builder: ModelBuilder) -> None:
         """Add the shapes of one world to the builder: obstacles, walls. Optional."""
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Show the vehicle instead of the box that stands for it; subclasses add the world."""
+        visuals.hide(self.chassis_shape)
+
+    def draw_world(self, world_mask: torch.Tensor) -> None:
+        """Draw what differs in a new episode's world: from ``self.random`` and ``self.difficulty`` alone. Optional.
+
+        A run that is resumed draws the worlds of its episodes again.
+        """
+
+    @abstractmethod
+    def start(self, world_mask: torch.Tensor) -> None:
+        """Put the vehicle where it starts, with ``place_vehicle``."""
+
+    def end_step(self) -> None:
+        """Hear that the physics of a control step is done, before rewards. Optional."""
 
     def seen_per_world(self) -> Sequence[str]:
         """Return the arrays of the scene that differ by world."""
@@ -175,7 +195,6 @@ class DrivingTask(Task[DrivingT]):
 
         if self._scene is None:
             visuals = Visuals(self._builder)
-            visuals.hide(self.chassis_shape)
             self.visuals(visuals)
             paint(visuals)
             self._scene = visuals.finalize(model, per_world=self.seen_per_world(), origin_body=self.parts.chassis)
@@ -197,11 +216,14 @@ class DrivingTask(Task[DrivingT]):
         self._x, self._rotation = to_torch(state.body_x), to_torch(state.body_rot)
         self._velocity, self._omega = to_torch(state.body_v), to_torch(state.body_omega)
         self._start_x, self._start_rotation = self._x[0].clone(), self._rotation[0].clone()
-        reference = torch.as_tensor(self.parts.reference, dtype=torch.float64, device=self.device)
-        self._reference = reference.expand(self.num_worlds, 3)
+        self._reference = torch.as_tensor(self.parts.reference, dtype=torch.float64, device=self.device)
+        start, _ = self.pose()
+        self._start_x[:, :2] -= start[0, :2]
         contacts = to_torch(self.simulation.contacts.shape_contact_force)
         self._chassis_force = contacts[:, self.chassis_shape]
         self._hit = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
+        self.difficulty = torch.ones(self.num_worlds, device=self.device)
+        self._substep = 0
 
     def _settle(self) -> None:
         self.input.zero_()
@@ -217,37 +239,54 @@ class DrivingTask(Task[DrivingT]):
         self.input[:, 1] = action[:, 1].clamp(min=0.0)
         self.input[:, 2] = (-action[:, 1]).clamp(min=0.0)
 
+    def reset(self, world_mask: torch.Tensor) -> None:
+        """Draw a world and start in it."""
+        self.difficulty.copy_(torch.where(world_mask, self.level, self.difficulty))
+        self.draw_world(world_mask)
+        self.start(world_mask)
+        self._hit.masked_fill_(world_mask, False)
+
     def begin_step(self) -> None:
         """Forget the touches of the step before."""
         self._hit.zero_()
+        self._substep = 0
 
     def after_physics(self) -> None:
         """Notice a touch that may be over before the control step is."""
         self._hit |= (self._chassis_force != 0.0).any(dim=1)
+        self._substep += 1
+        if self._substep == self.config.decimation:
+            self.end_step()
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return the difficulty of the running episodes, from which their worlds are drawn again."""
+        return {"difficulty": self.difficulty}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Draw the worlds of the running episodes again."""
+        self.difficulty.copy_(state["difficulty"])
+        self.draw_world(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
 
     # ---- where the vehicle is ------------------------------------------------------------------------------------
 
     def place_vehicle(
-        self, world_mask: torch.Tensor, x: torch.Tensor, y: torch.Tensor, heading: torch.Tensor,
-        rise: torch.Tensor | None = None,
+        self, world_mask: torch.Tensor, place: torch.Tensor, heading: torch.Tensor,
+        normal: torch.Tensor | None = None,
     ) -> None:  # fmt: skip
-        """Put the settled vehicle at (x, y) [m] with a heading [rad], `rise` above its ground level, at rest.
+        """Put the settled vehicle, at rest, on the ground where ``world_mask`` (W,) is true.
 
-        Everything is (W,); only the worlds of the mask change. Positions of record keep float64.
+        Args:
+            world_mask: only these worlds change.
+            place: (W, 3) the point of the ground below its reference point [m].
+            heading: (W,) [rad].
+            normal: (W, 3) of the ground there; None: level ground.
         """
-        x, y, heading = x.double(), y.double(), heading.double()
-        height = torch.zeros_like(x) if rise is None else rise.double()
-        cosine, sine = heading.cos().unsqueeze(1), heading.sin().unsqueeze(1)
-        start = self._start_x
-        moved = torch.stack(
-            [
-                x.unsqueeze(1) + cosine * start[:, 0] - sine * start[:, 1],
-                y.unsqueeze(1) + sine * start[:, 0] + cosine * start[:, 1],
-                height.unsqueeze(1) + start[:, 2].expand(len(x), -1),
-            ],
-            dim=2,
-        )
-        turned = quat_product(heading_quaternion(heading).unsqueeze(1), self._start_rotation.unsqueeze(0))
+        turn = heading_quaternion(heading.double())
+        if normal is not None:
+            turn = quat_product(tilt_to(normal.double()), turn)
+        turn = turn.unsqueeze(1)
+        moved = place.double().unsqueeze(1) + rotate(turn, self._start_x)
+        turned = quat_product(turn, self._start_rotation)
         where = world_mask.view(-1, 1, 1)
         self._x.copy_(torch.where(where, moved, self._x))
         self._rotation.copy_(torch.where(where, turned, self._rotation))
@@ -258,10 +297,8 @@ class DrivingTask(Task[DrivingT]):
     def pose(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the reference point (W, 3) float64 [m] and the heading (W,) float32 [rad]."""
         rotation = self._rotation[:, self.parts.chassis]
-        point = self._x[:, self.parts.chassis] + turned_vector(rotation, self._reference)
-        x, y, z, w = rotation.unbind(dim=1)
-        heading = torch.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        return point, heading.float()
+        point = self._x[:, self.parts.chassis] + rotate(rotation, self._reference)
+        return point, heading_of(rotation).float()
 
     def motion(self) -> torch.Tensor:
         """Return (W, 3) float32: speed ahead and to the left [m/s], yaw rate [rad/s], in axes of the heading."""
@@ -277,38 +314,22 @@ class DrivingTask(Task[DrivingT]):
             dim=1,
         )
 
+    def tilt(self) -> torch.Tensor:
+        """Return (W, 2) float32: how far the axes ahead and to the left rise, as sines."""
+        x, y, z, w = self._rotation[:, self.parts.chassis].unbind(dim=1)
+        return torch.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)], dim=1).float()
+
     def upset(self) -> torch.Tensor:
         """Return (W,) bool: the chassis leans more than 60 degrees."""
         x, y, _, _ = self._rotation[:, self.parts.chassis].unbind(dim=1)
         return 1.0 - 2.0 * (x * x + y * y) < 0.5
 
 
-def quat_product(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Return the product of quaternions xyzw, broadcast."""
-    ax, ay, az, aw = a.unbind(dim=-1)
-    bx, by, bz, bw = b.unbind(dim=-1)
-    return torch.stack(
-        [
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ],
-        dim=-1,
+def outline(point: torch.Tensor, heading: torch.Tensor, half: tuple[float, float, float]) -> torch.Tensor:
+    """Return (W, 5, 3) the closed outline of a vehicle from above, at points (W, 3) with headings (W,)."""
+    corner = point.new_tensor([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * point.new_tensor(half[:2])
+    cosine, sine = heading.double().cos().view(-1, 1), heading.double().sin().view(-1, 1)
+    turned = torch.stack(
+        [cosine * corner[:, 0] - sine * corner[:, 1], sine * corner[:, 0] + cosine * corner[:, 1]], dim=2
     )
-
-
-def turned_vector(rotation: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
-    """Return vectors (W, 3) of a body's axes in those of the world; rotations (W, 4) xyzw."""
-    axis, scalar = rotation[:, :3], rotation[:, 3:]
-    twice = 2.0 * torch.linalg.cross(axis, vector, dim=1)
-    return vector + scalar * twice + torch.linalg.cross(axis, twice, dim=1)
-
-
-def to_vehicle(point: torch.Tensor, heading: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
-    """Return world points (W, N, 2) relative to a vehicle at `place` (W, 2), in axes of its heading (W,)."""
-    away = (point - place.unsqueeze(1)).float()
-    cosine, sine = heading.cos().unsqueeze(1), heading.sin().unsqueeze(1)
-    return torch.stack(
-        [cosine * away[..., 0] + sine * away[..., 1], cosine * away[..., 1] - sine * away[..., 0]], dim=2
-    )
+    return torch.nn.functional.pad(turned + point[:, None, :2], (0, 1)).float()

@@ -14,8 +14,9 @@ import torch
 
 from ..config import require
 from ..drawing import Drawing, Line, View
+from ..frames import to_heading
 from ..registry import register
-from .base import DrivingConfig, DrivingTask, to_vehicle
+from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
@@ -66,7 +67,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     summary: ClassVar[str] = "obstacle avoidance: a truck passes three pillars on a road, by camera or by state"
     config_type: ClassVar[type[DrivingConfig]] = ObstacleAvoidanceConfig
-    per_world: ClassVar[tuple[str, ...]] = ("shape_x", "joint_friction", "coupling_coefficient")
+    per_world: ClassVar[tuple[str, ...]] = ("shape_x", *VEHICLE_ARRAYS)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 250,
@@ -93,6 +94,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         """Blue pillars on a grey road; nothing beside it."""
         import simwarp as sw
 
+        super().visuals(visuals)
         for pillar in self.pillars:
             visuals.show(pillar, color=PILLAR_COLOR, label=1)
         visuals.add_box(
@@ -132,7 +134,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             return {"policy": own, "camera": to_torch(self.camera.data)}
         point, heading = self.pose()
         passed = (self._pillar_x[..., 0] < point[:, :1] - 3.0).sum(dim=1, keepdim=True)
-        place = to_vehicle(self._pillar_x[..., :2], heading, point[:, :2])
+        place = to_heading((self._pillar_x[..., :2] - point[:, :2].unsqueeze(1)).float(), heading)
         places = torch.cat([place, self._far.expand(self.num_worlds, 2, 2)], dim=1)
         index = (passed + torch.arange(2, device=self.device)).unsqueeze(2).expand(-1, -1, 2)
         following = places.gather(1, index) / _LENGTHS
@@ -171,12 +173,14 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             "off_road": (point[:, 1].abs() + TRUCK_HALF_WIDTH > ROAD_HALF_WIDTH) | self.upset(),
         }
 
-    def reset(self, world_mask: torch.Tensor) -> None:
-        """Stand at the beginning of the road; pillars anywhere across it."""
+    def draw_world(self, world_mask: torch.Tensor) -> None:
+        """Pillars anywhere across the road."""
         spread = self.config.spread
         aside = self.random.uniform("pillars", -spread, spread, size=len(PILLARS_X)).double()
         self._pillar_x[..., 1] = torch.where(world_mask.unsqueeze(1), aside, self._pillar_x[..., 1])
-        self._hit.masked_fill_(world_mask, False)
+
+    def start(self, world_mask: torch.Tensor) -> None:
+        """Stand at the beginning of the road, where the simulation's initial state is."""
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the ``distance`` along the road [m]."""
@@ -193,11 +197,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             lines.append(Line(edge.expand(worlds, 2, 3), "0.6", 1.0))
         corner = point.new_tensor([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]).float()
         for pillar in range(len(PILLARS_X)):
-            outline = self._pillar_x[:, pillar, :2].float().unsqueeze(1) + corner
-            lines.append(Line(torch.nn.functional.pad(outline, (0, 1)), "tab:blue", 2.0))
-        size = corner * corner.new_tensor([2.3, 1.1])
-        cosine, sine = heading.cos().view(-1, 1), heading.sin().view(-1, 1)
-        body = torch.stack([cosine * size[:, 0] - sine * size[:, 1], sine * size[:, 0] + cosine * size[:, 1]], dim=2)
-        truck = body + point[:, :2].float().unsqueeze(1)
-        lines.append(Line(torch.nn.functional.pad(truck, (0, 1)), "tab:orange", 2.0))
+            foot = self._pillar_x[:, pillar, :2].float().unsqueeze(1) + corner
+            lines.append(Line(torch.nn.functional.pad(foot, (0, 1)), "tab:blue", 2.0))
+        lines.append(Line(outline(point, heading, (2.3, 1.1, 1.0)), "tab:orange", 2.0))
         return Drawing(tuple(lines), View.TOP, ((-5.0, self.config.end + 5.0), (-9.0, 9.0)), panel=6.0)

@@ -1,0 +1,81 @@
+"""Where a vehicle thinks it is: place and speed by a satellite receiver, heading by a gyroscope."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+if TYPE_CHECKING:
+    from simwarp.model import Model
+    from simwarp.vehicle.assembly import VehicleParts
+
+PLACE_NOISE = 0.1
+"""Of the receiver, per axis [m]."""
+SPEED_NOISE = 0.05
+"""Of the receiver's velocity, per axis [m/s]."""
+RATE_NOISE = 0.01
+"""Of the gyroscope, white [rad/s]."""
+RATE_BIAS = 0.002
+"""Of the gyroscope, its bias at the beginning of an episode [rad/s]."""
+
+
+class Navigation:
+    """A receiver and a gyroscope on the chassis, both read once per control step.
+
+    Args:
+        model: whose worlds are measured.
+        parts: of the vehicle.
+        dt: physics step [s].
+        decimation: physics steps per control step.
+        seed: of the noise.
+
+    Attributes:
+        sensors: to be given to the simulation.
+        heading: (W,) float32, integrated [rad].
+    """
+
+    def __init__(self, model: Model, parts: VehicleParts, dt: float, decimation: int, seed: int) -> None:
+        from simwarp.sensors.contract import Mount, Schedule
+        from simwarp.sensors.gps import Gps, GpsConfig
+        from simwarp.sensors.imu import Imu, ImuConfig
+        from simwarp.sensors.noise import BiasWalk, NormalNoise
+        from simwarp.types import pose
+
+        self._period = dt * decimation
+        rate = 1.0 / self._period
+        mount = Mount(body=parts.chassis, pose=pose(parts.reference))
+        self._gps = Gps(
+            model, mount,
+            GpsConfig(
+                schedule=Schedule(rate=rate), noise=(NormalNoise(std=PLACE_NOISE),),
+                velocity_noise=(NormalNoise(std=SPEED_NOISE),),
+            ),
+            seed=seed,
+        )  # fmt: skip
+        self._imu = Imu(
+            model, mount,
+            ImuConfig(
+                schedule=Schedule(rate=rate, window=self._period), outputs=("gyroscope",),
+                gyroscope_noise=(NormalNoise(std=RATE_NOISE), BiasWalk(rate=1e-4, initial_std=RATE_BIAS)),
+            ),
+            seed=seed,
+        )  # fmt: skip
+        self.sensors: list[Any] = [self._gps, self._imu]
+        from simwarp.interop import to_torch
+
+        self._position, self._velocity = to_torch(self._gps.position), to_torch(self._gps.velocity)
+        self._rate = to_torch(self._imu.data)[:, 2]
+        self.heading = torch.zeros_like(self._rate)
+
+    def begin(self, world_mask: torch.Tensor, heading: torch.Tensor) -> None:
+        """Know the heading (W,) [rad] where an episode begins."""
+        self.heading.copy_(torch.where(world_mask, heading.float(), self.heading))
+
+    def advance(self) -> None:
+        """Turn the heading by what the gyroscope measured over the control step that ends."""
+        self.heading += self._period * self._rate
+
+    def estimate(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return place (W, 2) [m], heading (W,) [rad] and speed (W,) [m/s]."""
+        return self._position[:, :2], self.heading, self._velocity[:, :2].norm(dim=1)
