@@ -8,7 +8,7 @@ import warp as wp
 
 from simwarp.kernels.collision.broad import Grid, candidates, fill_grid
 from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY, Assets, Manifold, Shape
-from simwarp.kernels.collision.support import Bounds, shape_bounds
+from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
 from simwarp.kernels.collision.terrain import TRIANGLE_BATCH, Ground, ground_bounds, ground_of, is_ground
 from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_contacts
 from simwarp.kernels.contact_rows import contact_frame
@@ -18,6 +18,7 @@ from simwarp.types import ShapeType, WorldStatus
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
+HULL = wp.constant(int(ShapeType.HULL))
 PLANE = wp.constant(int(ShapeType.PLANE))
 NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 
@@ -143,7 +144,16 @@ def place_shapes(
         scratch.x[lane, shape] = x
         scratch.rot[lane, shape] = rot
         scratch.velocity[lane, shape] = velocity
-        bounds = bounds_of(placed(shape, world, x, lane, topology, parameters, scratch), assets)
+        geometry = placed(shape, world, x, lane, topology, parameters, scratch)
+        bounds = Bounds()
+        if body < 0 and geometry.kind == HULL:
+            # a scene of many rocks: a ball about each costs one look, the exact box one for each of its corners
+            r = core_radius(geometry, assets) + geometry.margin
+            centre = inner_point(geometry, assets)
+            bounds.lower = centre - wp.vec3(r, r, r)
+            bounds.upper = centre + wp.vec3(r, r, r)
+        else:
+            bounds = bounds_of(geometry, assets)
         scratch.lower[lane, shape] = bounds.lower
         scratch.upper[lane, shape] = bounds.upper
         sweep = float(0.0)
