@@ -140,9 +140,8 @@ def _furniture(line: Array, side: float, height: float, rng: np.random.Generator
                 break
             place = start + (at + 0.5 * width) * along
             # in its own frame a thing hangs on the plane y = 0 and looks towards -y: the right of the line
-            thing = [moved(part, scale=(1.0, 1.0, 1.0)) for part in _thing(kind, width, height, rng)]
             turn = yaw if side > 0.0 else yaw + math.pi
-            parts += [moved(part, (*place, 0.0), yaw=turn) for part in thing]
+            parts += [moved(part, (*place, 0.0), yaw=turn) for part in _thing(kind, width, height, rng)]
             at += width + rng.uniform(0.5, 1.6)
     return parts
 

@@ -39,7 +39,7 @@ class Course:
     right: Prop
 
 
-def race_course(track: Track, *, barrier_length: float = 2.0, barrier_height: float = 0.8) -> Course:
+def race_course(track: Track, *, barrier_length: float = 2.0, barrier_height: float = 1.0) -> Course:
     """Red and white barriers on both borders of a track, and the road between them.
 
     Args:
@@ -108,6 +108,66 @@ def convoy_path(
     for _ in range(index // 4):
         nodes = np.stack([nodes[:, 1], -nodes[:, 0]], axis=1)
     return smooth(nodes, spacing=spacing)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Detour:
+    """A way past large obstacles that stand on the straight line from its start to its end.
+
+    Attributes:
+        path: from (-length / 2, 0) to (length / 2, 0).
+        obstacles: (k, 3) x, y and radius of the obstacles [m].
+        clear: least distance of the path from an obstacle's edge [m].
+    """
+
+    path: Path
+    obstacles: Array
+    clear: float
+
+
+def detour(
+    seed: int = 0, *, length: float = 180.0, count: int = 4, radius: tuple[float, float] = (3.0, 6.0),
+    clear: float = 4.0, spacing: float = 0.5,
+) -> Detour:  # fmt: skip
+    """A smooth path around large obstacles, each passed on a side at random: for tests of what was trained on
+    `convoy_path`.
+
+    Args:
+        seed: of places and sizes of the obstacles, and of the sides.
+        length: of the straight line [m].
+        count: of the obstacles.
+        radius: least and greatest, of the obstacles [m].
+        clear: least distance of the path from an obstacle's edge [m]: half a vehicle's width and more.
+        spacing: of the points of the path [m].
+
+    Raises:
+        ModelError: there is too little room between the obstacles.
+    """
+    least, most = (positive_number("detour", "radius", value, "m", "pass metres") for value in radius)
+    long = positive_number("detour", "length", length, "m", "pass metres")
+    room = positive_number("detour", "clear", clear, "m", "pass metres")
+    pitch = long / (count + 1)
+    if isinstance(count, bool) or count < 1 or least > most or pitch < 3.0 * (most + room):
+        raise ModelError(
+            f"detour: count >= 1, least <= greatest radius and 3 (radius + clear) <= length / (count + 1) must hold, "
+            f"got count={count!r}, radius={radius!r}, clear={room:g}, length={long:g} m; make it longer"
+        )
+    rng = stream("detour", seed)
+    sizes = rng.uniform(least, most, count)
+    along = -0.5 * long + pitch * (np.arange(count) + 1.0 + rng.uniform(-0.2, 0.2, count))
+    aside = rng.uniform(-0.3, 0.3, count) * sizes
+    sides = rng.choice([-1.0, 1.0], count)
+    obstacles = np.stack([along, aside, sizes], axis=1)
+    past = aside + sides * (sizes + room)
+    for _ in range(30):
+        nodes = np.stack([np.concatenate([[-0.5 * long], along, [0.5 * long]]), np.pad(past, 1)], axis=1)
+        path = smooth(nodes, spacing=spacing)
+        away = np.linalg.norm(path.points[:, None] - obstacles[None, :, :2], axis=2).min(axis=0)
+        short = sizes + room - away
+        if short.max() <= 0.0:
+            return Detour(path, obstacles, room)
+        past += sides * np.maximum(1.1 * short, 0.0)
+    raise ModelError(f"detour: a path must stay {room:g} m clear, but none did with seed {seed}; make it longer")
 
 
 def beside(

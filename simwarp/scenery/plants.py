@@ -48,7 +48,7 @@ def _ball(radii: Array, at: Array) -> Proxy:
 def _spruce(height: float, rng: np.random.Generator) -> tuple[VisualMesh, tuple[Proxy, ...]]:
     """Skirts of needles, one above the other."""
     stem, radius = 0.1 * height, 0.22 * height
-    dark, light = tone("1d3a22"), tone("3f6b3a")
+    dark, light = tone("25482b"), tone("4f7f48")
     parts = [trunk(0.4 * height, 0.022 * height, tone("4a3728"), rng)]
     tiers, sides = 5, 9
     for tier in range(tiers):
@@ -168,29 +168,51 @@ def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Pr
 
 
 _BUSHES: Final = {
-    "round": (("2c4a1d", "7f9b48"), 1.0),
-    "dry": (("6b5a33", "b9a566"), 0.8),
-    "juniper": (("24402f", "577a58"), 1.25),
+    "round": (("2c4a1d", "84a04a"), 1.0, 1.35),
+    "dry": (("6b5a33", "c4b06c"), 0.8, 1.6),
+    "juniper": (("274734", "648a64"), 1.2, 3.3),
 }
+TWIGS: Final = 40
+"""That stick out of a bush."""
 BUSHES: Final = tuple(_BUSHES)
 """Kinds of bushes."""
 
 
-def bush(kind: str = "round", seed: int = 0, *, width: float = 1.4) -> Prop:
-    """A bush: four dented balls of leaves on the ground, 320 triangles; its foot is flat.
+def twigs(
+    radii: Array, at: Array, colors: tuple[Array, Array], rng: np.random.Generator, *, count: int = TWIGS
+) -> VisualMesh:  # fmt: skip
+    """Thin pyramids of three sides that stand out of an ellipsoid of half axes `radii` about `at` [m], upwards."""
+    way = rng.normal(size=(count, 3))
+    way[:, 2] = np.abs(way[:, 2])
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    side = np.cross(way, rng.normal(size=(count, 3)))
+    side *= 0.22 / np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(way, side)
+    foot = 0.7 * way
+    corners = [foot + math.cos(a) * side + math.sin(a) * other for a in (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)]
+    tip = way * rng.uniform(1.02, 1.25, (count, 1))
+    points = np.stack([*corners, tip], axis=1)
+    faces = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
+    triangles = (4 * np.arange(count)[:, None, None] + faces).reshape(-1, 3)
+    color = np.repeat(varied(between(*colors, rng.random(count)), count, rng, 0.2), 4, axis=0)
+    return solid(points.reshape(-1, 3) * radii + at, triangles, color)
+
+
+def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> Prop:
+    """A bush: four dented balls of leaves on the ground and twigs that stick out, 480 triangles; its foot is flat.
 
     Args:
         kind: one of `BUSHES`.
         seed: of its form and colours.
-        width: of the larger side of the box around it [m].
+        width: of the larger side of the box around it [m]; None: 1.35 to 3.3, as the kind is.
 
     Returns:
         A prop with one HULL.
     """
     if kind not in _BUSHES:
         raise ModelError(f"bush: kind must be one of {', '.join(BUSHES)}, got {kind!r}")
-    wide = positive_number("bush", "width", width, "m", "pass metres")
-    codes, tall = _BUSHES[kind]
+    codes, tall, usual = _BUSHES[kind]
+    wide = usual if width is None else positive_number("bush", "width", width, "m", "pass metres")
     colors = (tone(codes[0]), tone(codes[1]))
     rng = stream(f"bush {kind}", seed)
     parts = [leaves(np.array([0.36, 0.36, 0.38 * tall]), np.array([0.0, 0.0, 0.3 * tall]), colors, rng, rough=0.25)]
@@ -198,6 +220,7 @@ def bush(kind: str = "round", seed: int = 0, *, width: float = 1.4) -> Prop:
         at = np.array([0.24 * math.cos(angle), 0.24 * math.sin(angle), 0.2 * tall])
         size = np.array([0.25, 0.25, 0.26 * tall]) * rng.uniform(0.8, 1.15)
         parts.append(leaves(size, at, colors, rng, rough=0.25))
+    parts.append(twigs(np.array([0.42, 0.42, 0.45 * tall]), np.array([0.0, 0.0, 0.25 * tall]), colors, rng))
     mesh = joined(parts)
     points = mesh.vertices.copy()
     low, high = points.min(axis=0), points.max(axis=0)

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.rotation import quat_multiply, rotate
-from simwarp.scenery.solids import icosphere
-from simwarp.types import WORLD, Pose, ShapeType, pose
-from simwarp.visual_mesh import VisualMesh
+from simwarp.scenery.solids import icosphere, moved
+from simwarp.types import WORLD, ModelError, Pose, ShapeType, pose
+from simwarp.visual_mesh import VisualMesh, joined
 
 if TYPE_CHECKING:
     from simwarp.builder import ModelBuilder
@@ -114,6 +114,29 @@ class Prop:
     def hull(self) -> Array:
         """(N, 3) points whose hull is the first proxy: an asset for slots that show one prop or another."""
         return self.proxies[0].corners()
+
+
+def arranged(prop: Prop, places: npt.ArrayLike) -> Prop:
+    """Copies of a prop as one: a row of cones costs a camera one instance, not one for each.
+
+    Args:
+        prop: what is copied.
+        places: (n, 3) x, y [m] and yaw [rad] on level ground, as `Track.marks`, `beside` and `scattered` give them.
+    """
+    rows = np.asarray(places, dtype=np.float64).reshape(-1, 3)
+    if not len(rows) or not np.isfinite(rows).all():
+        raise ModelError(f"arranged: places must be (n >= 1, 3) finite numbers, got {places!r}; pass x, y and yaw")
+    proxies = []
+    for x, y, yaw in rows:
+        frame = yaw_pose(x, y, 0.0, yaw)
+        for proxy in prop.proxies:
+            place = pose(
+                frame.position + rotate(frame.rotation, proxy.pose.position),
+                quat_multiply(frame.rotation, proxy.pose.rotation),
+            )
+            proxies.append(dataclasses.replace(proxy, pose=place))
+    mesh = joined([moved(prop.mesh, (x, y, 0.0), yaw=yaw) for x, y, yaw in rows.tolist()])
+    return dataclasses.replace(prop, mesh=mesh, proxies=tuple(proxies))
 
 
 def rotate_all(rotation: Array, points: Array) -> Array:

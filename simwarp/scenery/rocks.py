@@ -27,14 +27,14 @@ class _Style:
 
 
 _STYLES: Final = {
-    "boulder": _Style((2.4, 2.0, 1.5), 14, 0.34, 0.05, ("6b6257", "a39a8c")),
-    "slab": _Style((3.0, 2.2, 0.8), 12, 0.3, 0.05, ("5d5a55", "989389")),
-    "shard": _Style((1.6, 1.3, 2.2), 9, 0.75, 0.02, ("5a5450", "8f867d")),
-    "cobble": _Style((1.6, 1.4, 1.0), 5, 0.12, 0.04, ("7a6f60", "b3a793")),
-    "mossy": _Style((2.2, 2.4, 1.6), 12, 0.28, 0.06, ("5f594f", "8e8577"), 0.8),
+    "boulder": _Style((3.183, 3.628, 2.3), 12, 0.36, 0.06, ("776d60", "b0a696")),
+    "slab": _Style((4.012, 2.649, 1.2), 12, 0.3, 0.05, ("686560", "a39e94")),
+    "shard": _Style((2.531, 2.489, 3.2), 9, 0.75, 0.02, ("665f5a", "9c938a")),
+    "cobble": _Style((3.802, 2.57, 1.7), 5, 0.12, 0.04, ("877b6b", "c0b49f")),
+    "mossy": _Style((2.418, 4.473, 2.0), 11, 0.3, 0.07, ("655f54", "968d7f"), 0.8),
 }
 ROCKS: Final = tuple(_STYLES)
-"""Kinds of rocks."""
+"""Kinds of rocks. As they come they are as long and wide as the five rocks of the original off-road task."""
 
 
 def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, detail: int = 2) -> Prop:
@@ -68,7 +68,7 @@ def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, deta
     dark, light = (tone(code) for code in style.colors)
     color = between(dark, light, 0.25 + 0.4 * height + 0.3 * normals[:, 2])
     color = between(color, tone("55702f"), style.moss * np.clip(2.0 * normals[:, 2] - 0.7, 0.0, 1.0))
-    color = varied(color, len(triangles), rng, 0.14)
+    color = varied(color, len(triangles), rng, 0.1)
     # corners of the hull: what lies farthest along 42 directions
     farthest = np.unique((icosphere(1)[0] / extent @ points.T).argmax(axis=1))
     hull = Proxy(kind=ShapeType.HULL, points=points[farthest])
@@ -89,7 +89,7 @@ def _cut(points: Array, style: _Style, rng: np.random.Generator) -> Array:
     normals = rng.normal(size=(style.cuts, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     depths = rng.uniform(0.25, 1.0, style.cuts) * style.depth
-    normals[0], depths[0] = (0.0, 0.0, -1.0), 0.65
+    normals[0], depths[0] = (0.0, 0.0, -1.0), 0.8
     for normal, depth in zip(normals, depths, strict=True):
         beyond = np.maximum(points @ normal - (1.0 - depth), 0.0)
         # a last 3 % stays, so that triangles on the plane keep an outside

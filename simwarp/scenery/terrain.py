@@ -21,7 +21,7 @@ WAVES = 48
 
 def hills(
     seed: int = 0, *, size: tuple[float, float] = (120.0, 120.0), spacing: float = 1.0, amplitude: float = 2.5,
-    wavelength: tuple[float, float] = (25.0, 60.0),
+    wavelength: tuple[float, float] = (35.0, 90.0),
 ) -> Heights:  # fmt: skip
     """Smooth random hills for `add_shape_height_field(..., size=size)`: the field is centred on the origin.
 
@@ -61,9 +61,10 @@ def hills(
 
 
 def flattened(
-    heights: npt.ArrayLike, size: Sequence[float], discs: npt.ArrayLike, *, blend: float = 6.0
+    heights: npt.ArrayLike, size: Sequence[float], discs: npt.ArrayLike, *, blend: float = 12.0
 ) -> Heights:  # fmt: skip
-    """The same ground with level discs, each as high as the ground was in its middle; slopes lead to them.
+    """The same ground with level discs, each as high as the ground was in its middle; slopes lead to them. Nodes in a
+    disc have exactly its height, unless discs overlap. With narrow slopes the ground gets steeper than it was.
 
     Args:
         heights: (rows, columns) [m].
@@ -76,12 +77,15 @@ def flattened(
     x = np.linspace(-0.5 * size[0], 0.5 * size[0], columns)
     y = np.linspace(-0.5 * size[1], 0.5 * size[1], rows)
     width = positive_number("flattened", "blend", blend, "m", "pass metres")
+    total, weights = ground.copy(), np.ones_like(ground)
     for a, b, radius in np.asarray(discs, dtype=np.float64).reshape(-1, 3):
-        level = height_at(ground, size, [(a, b)])[0]
         t = np.clip((np.hypot(x[None] - a, y[:, None] - b) - radius) / width, 0.0, 1.0)
         share = t * t * (3.0 - 2.0 * t)
-        ground = level + share * (ground - level)
-    return ground.astype(np.float32)
+        # one disc alone gets the weight 1 - share; within a disc it outweighs the ground and all others
+        weight = (1.0 - share) / np.maximum(share, 1e-9)
+        total += weight * height_at(ground, size, [(a, b)])[0]
+        weights += weight
+    return np.asarray(total / weights, dtype=np.float32)
 
 
 def height_at(heights: npt.ArrayLike, size: Sequence[float], points: npt.ArrayLike) -> Array:

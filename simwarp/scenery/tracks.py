@@ -157,7 +157,7 @@ def indoor_track(
     """A random track of right-angled turns, as corridors around blocks of rooms are.
 
     Args:
-        seed: of its form; every other one runs clockwise.
+        seed: of its form; about half of them run clockwise.
         blocks: of rooms that it goes round; more of them give more turns.
         pitch: of the blocks, at least [m]: corridors that are narrower do not meet.
         min_radius: of the turns [m], at most half the pitch.
@@ -224,7 +224,7 @@ def race_track(
     """A random track of fast and slow turns about the origin.
 
     Args:
-        seed: of its form; every other one runs clockwise.
+        seed: of its form; about half of them run clockwise.
         size: diameter of the circle that holds the corners of its polygon [m].
         width: of the lane [m].
         min_radius: of the turns [m].
