@@ -225,11 +225,11 @@ class Tachometer(Instrument):
         self.config = TachometerConfig() if config is None else config
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 1)}
         super().__init__(model, name, self.config.schedule, 1, noise, seed=seed, randomised=randomised)
-        on_body = isinstance(source, Mount)
-        self.mount: Any = mount_arrays(name, source if on_body else Mount(), model, self.copies)
+        mount = source if isinstance(source, Mount) else Mount()
+        self.mount: Any = mount_arrays(name, mount, model, self.copies)
         self._meter = _meter(self.mount, unit_vector("TachometerConfig", "axis", self.config.axis))
         self._meter.turning = 1
-        self._meter.dof = -1 if on_body else _column(name, source, model)
+        self._meter.dof = -1 if mount is source else _column(name, source, model)
         self._meter.scale = wp.float64(60.0 / TURN if self.config.unit == "rpm" else 1.0)
 
     @property

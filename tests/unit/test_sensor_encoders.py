@@ -1,6 +1,7 @@
 """Encoders, tachometers, speedometers: a turntable, a rolling wheel, a slow twin, counts, lags, worlds of their own."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def mechanism(worlds: int = 1) -> sw.Model:
     return builder.finalize(worlds, "cpu")
 
 
-def simulate(model: sw.Model, rates: list[float] | np.ndarray, *sensors, **options) -> sw.Simulation:
+def simulate(model: sw.Model, rates: Any, *sensors, **options) -> sw.Simulation:
     """The mechanism with given rates of hinge, slide and crank in every world."""
     sim = sw.Simulation(model, DT, sensors=sensors, **options)
     rows = np.zeros((model.world_count, model.dof_count))
@@ -58,7 +59,7 @@ def run(sim: sw.Simulation, steps: int, *sensors) -> list[np.ndarray]:
 
 def test_a_turntable_in_all_its_readings():
     model, omega = mechanism(), 7.0
-    config = {"schedule": EVERY}
+    config: Any = {"schedule": EVERY}
     position = Encoder(model, "hinge", EncoderConfig(**config), name="position")
     geared = Encoder(model, "hinge", EncoderConfig(ratio=-3.0, **config), name="geared")
     counts = Encoder(
@@ -353,20 +354,20 @@ def test_every_world_may_have_its_own_numbers():
             lambda m: Encoder(m, "slide", EncoderConfig(noise=(NormalNoise(std=(0.1, 0.2)),))),
             "sensor 'encoder': noise: std of NormalNoise must be one number or 1, got ",
         ),
-        (lambda m: EncoderConfig(reading="angle"), "EncoderConfig: reading must be one of position, counts, speed"),
+        (lambda m: EncoderConfig(reading="angle"), "EncoderConfig: reading must be one of position, counts, speed"),  # type: ignore[arg-type]
         (lambda m: EncoderConfig(reading="counts"), "EncoderConfig: reading counts needs something to count; give "),
         (lambda m: EncoderConfig(counts_per_turn=100, step=0.1), "EncoderConfig: give either counts_per_turn or step"),
         (lambda m: EncoderConfig(counts_per_turn=0), "EncoderConfig: counts_per_turn must be finite and > 0"),
         (lambda m: EncoderConfig(step=-0.1), "EncoderConfig: step must be finite and > 0, one number"),
         (lambda m: EncoderConfig(ratio=(1.0, 0.0)), "EncoderConfig: ratio must be finite and not 0, one number or"),
-        (lambda m: EncoderConfig(ratio="two"), "EncoderConfig: ratio must be finite and not 0, one number or"),
-        (lambda m: Encoder(m, "slide", EncoderConfig(schedule=100.0)), "schedule must be a Schedule, got 100.0"),
+        (lambda m: EncoderConfig(ratio="two"), "EncoderConfig: ratio must be finite and not 0, one number or"),  # type: ignore[arg-type]
+        (lambda m: Encoder(m, "slide", EncoderConfig(schedule=100.0)), "schedule must be a Schedule, got 100.0"),  # type: ignore[arg-type]
         (lambda m: Tachometer(m, Mount("wheel")), "sensor 'tachometer': model has no body 'wheel'"),
         (lambda m: Tachometer(m, "wheel"), "sensor 'tachometer': model has no joint 'wheel'"),
-        (lambda m: TachometerConfig(unit="rps"), "TachometerConfig: unit must be 'rpm' or 'rad/s', got 'rps'"),
+        (lambda m: TachometerConfig(unit="rps"), "TachometerConfig: unit must be 'rpm' or 'rad/s', got 'rps'"),  # type: ignore[arg-type]
         (lambda m: TachometerConfig(axis=(0.0, 0.0, 0.0)), "TachometerConfig: axis must "),
         (lambda m: Speedometer(m, Mount("car")), "sensor 'speedometer': model has no body 'car'"),
-        (lambda m: Speedometer(m, "slide"), "sensor 'speedometer': mount must be a Mount, got 'slide'"),
+        (lambda m: Speedometer(m, "slide"), "sensor 'speedometer': mount must be a Mount, got 'slide'"),  # type: ignore[arg-type]
     ],
 )  # fmt: skip
 def test_mistakes_are_one_clear_error(make, message):
