@@ -7,9 +7,9 @@ import pytest
 
 import simwarp as sw
 from simwarp.sensors import Mount, Schedule
-from simwarp.sensors.beams import HDL_32E_ELEVATION, VLP_16_ELEVATION, Beam, BeamTable, beam_grid
+from simwarp.sensors.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.lidar import Lidar, LidarConfig, LidarNoise
-from simwarp.sensors.lidar_presets import lidar_names, lidar_preset
+from simwarp.sensors.presets import load_config
 from simwarp.types import ModelError
 from tests.unit.ray_scenes import carrier
 
@@ -161,32 +161,9 @@ def test_reflectance_and_groups_of_instances():
     assert seen[4].tolist() == [0.0, 0.0]
 
 
-def test_presets_are_those_of_their_makers():
-    rows = {"vlp-16": (16, 900), "hdl-32e": (32, 1080), "hdl-32e-lasers": (32, 1080), "generic": (32, 4500)}
-    assert set(lidar_names()) == set(rows)
-    for name, shape in rows.items():
-        preset = lidar_preset(name)
-        assert preset.beams.shape == shape
-        assert preset.far == 100.0
-        assert preset.schedule.lag == 0.01
-        assert preset.mode == "strongest"
-    one = lidar_preset("vlp-16", miss="far")
-    assert one.miss == "far"
-    assert (one.schedule.rate, one.schedule.window) == (20.0, 0.05)
-    assert len(one.beam.offsets()) == 9
-    assert one.noise == LidarNoise(range=0.01, azimuth=0.001, elevation=0.001, intensity=0.01)
-    assert one.beams.angles()[1][:, 0] == pytest.approx(VLP_16_ELEVATION, abs=1e-6)
-    lasers = lidar_preset("hdl-32e-lasers").beams.angles()[1][:, 0]
-    assert lasers == pytest.approx(HDL_32E_ELEVATION, abs=1e-6)
-    # the regular grid rounds them to some hundredths of a degree
-    assert lidar_preset("hdl-32e").beams.angles()[1][:, 0] == pytest.approx(lasers, abs=math.radians(0.02))
-    with pytest.raises(ModelError, match="there is no 'vlp-17'; known: generic, hdl-32e"):
-        lidar_preset("vlp-17")
-
-
 def test_a_preset_scans_a_room():
     model, scene = carrier(shell)
-    lidar = Lidar(scene, Mount("carrier"), lidar_preset("vlp-16"), name="roof")
+    lidar = Lidar(scene, Mount("carrier"), load_config("vlp-16"), name="roof")
     sim = sw.Simulation(model, dt=0.005, sensors=[lidar])
     for _ in range(12):
         sim.step()
