@@ -126,7 +126,7 @@ class Detour:
 
 
 def detour(
-    seed: int = 0, *, length: float = 180.0, count: int = 4, radius: tuple[float, float] = (3.0, 6.0),
+    seed: int = 0, *, length: float = 200.0, count: int = 4, radius: tuple[float, float] = (3.0, 6.0),
     clear: float = 4.0, spacing: float = 0.5,
 ) -> Detour:  # fmt: skip
     """A smooth path around large obstacles, each passed on a side at random: for tests of what was trained on
@@ -154,7 +154,7 @@ def detour(
         )
     rng = stream("detour", seed)
     sizes = rng.uniform(least, most, count)
-    along = -0.5 * long + pitch * (np.arange(count) + 1.0 + rng.uniform(-0.2, 0.2, count))
+    along = -0.5 * long + pitch * (np.arange(count) + 1.0 + rng.uniform(-0.1, 0.1, count))
     aside = rng.uniform(-0.3, 0.3, count) * sizes
     sides = rng.choice([-1.0, 1.0], count)
     obstacles = np.stack([along, aside, sizes], axis=1)

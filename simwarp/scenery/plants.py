@@ -10,7 +10,19 @@ import numpy as np
 
 from simwarp.checks import positive_number
 from simwarp.scenery.prop import Label, Prop, Proxy
-from simwarp.scenery.solids import Array, between, icosphere, lathe, moved, solid, stream, tone, tube, varied
+from simwarp.scenery.solids import (
+    Array,
+    between,
+    hull_corners,
+    icosphere,
+    lathe,
+    moved,
+    solid,
+    stream,
+    tone,
+    tube,
+    varied,
+)
 from simwarp.types import ModelError, ShapeType, pose
 from simwarp.visual_mesh import VisualMesh, joined
 
@@ -103,7 +115,7 @@ def _birch(height: float, rng: np.random.Generator) -> tuple[VisualMesh, tuple[P
         at = np.array([*(0.035 * height * rng.uniform(-1.0, 1.0, 2)), level * height])
         parts.append(leaves(np.array([wide, wide, 0.14]) * height, at, colors, rng))
     top = max(float(part.vertices[:, 2].max()) for part in parts)
-    crown = _ball(np.array([0.15, 0.15, 0.34]) * height, np.array([0.0, 0.0, 0.66 * height]))
+    crown = _ball(np.array([0.18, 0.18, 0.34]) * height, np.array([0.0, 0.0, 0.66 * height]))
     grown = moved(joined(parts), scale=(1.0, 1.0, height / top))
     return grown, (_post(0.024 * height, 0.4 * height), crown)
 
@@ -229,6 +241,5 @@ def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> P
     points[:, 2] = np.maximum(points[:, 2], 0.02 * points[:, 2])
     points[:, 2] -= points[:, 2].min()
     grown = VisualMesh(vertices=points, triangles=mesh.triangles, color=mesh.color)
-    farthest = np.unique((icosphere(1)[0] @ points.T).argmax(axis=1))
-    hull = Proxy(kind=ShapeType.HULL, points=points[farthest])
+    hull = Proxy(kind=ShapeType.HULL, points=hull_corners(points, 24))
     return Prop(name=kind, mesh=grown, proxies=(hull,), label=Label.BUSH, reflectance=0.4)

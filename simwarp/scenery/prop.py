@@ -199,7 +199,7 @@ def add_picture(
     visuals: Visuals, prop: Prop, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
     shapes: list[int] | tuple[int, ...] = (), **look: Any,
 ) -> int:  # fmt: skip
-    """The picture of a prop; returns the instance.
+    """The picture of a prop; returns the instance, whose number later calls of `Visuals.hide` change.
 
     Args:
         visuals: of the world.

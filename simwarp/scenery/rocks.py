@@ -10,7 +10,7 @@ import numpy as np
 
 from simwarp.checks import positive_number
 from simwarp.scenery.prop import Label, Prop, Proxy
-from simwarp.scenery.solids import Array, between, face_normals, icosphere, solid, stream, tone, varied
+from simwarp.scenery.solids import Array, between, face_normals, hull_corners, icosphere, solid, stream, tone, varied
 from simwarp.types import ModelError, ShapeType, Vec3, finite_vector
 
 
@@ -47,7 +47,7 @@ def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, deta
         detail: 1: 80 triangles, 2: 320.
 
     Returns:
-        A prop with one HULL of at most 42 corners, all of them on the rock.
+        A prop with one HULL of at most 32 corners, all of them on the rock.
     """
     if kind not in _STYLES:
         raise ModelError(f"rock: kind must be one of {', '.join(ROCKS)}, got {kind!r}")
@@ -69,9 +69,7 @@ def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, deta
     color = between(dark, light, 0.25 + 0.4 * height + 0.3 * normals[:, 2])
     color = between(color, tone("55702f"), style.moss * np.clip(2.0 * normals[:, 2] - 0.7, 0.0, 1.0))
     color = varied(color, len(triangles), rng, 0.1)
-    # corners of the hull: what lies farthest along 42 directions
-    farthest = np.unique((icosphere(1)[0] / extent @ points.T).argmax(axis=1))
-    hull = Proxy(kind=ShapeType.HULL, points=points[farthest])
+    hull = Proxy(kind=ShapeType.HULL, points=hull_corners(points))
     return Prop(name=kind, mesh=solid(points, triangles, color), proxies=(hull,), label=Label.ROCK, reflectance=0.35)
 
 

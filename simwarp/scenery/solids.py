@@ -233,6 +233,21 @@ def ribbon(lines: npt.ArrayLike, colors: npt.ArrayLike, height: float = 0.0, *, 
     return solid(vertices, skin if upwards else skin[:, ::-1], painted)
 
 
+def hull_corners(points: Array, count: int = 32) -> Array:
+    """(n, 3) at most `count` of the points, whose hull comes near to that of all of them: one by one the point that is
+    farthest outside, as seen along 642 directions.
+    """
+    directions = icosphere(3)[0]
+    reach = directions @ points.T
+    chosen = [int(points[:, 2].argmin())]
+    while len(chosen) < count:
+        gap = reach.max(axis=1) - reach[:, chosen].max(axis=1)
+        if gap.max() < 1e-9 * np.abs(reach).max():
+            break
+        chosen.append(int(reach[gap.argmax()].argmax()))
+    return np.asarray(points[chosen])
+
+
 def volume(mesh: VisualMesh) -> float:
     """What the triangles enclose [m³]; negative where they are inside out."""
     p = mesh.vertices[mesh.triangles]

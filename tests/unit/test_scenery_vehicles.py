@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.scenery_meshes import assert_outward
 
 import simwarp as sw
 from simwarp.scenery import VEHICLES, Label, add_picture, add_vehicle_picture, vehicle_look, vehicle_prop
@@ -15,6 +14,7 @@ from simwarp.vehicle.assembly import add_vehicle
 from simwarp.vehicle.reading import load_vehicle, vehicle_names
 from simwarp.vehicle.suspensions import Side
 from simwarp.viewer import FreeCamera
+from tests.unit.scenery_meshes import assert_outward
 
 CAMERAS = {"hmmwv": (1.5, 0.0, 0.875), "gator": (0.65, 0.0, 0.75), "artcar": (-0.075, 0.0, 0.15),
            "sedan": (1.5, 0.0, 0.875)}  # fmt: skip

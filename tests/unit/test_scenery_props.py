@@ -1,0 +1,210 @@
+"""Things of the scenery: closed, in their promised sizes, the same for the same seed, and where contact has them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+import simwarp as sw
+from simwarp import scenery
+from simwarp.scenery import BUSHES, CONES, ROCKS, TREES, Label, add_collision, add_picture, arranged
+from simwarp.sensors.scene import Visuals
+from simwarp.types import ShapeType
+from tests.unit.scenery_meshes import assert_outward
+
+SEEDED = {
+    **{f"rock {kind}": (lambda seed, kind=kind: scenery.rock(kind, seed)) for kind in ROCKS},
+    **{f"tree {kind}": (lambda seed, kind=kind: scenery.tree(kind, seed)) for kind in TREES},
+    **{f"bush {kind}": (lambda seed, kind=kind: scenery.bush(kind, seed)) for kind in BUSHES},
+    "crate": lambda seed: scenery.crate(size=(1.2, 0.8, 0.6), seed=seed),
+}
+PLAIN = {
+    **{f"{color} cone": (lambda color=color: scenery.cone(color)) for color in CONES},
+    "pillar": scenery.pillar,
+    "barrier": scenery.barrier,
+    "chain": lambda: scenery.barrier_chain([(0.0, 0.0), (5.0, 0.0), (9.0, 3.0)]),
+    "ring": lambda: scenery.barrier_chain([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0)], closed=True),
+}
+MAKERS = {**{name: (lambda make=make: make(3)) for name, make in SEEDED.items()}, **PLAIN}
+TRIANGLES = {"rock": 320, "tree": 600, "bush": 500, "crate": 108, "cone": 120, "pillar": 48, "barrier": 32,
+             "chain": 160, "ring": 600}  # fmt: skip
+"""At most, by kind: what a camera's rays have to search through."""
+LABELS = {"rock": Label.ROCK, "tree": Label.TREE, "bush": Label.BUSH, "crate": Label.CRATE, "cone": Label.CONE,
+          "pillar": Label.PILLAR, "barrier": Label.BARRIER, "chain": Label.BARRIER, "ring": Label.BARRIER}  # fmt: skip
+ROCK_SIZES = [(3.183, 3.628), (4.012, 2.649), (2.531, 2.489), (3.802, 2.570), (2.418, 4.473)]
+"""Length and width of the five rocks of the original off-road task [m]."""
+
+
+def kind_of(name):
+    return next(kind for kind in TRIANGLES if kind in name.split())
+
+
+def outside(points, prop):
+    """(N,) how far points are outside of the nearest proxy of a prop, or less than 0 inside [m]."""
+    best = np.full(len(points), np.inf)
+    for proxy in prop.proxies:
+        planes = ConvexHull(proxy.corners()).equations
+        best = np.minimum(best, (points @ planes[:, :3].T + planes[:, 3]).max(axis=1))
+    return best
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_meshes_are_closed_outward_and_few_triangles(name):
+    prop = MAKERS[name]()
+    assert_outward(prop.mesh)
+    assert len(prop.mesh.triangles) <= TRIANGLES[kind_of(name)]
+    assert prop.label == LABELS[kind_of(name)]
+    assert prop.mesh.color.min() >= 0.0
+    assert prop.mesh.color.max() <= 1.0
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_things_stand_on_the_ground_about_their_origin(name):
+    prop = MAKERS[name]()
+    assert prop.lower[2] == pytest.approx(0.0, abs=0.02)
+    if kind_of(name) not in ("chain", "ring") and name != "tree dead":
+        middle = 0.5 * (prop.lower + prop.upper)
+        # branches of trees are where they are
+        slack = 0.12 * np.ptp(prop.mesh.vertices, axis=0)[:2].max() if "tree" in name else 1e-6
+        assert (np.abs(middle[:2]) <= slack).all()
+
+
+@pytest.mark.parametrize("name", SEEDED)
+def test_a_seed_makes_one_thing(name):
+    first, again, other = SEEDED[name](7), SEEDED[name](7), SEEDED[name](8)
+    for field in ("vertices", "triangles", "color"):
+        assert np.array_equal(getattr(first.mesh, field), getattr(again.mesh, field))
+    assert not np.array_equal(first.mesh.color, other.mesh.color)
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_what_contact_sees_is_near_the_picture(name):
+    prop = MAKERS[name]()
+    size = float(np.linalg.norm(prop.upper - prop.lower))
+    if prop.proxies[0].kind == ShapeType.MESH:
+        assert np.array_equal(prop.proxies[0].points, prop.mesh.vertices)
+        assert np.array_equal(prop.proxies[0].triangles, prop.mesh.triangles)
+        return
+    # of a dead tree contact has the trunk only; leaves and twigs stand out of the simple shapes a little
+    stick_out = {"rock": 0.03, "tree": 0.06, "bush": 0.1}.get(kind_of(name), 1e-9)
+    chosen = prop.mesh.vertices
+    if name == "tree dead":
+        chosen = chosen[np.linalg.norm(chosen[:, :2], axis=1) < 0.05 * size]
+        chosen = chosen[chosen[:, 2] < 0.7 * size]
+    assert outside(chosen, prop).max() <= stick_out * size
+    # and no proxy reaches beyond the picture's own hull by more than that
+    planes = ConvexHull(prop.mesh.vertices).equations
+    for proxy in prop.proxies:
+        assert (proxy.corners() @ planes[:, :3].T + planes[:, 3]).max() <= max(stick_out, 0.01) * size
+    assert prop.radius >= np.linalg.norm(prop.hull[:, :2], axis=1).max() - 1e-9
+
+
+@pytest.mark.parametrize(("kind", "size"), list(zip(ROCKS, ROCK_SIZES, strict=True)))
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_rocks_have_the_sizes_of_the_originals(kind, size, seed):
+    prop = scenery.rock(kind, seed)
+    np.testing.assert_allclose((prop.upper - prop.lower)[:2], size, rtol=1e-9)
+    assert prop.lower[2] == pytest.approx(0.0, abs=1e-9)
+    asked = scenery.rock(kind, seed, size=(1.0, 2.0, 0.5), detail=1)
+    np.testing.assert_allclose(asked.upper, (0.5, 1.0, 0.5), rtol=1e-9)
+    assert len(asked.mesh.triangles) == 80
+    # their feet do not come to a point: what is low is a good part of what is seen from above
+    low = prop.mesh.vertices[prop.mesh.vertices[:, 2] < 0.12 * prop.upper[2]]
+    assert np.ptp(low[:, 0]) * np.ptp(low[:, 1]) > 0.15 * size[0] * size[1]
+    # a hull for contact of few corners, all on the rock
+    hull = prop.proxies[0].points
+    assert 12 <= len(hull) <= 32
+    assert (np.abs(hull[:, None] - prop.mesh.vertices[None]).max(axis=2).min(axis=1) == 0.0).all()
+
+
+def test_plants_have_the_sizes_that_were_asked_for():
+    for kind in TREES:
+        prop = scenery.tree(kind, 4, height=10.0)
+        assert prop.upper[2] == pytest.approx(10.0, rel=0.12)
+        # the trunk, or the lowest branches, are what a vehicle meets first
+        assert prop.proxies[0].kind == (ShapeType.CONE if kind == "spruce" else ShapeType.CYLINDER)
+        assert prop.proxies[0].corners()[:, 2].min() < 1.5
+    for kind in BUSHES:
+        prop = scenery.bush(kind, 4, width=2.0)
+        assert (prop.upper - prop.lower)[:2].max() == pytest.approx(2.0)
+        assert 0.4 < prop.upper[2] < 3.0
+
+
+def test_cones_pillars_crates_and_barriers_have_the_sizes_that_were_asked_for():
+    np.testing.assert_allclose(scenery.cone(height=0.3).upper, (0.075, 0.075, 0.3), rtol=1e-9)
+    np.testing.assert_allclose(scenery.pillar(width=1.0, height=4.0).upper, (0.5, 0.5, 4.0), rtol=1e-9)
+    np.testing.assert_allclose(scenery.crate(size=(1.0, 2.0, 3.0)).upper, (0.5, 1.0, 3.0), rtol=1e-9)
+    np.testing.assert_allclose(scenery.barrier(length=3.0, height=1.0).upper, (1.5, 0.375, 1.0), rtol=1e-9)
+    red, green = (scenery.cone(color).mesh.color.mean(axis=(0, 1)) for color in ("red", "green"))
+    assert red[0] > 4.0 * red[1]
+    assert green[1] > 4.0 * green[0]
+
+
+def test_a_ring_of_barriers_closes_and_alternates():
+    points = np.array([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0)])
+    ring = scenery.barrier_chain(points, closed=True, length=2.0, height=1.0)
+    blocks = len(ring.mesh.triangles) // 32
+    assert blocks % 2 == 0  # no two of one colour meet where it closes
+    assert 36.0 / blocks == pytest.approx(2.0, rel=0.1)
+    ends = ring.mesh.vertices.reshape(blocks, -1, 3)[:, :16].reshape(blocks, 2, 8, 3).mean(axis=2)
+    np.testing.assert_allclose(ends[:, 1, :2], np.roll(ends[:, 0, :2], -1, axis=0), atol=1e-9)
+
+
+def test_rows_of_things_are_one_thing():
+    places = np.array([(1.0, 2.0, 0.5), (-3.0, 0.0, -1.0), (0.0, 4.0, 3.0)])
+    one = scenery.crate(size=(1.0, 2.0, 0.5))
+    row = arranged(one, places)
+    assert_outward(row.mesh)
+    assert len(row.mesh.triangles) == 3 * len(one.mesh.triangles)
+    assert len(row.proxies) == 3
+    for index, (x, y, yaw) in enumerate(places):
+        corners = row.proxies[index].corners()
+        np.testing.assert_allclose(corners.mean(axis=0), (x, y, 0.25), atol=1e-12)
+        along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        assert np.abs((corners - corners.mean(axis=0)) @ along).max() == pytest.approx(0.5)
+        part = row.mesh.vertices.reshape(3, -1, 3)[index]
+        assert outside(part, row).max() <= 1e-9
+    with pytest.raises(sw.ModelError, match=r"^arranged: places must be \(n >= 1, 3\) finite numbers, got"):
+        arranged(one, [])
+
+
+def test_pictures_take_the_place_of_their_shapes():
+    builder = sw.ModelBuilder()
+    at = scenery.yaw_pose(3.0, -1.0, 0.2, 0.7)
+    things = [scenery.tree("oak", 1), scenery.cone(), scenery.barrier_chain([(0.0, 0.0), (4.0, 0.0)])]
+    shapes = [add_collision(builder, thing, name=thing.name, at=at, scale=0.5) for thing in things]
+    visuals = Visuals(builder)
+    for thing, mine in zip(things, shapes, strict=True):
+        index = add_picture(visuals, thing, name=f"{thing.name} seen", at=at, scale=0.5, shapes=mine)
+        instance = visuals.instances[index]
+        assert (instance.look.label, instance.look.reflectance) == (int(thing.label), thing.reflectance)
+        np.testing.assert_allclose(instance.size, 0.5)
+    assert [instance.shape for instance in visuals.instances] == [-1, -1, -1]
+    # the trunk of the oak, in the world
+    trunk, proxy = builder.shapes[shapes[0][0]], things[0].proxies[0]
+    np.testing.assert_allclose(trunk.pose.position, at.position + 0.5 * proxy.pose.position)
+    np.testing.assert_allclose(trunk.size[:2], 0.5 * np.array(proxy.size[:2]))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: scenery.rock("pebble"), "rock: kind must be one of boulder, slab, shard, cobble, mossy, got 'pebble'"),
+        (lambda: scenery.rock(size=(1.0, 0.0, 1.0)), "rock: size must be"),
+        (lambda: scenery.rock(detail=9), "rock: detail must be 1, 2 or 3, got 9; 2 has 320 triangles"),
+        (lambda: scenery.tree("palm"), "tree: kind must be one of spruce, oak, birch, poplar, dead, got 'palm'"),
+        (lambda: scenery.tree(height=-1.0), "tree: height must be"),
+        (lambda: scenery.bush("rose"), "bush: kind must be one of round, dry, juniper, got 'rose'"),
+        (lambda: scenery.cone("blue"), "cone: color must be one of orange, red, green, got 'blue'"),
+        (lambda: scenery.pillar(width=0.0), "pillar: width must be"),
+        (lambda: scenery.crate(size=(1.0, 1.0)), "crate: size must be"),
+        (lambda: scenery.barrier(length=np.nan), "barrier: length must be"),
+        (lambda: scenery.barrier_chain([(0.0, 0.0)]), "barrier_chain: points must be (n >= 2, 2) finite numbers, got"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(make, message):
+    with pytest.raises(sw.ModelError) as caught:
+        make()
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
