@@ -21,7 +21,8 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo")
     files = [str(folder / name) for name in ("a.png", "a.npz", "a.json")]
     code = cli.main([
-        "sensor-demo", "--panel", str(PANEL), "--out", files[0], "--data", files[1], "--json", files[2], "--device", "cpu",
+        "sensor-demo", "--panel", str(PANEL), "--out", files[0], "--data", files[1], "--json", files[2],
+        "--device", "cpu",
     ])  # fmt: skip
     assert code == 0
     with np.load(files[1]) as data, Image.open(files[0]) as image:
@@ -64,7 +65,7 @@ def test_measurements_are_near_the_truth(made):
     _, data, content = made
     assert data["imu_time"][0] == pytest.approx(0.01)
     assert np.diff(data["imu_time"]) == pytest.approx(0.01)
-    # white noise of 0.25 m/s² and 0.015 rad/s, drifts of 0.15 and 0.01 (once per run), a bias of 0.03 on one of three axes
+    # white noise of 0.25 m/s² and 0.015 rad/s, drifts of 0.15 and 0.01, a bias of 0.03 on one of three axes
     assert 0.24 < content["accelerometer_rms"] < 0.5
     assert 0.02 < content["gyroscope_rms"] < 0.04
     # 0.3 m of noise and a drift of 0.8 m along each of two axes
