@@ -93,7 +93,7 @@ def convoy_path(
     Args:
         index: 0 to 15: family (0 S, 1 C) + 2 · flip (y mirrored) + 4 · quarter turns to the right.
         half_x, half_y: half extents before the quarter turns [m].
-        spacing: of its points [m].
+        spacing: of its points, about [m].
     """
     if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not 0 <= index < CONVOY_PATHS:
         raise ModelError(f"convoy_path: index must be in 0..{CONVOY_PATHS - 1}, got {index!r}")
@@ -138,7 +138,7 @@ def detour(
         count: of the obstacles.
         radius: least and greatest, of the obstacles [m].
         clear: least distance of the path from an obstacle's edge [m]: half a vehicle's width and more.
-        spacing: of the points of the path [m].
+        spacing: of the points of the path, about [m].
 
     Raises:
         ModelError: there is too little room between the obstacles.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -112,7 +114,7 @@ def test_indoor_tracks_are_closed_wide_enough_and_of_moderate_length(seed):
     for wall in walls:
         ring = np.concatenate([wall, wall[:1]])
         dense = np.concatenate([a + np.linspace(0.0, 1.0, 40)[:, None] * (b - a)
-                                for a, b in zip(ring[:-1], ring[1:], strict=True)])  # fmt: skip
+                                for a, b in itertools.pairwise(ring)])  # fmt: skip
         assert nearest(dense, thinned(track.points, 2000)).min() > 0.5 * track.width
     again = indoor_track(seed)
     assert np.array_equal(again.points, track.points)
@@ -237,10 +239,10 @@ def test_convoy_paths_are_sixteen_ways_through_their_nodes():
         nodes = np.array((s_nodes, c_nodes)[index % 2], float) @ flips[index // 2 % 2].T @ turns[index // 4].T
         np.testing.assert_allclose(path.points[[0, -1]], nodes[[0, -1]], atol=1e-9)
         assert nearest(nodes, path.points).max() < 1e-6
-        assert np.abs(np.diff(path.arc)).max() < 0.6
+        assert np.diff(path.arc).max() < 1.0
         # an HMMWV turns within about 6 m
         assert 1.0 / np.abs(path.curvature()).max() > 6.0
-        assert crossings(np.concatenate([path.points[::4], path.points[:1]])) == 0 or index % 2 == 0
+        assert crossings(path.points[::4]) == 0
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -266,11 +268,8 @@ def test_things_beside_a_path_keep_their_distance():
         assert (away < 9.0 + 0.05).all()
         assert np.array_equal(places, beside(path, 8, index, distance=(5.0, 9.0)))
         assert len(np.unique(places[:, 2])) == 8
-    sides = np.concatenate([
-        np.sign(np.cross(np.array([1.0, 0.0]), place[:2] - [0.0, 0.0]))[None]
-        for seed in range(10)
-        for place in beside(Path(np.array([(-50.0, 0.0), (50.0, 0.0)])), 8, seed)
-    ])  # fmt: skip
+    straight = Path(np.array([(-50.0, 0.0), (50.0, 0.0)]))
+    sides = np.sign([beside(straight, 8, seed)[:, 1] for seed in range(10)])
     assert 0.3 < (sides > 0.0).mean() < 0.7
 
 
