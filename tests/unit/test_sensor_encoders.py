@@ -17,7 +17,11 @@ from simwarp.sensors.encoders import (
     TachometerConfig,
 )
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation, Saturation
+from simwarp.sensors.presets import load_sensor
 from simwarp.types import Material
+from simwarp.vehicle.assembly import add_vehicle
+from simwarp.vehicle.reading import load_vehicle
+from simwarp.vehicle.vehicle import PER_WORLD, VEHICLE_SOLVER, Vehicle
 from tests.reference.encoders import Encoder as Twin
 from tests.reference.sensor_noise import Stage, frame_key
 
@@ -117,9 +121,31 @@ def test_a_wheel_that_rolls():
     # rolling to the solver's tolerance of 1e-5 m/s
     assert tacho.data.numpy()[0, 0] == pytest.approx(speed / radius, abs=2e-4)
     way = sim.state.body_x.numpy()[0, cart, 0] - start
-    # the cart turns about y as the wheel's reaction lets it: here not at all, since nothing drives the axle
+    # the hinge angle is the wheel's own: nothing drives or brakes the axle, so that the cart does not pitch
     assert distance.data.numpy()[0, 0] - travelled == pytest.approx(way, abs=1e-4)
     assert (pulses.data.numpy()[0, 0] - first) * math.tau * radius / 100 == pytest.approx(way, abs=0.02)
+
+
+def test_wheels_of_a_vehicle_that_coasts():
+    builder = sw.ModelBuilder()
+    spec = load_vehicle("sedan")
+    parts = add_vehicle(builder, spec, speed=10.0)
+    model = builder.finalize(1, "cpu", per_world=PER_WORLD)
+    wheels = [f"axle{axle}.{side}.spin" for axle in (0, 1) for side in ("left", "right")]
+    pulses = load_sensor("wheel-encoder", model, wheels)
+    speed = Speedometer(model, Mount("chassis"), SpeedometerConfig(schedule=EVERY))
+    tacho = Tachometer(model, Mount("axle0.left.spindle"), TachometerConfig(unit="rad/s", axis=(0.0, 1.0, 0.0)))
+    sensors: Any = [pulses, speed, tacho]
+    sim = sw.Simulation(model, DT, elements=[Vehicle(parts, model)], sensors=sensors, solver=VEHICLE_SOLVER)
+    start = sim.state.body_x.numpy()[0, 0, 0]
+    for _ in range(500):
+        sim.step()
+    assert speed.data.numpy()[0, 0] == pytest.approx(sim.state.body_v.numpy()[0, 0, 0], rel=1e-3)
+    # tires roll on somewhat less than their unloaded radius; a count is 0.4 % of what they turn in half a second
+    radius = spec.axles[0].tire.radius
+    way = sim.state.body_x.numpy()[0, 0, 0] - start
+    assert pulses.data.numpy()[0] * math.tau / 96.0 * radius == pytest.approx([way] * 4, rel=0.03)
+    assert tacho.data.numpy()[0, 0] * radius == pytest.approx(speed.data.numpy()[0, 0], rel=0.03)
 
 
 CASES = [
