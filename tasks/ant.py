@@ -105,7 +105,7 @@ class AntTask(Task[AntConfig]):
 
     summary: ClassVar[str] = "ant: four legs of two links walk along X, 30 observations, 8 torques"
     config_type: ClassVar[type[TaskConfig]] = AntConfig
-    action_size: ClassVar[int] = _JOINTS
+    action_size: int = _JOINTS
     success_reasons: ClassVar[frozenset[str]] = frozenset()
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 250,

@@ -104,7 +104,7 @@ class HexapodTask(Task[HexapodConfig]):
 
     summary: ClassVar[str] = "hexapod: six legs of three links walk along X, 53 observations, 18 torques"
     config_type: ClassVar[type[TaskConfig]] = HexapodConfig
-    action_size: ClassVar[int] = _JOINTS
+    action_size: int = _JOINTS
     success_reasons: ClassVar[frozenset[str]] = frozenset()
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 250,

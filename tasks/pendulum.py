@@ -70,7 +70,7 @@ class PendulumTask(Task[PendulumConfig]):
 
     summary: ClassVar[str] = "cart-pole: keep a 2 m pole upright on a light cart, 4 observations, 1 force"
     config_type: ClassVar[type[TaskConfig]] = PendulumConfig
-    action_size: ClassVar[int] = 1
+    action_size: int = 1
     # The cart takes seconds to drift off the rail: a horizon of 1 / (1 - gamma) = 500 steps sees that coming. With a
     # larger desired_kl a solved policy was lost again in some seeds
     training: ClassVar[Mapping[str, Any]] = {

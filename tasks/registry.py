@@ -20,7 +20,8 @@ TaskT = TypeVar("TaskT", bound="type[Task[Any]]")
 ENTRY_POINT_GROUP = "simwarp.tasks"
 """Entry points of this group are loaded once; loading one must register its tasks."""
 
-_BUILTIN_MODULES = ("ant", "driving.obstacle_avoidance", "driving.off_road", "fast", "hexapod", "pendulum")
+_DRIVING = ("barrier_track", "convoy", "hallway", "obstacle_avoidance", "off_road")
+_BUILTIN_MODULES = ("ant", *(f"driving.{name}" for name in _DRIVING), "fast", "hexapod", "pendulum")
 
 _tasks: dict[str, type[Task[Any]]] = {}
 _loaded: list[bool] = []

@@ -91,7 +91,7 @@ class Task(ABC, Generic[ConfigT]):
     """One line for ``simwarp list``."""
     config_type: ClassVar[type[TaskConfig]] = TaskConfig
     """The frozen dataclass of this task's configuration."""
-    action_size: ClassVar[int] = 1
+    action_size: int = 1
     """Number of action components A."""
     physics: ClassVar[bool] = True
     """False for a task without a simulation; then ``build`` is not called."""

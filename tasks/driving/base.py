@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
     from simwarp.model import Model
     from simwarp.sensors.camera import Camera
+    from simwarp.sensors.lights import Lighting
     from simwarp.sensors.scene import Scene, Visuals
     from simwarp.vehicle.assembly import VehicleParts
     from simwarp.vehicle.spec import VehicleSpec
@@ -39,6 +40,13 @@ class Observing(enum.Enum):
 
     STATE = "state"
     CAMERA = "camera"
+
+
+class Frame(enum.Enum):
+    """Axes in which the place of a goal or a leader is observed: those of the vehicle, or those of the world."""
+
+    VEHICLE = "vehicle"
+    WORLD = "world"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +88,7 @@ class DrivingTask(Task[DrivingT]):
     A subclass writes `build_world`, `draw_world`, `start`, and the observations, rewards and terminations of its own.
     """
 
-    action_size: ClassVar[int] = 2
+    action_size: int = 2
     vehicle_name: ClassVar[str] = "hmmwv-reduced"
     full_name: ClassVar[str] = "hmmwv"
     tire: ClassVar[str | None] = None
@@ -102,7 +110,10 @@ class DrivingTask(Task[DrivingT]):
 
     def visuals(self, visuals: Visuals) -> None:
         """Show the vehicle instead of the box that stands for it; subclasses add the world."""
+        from simwarp.scenery.vehicles import add_vehicle_picture
+
         visuals.hide(self.chassis_shape)
+        add_vehicle_picture(visuals, self.parts)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Draw what differs in a new episode's world: from ``self.random`` and ``self.difficulty`` alone. Optional.
@@ -123,6 +134,10 @@ class DrivingTask(Task[DrivingT]):
 
     def ground(self, model: Model) -> Any:
         """Return the tires' terrain; None is the plane z = 0."""
+        return None
+
+    def lighting(self) -> Lighting | None:
+        """Return the lights of the camera's world; None: sun and sky."""
         return None
 
     def more_sensors(self, model: Model) -> list[Any]:
@@ -180,6 +195,7 @@ class DrivingTask(Task[DrivingT]):
                     schedule=Schedule(rate=min(config.camera_rate, 1.0 / config.dt)), width=config.camera_width,
                     height=config.camera_height, lens=Pinhole(fov=config.camera_fov),
                 ),
+                lights=self.lighting(),
             )  # fmt: skip
             sensors.append(self.camera)
         sensors += self.more_sensors(model)

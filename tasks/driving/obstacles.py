@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import torch
 
+from ..drawing import Line
 from ..frames import heading_quaternion
 
 if TYPE_CHECKING:
@@ -49,7 +51,7 @@ class Obstacles:
 
     def __init__(self, kinds: Sequence[Kind], count: int, *, group: int, mask: int) -> None:
         self.kinds, self.count = tuple(kinds), count
-        self._options = {"group": group, "mask": mask}
+        self._group, self._mask = group, mask
 
     def build(self, builder: ModelBuilder) -> None:
         """Add the slots as shapes; they meet the groups of the mask."""
@@ -59,7 +61,12 @@ class Obstacles:
         self._hulls = [builder.add_hull_asset(hull) for hull in hulls]
         self.shapes = [
             builder.add_shape_hull(
-                sw.WORLD, hulls[0], name=f"obstacle_{slot}", pose=sw.pose((0.0, 0.0, UNDERGROUND)), **self._options
+                sw.WORLD,
+                hulls[0],
+                name=f"obstacle_{slot}",
+                pose=sw.pose((0.0, 0.0, UNDERGROUND)),
+                group=self._group,
+                mask=self._mask,
             )
             for slot in range(self.count)
         ]
@@ -139,6 +146,19 @@ class Obstacles:
             self._seen["enabled"].copy_(torch.where(where, present.int(), self._seen["enabled"]))
         self.place.copy_(torch.where(wide, place, self.place))
         self.radius.copy_(torch.where(where, torch.where(present, scale * self._reach[kind], -1.0), self.radius))
+
+    def rings(self) -> list[Line]:
+        """Return their outlines from above."""
+        angle = torch.linspace(0.0, 2.0 * math.pi, 13, device=self.place.device)
+        ring = torch.stack([angle.cos(), angle.sin()], dim=1)
+        size = self.radius.clamp(min=0.0)
+        return [
+            Line(
+                torch.nn.functional.pad(self.place[:, slot, None] + size[:, slot].view(-1, 1, 1) * ring, (0, 1)),
+                "tab:brown", 1.5,
+            )
+            for slot in range(self.count)
+        ]  # fmt: skip
 
     def reach(self, kind: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
         """Return the radius of the upright cylinder around a thing [m]."""

@@ -6,7 +6,6 @@ After ``off_road_gator-v0`` and ``-v3`` of gym-chrono: start and goal on a circl
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -17,7 +16,7 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from ..registry import register
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Observing, outline
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
 from .hills import Hills
 from .navigation import Navigation
 from .obstacles import Kind, Obstacles
@@ -36,13 +35,6 @@ _RAYS = 25
 _FAN = math.radians(240.0)
 _TRIES = 6
 GROUND_TEXTURES = ("grass", "dirt", "gravel", "sand")
-
-
-class GoalFrame(enum.Enum):
-    """In which axes the goal is observed: in those of the vehicle, or in those of the world."""
-
-    VEHICLE = "vehicle"
-    WORLD = "world"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +67,7 @@ class OffRoadConfig(DrivingConfig):
     """Distance at which the goal is reached [m]."""
     clearance: float = 15.0
     """No obstacle stands nearer to start or goal [m]."""
-    goal_frame: GoalFrame = GoalFrame.VEHICLE
+    goal_frame: Frame = Frame.VEHICLE
     """Axes in which the goal is observed."""
     progress_weight: float = 0.1
     """Reward per metre nearer to the goal."""
@@ -300,7 +292,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         """(W, 6): goal (x, y), direction to it, heading (sine, cosine), speed; scaled."""
         away = (self.goal - place).float()
         local = to_heading(away.unsqueeze(1), heading).squeeze(1)
-        seen = local if self.config.goal_frame is GoalFrame.VEHICLE else away
+        seen = local if self.config.goal_frame is Frame.VEHICLE else away
         turn = torch.atan2(seen[:, 1], seen[:, 0]) / math.pi
         return torch.cat(
             [
@@ -344,15 +336,11 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     def drawing(self) -> Drawing:
         """Draw obstacles, goal and vehicle from above."""
         point, heading = self.pose()
-        worlds = self.num_worlds
         angle = torch.linspace(0.0, 2.0 * math.pi, 13, device=self.device)
         ring = torch.stack([angle.cos(), angle.sin()], dim=1)
         goal = self.goal.float().unsqueeze(1) + self.config.goal_radius * ring
         lines = [Line(torch.nn.functional.pad(goal, (0, 1)), "tab:green", 1.5)]
-        for slot in range(self.obstacles.count):
-            size = self.obstacles.radius[:, slot].clamp(min=0.0).view(worlds, 1, 1)
-            rock = self.obstacles.place[:, slot].unsqueeze(1) + size * ring
-            lines.append(Line(torch.nn.functional.pad(rock, (0, 1)), "tab:brown", 1.5))
+        lines += self.obstacles.rings()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
         side = self.config.border
         return Drawing(tuple(lines), View.TOP, ((-side, side), (-side, side)), panel=4.0)

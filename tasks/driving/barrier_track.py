@@ -1,0 +1,135 @@
+"""Barrier track: a car drives a lap of a race track between red and white barriers.
+
+After ``barrier_track-v0`` of gym-chrono: the track's size, the camera and the reward are the original's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import torch
+
+from ..registry import register
+from .base import DrivingConfig
+from .lapping import LappingConfig, LappingTask, Start
+
+if TYPE_CHECKING:
+    from simwarp.scenery.tracks import Track
+    from simwarp.sensors.scene import Visuals
+    from simwarp.visual_mesh import VisualMesh
+
+WIDTH = 12.5
+"""Between the feet of the barriers [m]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class BarrierTrackConfig(LappingConfig):
+    """Configuration of :class:`BarrierTrackTask`."""
+
+    dt: float = 0.0025
+    """Physics step [s]."""
+    decimation: int = 40
+    """Physics steps per control step: ten actions a second."""
+    max_episode_steps: int = 2000
+    """Control steps after which an episode is truncated at the latest; ``patience`` is what counts."""
+    camera_width: int = 160
+    """Of the image [pixels]."""
+    camera_height: int = 90
+    """Of the image [pixels]."""
+    camera_fov: float = math.pi / 2.0
+    """Horizontal field of view [rad]."""
+    start: Start = Start.ANYWHERE
+    """Where an episode begins."""
+    speed: float = 8.0
+    """At which a lap is to be driven [m/s]."""
+    progress_weight: float = 0.05
+    """Reward per metre along the lane."""
+    aside_weight: float = 0.005
+    """Taken per metre from the middle of the lane and step."""
+    failure_weight: float = 5.0
+    """Taken for touching a barrier."""
+
+
+@register("barrier-track")
+class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
+    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; or, with
+    ``obs`` state, ``policy`` (W, 18): place in the lane, points ahead, motion.
+
+    Actions: steering (positive to the left), and throttle (positive) or brake (negative).
+    """
+
+    summary: ClassVar[str] = "barrier track: a car drives a lap between barriers, by camera or by state"
+    config_type: ClassVar[type[DrivingConfig]] = BarrierTrackConfig
+    training: ClassVar[Mapping[str, Any]] = {
+        "iterations": 200,
+        "num_envs": 256,
+        "steps_per_iteration": 32,
+        "network.init_std": 0.5,
+        "ppo.gamma": 0.99,
+        "ppo.entropy": 0.002,
+    }
+    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "state": {"network.hidden": (64, 64)},
+        "camera": {"network.kind": "early-fusion"},
+    }
+    vehicle_name: ClassVar[str] = "sedan"
+    full_name: ClassVar[str] = "sedan"
+    tire: ClassVar[str | None] = "tmeasy"
+    chassis_half: ClassVar[tuple[float, float, float]] = (2.2, 0.9, 0.4)
+    course_label: ClassVar[int] = 8
+    preview: ClassVar[float] = 5.0
+
+    @property
+    def lane_half(self) -> float:
+        """Where the side of the car touches a barrier it drives along."""
+        return 0.5 * WIDTH - self.chassis_half[1]
+
+    def make_track(self, number: int) -> Track:
+        """Return a race track of about 100 m across."""
+        from simwarp.scenery.tracks import race_track
+
+        return race_track(number, width=WIDTH)
+
+    def course_mesh(self, track: Track, number: int) -> VisualMesh:
+        """Return road and barriers."""
+        from simwarp.scenery.course import race_course
+        from simwarp.visual_mesh import joined
+
+        course = race_course(track)
+        return joined([course.road, course.left.mesh, course.right.mesh])
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Show grass too."""
+        import simwarp as sw
+        from simwarp.scenery.textures import ground_texture
+        from simwarp.sensors.appearance import ImageTexture
+
+        super().visuals(visuals)
+        grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))
+        visuals.add_plane(name="ground", texture=grass, color=(1.0, 1.0, 1.0), label=1, pose=sw.pose((0.0, 0.0, -0.01)))
+
+    def outside(self) -> torch.Tensor:
+        """Return (W,) bool: a corner of the car is in a barrier."""
+        point, heading = self.pose()
+        corner = torch.tensor([[1, 1], [1, -1], [-1, -1], [-1, 1]], device=self.device) * torch.tensor(
+            self.chassis_half[:2], device=self.device
+        )
+        cosine, sine = heading.cos(), heading.sin()
+        touching = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
+        for x, y in corner:
+            place = point[:, :2].float() + torch.stack([cosine * x - sine * y, sine * x + cosine * y], dim=1)
+            _, aside = self.routes.locate(self.route, place)
+            touching |= aside.abs() > 0.5 * WIDTH
+        return touching
+
+    def rewards(self) -> dict[str, torch.Tensor]:
+        """Return ``progress``, ``lap``, ``failure`` and how far ``aside`` of the middle the car drives."""
+        aside, _, _ = self.lane()
+        return super().rewards() | {"aside": -self.config.aside_weight * aside.abs()}
+
+    def terminations(self) -> dict[str, torch.Tensor]:
+        """Return ``collision`` with a barrier, ``upset`` and ``lap``."""
+        return {"collision": self.outside(), "upset": self.upset(), "lap": self._lapped()}

@@ -1,0 +1,405 @@
+"""Convoy: a truck follows the last of three leaders along winding paths, past rocks and trees, faster and faster.
+
+After ``convoy-v0`` of gym-chrono: paths, leaders, their speed and the reward's cone are the original's. Leaders are
+ghosts: they are seen, they move as the path says, and nothing moves them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import torch
+
+from ..config import require
+from ..drawing import Drawing, Line, View
+from ..frames import heading_quaternion, to_heading
+from ..registry import register
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
+from .navigation import Navigation
+from .obstacles import Kind, Obstacles
+from .ranging import RangeFan
+from .routes import Routes
+
+if TYPE_CHECKING:
+    from simwarp import ModelBuilder
+    from simwarp.model import Model
+    from simwarp.sensors.scene import Visuals
+
+LEADERS = 3
+APART = 0.05
+"""Distance of the vehicles along the path, as a share of it."""
+DURATION = 60.0
+"""Time in which a leader that starts at the beginning comes to the end, ever faster [s]."""
+OBSTACLES = 8
+LEADER_HALF = (2.45, 1.1, 0.9)
+_REACH, _RAYS, _FAN = 20.0, 17, math.radians(200.0)
+_LENGTHS, _SPEED = 20.0, 10.0
+_FRAME_TIME = 0.05
+
+
+@dataclasses.dataclass(frozen=True)
+class ConvoyConfig(DrivingConfig):
+    """Configuration of :class:`ConvoyTask`."""
+
+    dt: float = 0.0025
+    """Physics step [s]."""
+    decimation: int = 80
+    """Physics steps per control step: five actions a second."""
+    max_episode_steps: int = 310
+    """Control steps after which an episode is truncated; leaders are at the end of the path before."""
+    camera_rate: float = 10.0
+    """Images per second [Hz]."""
+    latest_start: float = 0.5
+    """The nearest leader starts anywhere in this first part of its path, as a share."""
+    generated: bool = False
+    """Paths around four large obstacles, other than the sixteen of training."""
+    place_frame: Frame = Frame.VEHICLE
+    """Axes in which the leader's place is observed with a camera."""
+    cone: float = math.pi / 4.0
+    """Half angle of the cone behind the leader in which following is paid for [rad]."""
+    near: float = 16.0
+    """Distance up to which following is paid in full [m]."""
+    softness: float = 4.0
+    """Distance beyond ``near`` at which the pay is halved [m]. The original has 0.2."""
+    following_weight: float = 0.1
+    """Reward of a step in the cone and near. The original pays 100."""
+    speed_weight: float = 0.0
+    """Taken per relative difference of speed; the thesis has none, the original's code 5 % of ``following_weight``."""
+    lost_distance: float = 30.0
+    """An episode ends where the leader is farther away [m]."""
+    failure_weight: float = 2.0
+    """Taken for touching an obstacle or a leader, for losing the leader, or turning over."""
+
+    def validate(self) -> None:
+        """Check sizes."""
+        super().validate()
+        require(0.0 <= self.latest_start <= 0.8, self, "latest_start", "in [0, 0.8]")
+        require(0.0 < self.cone <= math.pi, self, "cone", "in (0, pi]")
+        require(0.0 < self.near < self.lost_distance, self, "near", "in (0, lost_distance)")
+        require(self.softness > 0.0, self, "softness", "positive")
+
+
+@register("convoy")
+class ConvoyTask(DrivingTask[ConvoyConfig]):
+    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 6): where the leader is, heading and both
+    speeds, as measured; or, with ``obs`` state, ``policy`` (W, 34): exact places, motion, and ranges to obstacles.
+
+    Actions: steering (positive to the left), and throttle (positive) or brake (negative).
+    """
+
+    summary: ClassVar[str] = "convoy: a truck follows a leader along winding paths, past rocks and trees"
+    config_type: ClassVar[type[DrivingConfig]] = ConvoyConfig
+    per_world: ClassVar[tuple[str, ...]] = (*VEHICLE_ARRAYS, *Obstacles.model_arrays)
+    success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})
+    training: ClassVar[Mapping[str, Any]] = {
+        "iterations": 300,
+        "num_envs": 256,
+        "steps_per_iteration": 32,
+        "network.init_std": 0.6,
+        "ppo.gamma": 0.98,
+        "ppo.entropy": 0.002,
+    }
+    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "state": {"network.hidden": (128, 64)},
+        "camera": {"network.kind": "early-fusion"},
+    }
+    chassis_half: ClassVar[tuple[float, float, float]] = (2.3, 1.05, 0.5)
+    chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
+
+    # ---- the world -----------------------------------------------------------------------------------------------
+
+    def build_world(self, builder: ModelBuilder) -> None:
+        """Slots for what stands beside the path."""
+        from simwarp.scenery.plants import bush, tree
+        from simwarp.scenery.rocks import ROCKS, rock
+
+        kinds = [Kind(rock(kind, 10 + seed), (0.7, 1.2)) for seed, kind in enumerate(ROCKS)]
+        kinds += [
+            Kind(bush("round", 1), (0.8, 1.3)),
+            Kind(tree("oak", 1), (0.7, 1.0)),
+            Kind(tree("spruce", 1), (0.7, 1.0)),
+        ]
+        self.obstacles = Obstacles(kinds, OBSTACLES + len(self._large()), group=1, mask=CHASSIS_GROUP)
+        self.obstacles.build(builder)
+
+    def _large(self) -> tuple[float, ...]:
+        """Where large obstacles stand, as shares of the straight line that their paths wind about."""
+        return (0.2, 0.4, 0.6, 0.8) if self.config.generated else ()
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Show truck, leaders, obstacles, and grass."""
+        import simwarp as sw
+        from simwarp.scenery.textures import ground_texture
+        from simwarp.scenery.vehicles import vehicle_prop
+        from simwarp.sensors.appearance import ImageTexture
+
+        super().visuals(visuals)
+        self.obstacles.visuals(visuals)
+        grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))
+        visuals.add_plane(name="ground", texture=grass, color=(1.0, 1.0, 1.0), label=1)
+        leader = vehicle_prop("hmmwv", color=(0.5, 0.05, 0.03))
+        asset = visuals.add_mesh_asset(leader.mesh)
+        self._ghosts = [
+            visuals.add_mesh_instance(sw.WORLD, asset, name=f"leader_{index}", label=int(leader.label))
+            for index in range(LEADERS)
+        ]
+
+    def seen_per_world(self) -> Sequence[str]:
+        """Obstacles and leaders differ."""
+        return Obstacles.scene_arrays
+
+    def more_sensors(self, model: Model) -> list[Any]:
+        """Add satellite receiver and gyroscope where the truck does not know exactly where it is."""
+        self.navigation: Navigation | None = None
+        if self.config.obs is Observing.STATE:
+            return []
+        self.navigation = Navigation(model, self.parts, self.config.dt, self.config.decimation, self.random.seed)
+        return self.navigation.sensors
+
+    def setup(self) -> None:
+        """Make paths, views and buffers."""
+        from simwarp.scenery.course import CONVOY_PATHS, convoy_path
+
+        super().setup()
+        paths = [_winding(index) if self.config.generated else convoy_path(index) for index in range(CONVOY_PATHS)]
+        self.routes = Routes(paths, 0.5, self.device)
+        self.obstacles.bind(self.simulation.model, self._scene)
+        if self._scene is not None:
+            from simwarp.interop import to_torch
+
+            first, after = self._ghosts[0], self._ghosts[0] + LEADERS
+            self._ghost_x = to_torch(self._scene.x)[:, first:after]
+            self._ghost_rot = to_torch(self._scene.rot)[:, first:after]
+        worlds = self.num_worlds
+        self.route = torch.zeros(worlds, dtype=torch.int64, device=self.device)
+        self._begun = torch.zeros(worlds, device=self.device)
+        self._deviation = torch.zeros(worlds, device=self.device)
+        self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
+        self._corner = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]], device=self.device)
+        self._frame_steps = max(1, round(_FRAME_TIME / self.config.dt))
+
+    # ---- an episode ----------------------------------------------------------------------------------------------
+
+    def draw_world(self, world_mask: torch.Tensor) -> None:
+        """Draw path, start, and what stands beside the path."""
+        random = self.random
+        route = random.uniform("path", 0.0, len(self.routes.length)).squeeze(1).long()
+        begun = APART + random.uniform("begin", 0.0, self.config.latest_start).squeeze(1)
+        self.route.copy_(torch.where(world_mask, route, self.route))
+        self._begun.copy_(torch.where(world_mask, begun, self._begun))
+        self._place_obstacles(world_mask)
+
+    def _place_obstacles(self, world_mask: torch.Tensor) -> None:
+        """At equal steps along the path, to either side, so far away that it stays free; and large ones between."""
+        random, count, large = self.random, self.obstacles.count, len(self._large())
+        kind, scale = self.obstacles.draw_kinds(random)
+        heading = random.uniform("obstacle headings", -math.pi, math.pi, count)
+        share = (torch.arange(OBSTACLES, device=self.device) + 1.0) / (OBSTACLES + 1.0)
+        length = self.routes.length[self.route].unsqueeze(1)
+        along = self.routes.at(self.route, share * length)
+        if large:
+            kind[:, OBSTACLES:] = 0
+            scale[:, OBSTACLES:] = 3.0
+        reach = self.obstacles.reach(kind, scale)
+        side = 1.0 - 2.0 * (random.uniform("sides", size=OBSTACLES) < 0.5).float()
+        aside = side * (reach[:, :OBSTACLES] + LEADER_HALF[1] + 1.5 + random.uniform("gaps", 0.0, 2.0, OBSTACLES))
+        place = torch.stack(
+            [along[..., 0] - aside * along[..., 2].sin(), along[..., 1] + aside * along[..., 2].cos()], dim=2
+        )
+        if large:
+            middle = torch.tensor([_large_place(share) for share in self._large()], device=self.device)
+            place = torch.cat([place, middle.expand(self.num_worlds, -1, -1)], dim=1)
+        free = torch.stack(
+            [self.routes.distance(self.route, place[:, slot]) for slot in range(count)], dim=1
+        ) > reach + LEADER_HALF[1] + 0.5  # fmt: skip
+        sunk = -0.1 * self.obstacles.tallness(kind, scale)
+        self.obstacles.fill(world_mask, place, sunk, heading, kind, scale, free)
+
+    def start(self, world_mask: torch.Tensor) -> None:
+        """On the path behind the leaders."""
+        arc = (self._begun - APART) * self.routes.length[self.route]
+        at = self.routes.at(self.route, arc.unsqueeze(1)).squeeze(1)
+        self.place_vehicle(world_mask, torch.nn.functional.pad(at[:, :2], (0, 1)), at[:, 2])
+        self._deviation.masked_fill_(world_mask, 0.0)
+        self._show_leaders(torch.where(world_mask, 0.0, self._time()))
+        if self.navigation is not None:
+            self.navigation.begin(world_mask, at[:, 2])
+
+    def _time(self) -> torch.Tensor:
+        """(W,) since the episode began, at the end of the last control step [s]."""
+        return self.episode_steps * self.config.control_dt
+
+    def _leaders(self, time: torch.Tensor) -> torch.Tensor:
+        """(W, 3, 3) places and headings of the leaders, the nearest first."""
+        ahead = APART * torch.arange(LEADERS, device=self.device)
+        share = self._begun.unsqueeze(1) + ahead + (time / DURATION).square().unsqueeze(1)
+        return self.routes.at(self.route, share * self.routes.length[self.route].unsqueeze(1))
+
+    def _leader_speed(self) -> torch.Tensor:
+        """(W,) [m/s]."""
+        return 2.0 * self._time() / DURATION**2 * self.routes.length[self.route]
+
+    def _show_leaders(self, time: torch.Tensor) -> None:
+        if self._scene is None:
+            return
+        at = self._leaders(time)
+        self._ghost_x[..., :2] = at[..., :2]
+        turn = heading_quaternion(at[..., 2].reshape(-1)).view(*at.shape[:2], 4)
+        self._ghost_rot.copy_(turn)
+
+    def after_physics(self) -> None:
+        """Move the leaders that a camera sees."""
+        super().after_physics()
+        if self._substep % self._frame_steps == 0:
+            self._show_leaders(self._time() + self._substep * self.config.dt)
+
+    def end_step(self) -> None:
+        """Turn with the gyroscope; remember how far from the path the truck is."""
+        if self.navigation is not None:
+            self.navigation.advance()
+        point, _ = self.pose()
+        deviation = self.routes.distance(self.route, point[:, :2])
+        steps = self.episode_steps + 1
+        self._deviation += (deviation - self._deviation) / steps
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return what has been measured, beside the worlds."""
+        own = {} if self.navigation is None else {"heading": self.navigation.heading}
+        return super().extra_state() | {"deviation": self._deviation} | own
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take it back."""
+        super().load_extra_state(state)
+        self._deviation.copy_(state["deviation"])
+        if self.navigation is not None:
+            self.navigation.heading.copy_(state["heading"])
+        self._show_leaders(self._time())
+
+    # ---- what a policy sees and is paid for ----------------------------------------------------------------------
+
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Return the image and what is measured, or the exact state."""
+        leaders = self._leaders(self._time())
+        leader_speed = self._leader_speed() / _SPEED
+        if self.camera is not None and self.navigation is not None:
+            from simwarp.interop import to_torch
+
+            place, heading, speed = self.navigation.estimate()
+            away = leaders[:, :1, :2] - place.unsqueeze(1)
+            seen = to_heading(away, heading) if self.config.place_frame is Frame.VEHICLE else away
+            own = torch.stack([heading.sin(), heading.cos(), speed / _SPEED, leader_speed], dim=1)
+            return {"policy": torch.cat([seen.squeeze(1) / _LENGTHS, own], dim=1), "camera": to_torch(self.camera.data)}
+        point, heading = self.pose()
+        motion = self.motion()
+        away = to_heading(leaders[..., :2] - point[:, :2].float().unsqueeze(1), heading)
+        turn = leaders[:, 0, 2] - heading
+        obstacles = to_heading(self.obstacles.place - point[:, :2].float().unsqueeze(1), heading)
+        ranges = self._fan.ranges(obstacles, self.obstacles.radius)
+        policy = torch.cat(
+            [
+                (away / _LENGTHS).flatten(1),
+                torch.stack([turn.sin(), turn.cos(), leader_speed, away[:, 0].norm(dim=1) / _LENGTHS], dim=1),
+                motion * motion.new_tensor([1.0 / _SPEED, 1.0, 1.0]),
+                self.tilt(),
+                self.action,
+                1.0 - ranges / _REACH,
+            ],
+            dim=1,
+        )
+        return {"policy": policy}
+
+    def _behind(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """(W,) distance to the nearest leader [m], and whether the truck is in the cone behind it."""
+        point, _ = self.pose()
+        leader = self._leaders(self._time())[:, 0]
+        away = to_heading((leader[:, :2] - point[:, :2].float()).unsqueeze(1), leader[:, 2]).squeeze(1)
+        return away.norm(dim=1), torch.atan2(away[:, 1], away[:, 0]).abs() < self.config.cone
+
+    def rewards(self) -> dict[str, torch.Tensor]:
+        """Return ``following``, ``failure`` and, if it counts, the difference in ``speed``."""
+        config = self.config
+        distance, inside = self._behind()
+        pay = config.softness / ((distance - config.near).clamp(min=0.0) + config.softness)
+        failed = self._hit | self._bumped() | self.upset() | (distance > config.lost_distance)
+        terms = {
+            "following": config.following_weight * pay * inside,
+            "failure": -config.failure_weight * failed.float(),
+        }
+        if config.speed_weight > 0.0:
+            speed = self.motion()[:, 0]
+            terms["speed"] = -config.speed_weight * ((self._leader_speed() - speed) / (speed.abs() + 0.05)).abs()
+        return terms
+
+    def _bumped(self) -> torch.Tensor:
+        """(W,) whether a corner of the truck is within the nearest leader, or the other way round."""
+        point, heading = self.pose()
+        leader = self._leaders(self._time())[:, 0]
+        own, other = point.new_tensor(self.chassis_half[:2]).float(), point.new_tensor(LEADER_HALF[:2]).float()
+        away = (leader[:, :2] - point[:, :2].float()).unsqueeze(1)
+        turn = leader[:, 2] - heading
+
+        def touches(offset: torch.Tensor, turned: torch.Tensor, half: torch.Tensor, size: torch.Tensor) -> torch.Tensor:
+            corner = self._corner * size
+            cosine, sine = turned.cos().unsqueeze(1), turned.sin().unsqueeze(1)
+            x = offset[..., 0] + cosine * corner[:, 0] - sine * corner[:, 1]
+            y = offset[..., 1] + sine * corner[:, 0] + cosine * corner[:, 1]
+            return ((x.abs() < half[0]) & (y.abs() < half[1])).any(dim=1)
+
+        return touches(to_heading(away, heading), turn, own, other) | touches(
+            to_heading(-away, leader[:, 2]), -turn, other, own
+        )
+
+    def _at_end(self) -> torch.Tensor:
+        return (self._begun + (self._time() / DURATION).square() > 0.999) & ~self._hit
+
+    def terminations(self) -> dict[str, torch.Tensor]:
+        """Return ``goal``, ``collision`` with an obstacle, ``bumped`` into a leader, ``lost`` it, and ``upset``."""
+        distance, _ = self._behind()
+        return {
+            "collision": self._hit.clone(),
+            "bumped": self._bumped(),
+            "lost": distance > self.config.lost_distance,
+            "upset": self.upset(),
+            "goal": self._at_end(),
+        }
+
+    def metrics(self) -> dict[str, torch.Tensor]:
+        """Return the ``distance`` to the leader, the mean ``path_deviation`` [m] and ``obstacle_hits``."""
+        distance, _ = self._behind()
+        return {"distance": distance, "path_deviation": self._deviation, "obstacle_hits": self._hit.float()}
+
+    # ---- pictures ------------------------------------------------------------------------------------------------
+
+    def drawing(self) -> Drawing:
+        """Draw path, obstacles, leaders and truck from above."""
+        worlds = self.num_worlds
+        share = torch.linspace(0.0, 1.0, 100, device=self.device).expand(worlds, -1)
+        path = self.routes.at(self.route, share * self.routes.length[self.route].unsqueeze(1))
+        lines = [Line(torch.nn.functional.pad(path[..., :2], (0, 1)), "0.7", 1.0), *self.obstacles.rings()]
+        for index in range(LEADERS):
+            leader = self._leaders(self._time())[:, index]
+            lines.append(Line(outline(leader.double(), leader[:, 2], LEADER_HALF), "tab:red", 1.5))
+        point, heading = self.pose()
+        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
+        return Drawing(tuple(lines), View.TOP, ((-110.0, 110.0), (-110.0, 110.0)), panel=4.0)
+
+
+def _large_place(share: float) -> tuple[float, float]:
+    """Of a large obstacle [m]."""
+    return (-90.0 + 180.0 * share, 0.0)
+
+
+def _winding(index: int) -> Any:
+    """A path from left to right around four large obstacles: each passed on one side or the other, 16 in all."""
+    import numpy as np
+
+    from simwarp.vehicle.paths import smooth
+
+    nodes = [(-90.0, 0.0)]
+    for bit, share in enumerate((0.2, 0.4, 0.6, 0.8)):
+        x, y = _large_place(share)
+        nodes.append((x, y + (12.0 if (index >> bit) & 1 else -12.0)))
+    return smooth(np.array([*nodes, (90.0, 0.0)]), spacing=0.5)

@@ -1,0 +1,158 @@
+"""Hallway: a model car drives a lap of an indoor corridor, between green cones on its left and red ones on its right.
+
+After ``rccar_hallway-v0`` of gym-chrono: the width of the lane, the camera, and the start on a turn are the original's;
+tracks and corridor are made by computing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import torch
+
+from ..registry import register
+from .base import DrivingConfig
+from .lapping import LappingConfig, LappingTask
+
+if TYPE_CHECKING:
+    from simwarp.scenery.tracks import Track
+    from simwarp.sensors.lights import Lighting
+    from simwarp.visual_mesh import VisualMesh
+
+WIDTH = 1.1
+"""Of the lane between the cones [m]."""
+CORRIDOR = 2.2
+"""Width of the corridor [m]."""
+_CONE_APART = 0.8
+_PROPORTIONAL, _INTEGRAL = 0.4, 0.4
+
+
+@dataclasses.dataclass(frozen=True)
+class HallwayConfig(LappingConfig):
+    """Configuration of :class:`HallwayTask`."""
+
+    dt: float = 0.002
+    """Physics step [s]."""
+    decimation: int = 50
+    """Physics steps per control step: ten actions a second."""
+    max_episode_steps: int = 2000
+    """Control steps after which an episode is truncated at the latest; ``patience`` is what counts."""
+    camera_width: int = 160
+    """Of the image [pixels]."""
+    camera_height: int = 90
+    """Of the image [pixels]."""
+    camera_fov: float = math.pi / 2.0
+    """Horizontal field of view [rad]."""
+    pedals: bool = False
+    """The policy works the pedals too; otherwise a controller holds the speed."""
+    speed: float = 0.75
+    """At which a lap is driven [m/s]."""
+    progress_weight: float = 0.2
+    """Reward per metre along the lane. The original pays 10, and takes 200 for leaving."""
+    failure_weight: float = 4.0
+    """Taken for leaving the lane."""
+    lap_weight: float = 2.0
+    """Reward for a full lap, which ends the episode."""
+
+
+@register("hallway")
+class HallwayTask(LappingTask[HallwayConfig]):
+    """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; or, with
+    ``obs`` state, ``policy`` (W, 17 or 18): place in the lane, points ahead, motion.
+
+    Actions: steering (positive to the left); with ``pedals`` throttle (positive) or brake (negative) too.
+    """
+
+    summary: ClassVar[str] = "hallway: a model car drives a lap of a corridor between cones, by camera or by state"
+    config_type: ClassVar[type[DrivingConfig]] = HallwayConfig
+    training: ClassVar[Mapping[str, Any]] = {
+        "iterations": 120,
+        "num_envs": 256,
+        "steps_per_iteration": 32,
+        "network.init_std": 0.5,
+        "ppo.gamma": 0.98,
+        "ppo.entropy": 0.002,
+    }
+    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "state": {"network.hidden": (64, 64)},
+        "camera": {"network.kind": "early-fusion"},
+    }
+    vehicle_name: ClassVar[str] = "artcar"
+    full_name: ClassVar[str] = "artcar"
+    tire: ClassVar[str | None] = "tmeasy"
+    chassis_half: ClassVar[tuple[float, float, float]] = (0.28, 0.16, 0.05)
+    camera_place: ClassVar[tuple[float, float, float]] = (-0.075, 0.0, 0.15)
+    course_label: ClassVar[int] = 10
+    preview: ClassVar[float] = 0.5
+
+    def __init__(
+        self, config: HallwayConfig, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0
+    ) -> None:
+        self.action_size = 2 if config.pedals else 1
+        super().__init__(config, num_worlds, device=device, seed=seed, first_world=first_world)
+
+    @property
+    def lane_half(self) -> float:
+        """The original's: the width over 2.75."""
+        return WIDTH / 2.75
+
+    def make_track(self, number: int) -> Track:
+        """Return a track around blocks of rooms."""
+        from simwarp.scenery.tracks import indoor_track
+
+        return indoor_track(number, width=WIDTH)
+
+    def course_mesh(self, track: Track, number: int) -> VisualMesh:
+        """Return walls, floor, ceiling and cones."""
+        from simwarp.scenery.corridor import corridor
+        from simwarp.scenery.roadside import cone
+        from simwarp.scenery.solids import moved
+        from simwarp.visual_mesh import joined
+
+        walls = corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
+        cones = [
+            moved(cone(color, height=0.25).mesh, (float(x), float(y), 0.0))
+            for side, color in ((1.0, "green"), (-1.0, "red")) for x, y, _ in track.marks(_CONE_APART, side)
+        ]  # fmt: skip
+        return joined([walls.walls.mesh, walls.floor, walls.ceiling, *cones])
+
+    def lighting(self) -> Lighting:
+        """Light from all sides, a little more from above, and no sun."""
+        from simwarp.sensors.lights import Lighting
+
+        return Lighting(suns=(), ambient=(0.9, 0.88, 0.84), ambient_below=(0.45, 0.44, 0.42))
+
+    def setup(self) -> None:
+        """Make the speed controller's memory."""
+        super().setup()
+        self._integral = torch.zeros(self.num_worlds, device=self.device)
+
+    def start(self, world_mask: torch.Tensor) -> None:
+        """In the lane, at rest."""
+        super().start(world_mask)
+        self._integral.masked_fill_(world_mask, 0.0)
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return the speed controller's memory too."""
+        return super().extra_state() | {"integral": self._integral}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take it back."""
+        super().load_extra_state(state)
+        self._integral.copy_(state["integral"])
+
+    def apply(self, action: torch.Tensor) -> None:
+        """Steer; pedals as the policy says, or as the speed controller does."""
+        if self.config.pedals:
+            super().apply(action)
+            return
+        error = self.config.speed - self.motion()[:, 0]
+        self._integral += self.config.dt * error
+        self._integral.clamp_(-1.0, 1.0)
+        pedal = (_PROPORTIONAL * error + _INTEGRAL * self._integral).clamp(-1.0, 1.0)
+        self.input[:, 0] = action[:, 0]
+        self.input[:, 1] = pedal.clamp(min=0.0)
+        self.input[:, 2] = (-pedal).clamp(min=0.0)
