@@ -19,13 +19,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
 WITH_CODE = [
     ROOT / "README.md",
-    *(ROOT / "docs" / name for name in ("conventions.md", "vehicles.md", "write-a-task.md")),
+    *(ROOT / "docs" / name for name in ("conventions.md", "scenery.md", "vehicles.md", "write-a-task.md")),
 ]
 EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
     "four_bar.py": ["--seconds", "0.5", "--plot", "four_bar.png"],
     "drives.py": ["--seconds", "0.5"],
     "contacts.py": [],
+    "scenery.py": ["--width", "80", "--plot", "scenery.png"],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
     "train_sb3.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
     "vehicles_on_ice.py": ["--worlds", "6", "--speed", "4", "--dt", "0.004", "--plot", "vehicles_on_ice.png"],
