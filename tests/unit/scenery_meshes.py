@@ -43,3 +43,15 @@ def assert_outward(mesh):
     for chosen in solids_of(mesh):
         points = mesh.vertices[mesh.triangles[chosen]]
         assert np.linalg.det(points - points[0, 0]).sum() > 0.0
+
+
+def color_of(mesh):
+    """(T, 3, 3) of a mesh that has colours."""
+    assert mesh.color is not None
+    return mesh.color
+
+
+def points_of(proxy):
+    """(N, 3) of a hull or a mesh."""
+    assert proxy.points is not None
+    return proxy.points

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
 import simwarp as sw
 from simwarp import scenery
-from simwarp.scenery import BUSHES, CONES, ROCKS, TREES, Label, add_collision, add_picture, arranged
+from simwarp.scenery import BUSHES, CONES, ROCKS, TREES, Label, Prop, add_collision, add_picture, arranged
 from simwarp.sensors.scene import Visuals
 from simwarp.types import ShapeType
-from tests.unit.scenery_meshes import assert_outward
+from tests.unit.scenery_meshes import assert_outward, color_of, points_of
 
-SEEDED = {
-    **{f"rock {kind}": (lambda seed, kind=kind: scenery.rock(kind, seed)) for kind in ROCKS},
-    **{f"tree {kind}": (lambda seed, kind=kind: scenery.tree(kind, seed)) for kind in TREES},
-    **{f"bush {kind}": (lambda seed, kind=kind: scenery.bush(kind, seed)) for kind in BUSHES},
+SEEDED: dict[str, Callable[[int], Prop]] = {
+    **{f"rock {kind}": partial(scenery.rock, kind) for kind in ROCKS},
+    **{f"tree {kind}": partial(scenery.tree, kind) for kind in TREES},
+    **{f"bush {kind}": partial(scenery.bush, kind) for kind in BUSHES},
     "crate": lambda seed: scenery.crate(size=(1.2, 0.8, 0.6), seed=seed),
 }
-PLAIN = {
-    **{f"{color} cone": (lambda color=color: scenery.cone(color)) for color in CONES},
+PLAIN: dict[str, Callable[[], Prop]] = {
+    **{f"{color} cone": partial(scenery.cone, color) for color in CONES},
     "pillar": scenery.pillar,
     "barrier": scenery.barrier,
     "chain": lambda: scenery.barrier_chain([(0.0, 0.0), (5.0, 0.0), (9.0, 3.0)]),
     "ring": lambda: scenery.barrier_chain([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0)], closed=True),
 }
-MAKERS = {**{name: (lambda make=make: make(3)) for name, make in SEEDED.items()}, **PLAIN}
+MAKERS: dict[str, Callable[[], Prop]] = {**{name: partial(make, 3) for name, make in SEEDED.items()}, **PLAIN}
 TRIANGLES = {"rock": 320, "tree": 600, "bush": 500, "crate": 108, "cone": 120, "pillar": 48, "barrier": 32,
              "chain": 160, "ring": 600}  # fmt: skip
 """At most, by kind: what a camera's rays have to search through."""
@@ -55,8 +58,8 @@ def test_meshes_are_closed_outward_and_few_triangles(name):
     assert_outward(prop.mesh)
     assert len(prop.mesh.triangles) <= TRIANGLES[kind_of(name)]
     assert prop.label == LABELS[kind_of(name)]
-    assert prop.mesh.color.min() >= 0.0
-    assert prop.mesh.color.max() <= 1.0
+    assert color_of(prop.mesh).min() >= 0.0
+    assert color_of(prop.mesh).max() <= 1.0
 
 
 @pytest.mark.parametrize("name", MAKERS)
@@ -75,7 +78,7 @@ def test_a_seed_makes_one_thing(name):
     first, again, other = SEEDED[name](7), SEEDED[name](7), SEEDED[name](8)
     for field in ("vertices", "triangles", "color"):
         assert np.array_equal(getattr(first.mesh, field), getattr(again.mesh, field))
-    assert not np.array_equal(first.mesh.color, other.mesh.color)
+    assert not np.array_equal(color_of(first.mesh), color_of(other.mesh))
 
 
 @pytest.mark.parametrize("name", MAKERS)
@@ -83,8 +86,8 @@ def test_what_contact_sees_is_near_the_picture(name):
     prop = MAKERS[name]()
     size = float(np.linalg.norm(prop.upper - prop.lower))
     if prop.proxies[0].kind == ShapeType.MESH:
-        assert np.array_equal(prop.proxies[0].points, prop.mesh.vertices)
-        assert np.array_equal(prop.proxies[0].triangles, prop.mesh.triangles)
+        assert np.array_equal(points_of(prop.proxies[0]), prop.mesh.vertices)
+        assert prop.proxies[0].triangles is prop.mesh.triangles
         return
     # of a dead tree contact has the trunk only; leaves and twigs stand out of the simple shapes a little
     stick_out = {"rock": 0.03, "tree": 0.06, "bush": 0.1}.get(kind_of(name), 1e-9)
@@ -113,7 +116,7 @@ def test_rocks_have_the_sizes_of_the_originals(kind, size, seed):
     low = prop.mesh.vertices[prop.mesh.vertices[:, 2] < 0.12 * prop.upper[2]]
     assert np.ptp(low[:, 0]) * np.ptp(low[:, 1]) > 0.15 * size[0] * size[1]
     # a hull for contact of few corners, all on the rock
-    hull = prop.proxies[0].points
+    hull = points_of(prop.proxies[0])
     assert 12 <= len(hull) <= 32
     assert (np.abs(hull[:, None] - prop.mesh.vertices[None]).max(axis=2).min(axis=1) == 0.0).all()
 
@@ -136,7 +139,7 @@ def test_cones_pillars_crates_and_barriers_have_the_sizes_that_were_asked_for():
     np.testing.assert_allclose(scenery.pillar(width=1.0, height=4.0).upper, (0.5, 0.5, 4.0), rtol=1e-9)
     np.testing.assert_allclose(scenery.crate(size=(1.0, 2.0, 3.0)).upper, (0.5, 1.0, 3.0), rtol=1e-9)
     np.testing.assert_allclose(scenery.barrier(length=3.0, height=1.0).upper, (1.5, 0.375, 1.0), rtol=1e-9)
-    red, green = (scenery.cone(color).mesh.color.mean(axis=(0, 1)) for color in ("red", "green"))
+    red, green = (color_of(scenery.cone(color).mesh).mean(axis=(0, 1)) for color in ("red", "green"))
     assert red[0] > 4.0 * red[1]
     assert green[1] > 4.0 * green[0]
 

@@ -12,7 +12,7 @@ from simwarp import scenery
 from simwarp.scenery import Label, beside, convoy_path, corridor, detour, indoor_track, race_course, race_track, rounded
 from simwarp.types import ShapeType
 from simwarp.vehicle.paths import Path
-from tests.unit.scenery_meshes import assert_outward
+from tests.unit.scenery_meshes import assert_outward, color_of, points_of
 
 SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 8.0), (0.0, 8.0)]
 
@@ -110,7 +110,7 @@ def test_indoor_tracks_are_closed_wide_enough_and_of_moderate_length(seed):
     assert 1.0 / np.abs(track.curvature).max() >= 0.8 - 1e-9
     # there is a lane between the walls of the corridor everywhere, walls at right angles included
     ways = corridor(track, seed=seed, furnished=False)
-    walls = [proxy.points[np.abs(proxy.points[:, 2]) < 1e-9][:, :2] for proxy in ways.walls.proxies]
+    walls = [points[np.abs(points[:, 2]) < 1e-9][:, :2] for points in map(points_of, ways.walls.proxies)]
     for wall in walls:
         ring = np.concatenate([wall, wall[:1]])
         dense = np.concatenate([a + np.linspace(0.0, 1.0, 40)[:, None] * (b - a)
@@ -212,7 +212,7 @@ def test_roads_have_white_borders_and_a_broken_line():
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     assert (normal[:, 2] > 0.0).all()
     assert 0.5 * normal[:, 2].sum() == pytest.approx(6.0 * 60.0)
-    middle, bright = p.mean(axis=1), mesh.color.mean(axis=(1, 2)) > 0.6
+    middle, bright = p.mean(axis=1), color_of(mesh).mean(axis=(1, 2)) > 0.6
     assert bright[np.abs(middle[:, 1]) > 2.86].all()
     line = np.abs(middle[:, 1]) < 0.07
     assert bright[line].mean() == pytest.approx(0.5, abs=0.05)
@@ -291,7 +291,10 @@ def test_scattered_things_are_apart_and_keep_clear():
         (lambda: rounded(SQUARE, 5.0, width=1.0), "track: arcs must fit on the sides, but side"),
         (lambda: rounded(SQUARE, 0.4, width=1.0), "track: radii must exceed half the width (0.5 m), got 0.4 m"),
         (lambda: rounded(SQUARE[:2], 0.4, width=1.0), "track: corners must be (k >= 3, 2) finite numbers, got shape"),
-        (lambda: rounded(SQUARE, 1.0, width=1.0).starts("bend"), "track: where must be turn, straight or anywhere,"),
+        (
+            lambda: rounded(SQUARE, 1.0, width=1.0).starts("bend"),  # type: ignore[arg-type]
+            "track: where must be turn, straight or anywhere,",
+        ),
         (lambda: indoor_track(blocks=0), "indoor_track: blocks must be an integer >= 1, got 0"),
         (lambda: indoor_track(min_radius=4.0), "indoor_track: half the width < min_radius <= half the pitch must"),
         (lambda: race_track(size=40.0), "race_track: 9 turns of radius >= 12 m, 12.5 m wide, must fit into 40 m;"),

@@ -14,7 +14,7 @@ from simwarp.vehicle.assembly import add_vehicle
 from simwarp.vehicle.reading import load_vehicle, vehicle_names
 from simwarp.vehicle.suspensions import Side
 from simwarp.viewer import FreeCamera
-from tests.unit.scenery_meshes import assert_outward
+from tests.unit.scenery_meshes import assert_outward, color_of
 
 CAMERAS = {"hmmwv": (1.5, 0.0, 0.875), "gator": (0.65, 0.0, 0.75), "artcar": (-0.075, 0.0, 0.15),
            "sedan": (1.5, 0.0, 0.875)}  # fmt: skip
@@ -94,7 +94,7 @@ def test_colors_are_given():
     red = vehicle_look("sedan", color=(0.7, 0.02, 0.02)).body
     blue = vehicle_look("sedan").body
     assert (red.vertices == blue.vertices).all()
-    assert red.color[..., 0].mean() > 2.0 * blue.color[..., 0].mean()
+    assert color_of(red)[..., 0].mean() > 2.0 * color_of(blue)[..., 0].mean()
 
 
 def test_an_unknown_vehicle_is_told_in_one_line():
