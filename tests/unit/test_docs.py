@@ -19,7 +19,10 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
 WITH_CODE = [
     ROOT / "README.md",
-    *(ROOT / "docs" / name for name in ("conventions.md", "scenery.md", "vehicles.md", "write-a-task.md")),
+    *(
+        ROOT / "docs" / name
+        for name in ("conventions.md", "scenery.md", "sensors.md", "vehicles.md", "write-a-task.md")
+    ),
 ]
 EXAMPLES = {
     "cart_pole.py": ["--worlds", "16", "--seconds", "2"],
@@ -28,6 +31,7 @@ EXAMPLES = {
     "contacts.py": [],
     "scenery.py": ["--width", "80", "--plot", "scenery.png"],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
+    "sensors.py": ["--worlds", "3", "--seconds", "1", "--plot", "sensors.png"],
     "train_sb3.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
     "vehicles_on_ice.py": ["--worlds", "6", "--speed", "4", "--dt", "0.004", "--plot", "vehicles_on_ice.png"],
     "train_skrl.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
@@ -89,6 +93,12 @@ def test_an_example_runs(name, tmp_path):
         # 4 m/s and a friction of 0.9: not below v² / (2 mu g) = 0.9 m; on ice not below 4 m
         assert 0.8 < stops["dry"] < stops["wet"] < stops["ice"]
         assert stops["ice"] > 4.0
+    if name == "sensors.py":
+        # 20 frames of one second: the deviation of what is seen is off by a sixth, one in a thousand by half
+        noises = re.findall(r"GPS noise (\S+) m, seen (\S+) m", printed)
+        assert len(noises) == 3
+        assert all(0.5 < float(seen) / float(asked) < 1.5 for asked, seen in noises)
+        assert "accelerometers read 9.8" in printed
     if name in NEEDS:
         returns = re.search(r"before (\S+), after \d+ steps (\S+)", printed)
         assert returns is not None
