@@ -96,7 +96,7 @@ def convoy_path(
         spacing: of its points, about [m].
     """
     if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not 0 <= index < CONVOY_PATHS:
-        raise ModelError(f"convoy_path: index must be in 0..{CONVOY_PATHS - 1}, got {index!r}")
+        raise ModelError(f"convoy_path: index must be in 0..{CONVOY_PATHS - 1}, got {index!r}; draw one of them")
     if index % 2 == 0:
         step = np.arange(6)
         nodes = np.stack([-1.0 + (2.0 / 3.0) * ((step + 1) // 2), -1.0 + (step // 2)], axis=1)
@@ -184,6 +184,8 @@ def beside(
             tried.
     """
     near, far = (positive_number("beside", "distance", value, "m", "pass metres") for value in distance)
+    if near > far:
+        raise ModelError(f"beside: distance must be the least, then the greatest, got {distance!r}; swap them")
     rng = stream("beside", seed)
     tangent = path.tangents()
     places = np.zeros((count, 3))

@@ -172,7 +172,7 @@ def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Pr
         lowest branches of a spruce.
     """
     if kind not in _TREES:
-        raise ModelError(f"tree: kind must be one of {', '.join(TREES)}, got {kind!r}")
+        raise ModelError(f"tree: kind must be one of {', '.join(TREES)}, got {kind!r}; choose one")
     usual, grow = _TREES[kind]
     tall = usual if height is None else positive_number("tree", "height", height, "m", "pass metres")
     mesh, proxies = grow(tall, stream(f"tree {kind}", seed))
@@ -222,7 +222,7 @@ def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> P
         A prop with one HULL.
     """
     if kind not in _BUSHES:
-        raise ModelError(f"bush: kind must be one of {', '.join(BUSHES)}, got {kind!r}")
+        raise ModelError(f"bush: kind must be one of {', '.join(BUSHES)}, got {kind!r}; choose one")
     codes, tall, usual = _BUSHES[kind]
     wide = usual if width is None else positive_number("bush", "width", width, "m", "pass metres")
     colors = (tone(codes[0]), tone(codes[1]))

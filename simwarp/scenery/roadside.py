@@ -30,7 +30,7 @@ def cone(color: str = "orange", *, height: float = 0.75) -> Prop:
         A prop with a HULL of the cone and its plate.
     """
     if color not in _CONES:
-        raise ModelError(f"cone: color must be one of {', '.join(CONES)}, got {color!r}")
+        raise ModelError(f"cone: color must be one of {', '.join(CONES)}, got {color!r}; choose one")
     tall = positive_number("cone", "height", height, "m", "pass metres")
     main, band = _CONES[color]
     plate = 0.05 * tall
@@ -174,7 +174,7 @@ def barrier_chain(
     """
     line = np.asarray(points, dtype=np.float64)
     if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.isfinite(line).all():
-        raise ModelError(f"barrier_chain: points must be (n >= 2, 2) finite numbers, got shape {line.shape}")
+        raise ModelError(f"barrier_chain: points must be (n >= 2, 2) finite numbers, got shape {line.shape}; pass x, y")
     if closed:
         line = np.concatenate([line, line[:1]])
     outline = _jersey(positive_number("barrier_chain", "height", height, "m", "pass metres"))

@@ -50,7 +50,7 @@ def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, deta
         A prop with one HULL of at most 32 corners, all of them on the rock.
     """
     if kind not in _STYLES:
-        raise ModelError(f"rock: kind must be one of {', '.join(ROCKS)}, got {kind!r}")
+        raise ModelError(f"rock: kind must be one of {', '.join(ROCKS)}, got {kind!r}; choose one")
     if detail not in (1, 2, 3):
         raise ModelError(f"rock: detail must be 1, 2 or 3, got {detail!r}; 2 has 320 triangles")
     style = _STYLES[kind]

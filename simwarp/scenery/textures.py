@@ -130,8 +130,8 @@ def ground_texture(kind: str = "grass", seed: int = 0, *, pixels: int = 256) -> 
         pixels: width and height, at least 32.
     """
     if kind not in _KINDS:
-        raise ModelError(f"ground_texture: kind must be one of {', '.join(TEXTURES)}, got {kind!r}")
+        raise ModelError(f"ground_texture: kind must be one of {', '.join(TEXTURES)}, got {kind!r}; choose one")
     if isinstance(pixels, bool) or not isinstance(pixels, (int, np.integer)) or pixels < 32:
-        raise ModelError(f"ground_texture: pixels must be an integer >= 32, got {pixels!r}")
+        raise ModelError(f"ground_texture: pixels must be an integer >= 32, got {pixels!r}; 256 is usual")
     linear = _KINDS[kind][1](int(pixels), stream(f"texture {kind}", seed))
     return np.asarray(np.round(255.0 * srgb_from_linear(np.clip(linear, 0.0, 1.0))), dtype=np.uint8)

@@ -66,7 +66,7 @@ class Track:
     def starts(self, where: Literal["turn", "straight", "anywhere"] = "anywhere") -> npt.NDArray[np.int64]:
         """Indices of the points at which a vehicle may start."""
         if where not in ("turn", "straight", "anywhere"):
-            raise ModelError(f"track: where must be turn, straight or anywhere, got {where!r}")
+            raise ModelError(f"track: where must be turn, straight or anywhere, got {where!r}; choose one")
         bent = self.curvature[:-1] != 0.0
         chosen = {"turn": bent, "straight": ~bent, "anywhere": np.ones_like(bent)}[where]
         return np.flatnonzero(chosen)
@@ -104,11 +104,13 @@ def rounded(
     """
     polygon = np.asarray(corners, dtype=np.float64)
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not np.isfinite(polygon).all():
-        raise ModelError(f"track: corners must be (k >= 3, 2) finite numbers, got shape {polygon.shape}")
+        raise ModelError(f"track: corners must be (k >= 3, 2) finite numbers, got shape {polygon.shape}; pass x, y")
     radius = np.broadcast_to(np.asarray(radii, dtype=np.float64), len(polygon))
     step = positive_number("track", "spacing", spacing, "m", "pass metres")
     if not (radius > 0.5 * positive_number("track", "width", width, "m", "pass metres")).all():
-        raise ModelError(f"track: radii must exceed half the width ({0.5 * width:g} m), got {radius.min():g} m")
+        raise ModelError(
+            f"track: radii must exceed half the width ({0.5 * width:g} m), got {radius.min():g} m; raise it"
+        )
     into, size, turn = _sides(polygon)
     tangent = radius * np.tan(0.5 * np.abs(turn))
     free = size - tangent - np.roll(tangent, 1)
@@ -165,7 +167,7 @@ def indoor_track(
         spacing: of its points [m].
     """
     if isinstance(blocks, bool) or not isinstance(blocks, (int, np.integer)) or blocks < 1:
-        raise ModelError(f"indoor_track: blocks must be an integer >= 1, got {blocks!r}")
+        raise ModelError(f"indoor_track: blocks must be an integer >= 1, got {blocks!r}; more give more turns")
     if not 0.5 * width < min_radius <= 0.5 * pitch:
         raise ModelError(
             f"indoor_track: half the width < min_radius <= half the pitch must hold, got width={width!r}, "
@@ -236,7 +238,9 @@ def race_track(
     """
     rng = stream("race track", seed)
     if min_radius <= 0.5 * width:
-        raise ModelError(f"race_track: min_radius must exceed half the width, got {min_radius!r} m and {width!r} m")
+        raise ModelError(
+            f"race_track: min_radius must exceed half the width, got {min_radius!r} m and {width!r} m; raise it"
+        )
     for _ in range(500):
         angle = 2.0 * math.pi * (np.arange(turns) + rng.uniform(-0.3, 0.3, turns)) / turns
         reach = 0.5 * size * rng.uniform(0.45, 1.0, turns)
