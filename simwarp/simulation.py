@@ -148,7 +148,9 @@ class Simulation:
         self._initial.copy_from(self.state)
         element_memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
         self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
-        self._step_commands = self._record_step()
+        self.physics_commands = self._record_step()
+        """Recorded launches of a sub-step; those of the sensors come after them."""
+        self.sensor_commands = [launch for sensor in self.sensors for launch in sensor.record(self, self._config.dt)]
         self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
         """What force elements and sensors remember; `Snapshot.memory` holds a copy."""
         self._begin_sensors(self._all_worlds)
@@ -161,7 +163,9 @@ class Simulation:
     def step(self) -> None:
         """Advances every world by `dt`, in `substeps` parts. Frozen (non-finite) worlds stay as they are."""
         for _ in range(self.substeps):
-            for command in self._step_commands:
+            for command in self.physics_commands:
+                command.launch()
+            for command in self.sensor_commands:
                 command.launch()
 
     def reset(self, world_mask: Any = None, *, sensors: bool = True) -> None:
@@ -297,7 +301,7 @@ class Simulation:
         )  # fmt: skip
 
     def _record_step(self) -> list[Any]:
-        """The step as recorded launches: a fifth of the host time of fresh ones."""
+        """The physics of a step as recorded launches: a fifth of the host time of fresh ones."""
         commands = [command for part in self.elements for command in part.record(self, self._config.dt)]
         if self.model.topology.pair_count > 0:
             commands.append(
@@ -312,7 +316,6 @@ class Simulation:
             )  # fmt: skip
         commands.append(self._launch(Operation.STEP, self._all_worlds, record=True))
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
-        measuring += [sensor.record for sensor in self.sensors]
         return commands + [command for record in measuring for command in record(self, self._config.dt)]
 
     def _begin_sensors(self, mask: wp.array) -> None:

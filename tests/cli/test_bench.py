@@ -357,13 +357,13 @@ def test_the_clock_runs_for_stepping_only():
 
 
 @pytest.mark.parametrize(("name", "physics"), [("pendulum-task", True), ("fast", False)])
-def test_a_task_is_split_into_physics_and_the_rest(bench, name, physics):
+def test_a_task_is_split_into_its_parts(bench, name, physics):
     code, result, err = bench(name, "--worlds", "4")
     assert code == 0, err
     row = result["rows"][0]
     assert set(row) >= CONTRACT
     assert (row["scene"], result["kind"]) == (name, "task")
-    assert set(row["split"]) == {"physics", "task"}
+    assert set(row["split"]) == {"physics", "sensors", "task", "policy"}
     assert sum(row["split"].values()) == pytest.approx(1.0)
     assert (row["split"]["physics"] > 0.0) == physics
     assert (row["bytes_per_world"] is not None) == physics

@@ -111,7 +111,7 @@ def changed(task, adapter):
 def test_nothing_handed_out_changes(adapter, name):
     task = TASKS[name]()
     if task.simulation is not None:
-        assert task.simulation._step_commands  # recorded launches: the addresses are fixed
+        assert task.simulation.physics_commands  # recorded launches: the addresses are fixed
     different, count = changed(task, ADAPTERS[adapter])
     assert different == 0
     assert count > 3 * STEPS

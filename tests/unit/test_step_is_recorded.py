@@ -52,7 +52,7 @@ def test_a_step_allocates_launches_and_reads_nothing(name, substeps, reactions, 
     for method in ("__init__", "numpy", "list", "assign", "fill_", "zero_", "__getitem__"):
         counter.watch(wp.array, method)
     counter.watch(type(sim.model.device.default_allocator), "allocate")
-    command = type(sim._step_commands[0])
+    command = type(sim.physics_commands[0])
     launches: list[object] = []
     original = command.launch
 
@@ -66,8 +66,8 @@ def test_a_step_allocates_launches_and_reads_nothing(name, substeps, reactions, 
         sim.step()
     monkeypatch.undo()
     assert {label: count for label, count in counter.calls.items() if count} == {}
-    assert len(launches) == 5 * substeps * len(sim._step_commands)
-    assert set(map(id, launches)) == set(map(id, sim._step_commands))
+    assert len(launches) == 5 * substeps * len(sim.physics_commands)
+    assert set(map(id, launches)) == set(map(id, sim.physics_commands))
     assert sim.time.ptr == before
     np.testing.assert_allclose(sim.time.numpy(), 6e-3, rtol=1e-6)  # and they did step
 

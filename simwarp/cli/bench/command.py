@@ -17,7 +17,7 @@ from simwarp.cli.bench.machine import describe
 from simwarp.cli.bench.measure import Row
 from simwarp.cli.bench.subjects import find_subject
 from simwarp.cli.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, names_for_people
-from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.cli.options import CommonOptions, option_value, parse_options
 from simwarp.model import resolve_device
 
 _SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
@@ -42,6 +42,8 @@ class BenchOptions(CommonOptions):
     """Time step [s]; by default the scene's own."""
     seconds: float = 1.0
     """Time to step for, per row [s], in five parts."""
+    obs: str | None = None
+    """Observations of a task that has a choice: state or camera."""
     compile: Flag = False
     """Also measure a cold start: a new process with an empty kernel cache, then one with a filled one (slow)."""
     peers: Flag = False
@@ -51,7 +53,7 @@ class BenchOptions(CommonOptions):
 def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
     name, rest = _take_scene(arguments)
-    subject = find_subject(name, _task_names)
+    subject = find_subject(name, _task_names, option_value(rest, "--obs"))
     options = parse_options(BenchOptions, rest, f"simwarp bench {name}")
     options.check()
     worlds = _world_counts(options.worlds)

@@ -10,6 +10,7 @@ from simwarp.cli import UsageError
 from simwarp.cli.bench.measure import Row, measure_scene
 from simwarp.cli.bench.peers import peer_measures, peer_notes
 from simwarp.cli.bench.workloads import SENSOR_SCENES, bench_scenes, explain_unknown, task_of
+from simwarp.cli.options import check_obs
 from simwarp.vehicle.reading import vehicle_names
 
 Measure = Callable[[int, str, float | None, float], Row]
@@ -35,12 +36,16 @@ class Subject:
     cold_name: str | None = None
 
 
-def find_subject(name: str, tasks: Callable[[], list[str]]) -> Subject:
-    """What `name` means; the names of tasks, which take long to find, come last.
+def find_subject(name: str, tasks: Callable[[], list[str]], obs: str | None = None) -> Subject:
+    """What `name` means; the names of tasks, which take long to find, come last. `obs`: a task's observations.
 
     Raises:
         UsageError: nothing has that name.
     """
+    if obs is not None and (name in bench_scenes() or name in vehicle_names() or name in SENSOR_SCENES):
+        raise UsageError(
+            f"--obs is of tasks, and '{name}' is none: leave it away, or write {name}-task where there is one"
+        )
     scene = bench_scenes().get(name)
     if scene is not None:
         peers = tuple(functools.partial(_beside, measure, name) for measure in peer_measures(name))
@@ -59,9 +64,13 @@ def find_subject(name: str, tasks: Callable[[], list[str]]) -> Subject:
     if task is None:
         raise UsageError(explain_unknown(name, known))
     from simwarp.cli.bench.tasks import measure_task, task_device
+    from simwarp.tasks import task_class
+
+    if obs is not None:
+        check_obs(task, task_class(task).config_type(), obs)
 
     def measure(worlds: int, device: str, dt: float | None, seconds: float) -> Row:
-        row = measure_task(task, worlds, task_device(device), dt, seconds)
+        row = measure_task(task, worlds, task_device(device), dt, seconds, obs)
         return dataclasses.replace(row, scene=name)
 
     return Subject("task", (measure,), notes=tuple(peer_notes(name)), cold_name=task)

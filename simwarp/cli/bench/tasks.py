@@ -1,8 +1,9 @@
-"""A task's row: environment steps with random actions, and how much of their time is physics."""
+"""A task's row: environment steps with random actions, and what their time goes to."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -15,7 +16,7 @@ from simwarp.tasks.task import NON_FINITE
 
 _HORIZON_STEPS = 1000
 _ACTIONS = 16
-_SPLIT_STEPS = 200
+_SPLIT_STEPS, _SPLIT_SECONDS = 200, 10.0
 
 
 class TaskRun:
@@ -67,34 +68,69 @@ class TaskRun:
         return Health(tuple(problems), residual, float(reports.position_error.numpy().max()), 0.0, 0.0)
 
     def split(self) -> dict[str, float]:
-        """Shares of the time of a step: physics, and the task around it (actions, rewards, observations, resets)."""
-        physics = 0.0
-        sim = self.task.simulation
-        if sim is None:
-            return {"physics": 0.0, "task": 1.0}
-        plain = sim.step
+        """Shares of the time of a step in which a policy acts: physics, sensors, the policy's network (that which
+        `simwarp train` would make), and the task around them: actions, rewards, observations, resets.
+        """
+        spent = {"physics": 0.0, "sensors": 0.0, "policy": 0.0}
+        sim, policy = self.task.simulation, self._policy()
 
-        def timed() -> None:
-            nonlocal physics
+        def timed(part: str, work: Callable[[], None]) -> None:
             self.wait()
             start = time.perf_counter()
-            plain()
+            work()
             self.wait()
-            physics += time.perf_counter() - start
+            spent[part] += time.perf_counter() - start
 
-        sim.step = timed
+        def launch(commands: list[Any]) -> None:
+            for command in commands:
+                command.launch()
+
+        def step() -> None:
+            for _ in range(sim.substeps):
+                timed("physics", lambda: launch(sim.physics_commands))
+                timed("sensors", lambda: launch(sim.sensor_commands))
+
+        if sim is not None:
+            sim.step = step
         try:
             begin = time.perf_counter()
-            for _ in range(_SPLIT_STEPS):
+            steps = 0
+            while steps < _SPLIT_STEPS and time.perf_counter() - begin < _SPLIT_SECONDS:
                 self.step()
+                timed("policy", lambda: policy(self.task.observe()))
+                steps += 1
             self.wait()
             total = time.perf_counter() - begin
         finally:
-            del sim.step
-        return {"physics": physics / total, "task": 1.0 - physics / total}
+            if sim is not None:
+                del sim.step
+        shares = {part: seconds / total for part, seconds in spent.items()}
+        return {
+            "physics": shares["physics"], "sensors": shares["sensors"], "task": max(0.0, 1.0 - sum(shares.values())),
+            "policy": shares["policy"],
+        }  # fmt: skip
+
+    def _policy(self) -> Callable[[dict[str, torch.Tensor]], None]:
+        """A network such as training makes, untrained."""
+        from tensordict import TensorDict
+
+        from simwarp.train.config import default_config, rsl_rl_config
+        from simwarp.train.policies import build_actor
+
+        task = self.task
+        settings = rsl_rl_config(
+            default_config(type(task), task.config), list(task.observation_shapes), task.action_size
+        )
+        actor = build_actor(settings, task)
+
+        def act(observations: dict[str, torch.Tensor]) -> None:
+            with torch.inference_mode():
+                actor(TensorDict(dict(observations), batch_size=[task.num_worlds]))
+
+        return act
 
 
-def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
+def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds: float, obs: str | None = None) -> Row:
     """Times a task; `launches_per_step` and the rates are those of a control step.
 
     Raises:
@@ -103,6 +139,8 @@ def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds:
     """
     torch.set_num_threads(1)
     config = task_class(name).config_type()
+    if obs is not None:
+        config = replace_fields(config, {"obs": obs})
     if dt is not None:
         config = replace_fields(config, {"dt": dt})
     start = time.perf_counter()
