@@ -143,7 +143,7 @@ def test_a_caption_gives_way_to_its_colour_bar():
         sheet = Sheet(PANEL, [54], 1, "title", "note")
         sheet.put(0, 0, Panel("depth", note, image, bar))
         papers.append(sheet.picture())
-    np.testing.assert_array_equal(*papers)
+    np.testing.assert_array_equal(papers[0], papers[1])
 
 
 def test_a_bar_paints_what_is_not_seen_dark():

@@ -152,7 +152,7 @@ def test_what_a_studio_refuses():
     with pytest.raises(ModelError, match="Shot: target"):
         Studio(sim, scene, Shot(target=(0.0, math.nan, 0.0)))
     with pytest.raises(ModelError, match="Shot: eye"):
-        Studio(sim, scene, Shot(eye=(0.0, 1.0)))  # type: ignore[arg-type]
+        Studio(sim, scene, Shot(eye=(0.0, 1.0)))
     with pytest.raises(ModelError, match="Pinhole lens: fov"):
         Studio(sim, scene, Shot(fov=40.0))
 

@@ -143,7 +143,7 @@ def radar_panel(returns: Array, clusters: Array, speed: float, width: int, heigh
         axes.plot(cluster[0], cluster[1], "o", markersize=13, markerfacecolor="none", markeredgecolor=TRUTH,
                   markeredgewidth=0.8)  # fmt: skip
         if abs(cluster[3] + speed * cluster[0] / np.linalg.norm(cluster[:3])) > 3.0:  # it moves itself
-            axes.annotate(f"{cluster[3]:.1f} m/s", cluster[:2], xytext=(9, 4), textcoords="offset points", fontsize=8)
+            axes.annotate(f"{cluster[3]:.1f} m/s", cluster[:2], xytext=(10, -3), textcoords="offset points", fontsize=8)
     axes.set_aspect("equal")
     axes.set_xlim(0.0, 60.0)
     axes.set_ylim(-8.5, 8.5)

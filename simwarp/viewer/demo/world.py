@@ -181,7 +181,7 @@ def _add_things(visuals: Visuals, heights: Any, path: Path, seed: int) -> None:
     for k in range(3):
         put(barrier(), 17.5 + 2.1 * k, -7.6 + 0.35 * k, 0.17)
     for k, (kind, x, y, size) in enumerate((
-        ("boulder", 3.0, 6.4, 1.0), ("slab", 9.5, 8.4, 1.1), ("shard", 14.0, 12.5, 1.5), ("cobble", 7.2, -6.4, 0.8),
+        ("boulder", 3.0, 6.4, 1.0), ("slab", 9.5, 8.4, 1.1), ("shard", 14.0, 12.5, 1.5), ("cobble", 4.0, -7.4, 0.7),
         ("mossy", 11.5, -9.5, 1.2), ("boulder", 34.0, 9.5, 1.3), ("shard", 31.0, -9.0, 1.4), ("cobble", -4.5, 5.0, 0.6),
         ("slab", -6.0, -6.0, 0.9), ("mossy", 44.0, -5.0, 1.3),
     )):  # fmt: skip
