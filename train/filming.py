@@ -67,7 +67,9 @@ def film_strip(taken: Sequence[tuple[float, Images]], title: str) -> Images:
     """Moments (time, images of all worlds): a row of them for each world."""
     worlds = len(taken[0][1])
     panels = [
-        label(images[world], f"world {world}   t = {time:.2f} s") for world in range(worlds) for time, images in taken
+        label(images[world], f"world {world}   t = {time:.2f} s" if worlds > 1 else f"t = {time:.2f} s")
+        for world in range(worlds)
+        for time, images in taken
     ]
     columns = len(taken) if worlds > 1 else math.ceil(len(taken) / 2)
     if len(taken) == 1:
