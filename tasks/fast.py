@@ -85,6 +85,10 @@ class FastTask(Task[FastConfig]):
         window = ((-self.config.bound, self.config.bound),) * 2
         return Drawing((Line(torch.stack([torch.zeros_like(tip), tip], dim=1), "tab:blue"),), View.TOP, window)
 
+    def map_position(self) -> torch.Tensor:
+        """Where the point is."""
+        return torch.nn.functional.pad(self.position, (0, 1))
+
     def extra_state(self) -> dict[str, torch.Tensor]:
         """The position: there is no simulation that would keep it."""
         return {"position": self.position}

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import torch
@@ -116,6 +116,8 @@ class Task(ABC, Generic[ConfigT]):
         self.iteration = 0
         """Training iteration, told by the trainer; for a curriculum."""
         self.first_world = first_world
+        self.before_reset: Callable[[], None] | None = None
+        """Called in every control step once it is judged, while the worlds that ended still are where they ended."""
         with self._acting():
             self._allocate(seed, first_world)
             self.simulation, self._views, self.builder = self._make_physics(device)
@@ -194,6 +196,10 @@ class Task(ABC, Generic[ConfigT]):
         if self._views is None:
             raise InputError(f"task '{self.name}' has nothing to draw")
         return Drawing((Line(self.views.body_q[..., :3]),))
+
+    def map_position(self) -> torch.Tensor | None:
+        """Return where what acts is, (W, 3) [m], for paths on a map: by default body 0; None if nothing is anywhere."""
+        return None if self._views is None else self.views.body_q[:, 0, :3]
 
     def visuals(self, visuals: Visuals) -> None:
         """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional.
@@ -500,6 +506,8 @@ class Task(ABC, Generic[ConfigT]):
         if self._sensors.late:
             self._sensors.push(self.observations())
         final = self._final_observations(broken) if self.keep_final_observations else None
+        if self.before_reset is not None:
+            self.before_reset()
         self._reset_worlds(ended)
         groups = self.observations()
         self._watch_observations(groups)
