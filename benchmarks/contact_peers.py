@@ -63,7 +63,7 @@ def breakdown(scene: BenchScene, device: str) -> dict[str, Any]:
     run = prepared(scene, device)
     whole = cpu_us(run, run.step, _PARTS_STEPS)
     parts = {"motion": cpu_us(run, run.motion_command.launch, 1)}
-    *before, _ = run.sim._step_commands
+    *before, _ = run.sim.physics_commands
     parts["collision"] = sum(cpu_us(run, command.launch, 1) for command in before)
     iterations = float(run.sim.diagnostics.iterations.numpy().mean())
     air = prepared(dataclasses.replace(scene, build=lambda: scenes.ant(ground=False), settle=0.0), device)

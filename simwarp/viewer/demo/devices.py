@@ -18,10 +18,10 @@ from simwarp.sensors.gps import Gps, GpsConfig
 from simwarp.sensors.image_noise import Imaging
 from simwarp.sensors.imu import Imu, ImuConfig
 from simwarp.sensors.lenses import FishEye, Pinhole, Radial
-from simwarp.sensors.lidar import Lidar, LidarNoise
-from simwarp.sensors.lidar_presets import lidar_preset
+from simwarp.sensors.lidar import Lidar, LidarConfig, LidarNoise
 from simwarp.sensors.lights import Lighting, Lights, Sun
 from simwarp.sensors.noise import BoundedDrift, NormalNoise
+from simwarp.sensors.presets import load_config
 from simwarp.sensors.radar import Clusters, Radar, RadarConfig, RadarNoise
 from simwarp.simulation import Simulation
 from simwarp.types import Vec3
@@ -106,14 +106,11 @@ def make_rig(world: DemoWorld, seed: int, panel: int) -> Rig:
         ),
     }  # fmt: skip
     roof = _mount(world, (ROOF, (ROOF[0] + 1.0, ROOF[1], ROOF[2])))
-    lidar = Lidar(
-        world.scene, roof,
-        lidar_preset(
-            "vlp-16", schedule=Schedule(rate=once.rate, window=SWEEP), noise=LidarNoise(range=0.02, dropout=0.01),
-            near=0.4,
-        ),
-        seed=seed,
-    )  # fmt: skip
+    vlp = load_config(
+        "vlp-16", schedule=Schedule(rate=once.rate, window=SWEEP), noise=LidarNoise(range=0.02, dropout=0.01), near=0.4
+    )
+    assert isinstance(vlp, LidarConfig)
+    lidar = Lidar(world.scene, roof, vlp, seed=seed)
     return Rig(cameras, lidar, _radar(world, once, seed), _traced(world, seed))
 
 
