@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
+from .pictures import new_figure, save_figure
 from .run_folder import read_progress
 
 _PANELS = (("mean_reward", "mean return"), ("mean_episode_length", "mean episode length [steps]"))
@@ -17,8 +16,7 @@ _PANELS = (("mean_reward", "mean return"), ("mean_episode_length", "mean episode
 def draw_learning_curve(progress: Path, picture: Path, title: str) -> None:
     """Draw return and episode length over environment steps, from ``progress.csv`` to a PNG."""
     rows = read_progress(progress)
-    figure = Figure(figsize=(8.0, 3.2), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(8.0, 3.2)
     figure.suptitle(title)
     for column, (key, label) in enumerate(_PANELS):
         axes = figure.add_subplot(1, len(_PANELS), column + 1)
@@ -30,7 +28,4 @@ def draw_learning_curve(progress: Path, picture: Path, title: str) -> None:
         axes.set_ylim(bottom=min(0.0, *(value for _, value in points)) if points else 0.0)
         axes.xaxis.set_major_formatter(EngFormatter())
         axes.grid(alpha=0.3)
-    # The suffix tells matplotlib the format: a temporary name must keep it
-    temporary = picture.with_name(f".{picture.stem}.new{picture.suffix}")
-    figure.savefig(temporary, dpi=120)
-    temporary.replace(picture)
+    save_figure(figure, picture)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import torch
@@ -13,7 +13,7 @@ from simwarp.tasks import InputError, StepResult, Task, TaskConfig, make
 from .policies import Policy, forget, random_policy, zero_policy
 
 _MAX_WORLDS = 4096
-_CHECK_INTERVAL = 25
+CHECK_INTERVAL = 25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +60,7 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-class _Tally:
+class Tally:
     """Records of the episodes that count: the first so many of each world.
 
     Taking whichever episodes end first would favour short ones.
@@ -110,12 +110,24 @@ class _Tally:
         """Whether every world has played its share; reads the device."""
         return bool((self.done >= self.quota).all())
 
+    def ended(self) -> int:
+        """Return how many of the episodes that count are over; reads the device."""
+        return int(torch.minimum(self.done, self.quota).sum())
+
+    def reasons_so_far(self, reasons: list[str]) -> dict[str, int]:
+        """Return what the episodes that are over ended by; reads the device. Short ones come first: no statistics."""
+        over = self._round < torch.minimum(self.done, self.quota).unsqueeze(1)
+        return _counts(self.records["reason"][over].cpu(), reasons)
+
+    def first_episodes(self, worlds: int) -> dict[str, list[float]]:
+        """Return ``length``, ``reason`` and ``success`` of the first episode of the first worlds; reads the device."""
+        return {name: self.records[name][:worlds, 0].tolist() for name in ("length", "reason", "success")}
+
     def evaluation(self, reasons: list[str]) -> Evaluation:
         """Return the statistics."""
         counted = self._round < self.quota.unsqueeze(1)
         columns = {name: record[counted].cpu() for name, record in self.records.items()}
         episodes = int(counted.sum())
-        ends = columns["reason"].to(torch.int64).bincount(minlength=len(reasons)).tolist()
         successes = int(columns["success"].sum())
         return Evaluation(
             episodes=episodes,
@@ -125,7 +137,7 @@ class _Tally:
             min_episode_length=int(columns["length"].min()),
             success_rate=successes / episodes,
             success_ci95=wilson_interval(successes, episodes),
-            end_reasons={name: count for name, count in zip(reasons, ends, strict=True) if count},
+            end_reasons=_counts(columns["reason"], reasons),
             metrics={
                 name.removeprefix("metric "): float(column.mean())
                 for name, column in columns.items()
@@ -134,24 +146,92 @@ class _Tally:
         )
 
 
-def evaluate(task: Task[Any], policy: Policy, episodes: int, seed: int) -> Evaluation:
+def _counts(column: torch.Tensor, reasons: list[str]) -> dict[str, int]:
+    """Return how often each reason occurs in a column of indices, if it does."""
+    counts = column.to(torch.int64).bincount(minlength=len(reasons)).tolist()
+    return {name: count for name, count in zip(reasons, counts, strict=True) if count}
+
+
+class Watcher:
+    """Looks on while a policy is evaluated; this one is not interested."""
+
+    def begin(self, task: Task[Any]) -> None:
+        """Hear that all worlds stand at the beginning of their first episode."""
+
+    def step(self, step: int, tally: Tally) -> None:
+        """Hear that so many control steps are done. An exception stops the evaluation."""
+
+    def end(self, tally: Tally) -> None:
+        """Hear that all episodes are over."""
+
+
+def evaluate(
+    task: Task[Any], policy: Policy, episodes: int, seed: int, *, watcher: Watcher | None = None
+) -> Evaluation:
     """Run exactly ``episodes`` episodes from a fresh start and return their statistics."""
-    if episodes < 1:
-        raise InputError(f"episodes must be at least 1, got {episodes}")
+    _check_episodes(episodes)
     task.keep_final_observations = False
     observations = task.restart(seed=seed)
     forget(policy)
-    tally = _Tally(task, episodes)
+    tally = Tally(task, episodes)
+    watcher = watcher or Watcher()
+    watcher.begin(task)
     step = 0
     # Waiting for the device in every step would slow it down; a few steps too many change nothing
-    while step % _CHECK_INTERVAL or not tally.finished():
+    while step % CHECK_INTERVAL or not tally.finished():
         result = task.step(policy(observations))
         observations = result.observations
         forget(policy, result.terminated | result.truncated)
         tally.add(result)
         step += 1
+        watcher.step(step, tally)
+    watcher.end(tally)
     task.drain_statistics()
     return tally.evaluation(task.end_reasons)
+
+
+def _check_episodes(episodes: int) -> None:
+    if episodes < 1:
+        raise InputError(f"episodes must be at least 1, got {episodes}")
+
+
+def evaluate_policies(
+    task_name: str,
+    make_policy: Callable[[Task[Any]], Policy],
+    *,
+    config: TaskConfig,
+    episodes: int,
+    seed: int,
+    device: str = "cpu",
+    num_envs: int | None = None,
+    baselines: bool = True,
+    watch: Callable[[str], Watcher] | None = None,
+) -> Iterator[tuple[str, Evaluation]]:
+    """Evaluate a policy and then, on the same worlds, the one that does nothing and the random one.
+
+    Args:
+        task_name: a registered task.
+        make_policy: builds the policy for a task.
+        config: of the task.
+        episodes: of each policy.
+        seed: of the worlds.
+        device: canonical device name.
+        num_envs: worlds stepped together; by default one per episode, at most 4096.
+        baselines: whether the other two are evaluated at all.
+        watch: given a name, returns who looks on.
+
+    Yields:
+        Name (``policy``, ``zero`` or ``random``) and evaluation, as soon as it is known.
+    """
+    _check_episodes(episodes)
+    worlds = min(episodes, _MAX_WORLDS if num_envs is None else num_envs)
+    task = make(task_name, worlds, device=device, seed=seed, config=config)
+    policies = {"policy": make_policy(task)}
+    if baselines:
+        policies |= {"zero": zero_policy(task), "random": random_policy(task)}
+    for name, policy in policies.items():
+        watcher = None if watch is None else watch(name)
+        yield name, evaluate(task, policy, episodes, seed, watcher=watcher)
 
 
 def evaluate_with_baselines(
@@ -164,14 +244,9 @@ def evaluate_with_baselines(
     device: str = "cpu",
     num_envs: int | None = None,
 ) -> dict[str, Evaluation]:
-    """Evaluate a policy and, on the same worlds, the one that does nothing and the random one.
-
-    Returns:
-        Evaluations named ``policy``, ``zero`` and ``random``.
-    """
-    if episodes < 1:
-        raise InputError(f"episodes must be at least 1, got {episodes}")
-    worlds = min(episodes, _MAX_WORLDS if num_envs is None else num_envs)
-    task = make(task_name, worlds, device=device, seed=seed, config=config)
-    policies = {"policy": make_policy(task), "zero": zero_policy(task), "random": random_policy(task)}
-    return {name: evaluate(task, policy, episodes, seed) for name, policy in policies.items()}
+    """Return the evaluations of :func:`evaluate_policies` by name."""
+    return dict(
+        evaluate_policies(
+            task_name, make_policy, config=config, episodes=episodes, seed=seed, device=device, num_envs=num_envs
+        )
+    )

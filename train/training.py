@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
-import signal
-import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +19,7 @@ from .distributed import Processes, connect, processes
 from .loggers import RunLog, check_logger
 from .progress import ProgressDisplay
 from .run_folder import RUNS, RunFolder, create_run, open_run, provenance, resolve_checkpoint, write_json
+from .stopping import StopRequest, stop_on_signals
 from .trainer import IterationReport, Trainer
 
 
@@ -41,37 +38,6 @@ class TrainResult:
     mean_reward: float | None
     mean_episode_length: float | None
     interrupted: bool
-
-
-@dataclasses.dataclass
-class StopRequest:
-    """Whether someone asked the run to stop after the running iteration."""
-
-    requested: bool = False
-
-
-@contextlib.contextmanager
-def stop_on_signals() -> Iterator[StopRequest]:
-    """Turn the first Ctrl-C or SIGTERM into a request to stop; a second one stops at once.
-
-    An iteration is left whole: its rollout is learnt from and the checkpoint is one that can be resumed exactly.
-    """
-    request = StopRequest()
-    if threading.current_thread() is not threading.main_thread():
-        yield request
-        return
-
-    def ask(number: int, frame: object) -> None:
-        if request.requested:
-            raise KeyboardInterrupt
-        request.requested = True
-
-    previous = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield request
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def train(

@@ -108,34 +108,37 @@ def take_task(arguments: list[str], command: str, known: Iterable[str]) -> tuple
     raise UsageError(f"which task? usage: simwarp {command} TASK [options]; tasks: {', '.join(known)}")
 
 
-def expand_obs(arguments: list[str], task: str, config: Any) -> list[str]:
-    """Write ``--obs X`` as the option of the task's configuration that it stands for.
+def expand_shorthands(arguments: list[str], task: str, config: Any) -> list[str]:
+    """Write ``--obs X``, ``--full`` and ``--no-full`` as the options of the task's configuration they stand for.
 
     Raises:
-        UsageError: the task has no choice of observations, or not this one.
+        UsageError: the task has no choice of observations or not this one, or no full model.
     """
+    return _expand_full(_expand_obs(arguments, task, config), task, config)
+
+
+def _expand_obs(arguments: list[str], task: str, config: Any) -> list[str]:
     wanted = option_value(arguments, "--obs")
     if wanted is None:
         return arguments
-    check_obs(task, config, wanted)
-    return [f"--task.{word[2:]}" if word == "--obs" or word.startswith("--obs=") else word for word in arguments]
-
-
-def check_obs(task: str, config: Any, wanted: str) -> None:
-    """Refuse observations that a task does not have.
-
-    Raises:
-        UsageError: the task has no choice, or not this one.
-    """
     if not hasattr(config, "obs"):
         raise UsageError(f"task '{task}' has no choice of observations: leave --obs away")
     choices = [kind.value for kind in type(config.obs)]
     if wanted not in choices:
         raise UsageError(f"--obs of task '{task}' must be {' or '.join(choices)}, got '{wanted}'")
+    return [f"--task.{word[2:]}" if word == "--obs" or word.startswith("--obs=") else word for word in arguments]
+
+
+def _expand_full(arguments: list[str], task: str, config: Any) -> list[str]:
+    flags = ("--full", "--no-full")
+    used = next((word for word in arguments if word in flags), None)
+    if used is not None and not hasattr(config, "full"):
+        raise UsageError(f"task '{task}' has only one model of what it drives: leave {used} away")
+    return [f"--task.{word[2:]}" if word in flags else word for word in arguments]
 
 
 def chosen_obs(arguments: list[str]) -> str | None:
-    """Return the observations that arguments choose after :func:`expand_obs`; None if they leave it to the task."""
+    """Return the observations that arguments choose after :func:`expand_shorthands`; None if they leave it to the task."""
     return option_value(arguments, "--task.obs")
 
 

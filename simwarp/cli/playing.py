@@ -8,7 +8,7 @@ from typing import Any
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.evaluating import policy_defaults
-from simwarp.cli.options import CommonOptions, expand_obs, parse_options, take_task, task_options
+from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task, task_options
 from simwarp.tasks import make, resolve_device, task_class, task_names
 
 
@@ -36,7 +36,7 @@ def run(arguments: list[str]) -> int:
     """Play as the arguments say."""
     name, arguments = take_task(arguments, "play", task_names())
     cls = task_class(name)
-    arguments = expand_obs(arguments, name, cls.config_type())
+    arguments = expand_shorthands(arguments, name, cls.config_type())
     import torch
 
     from simwarp.train.config import task_config_from_plain

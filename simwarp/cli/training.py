@@ -9,7 +9,7 @@ from typing import Any
 from simwarp.cli import DONE, INTERRUPTED
 from simwarp.cli.options import (
     CommonOptions,
-    expand_obs,
+    expand_shorthands,
     option_value,
     parse_options,
     take_task,
@@ -35,7 +35,7 @@ def run(arguments: list[str]) -> int:
     """Train as the arguments say; 130 after an interruption."""
     name, arguments = take_task(arguments, "train", task_names())
     cls = task_class(name)
-    arguments = expand_obs(arguments, name, cls.config_type())
+    arguments = expand_shorthands(arguments, name, cls.config_type())
     # Only now what takes seconds to import: an unknown task is known at once
     from simwarp.train.checkpoint import load_checkpoint
     from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
