@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
 import torch
 
 from ..config import require
@@ -33,7 +34,7 @@ APART = 0.05
 """Distance of the vehicles along the path, as a share of it."""
 DURATION = 60.0
 """Time in which a leader that starts at the beginning comes to the end, ever faster [s]."""
-OBSTACLES = 8
+OBSTACLES, LARGE = 8, 4
 LEADER_HALF = (2.45, 1.1, 0.9)
 _REACH, _RAYS, _FAN = 20.0, 17, math.radians(200.0)
 _LENGTHS, _SPEED = 20.0, 10.0
@@ -122,12 +123,9 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             Kind(tree("oak", 1), (0.7, 1.0)),
             Kind(tree("spruce", 1), (0.7, 1.0)),
         ]
-        self.obstacles = Obstacles(kinds, OBSTACLES + len(self._large()), group=1, mask=CHASSIS_GROUP)
+        large = LARGE if self.config.generated else 0
+        self.obstacles = Obstacles(kinds, OBSTACLES + large, group=1, mask=CHASSIS_GROUP)
         self.obstacles.build(builder)
-
-    def _large(self) -> tuple[float, ...]:
-        """Where large obstacles stand, as shares of the straight line that their paths wind about."""
-        return (0.2, 0.4, 0.6, 0.8) if self.config.generated else ()
 
     def visuals(self, visuals: Visuals) -> None:
         """Show truck, leaders, obstacles, and grass."""
@@ -161,11 +159,15 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def setup(self) -> None:
         """Make paths, views and buffers."""
-        from simwarp.scenery.course import CONVOY_PATHS, convoy_path
+        from simwarp.scenery.course import CONVOY_PATHS, convoy_path, detour
 
         super().setup()
-        paths = [_winding(index) if self.config.generated else convoy_path(index) for index in range(CONVOY_PATHS)]
+        detours = [detour(seed, count=LARGE) for seed in range(CONVOY_PATHS)] if self.config.generated else []
+        paths = [way.path for way in detours] or [convoy_path(index) for index in range(CONVOY_PATHS)]
         self.routes = Routes(paths, 0.5, self.device)
+        self._large = torch.tensor(
+            np.array([way.obstacles for way in detours]).reshape(-1, LARGE, 3), dtype=torch.float32, device=self.device
+        )
         self.obstacles.bind(self.simulation.model, self._scene)
         if self._scene is not None:
             from simwarp.interop import to_torch
@@ -194,24 +196,24 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def _place_obstacles(self, world_mask: torch.Tensor) -> None:
         """At equal steps along the path, to either side, so far away that it stays free; and large ones between."""
-        random, count, large = self.random, self.obstacles.count, len(self._large())
+        random, count = self.random, self.obstacles.count
         kind, scale = self.obstacles.draw_kinds(random)
         heading = random.uniform("obstacle headings", -math.pi, math.pi, count)
         share = (torch.arange(OBSTACLES, device=self.device) + 1.0) / (OBSTACLES + 1.0)
         length = self.routes.length[self.route].unsqueeze(1)
         along = self.routes.at(self.route, share * length)
-        if large:
+        if self.config.generated:
+            large = self._large[self.route]
             kind[:, OBSTACLES:] = 0
-            scale[:, OBSTACLES:] = 3.0
+            scale[:, OBSTACLES:] = large[..., 2] / self.obstacles.reach(kind, torch.ones_like(scale))[:, OBSTACLES:]
         reach = self.obstacles.reach(kind, scale)
         side = 1.0 - 2.0 * (random.uniform("sides", size=OBSTACLES) < 0.5).float()
         aside = side * (reach[:, :OBSTACLES] + LEADER_HALF[1] + 1.5 + random.uniform("gaps", 0.0, 2.0, OBSTACLES))
         place = torch.stack(
             [along[..., 0] - aside * along[..., 2].sin(), along[..., 1] + aside * along[..., 2].cos()], dim=2
         )
-        if large:
-            middle = torch.tensor([_large_place(share) for share in self._large()], device=self.device)
-            place = torch.cat([place, middle.expand(self.num_worlds, -1, -1)], dim=1)
+        if self.config.generated:
+            place = torch.cat([place, large[..., :2]], dim=1)
         free = torch.stack(
             [self.routes.distance(self.route, place[:, slot]) for slot in range(count)], dim=1
         ) > reach + LEADER_HALF[1] + 0.5  # fmt: skip
@@ -385,21 +387,3 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         point, heading = self.pose()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
         return Drawing(tuple(lines), View.TOP, ((-110.0, 110.0), (-110.0, 110.0)), panel=4.0)
-
-
-def _large_place(share: float) -> tuple[float, float]:
-    """Of a large obstacle [m]."""
-    return (-90.0 + 180.0 * share, 0.0)
-
-
-def _winding(index: int) -> Any:
-    """A path from left to right around four large obstacles: each passed on one side or the other, 16 in all."""
-    import numpy as np
-
-    from simwarp.vehicle.paths import smooth
-
-    nodes = [(-90.0, 0.0)]
-    for bit, share in enumerate((0.2, 0.4, 0.6, 0.8)):
-        x, y = _large_place(share)
-        nodes.append((x, y + (12.0 if (index >> bit) & 1 else -12.0)))
-    return smooth(np.array([*nodes, (90.0, 0.0)]), spacing=0.5)

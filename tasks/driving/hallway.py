@@ -108,16 +108,16 @@ class HallwayTask(LappingTask[HallwayConfig]):
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
         """Return walls, floor, ceiling and cones."""
         from simwarp.scenery.corridor import corridor
+        from simwarp.scenery.prop import arranged
         from simwarp.scenery.roadside import cone
-        from simwarp.scenery.solids import moved
         from simwarp.visual_mesh import joined
 
         walls = corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
-        cones = [
-            moved(cone(color, height=0.25).mesh, (float(x), float(y), 0.0))
-            for side, color in ((1.0, "green"), (-1.0, "red")) for x, y, _ in track.marks(_CONE_APART, side)
-        ]  # fmt: skip
-        return joined([walls.walls.mesh, walls.floor, walls.ceiling, *cones])
+        left, right = (
+            arranged(cone(color, height=0.25), track.marks(_CONE_APART, side)).mesh
+            for side, color in ((1.0, "green"), (-1.0, "red"))
+        )
+        return joined([walls.walls.mesh, walls.floor, walls.ceiling, left, right])
 
     def lighting(self) -> Lighting:
         """Light from all sides, a little more from above, and no sun."""
