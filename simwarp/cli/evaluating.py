@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
-from rich.box import SIMPLE
-from rich.console import Console
-from rich.table import Table
+import tyro
 
-from simwarp.cli import DONE, UsageError
+from simwarp.cli import DONE, INTERRUPTED, UsageError
+from simwarp.cli.grids import grid_points
 from simwarp.cli.options import (
     HELP,
     CommonOptions,
     chosen_obs,
-    expand_obs,
+    expand_shorthands,
     option_value,
     parse_options,
     take_task,
     task_options,
 )
-from simwarp.tasks import resolve_device, task_class, task_names
-
-if TYPE_CHECKING:
-    from simwarp.train.evaluation import Evaluation
-
-_NAMES = {"policy": "trained", "zero": "zero action", "random": "random"}
+from simwarp.tasks import TaskConfig, resolve_device, task_class, task_names
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +28,7 @@ class EvalOptions(CommonOptions):
     """Statistics of a policy over fresh worlds, with the zero-action and the random policy beside it."""
 
     episodes: int = 256
-    """Episodes, each world's first ones."""
+    """Episodes, each world's first ones; with --grid of every point."""
     checkpoint: Path | None = None
     """Checkpoint file or run folder; by default the newest run of the task, else the shipped policy."""
     num_envs: int | None = None
@@ -43,63 +37,82 @@ class EvalOptions(CommonOptions):
     """Seed of the worlds, other than that of training."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
-    grid: str | None = None
-    """KEY=a,b,c: evaluate once for each value of a field of the task's configuration."""
+    grid: tyro.conf.UseAppendAction[tuple[Annotated[str, tyro.conf.arg(metavar="KEY=a,b,c")], ...]] = ()
+    """KEY=a,b,c: evaluate for each value of a field of the task's configuration. May be repeated: then every
+    combination is evaluated, and two keys make a table."""
+    baselines: bool = True
+    """Evaluate the zero-action and the random policy too; with --grid only if asked for, since it takes thrice the
+    time."""
+    plot: Path | None = None
+    """Folder for results.json, a picture of the success rates and maps of the ways taken; by default TASK-eval with
+    --grid, none without."""
     runs: Path = Path("runs")
     """Folder of the run folders."""
 
 
+@dataclasses.dataclass(frozen=True)
+class GridEvalOptions(EvalOptions):
+    """Statistics of a policy at every point of a grid."""
+
+    baselines: bool = False
+    """Evaluate the zero-action and the random policy too, which takes thrice the time."""
+
+
 def run(arguments: list[str]) -> int:
-    """Evaluate as the arguments say."""
+    """Evaluate as the arguments say; 130 after an interruption."""
     name, arguments = take_task(arguments, "eval", task_names())
     cls = task_class(name)
-    arguments = expand_obs(arguments, name, cls.config_type())
+    arguments = expand_shorthands(arguments, name, cls.config_type())
     import torch
 
+    from simwarp.cli.eval_report import Report, open_folder
     from simwarp.train.config import task_config_from_plain
-    from simwarp.train.evaluation import evaluate_with_baselines
+    from simwarp.train.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
     from simwarp.train.policies import find_policy, network_policy
+    from simwarp.train.stopping import stop_on_signals
 
     torch.set_num_threads(1)
     source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
-    kind = task_options("EvalCommand", EvalOptions, task=config or cls.config_type())
+    base = EvalOptions if option_value(arguments, "--grid") is None else GridEvalOptions
+    kind = task_options("EvalCommand", base, task=config or cls.config_type())
 
     def parse(words: list[str]) -> Any:
-        return parse_options(kind, words, f"simwarp eval {name}")
+        return parse_options(kind, [*arguments, *words], f"simwarp eval {name}")
 
-    options = parse(arguments)
+    options = parse([])
     options.check()
     _check_counts(options)
-    device = resolve_device(options.device)
+    # All points are checked before the first one is evaluated
+    points = grid_points(options.grid, options.task, lambda words: _task_of(parse(words)))
+    settings = GridSettings(
+        episodes=options.episodes,
+        seed=options.seed,
+        device=resolve_device(options.device),
+        num_envs=options.num_envs,
+        baselines=options.baselines,
+        trails=bool(options.grid) or options.plot is not None,
+    )
     source = source or find_policy(name, options.checkpoint, options.runs, chosen_obs(arguments))
-    console = options.console()
-    results: list[dict[str, Any]] = []
-    # A value of the grid is one more option, so that it is typed and checked like any other; all before the first run
-    points = [
-        (key, parse([*arguments, f"--task.{key}", word]).task if key else options.task)
-        for key, word in _grid(options.grid)
-    ]
-    for key, task_config in points:
-        label = {key: getattr(task_config, key.replace("-", "_"))} if key else {}
-        evaluations = evaluate_with_baselines(
-            name,
-            lambda task: network_policy(source.content, task),
-            config=task_config,
-            episodes=options.episodes,
-            seed=options.seed,
-            device=device,
-            num_envs=options.num_envs,
-        )
-        title = ", ".join(
-            [name, f"{options.episodes} episodes", *(f"{field} = {value}" for field, value in label.items())]
-        )
-        _print(console, title, evaluations)
-        baselines = {which: value.as_json() for which, value in evaluations.items() if which != "policy"}
-        results.append({**label, **evaluations["policy"].as_json(), "baselines": baselines})
-    console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
-    head = {"task": name, "checkpoint": str(source.path), "seed": options.seed}
-    options.emit(head | ({"grid": results} if options.grid else results[0]))
-    return DONE
+    folder = open_folder(options.plot, name, bool(options.grid))
+    report, console = Report(name, source, settings, points, folder), options.console()
+    with stop_on_signals() as stop:
+        try:
+            with GridDisplay(console, len(points), 3 if settings.baselines else 1, settings.episodes) as display:
+                evaluate_grid(
+                    name, lambda task: network_policy(source.content, task), points, settings,
+                    results=report.results, display=display, stop=stop, after=report.save,
+                )  # fmt: skip
+        except EvaluationStoppedError as stopped:
+            report.stopped = stopped
+        finally:
+            if report.finish(console):
+                options.emit(report.content())
+    return DONE if report.stopped is None else INTERRUPTED
+
+
+def _task_of(options: Any) -> TaskConfig:
+    config: TaskConfig = options.task
+    return config
 
 
 def policy_defaults(name: str, arguments: list[str], find: Any, from_plain: Any) -> tuple[Any, Any]:
@@ -120,35 +133,3 @@ def _check_counts(options: Any) -> None:
         value = getattr(options, field)
         if value is not None and value < 1:
             raise UsageError(f"{field.replace('_', '-')} must be at least 1, got {value}")
-
-
-def _grid(text: str | None) -> list[tuple[str, str]]:
-    """Return the (field, value) pairs of ``KEY=a,b,c``, as typed; one empty pair without a grid."""
-    if text is None:
-        return [("", "")]
-    key, equals, values = text.partition("=")
-    if not (equals and key.strip() and values):
-        raise UsageError(f"--grid wants KEY=a,b,c, got '{text}'")
-    return [(key.strip().replace("_", "-"), word.strip()) for word in values.split(",")]
-
-
-def _print(console: Console, title: str, evaluations: dict[str, Evaluation]) -> None:
-    table = Table(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
-    for column in ("", "return", "length", "success", "95 % interval"):
-        table.add_column(column, justify="right" if column else "left", no_wrap=True)
-    table.add_column("ended by", overflow="fold")
-    for key, value in evaluations.items():
-        low, high = value.success_ci95
-        table.add_row(
-            _NAMES[key],
-            f"{value.mean_return:.1f} ± {value.std_return:.1f}",
-            f"{value.mean_episode_length:.1f}",
-            f"{value.success_rate:.1%}",
-            f"{low:.1%} - {high:.1%}",
-            ", ".join(f"{reason} {count}" for reason, count in value.end_reasons.items()),
-        )
-    console.print(table)
-    own = evaluations["policy"].metrics
-    for metric in own:
-        values = ", ".join(f"{_NAMES[key]} {value.metrics[metric]:.4g}" for key, value in evaluations.items())
-        console.print(f"{metric}: {values}", highlight=False)

@@ -138,7 +138,7 @@ def _expand_full(arguments: list[str], task: str, config: Any) -> list[str]:
 
 
 def chosen_obs(arguments: list[str]) -> str | None:
-    """Return the observations that arguments choose after :func:`expand_shorthands`; None if they leave it to the task."""
+    """Return the observations that expanded arguments choose; None if they leave it to the task."""
     return option_value(arguments, "--task.obs")
 
 

@@ -1,0 +1,252 @@
+"""What ``simwarp eval`` tells: tables, pictures, JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+from simwarp.cli import UsageError
+from simwarp.train.evaluation import Evaluation
+from simwarp.train.grid import (
+    POLICY_NAMES,
+    EvaluationStoppedError,
+    GridPoint,
+    GridSettings,
+    PointResult,
+    axes_of,
+    shown,
+)
+from simwarp.train.policies import PolicySource
+from simwarp.train.run_folder import write_json
+
+RESULTS = "results.json"
+_NOTE = 110
+
+
+@dataclasses.dataclass
+class Report:
+    """Results of an evaluation, as they come.
+
+    Attributes:
+        task: its name.
+        source: the policy.
+        settings: how every point is evaluated.
+        points: all that were asked for.
+        folder: for pictures and results; None writes none.
+        results: of the points that were evaluated.
+        stopped: where it was stopped, if it was.
+        written: files written so far.
+    """
+
+    task: str
+    source: PolicySource
+    settings: GridSettings
+    points: list[GridPoint]
+    folder: Path | None
+    results: list[PointResult] = dataclasses.field(default_factory=list)
+    stopped: EvaluationStoppedError | None = None
+    written: list[Path] = dataclasses.field(default_factory=list)
+
+    @property
+    def is_grid(self) -> bool:
+        """Whether there are keys."""
+        return bool(self.points[0].values)
+
+    def content(self) -> dict[str, Any]:
+        """Return what ``--json`` writes."""
+        head: dict[str, Any] = {"task": self.task, "checkpoint": str(self.source.path), "seed": self.settings.seed}
+        if self.written:
+            head["files"] = [str(path) for path in self.written]
+        if self.stopped is not None:
+            head["unfinished"] = {
+                "at": self.stopped.where,
+                "episodes": self.stopped.ended,
+                "end_reasons": self.stopped.end_reasons,
+            }
+        if self.stopped is not None or len(self.results) < len(self.points):
+            head["interrupted"] = True
+        if self.is_grid:
+            return {**head, "keys": axes_of(self.points), "grid": [result.as_json() for result in self.results]}
+        return head | (self.results[0].as_json() if self.results else {})
+
+    def finish(self, console: Console) -> bool:
+        """Print the tables, write the files; return whether there is anything to tell.
+
+        Raises:
+            UsageError: a file cannot be written.
+        """
+        if not self.results and self.stopped is None:
+            if self.folder is not None and not any(self.folder.iterdir()):
+                self.folder.rmdir()
+            return False
+        self.show(console)
+        try:
+            self.draw()
+        except OSError as error:
+            raise UsageError(f"cannot write to '{self.folder}': {error.strerror}") from error
+        console.print(f"policy: {self.source.origin}", highlight=False, markup=False, soft_wrap=True)
+        if self.written:
+            names = ", ".join(path.name for path in self.written)
+            console.print(f"wrote {self.folder}: {names}", highlight=False, markup=False, soft_wrap=True)
+        return True
+
+    # ---- tables ------------------------------------------------------------------------------------------------
+
+    def show(self, console: Console) -> None:
+        """Print the tables, and what was left unfinished."""
+        if self.results and not self.is_grid:
+            _show_point(console, f"{self.task}, {self.settings.episodes} episodes", self.results[0])
+        elif self.results:
+            keys = axes_of(self.points)
+            for policy in dict.fromkeys(name for result in self.results for name in result.evaluations):
+                title = f"{self.task}: {POLICY_NAMES[policy]}, {self.settings.episodes} episodes per point"
+                found = {
+                    tuple(result.point.values.values()): result.evaluations[policy]
+                    for result in self.results
+                    if policy in result.evaluations
+                }
+                table = _matrix(title, keys, found) if len(keys) == 2 else _list(title, keys, found)
+                console.print(table)
+        if self.stopped is not None:
+            ends = ", ".join(f"{reason} {count}" for reason, count in self.stopped.end_reasons.items()) or "none"
+            where = f" at {self.stopped.where}" if self.stopped.where else ""
+            console.print(
+                f"interrupted{where}: of its episodes {self.stopped.ended} were over ({ends}); they are not counted,"
+                " as short ones end first",
+                highlight=False, markup=False, soft_wrap=True,
+            )  # fmt: skip
+
+    # ---- files -------------------------------------------------------------------------------------------------
+
+    def save(self) -> None:
+        """Write the results of all points so far."""
+        if self.folder is not None and self.results:
+            self._note_file(RESULTS)
+            write_json(self.folder / RESULTS, self.content())
+
+    def draw(self) -> None:
+        """Write the pictures, then the results that name them."""
+        if self.folder is None or not self.results:
+            return
+        from simwarp.train.grid_plot import draw_success
+        from simwarp.train.maps import draw_all_ways, draw_worlds
+
+        note = f"{self.settings.episodes} episodes per point, seed {self.settings.seed}, {self.source.origin}"
+        note = note if len(note) <= _NOTE else f"{note[: _NOTE - 41]} … {note[-38:]}"
+        if self.is_grid:
+            target = self._note_file("success.png")
+            draw_success(target, f"{self.task}: success rate, 95 % intervals", note, self.points, self.results)
+        with_ways = [result for result in self.results if result.trails is not None and not result.trails.flat]
+        if with_ways:
+            draw_all_ways(self._note_file("ways.png"), f"{self.task}: ways from above", note, with_ways)
+        for result in with_ways:
+            if result.trails is not None and result.trails.surroundings:
+                values = "".join(f"_{key}={shown(value)}" for key, value in result.point.values.items())
+                title = ": ".join(filter(None, [self.task, result.point.label])) + ", first worlds from above"
+                draw_worlds(self._note_file(f"worlds{values.replace('/', '-')}.png"), title, note, result)
+        self.save()
+
+    def _note_file(self, name: str) -> Path:
+        assert self.folder is not None
+        path = self.folder / name
+        if path not in self.written:
+            self.written.append(path)
+        return path
+
+
+def open_folder(wanted: Path | None, task: str, is_grid: bool) -> Path | None:
+    """Make the folder for pictures: the one the user names, or a new TASK-eval where a grid is evaluated.
+
+    Raises:
+        UsageError: it cannot be made.
+    """
+    path = wanted
+    if path is None:
+        if not is_grid:
+            return None
+        names = (f"{task}-eval{number}" for number in ("", *(f"-{count}" for count in range(2, 10_000))))
+        path = next(Path(name) for name in names if not Path(name).exists())
+    if not path.parent.is_dir():
+        raise UsageError(f"cannot write to '{path}': folder {path.parent} does not exist")
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--plot must name a folder, got '{path}': {error.strerror}") from error
+    return path
+
+
+def _table(title: str) -> Table:
+    return Table(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
+
+
+def _interval(value: Evaluation) -> str:
+    low, high = value.success_ci95
+    return f"{low:.1%} - {high:.1%}"
+
+
+_COLUMNS: dict[str, Callable[[Evaluation], str]] = {
+    "return": lambda value: f"{value.mean_return:.1f} ± {value.std_return:.1f}",
+    "length": lambda value: f"{value.mean_episode_length:.1f}",
+    "success": lambda value: f"{value.success_rate:.1%}",
+    "95 % interval": _interval,
+    "ended by": lambda value: ", ".join(f"{reason} {count}" for reason, count in value.end_reasons.items()),
+}
+
+
+def _add_columns(table: Table) -> None:
+    for name in _COLUMNS:
+        if name == "ended by":
+            table.add_column(name, overflow="fold")
+        else:
+            table.add_column(name, justify="right", no_wrap=True)
+
+
+def _cells(value: Evaluation) -> list[str]:
+    return [show(value) for show in _COLUMNS.values()]
+
+
+def _show_point(console: Console, title: str, result: PointResult) -> None:
+    """Print policies in rows."""
+    table = _table(title)
+    table.add_column("", no_wrap=True)
+    _add_columns(table)
+    for name, value in result.evaluations.items():
+        table.add_row(POLICY_NAMES[name], *_cells(value))
+    console.print(table)
+    for metric in result.evaluation.metrics:
+        values = ", ".join(
+            f"{POLICY_NAMES[name]} {value.metrics[metric]:.4g}" for name, value in result.evaluations.items()
+        )
+        console.print(f"{metric}: {values}", highlight=False)
+
+
+def _list(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Table:
+    """Return a table with the points in rows."""
+    table = _table(title)
+    for key in keys:
+        table.add_column(key, justify="right", no_wrap=True)
+    _add_columns(table)
+    for values, value in found.items():
+        table.add_row(*map(shown, values), *_cells(value))
+    return table
+
+
+def _matrix(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Table:
+    """Return a table with the first key in rows and the second in columns: success, and its interval below."""
+    (down, rows), (across, columns) = keys.items()
+    table = _table(f"{title}, success and 95 % interval")
+    table.add_column(f"{down} \\ {across}", justify="right", no_wrap=True)
+    for other in columns:
+        table.add_column(shown(other), justify="right", no_wrap=True)
+    for value in rows:
+        cells = [found.get((value, other)) for other in columns]
+        table.add_row(
+            shown(value), *("-" if cell is None else f"{cell.success_rate:.1%}\n{_interval(cell)}" for cell in cells)
+        )
+    return table
