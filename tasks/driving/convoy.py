@@ -154,7 +154,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self.navigation: Navigation | None = None
         if self.config.obs is Observing.STATE:
             return []
-        self.navigation = Navigation(model, self.parts, self.config.dt, self.config.decimation, self.random.seed)
+        self.navigation = Navigation(model, self.parts, self.config.dt, self.config.decimation, self.random)
         return self.navigation.sensors
 
     def setup(self) -> None:

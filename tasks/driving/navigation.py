@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from simwarp.model import Model
     from simwarp.vehicle.assembly import VehicleParts
 
+    from ..randomness import WorldRandom
+
 PLACE_NOISE = 0.1
 """Of the receiver, per axis [m]."""
 SPEED_NOISE = 0.05
@@ -17,50 +19,41 @@ SPEED_NOISE = 0.05
 RATE_NOISE = 0.01
 """Of the gyroscope, white [rad/s]."""
 RATE_BIAS = 0.002
-"""Of the gyroscope, its bias at the beginning of an episode [rad/s]."""
+"""Of the gyroscope, its bias in an episode [rad/s]."""
 
 
 class Navigation:
     """A receiver and a gyroscope on the chassis, both read once per control step.
+
+    Their noise is drawn by the task, world by world: the sensors' own would know neither the episodes of a seed nor the
+    world's place in a larger batch.
 
     Args:
         model: whose worlds are measured.
         parts: of the vehicle.
         dt: physics step [s].
         decimation: physics steps per control step.
-        seed: of the noise.
+        random: draws the noise.
 
     Attributes:
         sensors: to be given to the simulation.
         heading: (W,) float32, integrated [rad].
     """
 
-    def __init__(self, model: Model, parts: VehicleParts, dt: float, decimation: int, seed: int) -> None:
+    def __init__(self, model: Model, parts: VehicleParts, dt: float, decimation: int, random: WorldRandom) -> None:
         from simwarp.sensors.contract import Mount, Schedule
         from simwarp.sensors.gps import Gps, GpsConfig
         from simwarp.sensors.imu import Imu, ImuConfig
-        from simwarp.sensors.noise import BiasWalk, NormalNoise
         from simwarp.types import pose
 
         self._period = dt * decimation
+        self._random = random
         rate = 1.0 / self._period
         mount = Mount(body=parts.chassis, pose=pose(parts.reference))
-        self._gps = Gps(
-            model, mount,
-            GpsConfig(
-                schedule=Schedule(rate=rate), noise=(NormalNoise(std=PLACE_NOISE),),
-                velocity_noise=(NormalNoise(std=SPEED_NOISE),),
-            ),
-            seed=seed,
-        )  # fmt: skip
+        self._gps = Gps(model, mount, GpsConfig(schedule=Schedule(rate=rate)))
         self._imu = Imu(
-            model, mount,
-            ImuConfig(
-                schedule=Schedule(rate=rate, window=self._period), outputs=("gyroscope",),
-                gyroscope_noise=(NormalNoise(std=RATE_NOISE), BiasWalk(rate=1e-4, initial_std=RATE_BIAS)),
-            ),
-            seed=seed,
-        )  # fmt: skip
+            model, mount, ImuConfig(schedule=Schedule(rate=rate, window=self._period), outputs=("gyroscope",))
+        )
         self.sensors: list[Any] = [self._gps, self._imu]
         from simwarp.interop import to_torch
 
@@ -74,8 +67,12 @@ class Navigation:
 
     def advance(self) -> None:
         """Turn the heading by what the gyroscope measured over the control step that ends."""
-        self.heading += self._period * self._rate
+        bias = self._random.normal("gyroscope bias", std=RATE_BIAS)
+        noise = self._random.normal("gyroscope", std=RATE_NOISE, per_step=True)
+        self.heading += self._period * (self._rate + (bias + noise).squeeze(1))
 
     def estimate(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return place (W, 2) [m], heading (W,) [rad] and speed (W,) [m/s]."""
-        return self._position[:, :2], self.heading, self._velocity[:, :2].norm(dim=1)
+        place = self._position[:, :2] + self._random.normal("receiver", std=PLACE_NOISE, size=2, per_step=True)
+        noise = self._random.normal("receiver velocity", std=SPEED_NOISE, size=2, per_step=True)
+        return place, self.heading, (self._velocity[:, :2] + noise).norm(dim=1)

@@ -170,7 +170,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self.navigation: Navigation | None = None
         if self.config.obs is Observing.STATE:
             return []
-        self.navigation = Navigation(model, self.parts, self.config.dt, self.config.decimation, self.random.seed)
+        self.navigation = Navigation(model, self.parts, self.config.dt, self.config.decimation, self.random)
         return self.navigation.sensors
 
     def setup(self) -> None:

@@ -1,0 +1,122 @@
+"""Laws that all tasks obey, for the driving tasks: what decides an episode, what does not, and going on after a stop."""
+
+from typing import Any
+
+import pytest
+import torch
+from simwarp.tasks.uncertainty import Curriculum, Driver
+
+from simwarp.interop import to_torch
+from tests.tasks.driving_checks import NAMES, SMALL, copied, driving, random_actions
+
+STEPS = 14
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    **{name: (name, {}) for name in NAMES},
+    "pedals": ("hallway", {"pedals": True, "tracks": 2}),
+    "seen road": ("obstacle-avoidance", SMALL),
+    "seen hills": ("off-road", {**SMALL, "hills": 1.0, "curriculum": Curriculum(driver=Driver.PROGRESS)}),
+    "seen convoy": ("convoy", {**SMALL, "generated": True}),
+    "seen hallway": ("hallway", {**SMALL, "tracks": 2, "start": "anywhere"}),
+    "seen track": ("barrier-track", SMALL),
+}
+
+
+def build(case, worlds=3, **options):
+    name, own = CASES[case]
+    task = driving(name, worlds, **{"max_episode_steps": 6, **own, **options})
+    if task.config.curriculum.driver is Driver.PROGRESS:
+        task.on_iteration(0)
+    return task
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    return request.param, build(request.param)
+
+
+def roll(task, actions, seed=3):
+    """All that a run shows, from a restart on; or from where the task is, with no seed."""
+    seen = []
+    if seed is not None:
+        task.level.fill_(0.75 if task.config.curriculum.driver is Driver.PROGRESS else 1.0)
+        seen.append(copied(task.restart(seed=seed)))
+    for action in actions:
+        result = task.step(action)
+        seen.append({
+            **copied(result.observations), "rewards": result.rewards.clone(), "reason": result.end_reason.clone(),
+            **{f"final {name}": group.clone() for name, group in result.final_observations.items()},
+        })  # fmt: skip
+    return seen
+
+
+def assert_equal(first, second, pick=slice(None), other=slice(None)):
+    for step, (left, right) in enumerate(zip(first, second, strict=True)):
+        for name, value in left.items():
+            assert torch.equal(value[pick], right[name][other]), f"{name} in step {step}"
+
+
+def test_the_seed_alone_decides_not_the_past(case):
+    name, task = case
+    actions = random_actions(task, STEPS)
+    first = roll(task, actions)
+    ends = torch.stack([step["reason"] for step in first[1:]])
+    assert (ends >= 0).sum() >= 2 * task.num_worlds
+    assert_equal(first, roll(task, actions))
+    assert_equal(first, roll(build(name, seed=8), actions))
+    other = roll(task, actions, seed=4)[-1]
+    assert any(not torch.equal(first[-1][group], other[group]) for group in task.observation_shapes)
+
+
+def test_a_disturbed_world_disturbs_no_other(case):
+    _, task = case
+    actions = random_actions(task, STEPS)
+    first = roll(task, actions)
+    actions[3:, 1] = -actions[3:, 1]
+    second = roll(task, actions)
+    assert_equal(first, second, [0, 2], [0, 2])
+    assert not torch.equal(first[-1]["policy"][1], second[-1]["policy"][1])
+
+
+def test_worlds_depend_neither_on_how_many_there_are_nor_on_which_process_has_them(case):
+    name, task = case
+    actions = random_actions(task, STEPS)
+    first = roll(task, actions)
+    assert_equal(first, roll(build(name, worlds=1), actions[:, :1]), [0])
+    assert_equal(first, roll(build(name, worlds=1, first_world=2), actions[:, 2:]), [2])
+
+
+def test_a_saved_state_goes_on_exactly(case):
+    """In a task that was made with another seed and has driven elsewhere, in the middle of an episode."""
+    name, task = case
+    actions = random_actions(task, STEPS)
+    roll(task, actions[:9])
+    state = task.state_dict()
+    assert task.episode_steps.max() > 0
+    seen = copied(task.observe())
+    expected = roll(task, actions[9:], seed=None)
+    other = build(name, seed=9)
+    roll(other, actions[:4], seed=11)
+    other.load_state_dict(state)
+    assert_equal([seen], [copied(other.observe())])
+    assert_equal(expected, roll(other, actions[9:], seed=None))
+
+
+def test_mirrored_pillars_and_steering_make_a_mirrored_drive():
+    task = driving("obstacle-avoidance", 2)
+    pillars = to_torch(task.simulation.model.shape_x)[:, task.pillars, 1]
+    pillars[1] = -pillars[0]
+    to_torch(task.simulation.model.shape_x)[:, task.pillars, 1] = pillars
+    # speed, yaw rate, steering, sideways, pedal, place, heading (sine, cosine), way to go, two pillars (x, y)
+    sign = torch.tensor([1, -1, -1, -1, 1, -1, -1, 1, 1, 1, -1, 1, -1.0])
+    actions = random_actions(task, 30)
+    actions[..., 1] = actions[..., 1].abs()
+    actions[:, 1] = actions[:, 0] * torch.tensor([-1.0, 1.0])
+    for action in actions:
+        result = task.step(action)
+        left, right = result.observations["policy"]
+        # of entries around 1: the engine's torque rolls the body to one side, whichever way the truck steers, and
+        # where it breaks away from standing that shows most
+        assert (left - sign * right).abs().max() < 0.04
+        assert float((result.rewards[0] - result.rewards[1]).abs()) < 1e-3
+    assert left[0] > 0.3
+    assert left[7] < 0.9995
