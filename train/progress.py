@@ -49,7 +49,8 @@ class LiveLine:
                 TextColumn("{task.fields[text]}"),
                 console=console,
             )
-            self._task = self._bar.add_task("", total=total, completed=done, head=head, text="starting")
+            self._task = self._bar.add_task("", total=total, head=head, text="starting")
+            self._bar.update(self._task, completed=done)
 
     def __enter__(self) -> Self:
         if self._bar is not None:
