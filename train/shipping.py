@@ -1,6 +1,7 @@
 """Putting a trained policy into the package: ``python -m simwarp.train.shipping RUN``, from a checkout.
 
-Writes ``shipped/TASK.pt`` (the actor alone) and ``shipped/TASK.json`` (command, revision, versions, what it reached).
+Writes ``shipped/TASK.pt`` (the actor alone) and ``shipped/TASK.json`` (command, revision, versions, what it reached);
+``TASK.OBS`` where the task has a choice of observations.
 """
 
 from __future__ import annotations
@@ -42,8 +43,10 @@ def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
         "evaluation": {"seed": _SEED} | {key: value.as_json() for key, value in results.items()},
     }
     target.mkdir(exist_ok=True)
-    save_checkpoint(target / f"{name}{SUFFIX}", content)
-    write_json(target / f"{name}.json", record)
+    obs = content["task_config"].get("obs")
+    title = name if obs is None else f"{name}.{obs}"
+    save_checkpoint(target / f"{title}{SUFFIX}", content)
+    write_json(target / f"{title}.json", record)
     return record
 
 
