@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.importers.chrono_json import Node
-from simwarp.vehicle.corner import arm_axes, inertia_matrix
+from simwarp.vehicle.corner import arm_axes
+from simwarp.vehicle.masses import inertia_matrix
 from simwarp.vehicle.spec import (
     BUMP_STOP,
     AntirollBar,
@@ -64,6 +65,10 @@ def force_line(node: Node, other: str, *, damper: bool = False) -> ForceLine:
         fields["rest_length"] = node.number("Free Length", "m")
     if not springs and not {"damper_curve", "damper_map"} & set(fields) and "Damping Coefficient" not in node:
         raise node.place.at("Spring Coefficient").error("missing; give it, a damping coefficient or a curve of either")
+    # in Chrono too a table acts in place of the coefficient beside it
+    for linear, tables in (("stiffness", {"spring_curve"}), ("damping", {"damper_curve", "damper_map"})):
+        if tables & set(fields):
+            fields[linear] = 0.0
     if "Minimum Length" in node and "Maximum Length" in node:
         fields |= {
             "min_length": node.number("Minimum Length", "m"),

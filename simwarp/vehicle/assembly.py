@@ -10,10 +10,11 @@ import numpy as np
 from simwarp.builder import ModelBuilder
 from simwarp.rotation import quat_multiply, rotate
 from simwarp.types import Pose, pose
-from simwarp.vehicle.corner import Array, Frame, inertia_matrix
+from simwarp.vehicle.corner import Array, Frame
 from simwarp.vehicle.drivelines import DrivelineParts, add_clutch, add_driveline
+from simwarp.vehicle.masses import merged
 from simwarp.vehicle.rolling import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
-from simwarp.vehicle.spec import AutomaticShafts, Chassis, ManualShafts, SpecError, VehicleSpec
+from simwarp.vehicle.spec import AutomaticShafts, ManualShafts, SpecError, VehicleSpec
 from simwarp.vehicle.steerings import SteeringParts, add_steering
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 
@@ -42,17 +43,6 @@ class VehicleParts:
     """Speed, gear and shaft speeds at the start."""
 
 
-def merged_chassis(chassis: Chassis) -> tuple[float, Array, Array]:
-    """Mass [kg], centre of mass (3,) [m] and inertia (3, 3) about it [kg·m²] of all components."""
-    mass = sum(part.mass for part in chassis.components)
-    com = sum(part.mass * np.array(part.com) for part in chassis.components) / mass
-    inertia = np.zeros((3, 3))
-    for part in chassis.components:
-        offset = np.array(part.com) - com
-        inertia += inertia_matrix(part) + part.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
-    return float(mass), np.asarray(com), inertia
-
-
 def add_vehicle(
     builder: ModelBuilder, spec: VehicleSpec, *, at: Pose | None = None, prefix: str = "", speed: float = 0.0,
     gear: int | None = None,
@@ -73,7 +63,7 @@ def add_vehicle(
         raise SpecError(f"speed: must be a finite number, got {speed!r}")
     first_body = len(builder.bodies)
     origin = pose((0.0, 0.0, spec.start_height)) if at is None else at
-    mass, com, inertia = merged_chassis(spec.chassis)
+    mass, com, inertia = merged(spec.chassis.components)
     center = pose(origin.position + rotate(origin.rotation, com), origin.rotation)
     chassis = builder.add_body(f"{prefix}chassis", mass=mass, inertia=inertia, pose=center)
 

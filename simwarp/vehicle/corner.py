@@ -6,20 +6,12 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from simwarp.builder import ModelBuilder
 from simwarp.rotation import rotate
 from simwarp.types import Pose, Table, pose
+from simwarp.vehicle.masses import Array, inertia_matrix
 from simwarp.vehicle.spec import ForceLine, Points, RigidPart, Vec3
-
-Array = npt.NDArray[np.float64]
-
-
-def inertia_matrix(part: RigidPart) -> Array:
-    """(3, 3) inertia about the centre of mass in the axes that it was given in [kg·m²]."""
-    xy, xz, yz = part.products
-    return np.diag(part.inertia) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 
 
 def arm_axes(front: Vec3, back: Vec3, tip: Vec3) -> Array:

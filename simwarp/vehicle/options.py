@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 from simwarp.vehicle.reading import DATA, nearest, read_spec, read_value
 from simwarp.vehicle.spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
@@ -61,10 +62,19 @@ def with_options(
             dataclasses.replace(axle, tire=read_spec(Tire, find(spec, "tire", tire, "front" if index == 0 else "rear")))
             for index, axle in enumerate(spec.axles)
         )
-        spec = dataclasses.replace(spec, axles=axles)
+        spec = replaced(spec, tire, axles=axles)
     if driveline is not None:
-        spec = dataclasses.replace(spec, driveline=read_value(Driveline, find(spec, "driveline", driveline)))
+        path = find(spec, "driveline", driveline)
+        spec = replaced(spec, driveline, driveline=read_value(Driveline, path))
     if powertrain is not None:
         parts = read_spec(Powertrain, find(spec, "powertrain", powertrain))
-        spec = dataclasses.replace(spec, engine=parts.engine, transmission=parts.transmission)
+        spec = replaced(spec, powertrain, engine=parts.engine, transmission=parts.transmission)
     return spec
+
+
+def replaced(spec: VehicleSpec, option: str, **parts: Any) -> VehicleSpec:
+    """The vehicle with other parts, if they fit; the error names the option that they come from."""
+    try:
+        return dataclasses.replace(spec, **parts)
+    except SpecError as error:
+        raise SpecError(f"{Path(option).name}: {error}") from None

@@ -11,6 +11,10 @@ from __future__ import annotations
 import dataclasses
 from typing import ClassVar
 
+import numpy as np
+
+from simwarp.vehicle.masses import merged
+from simwarp.vehicle.plausibility import check_vehicle
 from simwarp.vehicle.spec_drivetrain import (
     AutomaticCVT,
     AutomaticMap,
@@ -112,6 +116,9 @@ __all__ = [
     "refuse",
 ]
 
+INERTIA_SLACK = 1.01
+"""Published tables are rounded."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Chassis(Spec):
@@ -120,6 +127,7 @@ class Chassis(Spec):
     `com` of a component is in the vehicle's frame of reference. Drag: 0.5 · density · area · coefficient · v².
     """
 
+    POSITIVE: ClassVar = frozenset({"size"})
     NOT_NEGATIVE: ClassVar = frozenset({"drag_coefficient", "drag_area", "air_density"})
 
     components: tuple[RigidPart, ...]
@@ -129,6 +137,18 @@ class Chassis(Spec):
     size: Vec3 = (3.0, 2.0, 0.2)
     """Of the box that stands for the body in contact and pictures [m]."""
     size_center: Vec3 = ZERO
+
+    def check(self) -> None:
+        """One or more components, whose inertia is that of a body."""
+        if not self.components:
+            raise refuse("components", "one or more rigid parts", self.components)
+        _, _, inertia = merged(self.components)
+        least, middle, largest = np.linalg.eigvalsh(inertia).tolist()
+        if largest > INERTIA_SLACK * (least + middle):
+            key = "components[0].inertia" if len(self.components) == 1 else "components"
+            rule = "the inertia of a body: no principal moment above the sum of the others"
+            found = f"{least:.4g}, {middle:.4g} and {largest:.4g} kg·m²"
+            raise SpecError(f"{key}: must be {rule}, got {found}; check units and the order Ixx, Iyy, Izz")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -213,18 +233,21 @@ class VehicleSpec(Spec):
         """Axles, what steers and drives them, and the declared wheelbase fit together."""
         if not self.axles:
             raise refuse("axles", "one or more", self.axles)
-        for index, axle in enumerate(self.axles):
-            if axle.steering is not None and not 0 <= axle.steering < len(self.steerings):
-                raise refuse(f"axles[{index}].steering", f"below {len(self.steerings)}", axle.steering)
         if (self.engine is None) != (self.transmission is None):
-            raise refuse("engine", "given together with a transmission", (self.engine, self.transmission))
+            key, rule = "transmission", "an engine"
+            if self.transmission is None:
+                key, rule = "engine", "a transmission"
+            raise SpecError(f"{key}: must be given together with {rule}; add one, or leave out {key}")
         if self.engine is not None and self.driveline is None:
             raise refuse("driveline", "given for an engine to drive", None)
+        check_vehicle(self)
         self._check_wheelbase()
 
     def _check_wheelbase(self) -> None:
         if self.wheelbase is None:
             return
+        if len(self.axles) == 1:
+            raise refuse("wheelbase", "left out of a vehicle with one axle", self.wheelbase)
         first, last = self.axles[0], self.axles[-1]
         frames = first.location[0] - last.location[0]
         wheels = frames + first.suspension.spindle.com[0] - last.suspension.spindle.com[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import ClassVar, Literal, TypeAlias
 
 from simwarp.vehicle.spec_parts import Points, RigidPart, Spec, Vec3, check_apart, check_direction, refuse
@@ -39,6 +40,7 @@ class RackPinion(Spec):
     """A rack that slides along Y by pinion_radius x max_angle x steering."""
 
     POSITIVE: ClassVar = frozenset({"max_angle", "pinion_radius"})
+    ANGLES: ClassVar = {"max_angle": 4.0 * math.pi}  # a pinion may turn more than once
 
     template: Literal["rack-pinion"] = "rack-pinion"
     max_angle: float

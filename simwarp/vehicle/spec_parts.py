@@ -11,8 +11,12 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, TypeAlias
+
+import numpy as np
+
+from simwarp.vehicle.masses import inertia_matrix
 
 Vec3: TypeAlias = tuple[float, float, float]
 Points: TypeAlias = tuple[tuple[float, float], ...]
@@ -30,9 +34,9 @@ class SpecError(ValueError):
     """A vehicle that cannot be built: names the file, the key, the rule, the value received and the remedy."""
 
 
-def refuse(key: str, rule: str, value: object) -> SpecError:
+def refuse(key: str, rule: str, value: object, remedy: str = "") -> SpecError:
     """The error for the value of a key."""
-    return SpecError(f"{key}: must be {rule}, got {value!r}")
+    return SpecError(f"{key}: must be {rule}, got {value!r}" + (f"; {remedy}" if remedy else ""))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,6 +46,10 @@ class Spec:
     POSITIVE: ClassVar[frozenset[str]] = frozenset()
     NOT_NEGATIVE: ClassVar[frozenset[str]] = frozenset()
     CURVES: ClassVar[frozenset[str]] = frozenset()
+    ANGLES: ClassVar[Mapping[str, float]] = {
+        "camber": 0.25 * math.pi, "toe": 0.25 * math.pi, "max_angle": 0.5 * math.pi, "camber_limit": 0.5 * math.pi,
+    }  # fmt: skip
+    """Largest size of the fields of these names [rad]: what is beyond are degrees."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -55,6 +63,8 @@ class Spec:
                 raise refuse(field.name, "zero or positive", value)
             if field.name in self.CURVES:
                 check_curve(field.name, value)
+            if field.name in self.ANGLES:
+                check_angle(field.name, value, self.ANGLES[field.name])
         self.check()
 
     def check(self) -> None:
@@ -76,10 +86,21 @@ def check_finite(key: str, value: object) -> None:
             check_finite(key, item)
 
 
+def check_angle(key: str, value: float, largest: float) -> None:
+    """An angle in radians of a sensible size."""
+    if abs(value) > largest:
+        remedy = f"if these are degrees, they are {math.radians(value):.4g} rad"
+        raise refuse(key, f"within ±{largest:.4g} rad ({math.degrees(largest):.0f}°)", value, remedy)
+
+
 def check_curve(key: str, points: Sequence[tuple[float, float]]) -> None:
     """At least two points with increasing abscissae."""
-    if len(points) < 2 or any(b[0] <= a[0] for a, b in itertools.pairwise(points)):
-        raise refuse(key, "two or more (x, y) pairs with increasing x", points)
+    rule = "two or more (x, y) pairs with increasing x"
+    if len(points) < 2:
+        raise refuse(key, rule, points)
+    for index, (a, b) in enumerate(itertools.pairwise(points), start=1):
+        if b[0] <= a[0]:
+            raise SpecError(f"{key}: must be {rule}, got x = {b[0]:g} in [{index}] after {a[0]:g}; sort them by x")
 
 
 def check_apart(spec: Spec, *pairs: tuple[str, str]) -> None:
@@ -130,6 +151,11 @@ class RigidPart(Spec):
     products: Vec3 = ZERO
     """Ixy, Ixz, Iyz."""
 
+    def check(self) -> None:
+        """Products that such moments can have."""
+        if np.linalg.eigvalsh(inertia_matrix(self))[0] <= 0.0:
+            raise refuse("products", f"small beside the moments of inertia {self.inertia}", self.products)
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ForceLine(Spec):
@@ -140,6 +166,7 @@ class ForceLine(Spec):
     `min_length` and `max_length` a bump stop acts with the table `bump_curve` (penetration [m] -> force [N]).
     """
 
+    POSITIVE: ClassVar = frozenset({"rest_length", "min_length", "max_length"})
     NOT_NEGATIVE: ClassVar = frozenset({"stiffness", "damping"})
     CURVES: ClassVar = frozenset({"spring_curve", "damper_curve", "bump_curve"})
 
@@ -161,6 +188,10 @@ class ForceLine(Spec):
     def check(self) -> None:
         """A line between two points, lengths in order, tables of one shape."""
         check_apart(self, ("chassis_point", "arm_point"))
+        for table, linear in (("spring_curve", "stiffness"), ("damper_curve", "damping"), ("damper_map", "damping")):
+            if getattr(self, table) is not None and getattr(self, linear) != 0.0:
+                rule = f"left out beside {linear} {getattr(self, linear):g}: one law or the other"
+                raise SpecError(f"{table}: must be {rule}; leave out one of them")
         if self.damper_map is not None:
             check_map("damper_map", self.damper_map)
         if self.min_length is not None and self.max_length is not None and not self.min_length < self.max_length:

@@ -305,7 +305,7 @@ MISTAKES = {
     text_for_number: "axles[0].brake.max_torque: must be a number [N·m], got '4000'",
     truth_for_number: "axles[0].brake.max_torque: must be a number [N·m], got True",
     fraction_for_index: "axles[0].steering: must be a whole number, got 0.5",
-    no_such_steering: "axles[0].steering: must be below 1, got 3",
+    no_such_steering: "axles[0].steering: must be the index of a steering, 0, got 3",
     wrong_wheelbase: "wheelbase: must be that of the axles within 2 %, 3.378 m (their frames) or 3.302 m",
     infinite: "start_height: must be a finite number, got inf",
     unordered_curve: "axles[0].suspension.springs[0].spring_curve: must be two or more (x, y) pairs with increasing x",
@@ -313,7 +313,7 @@ MISTAKES = {
     short_map: "axles[0].suspension.springs[1].damper_map: forces: must be 3 rows (rates) of 4 (lengths), got (2, [4])",
     bad_literal: "axles[0].suspension.inertia_axes: must be one of 'arm', 'vehicle', got 'arms' (did you mean 'arm'?)",
     no_axles: "axles: must be one or more, got ()",
-    no_transmission: "engine: must be given together with a transmission",
+    no_transmission: "engine: must be given together with a transmission; add one, or leave out engine",
     zero_mass: "axles[0].tire.mass: must be positive, got 0.0",
 }
 

@@ -1,0 +1,143 @@
+"""Numbers of a vehicle that are right by themselves and wrong beside the others: one error that names the key."""
+
+import dataclasses
+import json
+from typing import Any
+
+import pytest
+
+from simwarp.vehicle.options import with_options
+from simwarp.vehicle.reading import load_vehicle, plain, vehicle_names
+from simwarp.vehicle.spec import Chassis, ForceLine, RigidPart, SpecError
+
+
+@pytest.fixture(scope="module")
+def shipped() -> dict[str, Any]:
+    return {name: plain(load_vehicle(name)) for name in vehicle_names()}
+
+
+@pytest.fixture
+def changed(shipped, tmp_path):
+    """The error of a shipped vehicle in which one value is another; None removes it."""
+
+    def error(keys: str, value: object, name: str = "hmmwv") -> str:
+        data = json.loads(json.dumps(shipped[name]))
+        *path, last = [int(key) if key.isdigit() else key for key in keys.split(".")]
+        holder = data
+        for key in path:
+            holder = holder[key]
+        if value is None:
+            del holder[last]
+        else:
+            holder[last] = value
+        (tmp_path / "v.json").write_text(json.dumps(data))
+        with pytest.raises(SpecError) as caught:
+            load_vehicle(tmp_path / "v.json")
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 300
+        return str(caught.value)
+
+    return error
+
+
+SUSPENSION = "axles.0.suspension"
+SPRING = f"{SUSPENSION}.springs.0"
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "words"),
+    [
+        ("chassis.components", [], "chassis.components: must be one or more rigid parts, got ()"),
+        ("chassis.size", [-1, 1, 1], "chassis.size: must be positive, got (-1.0, 1.0, 1.0)"),
+        ("chassis.size", [4000, 2000, 500], "chassis.size: must be within 16.89 m"),
+        ("driveline.axles", [0, 5], "driveline.axles[1]: must be the index of an axle, 0 to 1, got 5"),
+        ("driveline.axles", [-1, 0], "driveline.axles[0]: must be the index of an axle, 0 to 1, got -1"),
+        ("driveline.axles", [1, 1], "driveline.axles: must be two different axles, got (1, 1)"),
+        ("start_height", -2, "must be from 0.2612 to 2.846 m, where the wheels are near the ground, got -2"),
+        ("start_height", 20, "they touch it at 0.4962"),
+        ("start_height", 500, "start_height: must be from"),
+        ("steerings.0.steering.max_angle", 30, "got 30.0; if these are degrees, they are 0.5236 rad"),
+        (f"{SUSPENSION}.camber", 5.0, "axles[0].suspension.camber: must be within ±0.7854 rad (45°), got 5.0;"),
+        (f"{SUSPENSION}.toe", -2.0, "axles[0].suspension.toe: must be within"),
+        (f"{SPRING}.rest_length", 339, "within 6.756 m (2 wheelbases of 3.378 m), got 339.0; give metres"),
+        (f"{SPRING}.rest_length", -0.3, "springs[0].rest_length: must be positive"),
+        (f"{SPRING}.stiffness", 1e5, "springs[0].spring_curve: must be left out beside stiffness 100000: one law"),
+        (f"{SPRING}.spring_curve", [[-100, -1e4], [0, 0]], "springs[0].spring_curve: must be within 6.756 m"),
+        (f"{SUSPENSION}.springs.1.damping", 5.0, "springs[1].damper_curve: must be left out beside damping 5"),
+        (f"{SUSPENSION}.upper_arm_front", [-65, 480, 245], "suspension.upper_arm_front: must be within 6.756 m"),
+        (f"{SUSPENSION}.spindle.com", [0, 910, 0], "axles[0].suspension.spindle.com: must be within 6.756 m"),
+        ("axles.1.location", [-1688.965, 0, 0], "must be 0.05 to 50 m along x from axles[0].location, got 1690.65 m"),
+        ("axles.1.location", [1.688965, 0, 0], "axles[1].location: must be 0.05 to 50 m"),
+        ("axles.0.wheel.offset", 20, "axles[0].wheel.offset: must be within"),
+        ("axles.0.tire.radius", 469.9, "axles[0].tire.radius: must be within"),
+        ("steerings.0.location", [1244.98, 0, 101], "steerings[0].location: must be within"),
+        ("chassis.components.0.com", [56, 0, 213], "chassis.components[0].com: must be within"),
+        ("axles.0.steering", None, 'steerings[0]: must be the steering of an axle: no axle names it; give'),
+        ("steerings", [], "axles[0].steering: must be left out, for the vehicle has no steerings, got 0"),
+        ("axles.0.steering", -1, "axles[0].steering: must be the index of a steering, 0, got -1"),
+        ("chassis.components.0.inertia", [10, 10, 3000], "components[0].inertia: must be the inertia of a body"),
+        (f"{SUSPENSION}.upright.products", [5, 0, 0], "suspension.upright.products: must be small beside the moments"),
+        ("transmission", None, "engine: must be given together with a transmission; add one, or leave out engine"),
+        ("engine", None, "transmission: must be given together with an engine; add one, or leave out transmission"),
+        (f"{SPRING}.spring_curve", [[0, 1], [0.1, 2], [0.05, 3]], "got x = 0.05 in [2] after 0.1; sort them by x"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_named(changed, keys, value, words):
+    message = changed(keys, value)
+    assert message.startswith("v.json: ")
+    assert words in message
+
+
+def test_a_driven_axle_that_is_none(changed, shipped):
+    rear = plain(with_options(load_vehicle("hmmwv"), driveline="rwd").driveline)  # type: ignore[arg-type]
+    for axle in (7, -2):
+        words = f"driveline.axle: must be the index of an axle, 0 to 1, or -1 for the last, got {axle}"
+        assert words in changed("driveline", rear | {"axle": axle})
+    simple = plain(load_vehicle("gator").driveline)  # type: ignore[arg-type]
+    assert simple["template"] == "simple"
+    assert "driveline.axles[1]: must be the index" in changed("driveline", simple | {"axles": [0, 9]})
+
+
+def test_an_option_that_does_not_fit_names_its_file(tmp_path):
+    rear = plain(with_options(load_vehicle("hmmwv"), driveline="rwd").driveline)  # type: ignore[arg-type]
+    (tmp_path / "mine.json").write_text(json.dumps(rear | {"axle": 7}))
+    with pytest.raises(SpecError, match=r"^mine.json: driveline.axle: must be the index of an axle"):
+        with_options(load_vehicle("hmmwv"), driveline=str(tmp_path / "mine.json"))
+
+
+def test_one_axle_has_no_wheelbase(shipped, tmp_path):
+    data = json.loads(json.dumps(shipped["sedan"]))
+    data["axles"].pop()
+    data["driveline"]["axle"] = 0
+    (tmp_path / "v.json").write_text(json.dumps(data))
+    with pytest.raises(SpecError, match=r"^v.json: wheelbase: must be left out of a vehicle with one axle, got 2.776$"):
+        load_vehicle(tmp_path / "v.json")
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_lengths_in_millimetres_are_found_in_vehicles_of_any_size(changed, shipped, name):
+    """One suspension as a drawing in millimetres tells it."""
+
+    def scaled(value, key=""):
+        if isinstance(value, dict):
+            return {k: v if k in ("mass", "inertia", "products") else scaled(v, k) for k, v in value.items()}
+        if isinstance(value, list) and len(value) == 3 and isinstance(value[0], float) and "axis" not in key:
+            return [1e3 * v for v in value]
+        return [scaled(v) for v in value] if isinstance(value, list) else value
+
+    message = changed("axles.0.suspension", scaled(shipped[name]["axles"][0]["suspension"]), name)
+    assert message.startswith("v.json: axles[0].suspension.")
+    assert message.endswith("give metres, not millimetres")
+
+
+def test_rules_hold_in_python_too():
+    ends = {"chassis_point": (0.0, 0.0, 0.0), "arm_point": (0.0, 0.0, 1.0)}
+    with pytest.raises(SpecError, match="spring_curve: must be left out beside stiffness"):
+        ForceLine(**ends, stiffness=1.0, spring_curve=((0.0, 0.0), (1.0, 1.0)))  # type: ignore[arg-type]
+    with pytest.raises(SpecError, match="components: must be one or more"):
+        Chassis(components=())
+    bar = RigidPart(mass=1.0, inertia=(1.0, 1.0, 3.0))
+    with pytest.raises(SpecError, match=r"components\[0\].inertia: must be the inertia of a body"):
+        Chassis(components=(bar,))
+    with pytest.raises(SpecError, match="start_height"):
+        dataclasses.replace(load_vehicle("gator"), start_height=9.0)
