@@ -1,4 +1,4 @@
-"""Laws that all tasks obey, for the driving tasks: what decides an episode, what does not, and going on after a stop."""
+"""Laws that all tasks obey, for driving: what decides an episode, what does not, and going on after a stop."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from simwarp.tasks.uncertainty import Curriculum, Driver
 from simwarp.interop import to_torch
 from tests.tasks.driving_checks import NAMES, SMALL, copied, driving, random_actions
 
-STEPS = 14
+STEPS = 8
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     **{name: (name, {}) for name in NAMES},
     "pedals": ("hallway", {"pedals": True, "tracks": 2}),
@@ -23,7 +23,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 def build(case, worlds=3, **options):
     name, own = CASES[case]
-    task = driving(name, worlds, **{"max_episode_steps": 6, **own, **options})
+    task = driving(name, worlds, **{"max_episode_steps": 3, **own, **options})
     if task.config.curriculum.driver is Driver.PROGRESS:
         task.on_iteration(0)
     return task
@@ -71,7 +71,7 @@ def test_a_disturbed_world_disturbs_no_other(case):
     _, task = case
     actions = random_actions(task, STEPS)
     first = roll(task, actions)
-    actions[3:, 1] = -actions[3:, 1]
+    actions[2:, 1] = -actions[2:, 1]
     second = roll(task, actions)
     assert_equal(first, second, [0, 2], [0, 2])
     assert not torch.equal(first[-1]["policy"][1], second[-1]["policy"][1])
@@ -89,16 +89,16 @@ def test_a_saved_state_goes_on_exactly(case):
     """In a task that was made with another seed and has driven elsewhere, in the middle of an episode."""
     name, task = case
     actions = random_actions(task, STEPS)
-    roll(task, actions[:9])
+    roll(task, actions[:5])
     state = task.state_dict()
     assert task.episode_steps.max() > 0
     seen = copied(task.observe())
-    expected = roll(task, actions[9:], seed=None)
+    expected = roll(task, actions[5:], seed=None)
     other = build(name, seed=9)
-    roll(other, actions[:4], seed=11)
+    roll(other, actions[:3], seed=11)
     other.load_state_dict(state)
     assert_equal([seen], [copied(other.observe())])
-    assert_equal(expected, roll(other, actions[9:], seed=None))
+    assert_equal(expected, roll(other, actions[5:], seed=None))
 
 
 def test_mirrored_pillars_and_steering_make_a_mirrored_drive():

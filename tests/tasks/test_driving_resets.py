@@ -19,9 +19,9 @@ from tests.tasks.driving_checks import (
     wheels,
 )
 
-WORLDS = 128
-RESTARTS = {"obstacle-avoidance": 80, "off-road": 20, "convoy": 27, "hallway": 80, "barrier-track": 80}
-"""Of 128 worlds, for each of a task's variants: more than 10 000 episodes of every task."""
+WORLDS = 64
+RESTARTS = {"obstacle-avoidance": 160, "off-road": 40, "convoy": 54, "hallway": 160, "barrier-track": 160}
+"""Of 64 worlds, for each of a task's variants: more than 10 000 episodes of every task."""
 
 FIELDS: dict[str, tuple[str, dict]] = {
     "obstacle-avoidance": ("obstacle-avoidance", {}),
