@@ -46,7 +46,7 @@ class PointResult:
     Attributes:
         point: the point.
         evaluations: by policy, those that were finished; ``policy`` is always there.
-        trails: ways of the policy's first episodes; None where the task is nowhere.
+        trails: paths of the policy's first episodes; None where the task is nowhere.
         seconds: it took, building the worlds included.
     """
 
@@ -162,7 +162,7 @@ class GridDisplay(LiveLine):
 
 
 class _Watch(Watcher):
-    """Tells the display, hears of a stop, and lets a recorder note the ways."""
+    """Tells the display, hears of a stop, and lets a recorder note the paths."""
 
     def __init__(
         self, point: GridPoint, policy: str, episodes: int, display: GridDisplay, stop: StopRequest,
@@ -203,7 +203,7 @@ class GridSettings:
         device: canonical device name.
         num_envs: worlds stepped together; None: one per episode, at most 4096.
         baselines: whether doing nothing and chance are evaluated too.
-        trails: whether the ways of the policy's first episodes are noted.
+        trails: whether the paths of the policy's first episodes are noted.
     """
 
     episodes: int
@@ -218,7 +218,7 @@ def _watch(
     point: GridPoint, settings: GridSettings, display: GridDisplay, stop: StopRequest, recorder: TrailRecorder | None,
     policy: str,
 ) -> Watcher:  # fmt: skip
-    """Return who looks on at a policy; only the ways of the trained one are noted."""
+    """Return who looks on at a policy; only the paths of the trained one are noted."""
     return _Watch(point, policy, settings.episodes, display, stop, recorder if policy == "policy" else None)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from .evaluation import Evaluation
 from .grid import POLICY_NAMES, GridPoint, PointResult, axes_of, shown
@@ -47,13 +48,17 @@ def _lines(title: str, note: str, keys: dict[str, list[Any]], results: list[Poin
     (key, values), = keys.items()  # fmt: skip
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     places = {value: float(value) if numeric else float(index) for index, value in enumerate(values)}
-    figure = new_figure(max(5.0, 1.2 + 0.7 * len(values)), 3.6, title, note)
+    names = list(dict.fromkeys(name for result in results for name in result.evaluations))
+    legend = [Line2D([], [], color=COLOURS[name], marker="o", label=POLICY_NAMES[name]) for name in names]
+    width = max(5.0, 1.2 + 0.7 * len(values))
+    figure = new_figure(width, 3.8, title, note, legend=legend if len(names) > 1 else ())
     axes = figure.add_subplot()
     dress(axes)
-    names = list(dict.fromkeys(name for result in results for name in result.evaluations))
-    for name in names:
+    for index, name in enumerate(names):
+        # Where no lines tell the policies apart, they stand side by side
+        aside = 0.0 if numeric else 0.08 * (index - 0.5 * (len(names) - 1))
         found = sorted(
-            (places[result.point.values[key]], _percent(result.evaluations[name]))
+            (aside + places[result.point.values[key]], _percent(result.evaluations[name]))
             for result in results
             if name in result.evaluations
         )
@@ -62,17 +67,18 @@ def _lines(title: str, note: str, keys: dict[str, list[Any]], results: list[Poin
         errors = [[share - low for _, (share, low, _) in found], [high - share for _, (share, _, high) in found]]
         axes.errorbar(
             x, y, yerr=np.maximum(errors, 0.0), color=COLOURS[name], capsize=4, linewidth=1.4, markersize=5,
-            marker="o", linestyle="-" if numeric else "none", label=POLICY_NAMES[name], clip_on=False,
+            marker="o", linestyle="-" if numeric else "none", clip_on=False,
         )  # fmt: skip
     axes.set_xticks(list(places.values()), [shown(value) for value in values])
-    axes.margins(x=0.06)
+    if numeric:
+        axes.margins(x=0.06)
+    else:
+        axes.set_xlim(-0.5, len(values) - 0.5)
     axes.set_ylim(0.0, 100.0)
     axes.grid(axis="y", color=PALE, linewidth=0.8)
     axes.set_axisbelow(True)
     axes.set_xlabel(_words(key), color=INK)
     axes.set_ylabel("success rate [%]", color=INK)
-    if len(names) > 1:
-        figure.legend(loc="outside upper right", ncols=len(names), frameon=False, fontsize=8)
     return figure
 
 

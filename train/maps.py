@@ -1,4 +1,4 @@
-"""Ways of evaluated episodes on maps: all of them over each other, and some worlds with what stands in them."""
+"""Paths of evaluated episodes on maps: all of them over each other, and some worlds with what stands in them."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ _UNDECIDED = "#7b8794"
 _WORLDS = 12
 _COMMON = 20
 """A line of which the worlds know at most so many different ones is shown on the map of all of them."""
-_WIDTH = 11.0
+_SHEET = (11.0, 9.0)
+"""Width and height of all panels together [inch]."""
+_LEAST = 1.5
+"""Width of a panel [inch]."""
 
 Window = tuple[tuple[float, float], tuple[float, float]]
 End = tuple[str, bool]
 
 
-def draw_all_ways(path: Path, title: str, note: str, results: list[PointResult]) -> None:
-    """Write one map per point with all ways over each other."""
+def draw_paths(path: Path, title: str, note: str, results: list[PointResult]) -> None:
+    """Write one map per point with all paths over each other."""
     shown = [(result, result.trails) for result in results if result.trails is not None]
     axes_values = list(axes_of([result.point for result, _ in shown]).values())
     columns = len(axes_values[1]) if len(axes_values) == 2 else 0
     window = _common_window([trails for _, trails in shown])
     colours = _colours([trails for _, trails in shown])
-    figure, panels = _sheet(len(shown), window, title, note, columns, largest=6.0)
+    figure, panels = _sheet(len(shown), window, title, note, colours, columns=columns, largest=6.0)
     for axes, (result, trails) in zip(panels, shown, strict=True):
         for points, colour in _common_lines(trails):
             axes.add_collection(LineCollection(list(points), colors=colour, linewidths=0.8, alpha=0.35, zorder=1))
-        _draw_ways(axes, trails, colours, range(len(trails.paths)))
+        _draw_paths(axes, trails, colours, range(len(trails.paths)))
         value = result.evaluation
         heading = f"{result.point.label}\n" if result.point.label else ""
-        axes.set_title(
-            f"{heading}success {value.success_rate:.1%} of {value.episodes}", loc="left", fontsize=9, color=INK
-        )
-    _legend(figure, colours)
+        axes.set_title(f"{heading}success {100.0 * value.success_rate:.1f} %", loc="left", fontsize=9, color=INK)
     save_figure(figure, path)
 
 
@@ -56,16 +56,15 @@ def draw_worlds(path: Path, title: str, note: str, result: PointResult) -> None:
         return
     colours = _colours([trails])
     worlds = range(min(_WORLDS, len(trails.paths)))
-    figure, panels = _sheet(len(worlds), _common_window([trails]), title, note, 0, largest=4.0)
+    figure, panels = _sheet(len(worlds), _common_window([trails]), title, note, colours, largest=4.0)
     for axes, world in zip(panels, worlds, strict=True):
         for surrounding in trails.surroundings:
             line = surrounding.points[world]
             axes.plot(line[:, 0], line[:, 1], color=surrounding.colour, linewidth=1.0, alpha=0.45, zorder=1)
-        _draw_ways(axes, trails, colours, range(world, world + 1))
+        _draw_paths(axes, trails, colours, range(world, world + 1))
         end = (trails.reasons[world], trails.successes[world])
         seconds = (len(trails.paths[world]) - 1) * trails.control_dt
         axes.set_title(f"world {world}: {_words(end)}, {seconds:.1f} s", loc="left", fontsize=8, color=colours[end])
-    _legend(figure, colours)
     save_figure(figure, path)
 
 
@@ -86,17 +85,16 @@ def _colours(all_trails: list[Trails]) -> dict[End, str]:
     return colours
 
 
-def _legend(figure: Any, colours: dict[End, str]) -> None:
+def _legend(colours: dict[End, str]) -> list[Line2D]:
     handles = [
         Line2D([], [], color=colour, linewidth=2.0, marker="o" if end[1] else "x", markersize=5, label=_words(end))
         for end, colour in colours.items()
     ]
-    handles.append(Line2D([], [], color=GREY, linestyle="none", marker=".", label="start"))
-    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), frameon=False, fontsize=8)
+    return [*handles, Line2D([], [], color=GREY, linestyle="none", marker=".", label="start")]
 
 
-def _draw_ways(axes: Any, trails: Trails, colours: dict[End, str], worlds: range) -> None:
-    """Draw the ways of some worlds, failures above successes, with a mark where each one starts and ends."""
+def _draw_paths(axes: Any, trails: Trails, colours: dict[End, str], worlds: range) -> None:
+    """Draw the paths of some worlds, failures above successes, with a mark where each one starts and ends."""
     faint = min(0.9, max(0.25, 40.0 / len(worlds)))
     for layer, (end, colour) in enumerate(colours.items()):
         paths = [
@@ -110,7 +108,7 @@ def _draw_ways(axes: Any, trails: Trails, colours: dict[End, str], worlds: range
         axes.add_collection(LineCollection(paths, colors=colour, linewidths=width, alpha=faint, zorder=2 + 0.1 * layer))
         last = np.array([path[-1] for path in paths])
         mark = {"marker": "o", "s": 12, "linewidths": 0.0} if end[1] else {"marker": "x", "s": 22, "linewidths": 1.2}
-        axes.scatter(last[:, 0], last[:, 1], color=colour, zorder=4 + 0.1 * layer, **mark)
+        axes.scatter(last[:, 0], last[:, 1], color=colour, zorder=4 + 0.1 * layer, clip_on=False, **mark)
     starts = np.array([trails.paths[world][0] for world in worlds if len(trails.paths[world])]).reshape(-1, 2)
     axes.scatter(starts[:, 0], starts[:, 1], color=GREY, s=8, linewidths=0.0, zorder=3)
 
@@ -126,7 +124,7 @@ def _common_lines(trails: Trails) -> list[tuple[Points, str]]:
 
 
 def _common_window(all_trails: list[Trails]) -> Window:
-    """Return the task's window, or one around all ways."""
+    """Return the task's window, or one around all paths."""
     windows = [trails.window for trails in all_trails]
     points = [path for trails in all_trails for path in trails.paths if len(path)]
     if windows and all(window is not None for window in windows):
@@ -141,16 +139,18 @@ def _common_window(all_trails: list[Trails]) -> Window:
     return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
 
-def _sheet(count: int, window: Window, title: str, note: str, columns: int, largest: float) -> tuple[Any, list[Any]]:
+def _sheet(
+    count: int, window: Window, title: str, note: str, colours: dict[End, str], *, columns: int = 0, largest: float
+) -> tuple[Any, list[Any]]:
     """Return a figure with panels of one scale; with ``columns`` 0 they fill the sheet well."""
     (left, right), (bottom, top) = window
     ratio = min(4.0, max(0.15, (top - bottom) / (right - left)))
     if columns == 0:
-        columns = min(count, max(1, round(math.sqrt(count * max(ratio, 0.3) * 1.3))))
+        columns = min(count, max(1, round(math.sqrt(1.3 * count * ratio))))
     rows = math.ceil(count / columns)
-    width = min(largest, max(_WIDTH / columns, 1.6))
-    width *= min(1.0, 9.0 / (width * ratio))
-    figure = new_figure(max(6.5, columns * (width + 0.25) + 0.4), rows * (width * ratio + 0.45) + 1.1, title, note)
+    width = max(_LEAST, min(largest, _SHEET[0] / columns, _SHEET[1] / rows / ratio))
+    size = (max(6.5, columns * (width + 0.2) + 0.5), rows * (width * ratio + 0.5) + 1.3)
+    figure = new_figure(*size, title, note, legend=_legend(colours))
     panels: list[Any] = []
     for index in range(count):
         shared = panels[0] if panels else None

@@ -26,7 +26,6 @@ from simwarp.train.policies import PolicySource
 from simwarp.train.run_folder import write_json
 
 RESULTS = "results.json"
-_NOTE = 110
 
 
 @dataclasses.dataclass
@@ -69,8 +68,7 @@ class Report:
                 "episodes": self.stopped.ended,
                 "end_reasons": self.stopped.end_reasons,
             }
-        if self.stopped is not None or len(self.results) < len(self.points):
-            head["interrupted"] = True
+        head["interrupted"] = self.stopped is not None or len(self.results) < len(self.points)
         if self.is_grid:
             return {**head, "keys": axes_of(self.points), "grid": [result.as_json() for result in self.results]}
         return head | (self.results[0].as_json() if self.results else {})
@@ -135,17 +133,18 @@ class Report:
         if self.folder is None or not self.results:
             return
         from simwarp.train.grid_plot import draw_success
-        from simwarp.train.maps import draw_all_ways, draw_worlds
+        from simwarp.train.maps import draw_paths, draw_worlds
 
-        note = f"{self.settings.episodes} episodes per point, seed {self.settings.seed}, {self.source.origin}"
-        note = note if len(note) <= _NOTE else f"{note[: _NOTE - 41]} … {note[-38:]}"
+        origin = self.source.origin.replace(str(self.source.path), "/".join(self.source.path.parts[-4:]))
+        each = " per point" if self.is_grid else ""
+        note = f"{self.settings.episodes} episodes{each}, seed {self.settings.seed}, {origin}"
         if self.is_grid:
             target = self._note_file("success.png")
             draw_success(target, f"{self.task}: success rate, 95 % intervals", note, self.points, self.results)
-        with_ways = [result for result in self.results if result.trails is not None and not result.trails.flat]
-        if with_ways:
-            draw_all_ways(self._note_file("ways.png"), f"{self.task}: ways from above", note, with_ways)
-        for result in with_ways:
+        moving = [result for result in self.results if result.trails is not None and not result.trails.flat]
+        if moving:
+            draw_paths(self._note_file("paths.png"), f"{self.task}: paths from above", note, moving)
+        for result in moving:
             if result.trails is not None and result.trails.surroundings:
                 values = "".join(f"_{key}={shown(value)}" for key, value in result.point.values.items())
                 title = ": ".join(filter(None, [self.task, result.point.label])) + ", first worlds from above"

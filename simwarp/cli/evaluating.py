@@ -44,7 +44,7 @@ class EvalOptions(CommonOptions):
     """Evaluate the zero-action and the random policy too; with --grid only if asked for, since it takes thrice the
     time."""
     plot: Path | None = None
-    """Folder for results.json, a picture of the success rates and maps of the ways taken; by default TASK-eval with
+    """Folder for results.json, a picture of the success rates and maps of the paths taken; by default TASK-eval with
     --grid, none without."""
     runs: Path = Path("runs")
     """Folder of the run folders."""
