@@ -16,7 +16,8 @@ class RangeFan:
     """
 
     def __init__(self, rays: int, width: float, reach: float, device: torch.device) -> None:
-        angle = torch.linspace(-0.5 * width, 0.5 * width, rays, device=device) if rays > 1 else torch.zeros(1)
+        half = 0.5 * width if rays > 1 else 0.0
+        angle = torch.linspace(-half, half, rays, device=device)
         self.direction = torch.stack([angle.cos(), angle.sin()], dim=1)
         """(rays, 2) unit vectors: ahead, to the left."""
         self.reach = reach

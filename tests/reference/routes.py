@@ -25,3 +25,31 @@ def nearest_on_path(points: np.ndarray, places: np.ndarray, every: int = 1) -> t
         arc[first : first + 4096] = start[best] + along[row, best]
         aside[first : first + 4096] = np.sign(left) * np.linalg.norm(foot[row, best], axis=1)
     return arc, aside
+
+
+def place_at(points: np.ndarray, closed: bool, arc: float) -> np.ndarray:
+    """(2,) the place at a length along a polyline; closed ones go on with the next lap, open ones straight on."""
+    chord = np.diff(points, axis=0)
+    size = np.linalg.norm(chord, axis=1)
+    total = size.sum()
+    if closed:
+        arc = arc % total
+    elif arc < 0.0:
+        return np.asarray(points[0] + arc * chord[0] / size[0])
+    elif arc > total:
+        return np.asarray(points[-1] + (arc - total) * chord[-1] / size[-1])
+    for start, way, length in zip(points, chord, size, strict=False):
+        if arc <= length:
+            return np.asarray(start + arc * way / length)
+        arc -= length
+    return np.asarray(points[-1])
+
+
+def first_hit(
+    places: np.ndarray, radii: np.ndarray, direction: np.ndarray, reach: float, step: float = 2e-3
+) -> float:  # fmt: skip
+    """Length of a ray from the origin to the first of its points that lies in a disc, by trying one after the other."""
+    length = np.arange(0.0, reach, step)
+    points = length[:, None] * direction
+    inside = (np.linalg.norm(points[:, None] - places, axis=2) < radii).any(axis=1)
+    return float(length[inside.argmax()]) if inside.any() else reach

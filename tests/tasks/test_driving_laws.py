@@ -101,6 +101,18 @@ def test_a_saved_state_goes_on_exactly(case):
     assert_equal(expected, roll(other, actions[5:], seed=None))
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_a_look_at_the_scene_changes_nothing(name):
+    """Pictures of a task without a camera are taken from time to time; the drive goes on as if they were not."""
+    task, other = (driving(name, 2, seed=1) for _ in range(2))
+    actions = random_actions(task, 6)
+    first, second = (roll(each, actions[:3], seed=None) for each in (task, other))
+    assert_equal(first, second)
+    scene = task.scene()
+    assert scene is task.scene()
+    assert_equal(roll(task, actions[3:], seed=None), roll(other, actions[3:], seed=None))
+
+
 def test_mirrored_pillars_and_steering_make_a_mirrored_drive():
     task = driving("obstacle-avoidance", 2)
     pillars = to_torch(task.simulation.model.shape_x)[:, task.pillars, 1]
