@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.importers.chrono_json import Node
-from simwarp.vehicle.reading import parse_tir, read_text
+from simwarp.vehicle.reading import read_text
 from simwarp.vehicle.spec import Tire
+from simwarp.vehicle.tire_files import parse_tir
 
 SLOPES = (
     ("Initial Slopes dF{0}/ds{0} [N]", "slope"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import numbers
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def add_vehicle(
     Raises:
         SpecError: parts do not fit together, or there is no such gear.
     """
-    if not math.isfinite(speed):
+    if isinstance(speed, bool) or not isinstance(speed, numbers.Real) or not math.isfinite(speed):
         raise SpecError(f"speed: must be a finite number, got {speed!r}")
     first_body = len(builder.bodies)
     origin = pose((0.0, 0.0, spec.start_height)) if at is None else at

@@ -41,6 +41,9 @@ def find(spec: VehicleSpec, kind: str, option: str, side: str = "") -> Path:
     """The file of an option: one of the shipped, or a path that ends in .json."""
     if option.endswith(".json"):
         return Path(option)
+    if option.endswith(".tir"):
+        needs = 'template "pacejka2002", mass, inertia, radius, width and "parameters": {"tir": {"file": ...}}'
+        raise SpecError(f"{option}: a property file is no whole tire; give a .json file with {needs} that names it")
     known = option_names(spec.name, kind)
     if option not in known:
         listed = ", ".join(known) if known else "none shipped; give the path of a .json file"

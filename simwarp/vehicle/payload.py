@@ -23,6 +23,7 @@ from simwarp.simulation import Simulation
 from simwarp.types import ModelError, Vec3, finite_vector, pose
 from simwarp.vehicle.assembly import VehicleParts
 from simwarp.vehicle.spec import SpecError
+from simwarp.vehicle.spec_parts import told
 
 PAYLOAD: Final = ("body_mass", "body_inertia_b", "joint_anchor0")
 """Model arrays that a load writes: `finalize(per_world=per_world(PAYLOAD))`."""
@@ -99,16 +100,16 @@ def set_payload(
     shared = [name for name, array in arrays.items() if array.shape[0] != count]
     if shared:
         raise ModelError(f"set_payload: every world needs its own {', '.join(shared)}; name them in per_world")
-    mask = np.full(count, True) if worlds is None else np.broadcast_to(np.asarray(worlds, dtype=bool), (count,))
+    mask = np.full(count, True) if worlds is None else _per_world("worlds", worlds, (count,), bool)
     values = {name: array.numpy().copy() for name, array in arrays.items()}
     if mass is not None:
-        kilograms = np.broadcast_to(np.asarray(mass, dtype=float), (count,))
+        kilograms = _per_world("mass", mass, (count,))
         if not (np.isfinite(kilograms) & (kilograms > 0.0)).all():
             raise ModelError(f"set_payload: mass must be positive [kg], got {mass!r}")
         values["body_mass"][mask, payload.body] = kilograms[mask]
         values["body_inertia_b"][mask, payload.body] = box_inertia(kilograms[mask], payload.size)
     if position is not None:
-        place = np.broadcast_to(np.asarray(position, dtype=float), (count, 3))
+        place = _per_world("position", position, (count, 3))
         if not np.isfinite(place).all():
             raise ModelError(f"set_payload: position must be finite [m], got {position!r}")
         values["joint_anchor0"][mask, payload.joint] = payload.reference + place[mask]
@@ -116,6 +117,16 @@ def set_payload(
         array.assign(values[name])
     _put_in_place(simulation, payload, mask, values["joint_anchor0"][:, payload.joint])
     simulation.measure(mask)
+
+
+def _per_world(name: str, value: Any, shape: tuple[int, ...], kind: type = float) -> npt.NDArray[Any]:
+    """One value for all worlds, or one for each."""
+    try:
+        return np.broadcast_to(np.asarray(value, dtype=kind), shape)
+    except (TypeError, ValueError):
+        one = "three numbers" if len(shape) > 1 else "one"
+        rule = f"{one}, or {one} for each of {shape[0]} worlds"
+        raise ModelError(f"set_payload: {name} must be {rule}, got {told(value)}") from None
 
 
 def _put_in_place(

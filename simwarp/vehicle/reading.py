@@ -18,7 +18,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar
 
-from simwarp.vehicle.spec import Spec, SpecError, VehicleSpec
+from simwarp.vehicle.spec import Spec, SpecError, Tire, VehicleSpec
+from simwarp.vehicle.spec_parts import told
+from simwarp.vehicle.tire_files import TirValues, parse_tir
 
 DATA = Path(__file__).parent / "data"
 """The shipped vehicles: NAME.json, with their options in folders of the same name."""
@@ -119,29 +121,6 @@ def read_json(path: Path) -> Any:
     return parse_tir(text, path.name) if path.suffix == ".tir" else parse_json(text, path.name)
 
 
-def parse_tir(text: str, name: str) -> dict[str, float | str]:
-    """KEY -> value of a tire property file, all sections in one; `$` and `!` begin comments, quotes hold text.
-
-    Tables (lines of numbers without `=`) are left out.
-    """
-    values: dict[str, float | str] = {}
-    for number, raw in enumerate(text.splitlines(), start=1):
-        line = raw.split("$")[0].split("!")[0].strip()
-        if "=" not in line:
-            continue
-        key, _, value = (part.strip() for part in line.partition("="))
-        if value.startswith(("'", '"')):
-            values[key] = value[1:-1]
-            continue
-        try:
-            values[key] = float(value)
-        except ValueError:
-            raise SpecError(f"{name}: line {number}: {key}: must be a number or quoted text, got {value!r}") from None
-    if not values:
-        raise SpecError(f"{name}: holds no KEY = value lines; give a tire property file")
-    return values
-
-
 def follow(value: Any, place: Place) -> tuple[Any, Place]:
     """The value that `{"file": ...}` stands for, and its place."""
     while isinstance(value, dict) and set(value) == {"file"}:
@@ -184,13 +163,13 @@ def build(hint: Any, value: Any, place: Place) -> Any:
         options = typing.get_args(hint)
         if value not in options:
             near = nearest(str(value), map(str, options))
-            raise place.error(f"must be one of {', '.join(map(repr, options))}, got {value!r}{near}")
+            raise place.error(f"must be one of {', '.join(map(repr, options))}, got {told(value)}{near}")
         return value
     if origin is tuple:
         return build_tuple(hint, value, place)
     if origin is dict:
         if not isinstance(value, dict):
-            raise place.error(f"must be an object, got {value!r}")
+            raise place.error(f"must be an object, got {told(value)}")
         return raw(value, place)
     return build_plain(hint, value, place)
 
@@ -198,7 +177,7 @@ def build(hint: Any, value: Any, place: Place) -> Any:
 def build_spec(cls: type[S], value: Any, place: Place) -> S:
     """A description from an object with its fields."""
     if not isinstance(value, dict):
-        raise place.error(f"must be an object with the keys of {cls.__name__}, got {value!r}")
+        raise place.error(f"must be an object with the keys of {cls.__name__}, got {told(value)}")
     hints = hints_of(cls)  # type: ignore[arg-type]  # a class is hashable
     for key in value:
         if key not in hints:
@@ -209,10 +188,15 @@ def build_spec(cls: type[S], value: Any, place: Place) -> S:
         if needed and field.name not in found:
             raise place.at(field.name).error(f"missing; give {wanted(hints[field.name], field.name)}")
     try:
-        return cls(**found)
+        made = cls(**found)
     except SpecError as error:
         key, _, rule = str(error).partition(": ")
         raise place.at(key).error(rule) from None
+    if isinstance(made, Tire):
+        from simwarp.vehicle.tire_rows import check_tire  # which reads its parameters by this module
+
+        check_tire(made, place)
+    return made
 
 
 def build_union(options: tuple[Any, ...], value: Any, place: Place) -> Any:
@@ -224,7 +208,7 @@ def build_union(options: tuple[Any, ...], value: Any, place: Place) -> Any:
         return build(options[0], value, place)
     classes: dict[str, Any] = {template_of(option): option for option in options}
     if not isinstance(value, dict):
-        raise place.error(f"must be an object with a template, got {value!r}; templates: {', '.join(classes)}")
+        raise place.error(f"must be an object with a template, got {told(value)}; templates: {', '.join(classes)}")
     if "template" not in value:
         raise place.at("template").error(f"missing; give one of {', '.join(classes)}")
     template = value["template"]
@@ -243,11 +227,11 @@ def build_tuple(hint: Any, value: Any, place: Place) -> tuple[Any, ...]:
     """A list as a tuple, of any length or of a fixed one."""
     items = typing.get_args(hint)
     if not isinstance(value, (list, tuple)):
-        raise place.error(f"must be {wanted(hint, last_key(place))}, got {value!r}")
+        raise place.error(f"must be {wanted(hint, last_key(place))}, got {told(value)}")
     if len(items) == 2 and items[1] is Ellipsis:
         return tuple(build(items[0], item, place.at(index)) for index, item in enumerate(value))
     if len(value) != len(items):
-        raise place.error(f"must be {wanted(hint, last_key(place))}, got {value!r}")
+        raise place.error(f"must be {wanted(hint, last_key(place))}, got {told(value)}")
     return tuple(build(item, v, place.at(index)) for index, (item, v) in enumerate(zip(items, value, strict=True)))
 
 
@@ -255,23 +239,25 @@ def build_plain(hint: Any, value: Any, place: Place) -> Any:
     """A number, a whole number, a text or a truth value."""
     kinds: dict[Any, Any] = {float: (int, float), int: int, str: str, bool: bool}
     if not isinstance(value, kinds[hint]) or (isinstance(value, bool) and hint is not bool):
-        raise place.error(f"must be {wanted(hint, last_key(place))}, got {value!r}")
+        raise place.error(f"must be {wanted(hint, last_key(place))}, got {told(value)}")
     if hint is not float:
         return value
     if not math.isfinite(value):
-        raise place.error(f"must be a finite number, got {value!r}")
+        raise place.error(f"must be a finite number, got {told(value)}")
     return float(value)
 
 
 def raw(value: Any, place: Place) -> Any:
     """A value without a type: lists become tuples, files are followed."""
     value, place = follow(value, place)
+    if isinstance(value, TirValues):
+        return value
     if isinstance(value, dict):
         return {key: raw(item, place.at(key)) for key, item in value.items()}
     if isinstance(value, list):
         return tuple(raw(item, place.at(index)) for index, item in enumerate(value))
     if isinstance(value, float) and not math.isfinite(value):
-        raise place.error(f"must be a finite number, got {value!r}")
+        raise place.error(f"must be a finite number, got {told(value)}")
     return value
 
 

@@ -20,18 +20,31 @@ ACROSS = (0.7071067811865476, 0.0, 0.0, -0.7071067811865476)
 """Turns a cylinder's axis, z, into the wheel's, y (xyzw)."""
 
 
-def add_rigid_tire(builder: ModelBuilder, name: str, body: int, tire: Tire) -> int:
-    """The cylinder of a rigid tire on its spindle; returns its shape."""
+def rigid_parameters(tire: Tire) -> tuple[float, float]:
+    """Friction and restitution of a rigid tire.
+
+    Raises:
+        SpecError: another key, or a value that breaks a rule.
+    """
     values: dict[str, Any] = dict(tire.parameters)
     friction, restitution = values.pop("friction", 0.9), values.pop("restitution", 0.0)
     if values:
-        raise SpecError(f"tire: parameters.{next(iter(values))}: unknown key; known: friction, restitution")
+        raise SpecError(f"parameters.{next(iter(values))}: unknown key; known: friction, restitution")
     for key, value in (("friction", friction), ("restitution", restitution)):
-        if not isinstance(value, (int, float)) or value < 0.0:
-            raise refuse(f"tire: parameters.{key}", "zero or positive", value)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0.0:
+            raise refuse(f"parameters.{key}", "a number, zero or positive", value)
+    return float(friction), float(restitution)
+
+
+def add_rigid_tire(builder: ModelBuilder, name: str, body: int, tire: Tire, key: str = "tire") -> int:
+    """The cylinder of a rigid tire on its spindle; returns its shape. Errors name the tire by its `key`."""
+    try:
+        friction, restitution = rigid_parameters(tire)
+    except SpecError as error:
+        raise SpecError(f"{key}.{error}") from None
     return builder.add_shape_cylinder(
         body, radius=tire.radius, half_length=0.5 * tire.width, name=name, pose=pose(rotation=ACROSS),
-        material=Material(friction=float(friction), restitution=float(restitution)),
+        material=Material(friction=friction, restitution=restitution),
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import numbers
 from collections.abc import Sequence
 
 import numpy as np
@@ -94,8 +95,8 @@ def start_of(gears: Transmission | None, speed: float, drive_speed: float, gear:
         SpecError: there is no such gear.
     """
     count = len(getattr(gears, "forward_ratios", (1.0,)))
-    if gear is not None and not -1 <= gear <= count:
-        raise SpecError(f"gear: must be from -1 (reverse) to {count}, got {gear!r}")
+    if gear is not None and not (isinstance(gear, numbers.Integral) and -1 <= gear <= count):
+        raise SpecError(f"gear: must be a whole number from -1 (reverse) to {count}, got {gear!r}")
     chosen = _automatic_gear(gears, speed, drive_speed) if gear is None else gear
     ratio = gear_ratio(gears, chosen)
     return Rolling(speed, chosen, drive_speed, 0.0 if ratio == 0.0 else drive_speed / ratio)

@@ -36,7 +36,13 @@ class SpecError(ValueError):
 
 def refuse(key: str, rule: str, value: object, remedy: str = "") -> SpecError:
     """The error for the value of a key."""
-    return SpecError(f"{key}: must be {rule}, got {value!r}" + (f"; {remedy}" if remedy else ""))
+    return SpecError(f"{key}: must be {rule}, got {told(value)}" + (f"; {remedy}" if remedy else ""))
+
+
+def told(value: object) -> str:
+    """A value in an error: its beginning, if it is long."""
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:90]} ..."
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

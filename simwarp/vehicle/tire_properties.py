@@ -10,19 +10,28 @@ from simwarp.vehicle.tire_common import THIRD, Row, common_row
 from simwarp.vehicle.tire_parameters import CommonParameters, Pacejka2002Parameters
 
 UNITS = {"LENGTH": ("meter", "m"), "FORCE": ("newton", "n"), "ANGLE": ("radian", "radians", "rad"), "TIME": ("second",)}
+FORMATS = ("PAC2002",)
 NEEDED = ("FNOMIN", "PCX1", "PDX1", "PKX1", "PCY1", "PDY1", "PKY1", "PKY2", "VERTICAL_STIFFNESS")
+POSITIVE = ("FNOMIN", "LFZO", "VERTICAL_STIFFNESS", "UNLOADED_RADIUS")
 MODES = (0, 1, 2, 3, 4)
 FREE = 1.0e30
 
 
 def check_file(tire: Tire, tir: dict[str, object]) -> None:
-    """Units, the needed keys, and the radius."""
+    """Format, units, the needed keys, and the radius."""
+    name = tir.get("PROPERTY_FILE_FORMAT", FORMATS[0])
+    if str(name).strip().upper() not in FORMATS:
+        rule = f"must be {FORMATS[0]!r}, got {name!r}"
+        raise SpecError(f"tir.PROPERTY_FILE_FORMAT: {rule}; coefficients of other formulas are not read")
     for key, names in UNITS.items():
         if key in tir and str(tir[key]).strip().lower() not in names:
             raise SpecError(f"tir.{key}: must be {names[0]!r}, got {tir[key]!r}; convert the file to SI units")
     for key in NEEDED:
         if key not in tir:
             raise SpecError(f"tir.{key}: missing; a Pacejka 2002 tire needs {', '.join(NEEDED)}")
+    for key in POSITIVE:
+        if not number(tir, key, 1.0) > 0.0:
+            raise SpecError(f"tir.{key}: must be positive, got {tir[key]!r}")
     radius = number(tir, "UNLOADED_RADIUS", tire.radius)
     if abs(radius - tire.radius) > 0.02 * radius:
         raise SpecError(f"tir.UNLOADED_RADIUS: must be the tire's radius {tire.radius} m within 2 %, got {radius!r}")

@@ -26,8 +26,11 @@ from simwarp.kernels.tires.rows import (
     Tmsimple,
 )
 from simwarp.vehicle.reading import Place, build, nearest
+from simwarp.vehicle.rigid_tires import TEMPLATE as RIGID
+from simwarp.vehicle.rigid_tires import rigid_parameters
 from simwarp.vehicle.spec import Spec, SpecError, Tire
 from simwarp.vehicle.tire_common import THIRD, Row, common_row, missing
+from simwarp.vehicle.tire_files import TirValues
 from simwarp.vehicle.tire_parameters import (
     CommonParameters,
     FialaParameters,
@@ -222,7 +225,23 @@ MODELS: dict[str, Model] = {
 """The templates of force-element tires. A rigid tire is an ordinary shape in contact, and none of them."""
 
 
-def tire_row(tire: Tire, place: str = "tire") -> TireRow:
+def check_tire(tire: Tire, where: Place) -> None:
+    """Refuse a tire that could not be built, rigid ones too.
+
+    Raises:
+        SpecError: as `tire_row` does.
+    """
+    if tire.template == RIGID:
+        try:
+            rigid_parameters(tire)
+        except SpecError as error:
+            key, _, rule = str(error).partition(": ")
+            raise where.at(key).error(rule) from None
+    else:
+        tire_row(tire, where)
+
+
+def tire_row(tire: Tire, place: str | Place = "tire") -> TireRow:
     """The row of a tire.
 
     Args:
@@ -232,10 +251,11 @@ def tire_row(tire: Tire, place: str = "tire") -> TireRow:
     Raises:
         SpecError: unknown template or key, or a value that breaks a rule.
     """
-    where = Place(Path(place))
+    where = place if isinstance(place, Place) else Place(Path(place))
     if tire.template not in MODELS:
-        near = nearest(tire.template, MODELS)
-        raise where.at("template").error(f"must be one of {', '.join(MODELS)}, got {tire.template!r}{near}")
+        names = (*MODELS, RIGID)
+        near = nearest(tire.template, names)
+        raise where.at("template").error(f"must be one of {', '.join(names)}, got {tire.template!r}{near}")
     model = MODELS[tire.template]
     where = where.at("parameters")
     parts: tuple[type[Spec], ...] = (CommonParameters, *model.parts)
@@ -252,6 +272,9 @@ def tire_row(tire: Tire, place: str = "tire") -> TireRow:
         values = model.fill(tire, *built)
     except SpecError as error:
         key, _, rule = str(error).partition(": ")
+        tir = tire.parameters.get("tir")
+        if key.startswith("tir.") and isinstance(tir, TirValues):
+            raise tir.error(key.removeprefix("tir."), rule) from None
         raise where.at(key).error(rule) from None
     states = 2 * int(values[Lugre.DISC_COUNT]) if model.law is TireModel.LUGRE else BRISTLE_STATES
     return TireRow(model.law, CONTACTS[built[0].contact], values, states, built[0].measured_side)

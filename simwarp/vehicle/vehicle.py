@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import warp as wp
@@ -16,6 +17,7 @@ from simwarp.simulation import Simulation, SolverOptions
 from simwarp.types import ModelError, Vec3, finite_vector
 from simwarp.vehicle.assembly import VehicleParts
 from simwarp.vehicle.powertrains import powertrain_state, powertrain_tables
+from simwarp.vehicle.reading import Place
 from simwarp.vehicle.rigid_tires import RigidTires
 from simwarp.vehicle.spec import SpecError
 from simwarp.vehicle.tires import Mount, Tires, tire_row
@@ -231,7 +233,6 @@ def _tires(parts: VehicleParts, model: Model, ground: TerrainTables | None, rand
 def _mounts(parts: VehicleParts) -> list[Mount]:
     """Tires on their spindles, whose centres of mass are the wheels' centres."""
     axles = parts.spec.axles
-    return [
-        Mount(tire_row(axles[side.axle].tire), side.spindle, side="left" if side.side > 0.0 else "right")
-        for side in parts.sides
-    ]
+    vehicle = Place(Path(parts.spec.name))
+    rows = [tire_row(axle.tire, vehicle.at(f"axles[{index}].tire")) for index, axle in enumerate(axles)]
+    return [Mount(rows[side.axle], side.spindle, side="left" if side.side > 0.0 else "right") for side in parts.sides]

@@ -163,9 +163,13 @@ def test_a_reset_brings_the_start_back():
 
 
 def test_wrong_starts_are_named():
-    with pytest.raises(SpecError, match="gear: must be from -1"):
-        add_vehicle(ModelBuilder(), shipped("hmmwv"), gear=4)
-    with pytest.raises(SpecError, match="speed: must be a finite number"):
-        add_vehicle(ModelBuilder(), shipped("hmmwv"), speed=float("nan"))
+    gear: Any
+    for gear in (4, "2"):
+        with pytest.raises(SpecError, match="gear: must be a whole number from -1"):
+            add_vehicle(ModelBuilder(), shipped("hmmwv"), gear=gear)
+    wrong: Any
+    for wrong in (float("nan"), "10", True):
+        with pytest.raises(SpecError, match="speed: must be a finite number"):
+            add_vehicle(ModelBuilder(), shipped("hmmwv"), speed=wrong)
     bare: Any = dataclasses.replace(shipped("gator"), engine=None, transmission=None)
     assert start_of(bare.transmission, 5.0, 20.0, None).motor_speed == 0.0

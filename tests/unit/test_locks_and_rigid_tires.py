@@ -124,5 +124,5 @@ def test_mixed_tires_and_unknown_parameters_are_refused():
         Vehicle(parts, model)
     tire = dataclasses.replace(other.axles[0].tire, parameters={"grip": 1.0})
     wrong = dataclasses.replace(other, axles=tuple(dataclasses.replace(axle, tire=tire) for axle in other.axles))
-    with pytest.raises(SpecError, match=r"tire: parameters\.grip: unknown key"):
+    with pytest.raises(SpecError, match=r"axles\[0\]\.tire\.parameters\.grip: unknown key"):
         add_vehicle(sw.ModelBuilder(), wrong)

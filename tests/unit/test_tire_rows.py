@@ -132,6 +132,31 @@ def test_property_file_on_disk(tmp_path):
         read_spec(Tire, tmp_path / "tire.json")
 
 
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("FNOMIN = -4850", "line 2: FNOMIN: must be positive, got -4850.0"),
+        ("PROPERTY_FILE_FORMAT = 'PAC89'", "line 2: PROPERTY_FILE_FORMAT: must be 'PAC2002', got 'PAC89'"),
+        ("LENGTH = 'mm'", "line 2: LENGTH: must be 'meter', got 'mm'"),
+        ("PDX1 1.2", "line 2: must be KEY = value, a [SECTION], a row of numbers or a comment after $, got 'PDX1 1.2'"),
+        ("= 1.2", "line 2: must be KEY = value"),
+        ("PDX 1 = 1.2", "line 2: must be KEY = value"),
+        ("LCX = inf", "line 2: LCX: must be a finite number, got inf"),
+    ],
+)
+def test_lines_of_a_property_file_that_are_wrong(tmp_path, line, message):
+    tir = {key: value for key, value in properties().items() if key != line.split()[0]}
+    lines = ["[SHAPE]", line, "{radial width}", " 1.0 0.0", "(COMMENTS)", "'some tire'"]
+    lines += [f"{key} = {value!r}" for key, value in tir.items()]
+    (tmp_path / "some.tir").write_text("\n".join(lines))
+    description = json.loads((DATA / "pacejka2002.json").read_text())
+    description["parameters"]["tir"] = {"file": "some.tir"}
+    (tmp_path / "tire.json").write_text(json.dumps(description))
+    with pytest.raises(SpecError) as caught:
+        read_spec(Tire, tmp_path / "tire.json")
+    assert str(caught.value).startswith(f"some.tir: {message}")
+
+
 REFUSED = [
     ("tmeasy", {"patern": "truck"}, r"parameters\.patern: unknown key \(did you mean 'pattern'\?\)"),
     ("tmeasy", {"pattern": "van", "rim_radius": 0.2}, r"parameters\.pattern: must be one of 'truck', 'car'"),

@@ -6,9 +6,12 @@ from typing import Any
 
 import pytest
 
+import simwarp as sw
+from simwarp.vehicle.assembly import add_vehicle
 from simwarp.vehicle.options import with_options
 from simwarp.vehicle.reading import load_vehicle, plain, vehicle_names
 from simwarp.vehicle.spec import Chassis, ForceLine, RigidPart, SpecError
+from simwarp.vehicle.vehicle import Vehicle, per_world
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +82,9 @@ SPRING = f"{SUSPENSION}.springs.0"
         (f"{SUSPENSION}.upright.products", [5, 0, 0], "suspension.upright.products: must be small beside the moments"),
         ("transmission", None, "engine: must be given together with a transmission; add one, or leave out engine"),
         ("engine", None, "transmission: must be given together with an engine; add one, or leave out transmission"),
+        ("axles.1.tire.parameters.max_x", [-1, 2], "axles[1].tire.parameters.max_x: must be positive, got (-1.0, 2.0)"),
+        ("axles.0.tire.template", "tmesy", "axles[0].tire.template: must be one of tmeasy, tmsimple, fiala,"),
+        ("axles.0.tire.template", "rigid", "axles[0].tire.parameters.pattern: unknown key; known: friction,"),
         (f"{SPRING}.spring_curve", [[0, 1], [0.1, 2], [0.05, 3]], "got x = 0.05 in [2] after 0.1; sort them by x"),
     ],
 )  # fmt: skip
@@ -89,20 +95,40 @@ def test_what_does_not_fit_is_named(changed, keys, value, words):
 
 
 def test_a_driven_axle_that_is_none(changed, shipped):
-    rear = plain(with_options(load_vehicle("hmmwv"), driveline="rwd").driveline)  # type: ignore[arg-type]
+    rear = plain(with_options(load_vehicle("hmmwv"), driveline="rwd").driveline)
     for axle in (7, -2):
         words = f"driveline.axle: must be the index of an axle, 0 to 1, or -1 for the last, got {axle}"
         assert words in changed("driveline", rear | {"axle": axle})
-    simple = plain(load_vehicle("gator").driveline)  # type: ignore[arg-type]
+    simple = plain(load_vehicle("gator").driveline)
     assert simple["template"] == "simple"
     assert "driveline.axles[1]: must be the index" in changed("driveline", simple | {"axles": [0, 9]})
 
 
 def test_an_option_that_does_not_fit_names_its_file(tmp_path):
-    rear = plain(with_options(load_vehicle("hmmwv"), driveline="rwd").driveline)  # type: ignore[arg-type]
+    rear = plain(with_options(load_vehicle("hmmwv"), driveline="rwd").driveline)
     (tmp_path / "mine.json").write_text(json.dumps(rear | {"axle": 7}))
     with pytest.raises(SpecError, match=r"^mine.json: driveline.axle: must be the index of an axle"):
         with_options(load_vehicle("hmmwv"), driveline=str(tmp_path / "mine.json"))
+
+
+def test_tires_of_a_file_name_it(tmp_path):
+    tire = plain(load_vehicle("hmmwv").axles[0].tire)
+    tire["parameters"]["max_x"] = [-1.0, 2.0]
+    (tmp_path / "mine.json").write_text(json.dumps(tire))
+    with pytest.raises(SpecError, match=r"^mine.json: parameters.max_x: must be positive"):
+        with_options(load_vehicle("hmmwv"), tire=str(tmp_path / "mine.json"))
+    with pytest.raises(SpecError, match=r"^x.tir: a property file is no whole tire; give a .json file with template"):
+        with_options(load_vehicle("hmmwv"), tire="x.tir")
+
+
+def test_tires_in_python_name_vehicle_and_axle():
+    spec = load_vehicle("gator")
+    tire = dataclasses.replace(spec.axles[1].tire, parameters={"grip": 1.0})
+    axles = (spec.axles[0], dataclasses.replace(spec.axles[1], tire=tire))
+    builder = sw.ModelBuilder()
+    parts = add_vehicle(builder, dataclasses.replace(spec, axles=axles))
+    with pytest.raises(SpecError, match=r"^gator: axles\[1\].tire.parameters.grip: unknown key"):
+        Vehicle(parts, builder.finalize(1, "cpu", per_world=per_world()))
 
 
 def test_one_axle_has_no_wheelbase(shipped, tmp_path):
@@ -131,9 +157,9 @@ def test_lengths_in_millimetres_are_found_in_vehicles_of_any_size(changed, shipp
 
 
 def test_rules_hold_in_python_too():
-    ends = {"chassis_point": (0.0, 0.0, 0.0), "arm_point": (0.0, 0.0, 1.0)}
+    ends: Any = {"chassis_point": (0.0, 0.0, 0.0), "arm_point": (0.0, 0.0, 1.0)}
     with pytest.raises(SpecError, match="spring_curve: must be left out beside stiffness"):
-        ForceLine(**ends, stiffness=1.0, spring_curve=((0.0, 0.0), (1.0, 1.0)))  # type: ignore[arg-type]
+        ForceLine(**ends, stiffness=1.0, spring_curve=((0.0, 0.0), (1.0, 1.0)))
     with pytest.raises(SpecError, match="components: must be one or more"):
         Chassis(components=())
     bar = RigidPart(mass=1.0, inertia=(1.0, 1.0, 3.0))

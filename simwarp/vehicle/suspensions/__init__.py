@@ -119,7 +119,7 @@ def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: Hol
     turn = builder.add_turn(f"{frame.name}.axle", chassis, spindle, axis=axis)
     shape = -1
     if axle.tire.template == TEMPLATE:
-        shape = add_rigid_tire(builder, f"{frame.name}.tire", spindle, axle.tire)
+        shape = add_rigid_tire(builder, f"{frame.name}.tire", spindle, axle.tire, f"axles[{index}].tire")
     return Side(frame.name, index, frame.side, holder.carrier, spindle, spin, turn, holder.bar, shape)
 
 
