@@ -7,7 +7,7 @@ import json
 import math
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import tyro
 from rich.box import SIMPLE_HEAD
@@ -31,6 +31,22 @@ PICTURES = (".png", ".pdf", ".svg")
 TOLD_EVERY = 10.0
 """Between lines of progress where there is no terminal [s]."""
 
+MANEUVER_HELP: Final = (
+    f"What to do: {', '.join(MANEUVERS)} (docs/vehicles.md tells what each does); or a .csv file with a column t_s (or"
+    " time, t) [s] and any of steering (or steer), throttle, braking (or brake) and speed_target [m/s], such as a file"
+    " of --csv."
+)
+OWN: Final = "(default: the vehicle's own)"
+SPEEDS_HINT: Final = "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar)"
+STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep)"
+RADIUS_HINT: Final = "(default: 30; 15 of gator, 3 of artcar)"
+SLOPE_HINT: Final = "(default: 0.2)"
+DURATION_HINT: Final = (
+    "(default: 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the end of the course of"
+    " double-lane-change, to the last row of a .csv file)"
+)
+"""What the options mean that are not given."""
+
 
 @dataclasses.dataclass(frozen=True)
 class DriveOptions(CommonOptions):
@@ -39,36 +55,35 @@ class DriveOptions(CommonOptions):
     The CSV file has a row every 10 ms, from t = -1 s on (the vehicle settles on its brakes before t = 0).
     """
 
-    maneuver: Annotated[str, tyro.conf.arg(metavar="M")] = "reference-accel"
-    """What to do; or a .csv file with columns t_s and steering, throttle, braking."""
-    tire: str | None = None
+    maneuver: Annotated[str, tyro.conf.arg(metavar="M", help=MANEUVER_HELP)] = "reference-accel"
+    tire: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
     """Other tires: a name that is shipped for the vehicle, or a JSON file."""
-    powertrain: str | None = None
+    powertrain: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
     """Another engine with its transmission, likewise. For a Chrono vehicle its two files, with a comma between."""
-    driveline: str | None = None
+    driveline: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
     """Another driveline, likewise."""
     friction: float = REFERENCE_FRICTION
-    """Of the ground."""
-    dt: float = REFERENCE_DT
-    """Time step [s]."""
-    csv: Path | None = None
+    """Of the ground. Tires grip by it over their own reference_friction, on which they were measured."""
+    dt: Annotated[float, tyro.conf.arg(metavar="s")] = REFERENCE_DT
+    """Time step."""
+    csv: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is written)")] = None
     """Writes the run to this file."""
-    plot: Path | None = None
+    plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a page of plots: .png, .pdf or .svg."""
     worlds: int = 1
     """Worlds that do the same; the first one is recorded."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
-    speed: float | None = None
-    """Of the manoeuvre, where it has one [m/s]."""
-    steering: float | None = None
-    """Of step-steer and sine-sweep, -1..1 (positive to the left)."""
-    radius: float | None = None
-    """Of constant-radius [m], negative to the right."""
-    slope: float | None = None
-    """Of slope-hold, rise per run."""
-    duration: float | None = None
-    """Of the manoeuvre after t = 0 [s]."""
+    speed: Annotated[float | None, tyro.conf.arg(metavar="m/s", help_behavior_hint=SPEEDS_HINT)] = None
+    """To hold, of step-steer, sine-sweep, double-lane-change and constant-radius."""
+    steering: Annotated[float | None, tyro.conf.arg(metavar="-1..1", help_behavior_hint=STEERING_HINT)] = None
+    """Of step-steer and sine-sweep, positive to the left."""
+    radius: Annotated[float | None, tyro.conf.arg(metavar="m", help_behavior_hint=RADIUS_HINT)] = None
+    """Of constant-radius, negative to the right."""
+    slope: Annotated[float | None, tyro.conf.arg(metavar="rise/run", help_behavior_hint=SLOPE_HINT)] = None
+    """Of slope-hold."""
+    duration: Annotated[float | None, tyro.conf.arg(metavar="s", help_behavior_hint=DURATION_HINT)] = None
+    """Of the manoeuvre after t = 0; reference-* have their own."""
 
 
 @dataclasses.dataclass
@@ -219,7 +234,7 @@ def _tell(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: O
     table.add_column("value", justify="right")
     table.add_column("unit")
     for item in found:
-        table.add_row(item.label, item.shown, item.unit)
+        table.add_row(item.label, item.shown, item.told_unit)
     console.print(table)
     end = float(outcome.run["t_s"][-1])
     if outcome.broken:

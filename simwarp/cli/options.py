@@ -8,6 +8,7 @@ import difflib
 import io
 import json
 import math
+import re
 import sys
 import typing
 from collections.abc import Iterable, Mapping
@@ -198,7 +199,7 @@ def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> O
     except SystemExit as stop:
         if not stop.code:
             raise
-        raise UsageError(_explain(_message(errors.getvalue()), option_names(kind))) from None
+        raise UsageError(_explain(_message(errors.getvalue()), kind)) from None
 
 
 def _message(box: str) -> str:
@@ -214,23 +215,46 @@ def _message(box: str) -> str:
     return one_line(" ".join(lines)) or "wrong options"
 
 
-def _explain(message: str, names: list[str]) -> str:
-    """Return tyro's message; for an unknown option our own, with the names that come near."""
+def _explain(message: str, kind: type[Any]) -> str:
+    """Return tyro's message; our own for an unknown option, with the names that come near, and for no number."""
     head, _, rest = message.partition(":")
+    if head.startswith("Error parsing --"):
+        return _explain_value(head.removeprefix("Error parsing "), rest, kind) or message
     if not head.lower().startswith("unrecognized"):
         return message
     words = [word.strip(",") for word in rest.split()]
     unknown = [word.partition("=")[0] for word in words if word.startswith("-")]
     if not unknown:
         return f"unexpected argument '{words[0] if words else rest}'; see --help"
-    close = difflib.get_close_matches(unknown[0], names, n=3)
+    close = difflib.get_close_matches(unknown[0], option_names(kind), n=3)
     hint = f"did you mean {' or '.join(close)}?" if close else "see --help"
     return f"unknown option {unknown[0]}; {hint}"
 
 
-def option_names(kind: type[Any], prefix: str = "") -> list[str]:
+def _explain_value(option: str, reason: str, kind: type[Any]) -> str:
+    """Return which number an option wants and what it got; nothing for other options."""
+    hint = dict(_options(kind)).get(option)
+    inner = typing.get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
+    wanted = [word for number, word in NUMBERS.items() if number is inner or number in typing.get_args(inner)]
+    got = re.search(r"from \['(.*?)'\]|(?:float|base 10): '(.*)'", reason)
+    if len(wanted) != 1 or got is None:
+        return ""
+    metavars = [getattr(item, "metavar", None) for item in getattr(hint, "__metadata__", ())]
+    unit = "".join(f" [{metavar}]" for metavar in metavars if metavar)
+    return f"{option} must be {wanted[0]}{unit}, got '{got[1] or got[2] or ''}'"
+
+
+NUMBERS = {float: "a number", int: "a whole number"}
+
+
+def option_names(kind: type[Any]) -> list[str]:
     """Return the options a dataclass has on the command line."""
-    names = []
+    return [name for name, _ in _options(kind)]
+
+
+def _options(kind: type[Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Return the options with their type hints."""
+    found: list[tuple[str, Any]] = []
     hints = typing.get_type_hints(kind, include_extras=True)
     for field in dataclasses.fields(kind):
         hint = hints[field.name]
@@ -238,7 +262,7 @@ def option_names(kind: type[Any], prefix: str = "") -> list[str]:
         inner = typing.get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
         word = field.name.replace("_", "-")
         if dataclasses.is_dataclass(inner) and isinstance(inner, type):
-            names += option_names(inner, prefix if flat else f"{prefix}{word}.")
+            found += _options(inner, prefix if flat else f"{prefix}{word}.")
         else:
-            names.append(f"--{prefix}{word}")
-    return names
+            found.append((f"--{prefix}{word}", hint))
+    return found

@@ -113,6 +113,20 @@ class Recorder:
         return self.table()[:, :, COLUMNS.index(name)]
 
 
+def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[float]:
+    """The numbers of a row."""
+    if len(row) != len(header):
+        raise SpecError(f"{path}: line {line}: must have {len(header)} numbers as the header has names, got {len(row)}")
+    found = []
+    for name, cell in zip(header, row, strict=True):
+        try:
+            found.append(float(cell))
+        except ValueError:
+            rule = f"a table of numbers with a header, got {cell!r} in column {name!r}"
+            raise SpecError(f"{path}: line {line}: must be {rule}") from None
+    return found
+
+
 @dataclasses.dataclass(frozen=True)
 class Run:
     """A recorded run of one world: `COLUMNS` by name."""
@@ -133,16 +147,21 @@ class Run:
             SpecError: it cannot be read, or is no table of numbers with a header.
         """
         try:
-            with path.open(newline="", encoding="utf-8") as file:
-                rows = list(csv.reader(file))
-            data = np.array([[float(cell) for cell in row] for row in rows[1:]])
+            with path.open(newline="", encoding="utf-8-sig") as file:
+                lines = [(number, row) for number, row in enumerate(csv.reader(file), start=1) if row]
         except OSError as error:
             raise SpecError(f"{path}: cannot be read: {error.strerror}") from None
         except (ValueError, csv.Error) as error:
             raise SpecError(f"{path}: must be a table of numbers with a header: {error}") from None
-        if data.ndim != 2 or data.shape[1] != len(rows[0]):
-            raise SpecError(f"{path}: must have rows of {len(rows[0]) if rows else 1} numbers under its header")
-        return Run({name.strip(): data[:, index] for index, name in enumerate(rows[0])})
+        if len(lines) < 2:
+            count = len(lines[0][1]) if lines else 1
+            raise SpecError(f"{path}: must have rows of {count} numbers under its header, got none")
+        header = [name.strip() for name in lines[0][1]]
+        twice = [name for name in header if header.count(name) > 1]
+        if twice:
+            raise SpecError(f"{path}: column {twice[0]!r}: given twice; give it once")
+        data = np.array([_numbers(path, number, row, header) for number, row in lines[1:]])
+        return Run({name: data[:, index] for index, name in enumerate(header)})
 
     def write(self, path: Path) -> None:
         """Writes a CSV file with a header."""

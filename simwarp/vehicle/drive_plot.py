@@ -35,7 +35,7 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
-    told = [f"{item.label} {item.shown} {item.unit}".rstrip() for item in results]
+    told = [f"{item.label} {item.shown} {item.told_unit}".rstrip() for item in results]
     lines = ["   ·   ".join(told[k : k + 4]) for k in range(0, len(told), 4)]
     grid = figure.add_gridspec(6, 2, height_ratios=[0.01 + 0.13 * len(lines), 1, 1, 1, 1, 1.5])
     note = figure.add_subplot(grid[0, :])
@@ -161,11 +161,11 @@ def _draw_way(axes: Any, run: Run, path: Path | None) -> None:
         axes.legend(frameon=False, fontsize=8)
     axes.plot(x, y, color=INK, linewidth=1.4)
     axes.plot(x[::100], y[::100], ".", color=WHEELS["RL"], markersize=4.0)
-    if float(np.ptp(x)) < width:
-        axes.set_xlim(float(x.mean()) - 0.5 * width, float(x.mean()) + 0.5 * width)
     # a straight run stays a line of readable height: its sideways drift is centimetres
     if float(np.ptp(y)) > 0.04 * width:
         axes.set_aspect("equal", adjustable="datalim")
     else:
         axes.set_ylim(float(y.mean()) - 0.04 * width, float(y.mean()) + 0.04 * width)
+        if float(np.ptp(x)) < width:
+            axes.set_xlim(float(x.mean()) - 0.5 * width, float(x.mean()) + 0.5 * width)
     axes.set_xlabel("x", fontsize=9, color=INK)

@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from simwarp.kernels.drivers import Script, run_script
-from simwarp.vehicle.channels import Run
+from simwarp.vehicle.channels import COLUMNS, Run
+from simwarp.vehicle.reading import nearest
 from simwarp.vehicle.spec import Points, SpecError
+from simwarp.vehicle.spec_parts import told
 from simwarp.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -46,7 +49,7 @@ class ScriptSpec:
             points = getattr(self, name)
             times = [time for time, _ in points]
             if not points or times != sorted(times):
-                raise SpecError(f"{name}: must be (time, value) points in order, got {points!r}")
+                raise SpecError(f"{name}: must be (time, value) points in order, got {told(points)}")
 
 
 TIMES = ("t_s", "time", "t")
@@ -55,26 +58,69 @@ SCRIPT_COLUMNS = {"steering": "steering", "steer": "steering", "throttle": "thro
 """Columns of a script's file that are read; a record of `simwarp drive` has some of them."""
 
 
+LIMITS = {"steering": (-1.0, 1.0), "throttle": (0.0, 1.0), "braking": (0.0, 1.0)}
+"""Of the channels; more would count as the limit, and be recorded as if it did not."""
+
+
 def read_script(path: Path) -> tuple[ScriptSpec, float]:
     """A script from a CSV file with a header, and its last time [s].
 
-    Columns: t_s (or time, t) [s], and any of steering (or steer), throttle, braking (or brake), speed_target [m/s].
-    Times count from the file's first row on.
+    Columns: t_s (or time, t) [s], and any of steering (or steer, -1..1), throttle, braking (or brake, 0..1),
+    speed_target [m/s]. Those of a record of `simwarp drive` may stand beside them. Times count from the file's first
+    row on.
 
     Raises:
-        SpecError: the file cannot be read, or lacks these columns.
+        SpecError: the file cannot be read, lacks these columns or has others, or a value cannot be used.
     """
     run = Run.read(path)
-    time = next((run[name] for name in TIMES if name in run.columns), None)
-    if time is None:
+    names: dict[str, str] = {}
+    for name in run.columns:
+        channel = "time" if name in TIMES else SCRIPT_COLUMNS.get(name)
+        if channel in names:
+            raise SpecError(f"{path}: column {name!r}: the same as {names[channel]!r}; leave out one of them")
+        if channel is not None:
+            names[channel] = name
+    if "time" not in names:
         raise SpecError(f"{path}: needs a column of times (t_s), has {', '.join(run.columns)}")
-    channels: dict[str, Any] = {}
-    for name, channel in SCRIPT_COLUMNS.items():
-        if name in run.columns:
-            channels[channel] = tuple(zip((time - time[0]).tolist(), run[name].tolist(), strict=True))
-    if not channels:
+    if len(names) < 2:
         raise SpecError(f"{path}: needs a column of steering, throttle or braking, has {', '.join(run.columns)}")
+    known = (*TIMES, *SCRIPT_COLUMNS, *COLUMNS)
+    for name in run.columns:
+        if name not in known:
+            listed = f"{', '.join((*TIMES, *SCRIPT_COLUMNS))} and those of a record"
+            raise SpecError(f"{path}: column {name!r}: unknown{nearest(name, known)}; known: {listed}")
+    time = run[names["time"]]
+    _check_times(path, names["time"], time)
+    channels: dict[str, Any] = {}
+    for channel, name in names.items():
+        if channel != "time":
+            _check_values(path, name, run[name], *LIMITS.get(channel, (-np.inf, np.inf)))
+            channels[channel] = tuple(zip((time - time[0]).tolist(), run[name].tolist(), strict=True))
     return ScriptSpec(**channels), float(time[-1] - time[0])
+
+
+def _check_times(path: Path, name: str, time: npt.NDArray[np.float64]) -> None:
+    if not np.isfinite(time).all():
+        raise SpecError(f"{path}: {_row(int(np.argmin(np.isfinite(time))))}: {name}: must be a finite number")
+    back = np.flatnonzero(np.diff(time) < 0.0)
+    if back.size:
+        row = int(back[0]) + 1
+        raise SpecError(f"{path}: {_row(row)}: {name}: must be in order, got {time[row]:g} after {time[row - 1]:g}")
+    if not time[-1] > time[0]:
+        raise SpecError(f"{path}: {name}: must have two or more rows with different times, got {time[0]:g} alone")
+
+
+def _check_values(path: Path, name: str, values: npt.NDArray[np.float64], low: float, high: float) -> None:
+    good = np.isfinite(values) & (values >= low) & (values <= high)
+    if not good.all():
+        row = int(np.argmin(good))
+        rule = f"from {low:g} to {high:g}" if np.isfinite(low) else "a finite number"
+        raise SpecError(f"{path}: {_row(row)}: {name}: must be {rule}, got {values[row]:g}")
+
+
+def _row(index: int) -> str:
+    """A row for people, who count from 1 below the header."""
+    return f"row {index + 1}"
 
 
 class ScriptedDriver:

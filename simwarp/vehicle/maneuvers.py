@@ -82,13 +82,19 @@ def _usual_speed(spec: VehicleSpec) -> float:
     return SPEEDS.get(spec.name, (12.0, 15.0))[0]
 
 
+STEP: Final = 15.0
+"""When the steering of step-steer and sine-sweep begins [s]: by then the speed is held."""
+
+
 def step_steer(
     spec: VehicleSpec, *, speed: float | None = None, steering: float = 0.3, duration: float = 25.0
 ) -> Maneuver:
     """A speed [m/s] held from rest; at 15 s the steering goes to its value (-1..1) in 0.2 s."""
     target = _usual_speed(spec) if speed is None else speed
+    if duration <= STEP:
+        raise SpecError(f"duration: must be above {STEP:g} s, where the step begins, got {duration!r}")
     script = ScriptSpec(
-        steering=_after_settling((15.0, 0.0), (15.2, steering), before=0.0),
+        steering=_after_settling((STEP, 0.0), (STEP + 0.2, steering), before=0.0),
         braking=SETTLE_BRAKE,
         speed=_after_settling((0.0, target), before=-1.0),
     )
@@ -104,13 +110,13 @@ def sine_sweep(
 ) -> Maneuver:
     """A speed [m/s] held; from 15 s on the steering swings by its amplitude (0..1), from 0.2 to 3 Hz at the end."""
     target = _usual_speed(spec) if speed is None else speed
-    if duration <= 15.0:
-        raise SpecError(f"duration: must be above 15 s, where the sweep begins, got {duration!r}")
-    time = np.arange(0.0, duration - 15.0, 0.005)
-    growth = math.log(SWEEP[1] / SWEEP[0]) / (duration - 15.0)
+    if duration <= STEP:
+        raise SpecError(f"duration: must be above {STEP:g} s, where the sweep begins, got {duration!r}")
+    time = np.arange(0.0, duration - STEP, 0.005)
+    growth = math.log(SWEEP[1] / SWEEP[0]) / (duration - STEP)
     # the frequency grows by the same share every second
     phase = 2.0 * math.pi * SWEEP[0] * np.expm1(growth * time) / growth
-    swing = zip((15.0 + time).tolist(), (steering * np.sin(phase)).tolist(), strict=True)
+    swing = zip((STEP + time).tolist(), (steering * np.sin(phase)).tolist(), strict=True)
     script = ScriptSpec(
         steering=_after_settling(*swing, before=0.0),
         braking=SETTLE_BRAKE,
@@ -129,11 +135,17 @@ _CRUISE: Final = PIDGains(proportional=0.5, integral=0.1)
 """Of the speed: the reference runs' own."""
 
 
+def _needs_axles(spec: VehicleSpec) -> None:
+    if len(spec.axles) < 2:
+        raise SpecError("axles: must be two or more for a driver who follows a path, got 1; take another manoeuvre")
+
+
 def constant_radius(
     spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 40.0
 ) -> Maneuver:
     """A path follower on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
     turn = RADII.get(spec.name, 30.0) if radius is None else radius
+    _needs_axles(spec)
     # 4 m/s² across: well below what a dry road takes
     target = min(_usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
     follow = FollowSpec(
@@ -164,6 +176,7 @@ def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duratio
     target = LANE_SPEEDS.get(spec.name, 15.0) if speed is None else speed
     if not target > 0.0:
         raise SpecError(f"speed: must be above 0 m/s, got {target!r}")
+    _needs_axles(spec)
     approach = 10.0 * target
     follow = FollowSpec(
         paths=(lane_change_path(approach),), speed=target, steering=look_ahead_for(spec, 0.5, target),

@@ -32,12 +32,19 @@ class Result:
     label: str
     value: float
     unit: str = ""
+    missing: str = "not reached"
+    """What NaN means."""
+
+    @property
+    def told_unit(self) -> str:
+        """The unit of a number, nothing where there is none."""
+        return "" if math.isnan(self.value) else self.unit
 
     @property
     def shown(self) -> str:
         """The value for people; what is below any meaning is 0."""
         if math.isnan(self.value):
-            return "not reached"
+            return self.missing
         return "0" if abs(self.value) < 5e-5 else f"{self.value:.4g}"
 
 
@@ -49,7 +56,17 @@ def results(run: Run, maneuver: Maneuver) -> list[Result]:
         return []
     special = _SPECIAL.get(maneuver.name)
     found = [] if special is None else special(moving, maneuver)
-    return [*found, *_common(moving)]
+    return [*found, *_missed_speed(moving, maneuver), *_common(moving)]
+
+
+def _missed_speed(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Says so where the driver never got to the speed that he was to hold."""
+    follow = maneuver.follow
+    wanted = max(speed for _, speed in maneuver.script.speed) if follow is None else follow.speed
+    top = float(run["speed_mps"].max())
+    if wanted <= 0.0 or top > 0.95 * wanted:
+        return []
+    return [Result("speed_to_hold", f"speed to hold, {wanted:g} m/s", math.nan, "m/s", "not reached")]
 
 
 def _common(run: Run) -> list[Result]:
@@ -92,7 +109,7 @@ def steady_turn(run: Run, maneuver: Maneuver) -> list[Result]:
     return [
         Result("steady_speed", "steady speed", speed, "m/s"),
         Result("steady_yaw_rate", "steady yaw rate", yaw_rate, "rad/s"),
-        Result("steady_radius", "steady radius", radius, "m"),
+        Result("steady_radius", "steady radius", radius, "m", "it goes straight on"),
         Result("steady_lateral", "steady speed x yaw rate", speed * yaw_rate, "m/s²"),
     ]
 
@@ -124,14 +141,19 @@ def stop(run: Run, maneuver: Maneuver) -> list[Result]:
     begin = int(braked[0])
     still = np.flatnonzero(speed[begin:] < STANDSTILL)
     end = begin + int(still[0]) if still.size else None
-    distance = math.nan if end is None else float(np.trapezoid(speed[begin : end + 1], t[begin : end + 1]))
-    time = math.nan if end is None else float(t[end] - t[begin])
-    deceleration = math.nan if end is None else float((speed[begin] - speed[end]) / time)
+    distance = time = deceleration = math.nan
+    missing = "still moving at the end"
+    if speed[begin] < STANDSTILL:
+        missing = "it does not drive"
+    elif end is not None:
+        distance = float(np.trapezoid(speed[begin : end + 1], t[begin : end + 1]))
+        time = float(t[end] - t[begin])
+        deceleration = float((speed[begin] - speed[end]) / time)
     return [
         Result("braking_from", "braking from", float(speed[begin]), "m/s"),
-        Result("stopping_distance", "stopping distance", distance, "m"),
-        Result("stopping_time", "stopping time", time, "s"),
-        Result("mean_deceleration", "mean deceleration", deceleration, "m/s²"),
+        Result("stopping_distance", "stopping distance", distance, "m", missing),
+        Result("stopping_time", "stopping time", time, "s", missing),
+        Result("mean_deceleration", "mean deceleration", deceleration, "m/s²", missing),
     ]
 
 

@@ -52,7 +52,9 @@ def test_a_reference_run_with_all_files(drive, tmp_path):
 
 def test_options_change_the_run(drive):
     def final(*arguments):
-        code, out, _ = drive("hmmwv-reduced", "--duration", "4", "--maneuver", "step-steer", "--json", "-", *arguments)
+        code, out, _ = drive(
+            "hmmwv-reduced", "--duration", "4", "--maneuver", "double-lane-change", "--json", "-", *arguments
+        )
         assert code == 0
         return json.loads(out)
 
@@ -75,14 +77,14 @@ def test_a_file_drives_like_the_shipped_vehicle(drive, tmp_path):
     save_vehicle(load_vehicle("gator"), tmp_path / "mine.json")
     found = []
     for name in ("mine.json", "gator"):
-        code, out, _ = drive(name, "--maneuver", "step-steer", "--duration", "2", "--json", "-")
+        code, out, _ = drive(name, "--maneuver", "double-lane-change", "--duration", "2", "--json", "-")
         assert code == 0
         found.append(json.loads(out)["final"])
     assert found[0] == found[1]
 
 
 def test_a_recorded_run_can_be_driven_again(drive, tmp_path):
-    assert drive("gator", "--maneuver", "step-steer", "--duration", "3", "--csv", "first.csv")[0] == 0
+    assert drive("gator", "--maneuver", "double-lane-change", "--duration", "3", "--csv", "first.csv")[0] == 0
     assert drive("gator", "--maneuver", "first.csv", "--csv", "again.csv")[0] == 0
     first, again = (Run.read(tmp_path / f"{name}.csv") for name in ("first", "again"))
     assert again["t_s"] == pytest.approx(first["t_s"] + 1.0)
@@ -165,6 +167,11 @@ def test_a_vehicle_that_breaks_down_ends_with_one(drive, monkeypatch, tmp_path):
         (["gator", "--speed", "3"], "it has none"),
         (["gator", "--maneuver", "step-steer", "--steering", "2"], "from -1 to 1"),
         (["gator", "--sped", "3"], "did you mean --speed"),
+        (["gator", "--speed", "12 km/h"], "--speed must be a number [m/s], got '12 km/h'"),
+        (["gator", "--worlds", "1.5"], "--worlds must be a whole number, got '1.5'"),
+        (["gator", "--tire", "x.tir"], "x.tir: a property file is no whole tire; give a .json file"),
+        (["gator", "--maneuver", "step-steer", "--duration", "5"], "above 15 s, where the step begins"),
+        (["gator", "--maneuver", "short.csv"], "short.csv: line 3: must have 2 numbers"),
         (["none.json"], "cannot be read"),
         (["bad.json"], "unknown key"),
         (["chrono.json"], "chrono.json"),
@@ -173,6 +180,7 @@ def test_a_vehicle_that_breaks_down_ends_with_one(drive, monkeypatch, tmp_path):
 )
 def test_wrong_input_is_one_line_and_code_two(drive, tmp_path, arguments, words):
     (tmp_path / "bad.json").write_text('{"mass": 3}')
+    (tmp_path / "short.csv").write_text("t_s,steer\n0,0\n1\n")
     (tmp_path / "chrono.json").write_text('{"Type": "Vehicle", "Template": "WheeledVehicle"}')
     code, out, err = drive(*arguments)
     assert (code, out) == (2, "")
@@ -188,6 +196,10 @@ def test_help_lists_vehicles_and_manoeuvres(drive):
     code, out, _ = drive("hmmwv", "--help")
     assert code == 0
     assert "--friction" in out
+    words = " ".join(out.replace("│", " ").split())
+    assert "(default: 0.3 of step-steer, 0.1 of sine-sweep)" in words
+    assert "speed_target [m/s]" in words
+    assert words.count("(default: None)") == 1  # of --json, which all commands have
 
 
 def test_list_has_the_vehicles_with_their_options(capfd):

@@ -1,5 +1,6 @@
 """Manoeuvres, what is recorded of them, and what the records amount to."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -106,6 +107,7 @@ def test_options_reach_the_manoeuvre():
         ("constant-radius", {"radius": math.nan}, "finite"),
         ("slope-hold", {"slope": 2.0}, "slope"),
         ("sine-sweep", {"duration": 12.0}, "above 15 s"),
+        ("step-steer", {"duration": 5.0}, "duration: must be above 15 s, where the step begins, got 5.0"),
         ("none.csv", {}, "cannot be read"),
     ],
 )
@@ -126,11 +128,27 @@ def test_a_script_from_a_table(tmp_path):
     assert run["speed_mps"][-1] > 4.0
     for text, words in (
         ("steer\n1\n", "column of times"), ("t_s,a\n1,2\n", "steering, throttle or braking"),
-        ("t_s\n", "must have rows"), ("t_s,steer\n1,x\n", "table of numbers"), ("t_s,steer\n2,0\n1,0\n", "in order"),
+        ("t_s\n", "must have rows"), ("t_s,steer\n1,x\n", "line 2: must be a table of numbers"),
+        ("t_s,steer\n1,0\n2,0\n1,0\n", "row 3: t_s: must be in order, got 1 after 2"),
+        ("t_s,steer,throtle\n1,0,0\n2,0,1\n", r"column 'throtle': unknown \(did you mean 'throttle'\?\); known: t_s, "),
+        ("t_s,steer\n1,0\n2,5\n", "row 2: steer: must be from -1 to 1, got 5"),
+        ("t_s,throttle\n1,0\n2,3\n", "row 2: throttle: must be from 0 to 1, got 3"),
+        ("t_s,brake\n1,-0.1\n2,0\n", "row 1: brake: must be from 0 to 1, got -0.1"),
+        ("t_s,speed_target\n1,nan\n2,0\n", "row 1: speed_target: must be a finite number, got nan"),
+        ("t_s,brake\nnan,0\n2,0\n", "row 1: t_s: must be a finite number"),
+        ("t_s,brake\n1,1\n", "must have two or more rows with different times, got 1 alone"),
+        ("t_s,brake\n1,1\n1,0\n", "two or more rows with different times"),
+        ("t_s,steer,brake\n1,0,0\n2,0\n", "line 3: must have 3 numbers as the header has names, got 2"),
+        ("t_s,steer,steering\n1,0,0\n2,0,0\n", "column 'steering': the same as 'steer'; leave out one"),
+        ("t_s,steer,steer\n1,0,0\n2,0,0\n", "column 'steer': given twice"),
     ):  # fmt: skip
         file.write_text(text)
-        with pytest.raises(SpecError, match=words):
+        with pytest.raises(SpecError, match=words) as caught:
             maneuver(str(file), GATOR)
+        assert str(caught.value).startswith(str(file))
+    # as spreadsheets write it, and with the columns of a record beside it
+    file.write_text("\ufefft_s,steering,speed_target,yaw_rad,Fz_FL_N\n0,0,-1,9,9\n\n1,0.5,3,9,9\n", encoding="utf-8")
+    assert maneuver(str(file), GATOR).script.speed == ((0.0, -1.0), (1.0, 3.0))
 
 
 # ---- records ---------------------------------------------------------------------------------------------------------
@@ -189,7 +207,21 @@ def test_times_to_speeds_and_stopping():
     assert value(found, "stopping_time") == pytest.approx(2.0, abs=0.015)
     never = results(made_up(t, speed_mps=speed, brake=brake), Maneuver(name="reference-brake", duration=12.0))
     assert math.isnan(value(never, "stopping_distance"))
-    assert next(item for item in never if item.key == "stopping_distance").shown == "not reached"
+    assert next(item for item in never if item.key == "stopping_distance").shown == "still moving at the end"
+
+
+def test_a_vehicle_without_engine_has_no_stopping_distance():
+    t = np.arange(-1.0, 12.0, 0.01)
+    what = Maneuver(name="reference-brake", script=maneuver("reference-brake", HMMWV).script, duration=12.0)
+    with np.errstate(all="raise"):
+        found = results(made_up(t, brake=(t >= 9.0).astype(float)), what)
+    told = {item.key: (item.shown, item.told_unit) for item in found}
+    for key in ("stopping_distance", "stopping_time", "mean_deceleration"):
+        assert told[key] == ("it does not drive", "")
+    assert told["speed_to_hold"] == ("not reached", "")
+    assert next(item for item in found if item.key == "speed_to_hold").label == "speed to hold, 15 m/s"
+    near = results(made_up(t, speed_mps=np.full(len(t), 14.9)), what)
+    assert not any(item.key == "speed_to_hold" for item in near)
 
 
 def test_a_step_of_the_steering():
@@ -249,6 +281,24 @@ def test_pages_are_drawn_of_short_runs_too(tmp_path, name):
         run = made_up(t, x_m=np.maximum(t, 0.0))
         draw_run(run, tmp_path / "page.svg", "title", results(run, what), path)
         assert (tmp_path / "page.svg").stat().st_size > 10_000
+
+
+def test_a_circle_is_drawn_without_complaint(tmp_path, caplog):
+    what = maneuver("constant-radius", HMMWV)
+    assert what.follow is not None
+    angle = np.linspace(0.0, 5.0, 400)
+    run = made_up(np.linspace(-1.0, 30.0, 400), x_m=30.0 * np.sin(angle), y_m=30.0 - 30.0 * np.cos(angle))
+    draw_run(run, tmp_path / "page.svg", "title", results(run, what), what.follow.paths[0])
+    assert caplog.messages == []
+
+
+def test_a_path_needs_two_axles():
+    one = dataclasses.replace(
+        HMMWV, axles=HMMWV.axles[:1], wheelbase=None, driveline=None, engine=None, transmission=None
+    )
+    for name in ("constant-radius", "double-lane-change"):
+        with pytest.raises(SpecError, match="axles: must be two or more"):
+            maneuver(name, one)
 
 
 def test_a_vehicle_holds_on_a_slope():
