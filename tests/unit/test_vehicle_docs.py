@@ -1,7 +1,10 @@
 """The tables of docs/vehicles.md are those of the code."""
 
 import dataclasses
+import inspect
 import re
+import subprocess
+import sys
 import typing
 from pathlib import Path
 from typing import Any
@@ -13,6 +16,8 @@ from simwarp.vehicle import spec as specs
 from simwarp.vehicle import tire_parameters
 from simwarp.vehicle.assembly import add_vehicle
 from simwarp.vehicle.channels import Recorder
+from simwarp.vehicle.drivers import SCRIPT_COLUMNS, TIMES
+from simwarp.vehicle.maneuvers import MANEUVERS, Maneuver, maneuver, maneuver_options
 from simwarp.vehicle.reading import load_vehicle, vehicle_names
 from simwarp.vehicle.spec import Spec
 from simwarp.vehicle.tire_rows import MODELS
@@ -92,6 +97,58 @@ def test_tires_and_their_parameters_are_listed():
     assert classes.keys() == {part.__name__ for part in parts}
     for part in parts:
         assert list(listed_keys(classes[part.__name__])) == [field.name for field in dataclasses.fields(part)]
+
+
+def test_the_manoeuvres_are_listed_with_their_options():
+    rows = {row[0].strip("`"): row for row in table_rows("manoeuvre")}
+    assert {name for name in rows if name in MANEUVERS} == set(MANEUVERS)
+    smaller = [load_vehicle(name) for name in ("gator", "artcar")]
+    hmmwv = load_vehicle("hmmwv")
+    for name in MANEUVERS:
+        options, end = rows[name][2], rows[name][3]
+        assert re.findall(r"`(\w+)`", options) == maneuver_options(name)
+        assert (options == "none") == (maneuver_options(name) == [])
+        default = {key: parameter.default for key, parameter in inspect.signature(MANEUVERS[name]).parameters.items()}
+        for key, number in re.findall(r"`(\w+)` ([\d.]+)", options):
+            if default[key] is not None:
+                assert default[key] == float(number), (name, key)
+        for key, *numbers in re.findall(r"`speed` ([\d.]+) \(([\d.]+), ([\d.]+)\)", options):
+            for spec, number in zip((hmmwv, *smaller), (key, *numbers), strict=True):
+                assert held_speed(maneuver(name, spec)) == pytest.approx(float(number), abs=0.005)
+        if end != "`duration`":
+            told = [float(number) for number in re.findall(r"[\d.]+", end)]
+            ends = [maneuver(name, spec).duration for spec in (hmmwv, *smaller)]
+            assert told == pytest.approx(ends if len(told) > 1 else ends[:1], abs=0.5 if len(told) > 1 else 1e-9)
+
+
+def held_speed(what: Maneuver) -> float:
+    return max(speed for _, speed in what.script.speed) if what.follow is None else what.follow.speed
+
+
+def test_the_columns_of_scripts_are_listed():
+    names = {name for row in table_rows("column") for cell in row[:2] for name in re.findall(r"`(\w+)`", cell)}
+    assert names == {*TIMES, *SCRIPT_COLUMNS}
+
+
+def test_rigid_tires_are_listed():
+    assert "`friction`" in next(row[1] for row in table_rows("template") if row[0] == "`rigid`")
+
+
+BLOCKS = re.findall(r"```python\n(.*?)```\n\n[^`]*\n\n```text\n(.*?)```", PAGE, re.DOTALL)
+
+
+@pytest.mark.parametrize("index", range(PAGE.count("```python")))
+def test_code_stands_alone_and_prints_what_is_shown(index, tmp_path):
+    code, shown = BLOCKS[index]
+    quiet = "from simwarp.cli.quiet import start_warp; start_warp()\n"
+    done = subprocess.run(
+        [sys.executable, "-c", quiet + code], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    number = r"-?\d+\.?\d*"
+    assert re.sub(number, "#", done.stdout).split() == re.sub(number, "#", shown).split()
+    printed, told = ([float(n) for n in re.findall(number, text)] for text in (done.stdout, shown))
+    assert printed == pytest.approx(told, rel=0.02)
 
 
 def test_the_shipped_vehicles_are_listed():
