@@ -32,6 +32,15 @@ def require_finite(config: Any) -> None:
             require(math.isfinite(value), config, field.name, "a finite number")
 
 
+def choice(field: str, kind: type[enum.Enum], value: Any) -> enum.Enum:
+    """Return the member of an enumeration that a field's value is or names, or raise an :class:`InputError`."""
+    try:
+        return kind(value)
+    except ValueError:
+        known = ", ".join(str(member.value) for member in kind)
+        raise InputError(f"{field.replace('_', '-')} must be one of {known}, got {value!r}") from None
+
+
 def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
     """Return ``config`` with some fields replaced; ``"ppo.gamma"`` reaches into a nested config.
 
@@ -49,7 +58,7 @@ def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
             grouped.setdefault(head, {})[rest] = value
         else:
             like = getattr(config, head)
-            direct[head] = type(like)(value) if isinstance(like, enum.Enum) and isinstance(value, str) else value
+            direct[head] = choice(head, type(like), value) if isinstance(like, enum.Enum) else value
     for head, nested in grouped.items():
         direct[head] = replace_fields(direct.get(head, getattr(config, head)), nested)
     return dataclasses.replace(config, **direct)  # type: ignore[type-var]
@@ -75,7 +84,7 @@ def config_from_plain(kind: type[TaskConfig], plain: Mapping[str, Any]) -> TaskC
     for key, value in plain.items():
         like = getattr(default, key, None)
         if isinstance(like, enum.Enum):
-            value = type(like)(value)
+            value = choice(key, type(like), value)
         elif isinstance(like, tuple):
             value = tuple(value)
         changes[key] = value

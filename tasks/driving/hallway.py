@@ -149,10 +149,20 @@ class HallwayTask(LappingTask[HallwayConfig]):
         if self.config.pedals:
             super().apply(action)
             return
+        self.input[:, 0] = action[:, 0]
+        self._hold_speed()
+
+    def after_physics(self) -> None:
+        """Let the controller act before the next physics step, where `apply` does not come again."""
+        super().after_physics()
+        if self._reach is None and not self.config.pedals and self._substep < self.config.decimation:
+            self._hold_speed()
+
+    def _hold_speed(self) -> None:
+        """Work the pedals for one physics step."""
         error = self.config.speed - self.motion()[:, 0]
         self._integral += self.config.dt * error
         self._integral.clamp_(-1.0, 1.0)
         pedal = (_PROPORTIONAL * error + _INTEGRAL * self._integral).clamp(-1.0, 1.0)
-        self.input[:, 0] = action[:, 0]
         self.input[:, 1] = pedal.clamp(min=0.0)
         self.input[:, 2] = (-pedal).clamp(min=0.0)

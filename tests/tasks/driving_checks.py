@@ -1,6 +1,7 @@
 """What tests of driving tasks share: scripted drives, and geometry read from the arrays that contact and tires read."""
 
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,7 +12,7 @@ from simwarp.scenery.terrain import height_at
 from simwarp.types import WORLD, ShapeType
 
 NAMES = ("barrier-track", "convoy", "hallway", "obstacle-avoidance", "off-road")
-SMALL = {"obs": "camera", "camera_width": 40, "camera_height": 36}
+SMALL: dict[str, Any] = {"obs": "camera", "camera_width": 40, "camera_height": 36}
 """The smallest image that tasks take, but for four columns."""
 
 
