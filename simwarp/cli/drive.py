@@ -36,6 +36,8 @@ MANEUVER_HELP: Final = (
     " time, t) [s] and any of steering (or steer), throttle, braking (or brake) and speed_target [m/s], such as a file"
     " of --csv."
 )
+UNITS: Final = {"speed": " m/s", "steering": "", "radius": " m", "slope": "", "duration": " s"}
+"""Of the options of manoeuvres."""
 OWN: Final = "(default: the vehicle's own)"
 SPEEDS_HINT: Final = "(default: the manoeuvre's for this vehicle, 12 or 15; 6 of gator, 1.5 or 1.7 of artcar)"
 STEERING_HINT: Final = "(default: 0.3 of step-steer, 0.1 of sine-sweep)"
@@ -85,6 +87,12 @@ class DriveOptions(CommonOptions):
     duration: Annotated[float | None, tyro.conf.arg(metavar="s", help_behavior_hint=DURATION_HINT)] = None
     """Of the manoeuvre after t = 0; reference-* have their own."""
 
+    @property
+    def chosen(self) -> dict[str, float]:
+        """The options of the manoeuvre that are given."""
+        values = {key: getattr(self, key) for key in UNITS}
+        return {key: value for key, value in values.items() if value is not None}
+
 
 @dataclasses.dataclass
 class Outcome:
@@ -104,12 +112,7 @@ def run(arguments: list[str]) -> int:
     options = parse_options(DriveOptions, rest, f"simwarp drive {name or 'VEHICLE'}")
     _check(options)
     spec = _vehicle(name, options)
-    chosen = {
-        key: getattr(options, key)
-        for key in ("speed", "steering", "radius", "slope", "duration")
-        if getattr(options, key) is not None
-    }
-    what = maneuver(options.maneuver, spec, **chosen)
+    what = maneuver(options.maneuver, spec, **options.chosen)
     console = options.console()
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
@@ -252,6 +255,7 @@ def _tell(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: O
 def _title(spec: VehicleSpec, options: DriveOptions, what: Maneuver) -> str:
     """Vehicle and manoeuvre with what is not as usual."""
     parts = [f"{spec.name}, {what.name}"]
+    parts += [f"{key} {value:g}{UNITS[key]}" for key, value in options.chosen.items()]
     for kind in ("tire", "powertrain", "driveline"):
         value = getattr(options, kind)
         if value is not None:
@@ -283,6 +287,7 @@ def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: 
     return {
         "vehicle": spec.name,
         "maneuver": outcome.maneuver.name,
+        "options": options.chosen,
         "tire": options.tire or spec.axles[0].tire.template,
         "powertrain": options.powertrain,
         "driveline": options.driveline,

@@ -67,9 +67,19 @@ def _title(axes: Any, text: str) -> None:
     axes.set_title(text, loc="left", fontsize=10, color=INK)
 
 
+def _legend(axes: Any) -> None:
+    """Above the panel, beside its title, where no curve comes."""
+    count = len(axes.get_legend_handles_labels()[0])
+    axes.legend(
+        frameon=False, fontsize=8, ncols=count, columnspacing=1.0, handlelength=1.2, loc="lower right",
+        bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0,
+    )  # fmt: skip
+
+
 def _speed(axes: Any, run: Run) -> None:
     _title(axes, "speed [m/s]")
     axes.plot(run["t_s"], run["speed_mps"], color=INK, linewidth=1.4)
+    _at_least(axes, 0.05)
 
 
 def _yaw_rate(axes: Any, run: Run) -> None:
@@ -88,7 +98,7 @@ def _lateral(axes: Any, run: Run) -> None:
         # the drop onto the ground before t = 0 would flatten all that follows
         low, high = min(-0.05, float(calm.min())), max(0.05, float(calm.max()))
         axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
-    axes.legend(frameon=False, fontsize=8, ncols=2)
+    _legend(axes)
 
 
 def _loads(axes: Any, run: Run) -> None:
@@ -99,7 +109,7 @@ def _loads(axes: Any, run: Run) -> None:
     late = run["t_s"] >= min(0.0, run["t_s"][-1])
     top = max(float(run[f"Fz_{wheel}_N"][late].max()) for wheel in WHEELS)
     axes.set_ylim(0.0, max(1.15 * scale * top, 1e-3))
-    axes.legend(frameon=False, fontsize=8, ncols=4, columnspacing=1.0, handlelength=1.2)
+    _legend(axes)
 
 
 def _wheels(axes: Any, run: Run) -> None:
@@ -112,6 +122,7 @@ def _wheels(axes: Any, run: Run) -> None:
 def _engine(axes: Any, run: Run) -> None:
     _title(axes, "engine [rad/s], and gear")
     axes.plot(run["t_s"], run["engine_radps"], color=INK, linewidth=1.2)
+    _at_least(axes, 1.0)
     gears = axes.twinx()
     gears.spines[["top", "left"]].set_visible(False)
     gears.spines[["right", "bottom"]].set_color(GREY)
@@ -128,7 +139,7 @@ def _inputs(axes: Any, run: Run) -> None:
     ):  # fmt: skip
         axes.plot(run["t_s"], run[name], color=colour, linewidth=1.2, label=label)
     axes.set_ylim(min(-0.1, 1.1 * run["steer"].min()), 1.1)
-    axes.legend(frameon=False, fontsize=8, ncols=3)
+    _legend(axes)
 
 
 def _attitude(axes: Any, run: Run) -> None:
@@ -139,7 +150,7 @@ def _attitude(axes: Any, run: Run) -> None:
     both = np.degrees(np.concatenate([run["pitch_rad"][late], run["roll_rad"][late]]))
     low, high = min(-0.1, float(both.min())), max(0.1, float(both.max()))
     axes.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low))
-    axes.legend(frameon=False, fontsize=8, ncols=2)
+    _legend(axes)
 
 
 _PANELS: Final = (_speed, _yaw_rate, _lateral, _loads, _wheels, _engine, _inputs, _attitude)
@@ -158,7 +169,7 @@ def _draw_way(axes: Any, run: Run, path: Path | None) -> None:
     if path is not None:
         near = (path.points[:, 0] > x.min() - 0.05 * width) & (path.points[:, 0] < x.max() + 0.05 * width)
         axes.plot(*path.points[near].T, color=GREY, linewidth=3.0, alpha=0.6, label="path")
-        axes.legend(frameon=False, fontsize=8)
+        _legend(axes)
     axes.plot(x, y, color=INK, linewidth=1.4)
     axes.plot(x[::100], y[::100], ".", color=WHEELS["RL"], markersize=4.0)
     # a straight run stays a line of readable height: its sideways drift is centimetres

@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 
 SPACING: Final = 0.5
 """Between the samples of curves [m]."""
+SIDES: Final = 360
+"""Of a circle at least, however small: a driver on it steers at every corner of its polygon."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +86,7 @@ def circle(radius: float, *, start: tuple[float, float] = (0.0, 0.0), spacing: f
     """A circle that leaves `start` along x; to the left, or to the right for a negative radius [m]."""
     if not (math.isfinite(radius) and radius != 0.0):
         raise SpecError(f"radius: must be a number of metres other than zero, got {radius!r}")
-    count = max(32, math.ceil(2.0 * math.pi * abs(radius) / spacing))
+    count = max(SIDES, math.ceil(2.0 * math.pi * abs(radius) / spacing))
     angle = np.linspace(0.0, 2.0 * math.pi, count + 1)
     points = np.stack([abs(radius) * np.sin(angle), radius * (1.0 - np.cos(angle))], axis=1)
     points[-1] = points[0]

@@ -73,6 +73,15 @@ def test_options_change_the_run(drive):
     assert many["worlds"] == 3
 
 
+def test_the_heading_tells_what_was_chosen(drive):
+    arguments = ["--maneuver", "double-lane-change", "--speed", "4", "--duration", "0.2", "--friction", "0.5"]
+    code, out, _ = drive("gator", *arguments, "--json", "a.json", "--plot", "a.svg")
+    assert code == 0
+    assert out.startswith("gator, double-lane-change, speed 4 m/s, duration 0.2 s, friction 0.5\n")
+    code, out, _ = drive("gator", "--maneuver", "slope-hold", "--slope", "0.1", "--duration", "0.1", "--json", "-")
+    assert json.loads(out)["options"] == {"slope": 0.1, "duration": 0.1}
+
+
 def test_a_file_drives_like_the_shipped_vehicle(drive, tmp_path):
     save_vehicle(load_vehicle("gator"), tmp_path / "mine.json")
     found = []

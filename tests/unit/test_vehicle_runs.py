@@ -2,9 +2,11 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from simwarp.vehicle import results as results_module
 from simwarp.vehicle.channels import COLUMNS, Run
@@ -290,6 +292,40 @@ def test_a_circle_is_drawn_without_complaint(tmp_path, caplog):
     run = made_up(np.linspace(-1.0, 30.0, 400), x_m=30.0 * np.sin(angle), y_m=30.0 - 30.0 * np.cos(angle))
     draw_run(run, tmp_path / "page.svg", "title", results(run, what), what.follow.paths[0])
     assert caplog.messages == []
+
+
+def panels(run, monkeypatch, tmp_path) -> dict[str, Any]:
+    """The axes of a page by the words before the unit in their titles."""
+    figures: list[Any] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *more, **options: figures.append(self))
+    draw_run(run, tmp_path / "page.png", "title")
+    figures[0].draw_without_rendering()
+    return {axes.get_title("left").partition(" [")[0]: axes for axes in figures[0].axes}
+
+
+def test_panels_of_a_standing_vehicle_do_not_magnify_noise(tmp_path, monkeypatch):
+    noise = 1e-5 * np.random.default_rng(0).normal(size=400)
+    run = made_up(np.linspace(-1.0, 3.0, 400), engine_radps=noise, speed_mps=noise, omega_FL_radps=noise)
+    drawn = panels(run, monkeypatch, tmp_path)
+    for name, least in (("engine", 2.0), ("speed", 0.1), ("wheel speeds", 0.2)):
+        assert np.ptp(drawn[name].get_ylim()) >= least
+
+
+def test_legends_are_beside_the_panels(tmp_path, monkeypatch):
+    drawn = panels(made_up(np.linspace(-1.0, 3.0, 400)), monkeypatch, tmp_path)
+    told = {name: axes for name, axes in drawn.items() if axes.get_legend() is not None}
+    assert len(told) == 4
+    for axes in told.values():
+        legend, inside = axes.get_legend().get_window_extent(), axes.get_window_extent()
+        assert legend.y0 > inside.y1 - 1.0
+        title = axes._left_title.get_window_extent()
+        assert title.x1 < legend.x0
+
+
+def test_a_small_circle_is_as_round_as_a_large_one():
+    assert len(circle(3.0).points) == 361
+    # its corners turn by a degree
+    assert np.abs(circle(0.5).curvature() - 2.0).max() < 1e-3
 
 
 def test_a_path_needs_two_axles():
