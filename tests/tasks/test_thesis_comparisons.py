@@ -9,8 +9,8 @@ import sys
 from argparse import Namespace
 from pathlib import Path
 
-import numpy as np
 import pytest
+from simwarp.tasks import replace_fields
 
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "thesis_comparisons.py"
 
@@ -83,36 +83,14 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     assert len(result["curve"]["env_steps"]) == 40
 
 
-def test_intervals_are_students(script):
-    found = script.interval([1.0, 2.0, 3.0, 4.0, 5.0])
-    assert found.mean == 3.0
-    assert found.half == pytest.approx(2.776 * np.sqrt(2.5 / 5.0), rel=1e-3)
-    assert np.isnan(script.interval([1.0]).half)
-
-
-def test_differences_are_paired_by_seed(script):
-    def result(seed, value):
-        return {"seed": seed, "wall_s": 1.0, **dict.fromkeys(script.QUANTITIES, value)}
-
-    # Seeds differ a lot, pairs hardly: only pairing sees the difference
-    baseline = [result(seed, 100.0 * seed) for seed in range(4)]
-    other = [result(seed, 100.0 * seed + 5.0 + 0.1 * seed) for seed in (3, 0, 1, 2)]
-    summary = script.summarise({"baseline": baseline, "unscaled": other})
-    difference = summary["differences"]["unscaled"]["area"]
-    assert difference["mean"] == pytest.approx(5.15)
-    assert difference["half"] < 0.3
-    assert summary["means"]["unscaled"]["area"]["half"] > 100.0
-
-
-def test_the_area_is_the_mean_over_steps(script):
-    assert script.area({"env_steps": [0.0, 1.0, 4.0], "mean_reward": [0.0, 2.0, 2.0]}) == pytest.approx(7.0 / 4.0)
-
-
 def test_the_configurations_differ_in_one_thing_each(script):
-    options = Namespace(iterations=3, num_envs=8, device="cpu")
-    made = {name: script.settings(options, known, 0) for name, known in script.CONFIGURATIONS.items()}
+    names = list(script.CONFIGURATIONS)
+    options = Namespace(
+        configurations=names, iterations=3, num_envs=8, episodes=4, seeds=1, device="cpu", out=Path(), runs=Path()
+    )
+    made = {name: script.study(options).settings(name, 0) for name in names}
     train, task = made["baseline"]
-    assert made["unscaled"] == (script.replace_fields(train, {"network.normalise": False}), task)
+    assert made["unscaled"] == (replace_fields(train, {"network.normalise": False}), task)
     assert made["kl-penalty"][0].ppo.objective.value == "kl-penalty"
     assert made["kl-penalty"][1] == made["unscaled"][1] == task
     assert made["quaternion"][0] == train

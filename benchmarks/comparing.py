@@ -1,0 +1,431 @@
+"""Comparisons of ways to train: the same seeds and budget for each, one run at a time, reported with intervals.
+
+What the scripts share that compare. A run's result is one JSON file; a run whose file exists is skipped, one that was
+interrupted or killed goes on from its last checkpoint.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import shlex
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
+from rich.console import Console
+from scipy import stats
+from simwarp.tasks import InputError, TaskConfig, make, replace_fields, task_class
+from simwarp.train.checkpoint import load_checkpoint
+from simwarp.train.config import LoggerKind, TrainConfig, default_config, to_plain
+from simwarp.train.evaluation import Evaluation, evaluate
+from simwarp.train.policies import network_policy
+from simwarp.train.run_folder import RunFolder, git_revision, latest_run, read_progress, write_json
+from simwarp.train.training import train
+
+from simwarp.cli.bench.machine import describe
+
+EVALUATION_SEED = 1_000_003
+CONFIDENCE = 0.95
+Result = dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Arm:
+    """One of the ways that are compared.
+
+    Attributes:
+        label: what the picture calls it.
+        against: name of the arm it is compared with; empty: none.
+        train: changed fields of the training configuration.
+        task: changed fields of the task's configuration.
+        colour: of its curve.
+        line: style of its curve.
+    """
+
+    label: str
+    against: str = ""
+    train: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    task: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    colour: str = "tab:blue"
+    line: str = "-"
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """A number of each run.
+
+    Attributes:
+        heading: of its column.
+        source: key of the final evaluation; empty: the area under the learning curve.
+        digits: shown after the point.
+    """
+
+    heading: str
+    source: str
+    digits: int
+
+
+RETURN = Quantity("return", "mean_return", 0)
+SUCCESS = Quantity("success", "success_rate", 2)
+AREA = Quantity("area under the curve", "", 0)
+"""Of the learning curve, divided by the steps: the mean return over training."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Budget:
+    """What every run of a study gets.
+
+    Attributes:
+        iterations: of training.
+        num_envs: worlds of training.
+        episodes: of each evaluation.
+        evaluations: of policies on their way, the final one among them; 0: the final one alone, and the learning curve
+            is that of training. Where the worlds of training differ, only evaluations compare.
+    """
+
+    iterations: int
+    num_envs: int
+    episodes: int
+    evaluations: int = 0
+
+    def plain(self) -> dict[str, int]:
+        """Return it as results keep it."""
+        content = dataclasses.asdict(self)
+        return content if self.evaluations else {key: content[key] for key in content if key != "evaluations"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """Ways to train that are compared.
+
+    Attributes:
+        task: a registered task.
+        arms: what is compared, by name.
+        budget: of every run.
+        quantities: what is reported of a run, by the key in its result.
+        out: folder of the results.
+        runs: folder of the run folders.
+        seeds: 0, 1, ... of each arm.
+        device: where to train.
+        train: fields of the training configuration that all arms share.
+        config: fields of the task's configuration that all arms share.
+        evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.
+    """
+
+    task: str
+    arms: Mapping[str, Arm]
+    budget: Budget
+    quantities: Mapping[str, Quantity]
+    out: Path
+    runs: Path
+    seeds: int
+    device: str = "cpu"
+    train: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    config: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    evaluation: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def settings(self, name: str, seed: int) -> tuple[TrainConfig, TaskConfig]:
+        """Return the training and the task configuration of a run."""
+        kind, arm, budget = task_class(self.task), self.arms[name], self.budget
+        config = replace_fields(kind.config_type(), {**self.config, **arm.task})
+        common = {
+            "iterations": budget.iterations,
+            "num_envs": budget.num_envs,
+            "device": self.device,
+            "seed": seed,
+            "logger": LoggerKind.CSV,
+        }
+        if budget.evaluations:
+            common |= {"save_interval": max(1, budget.iterations // budget.evaluations), "keep_checkpoints": 0}
+        return replace_fields(default_config(kind, config), {**common, **self.train, **arm.train}), config
+
+    def result_path(self, name: str, seed: int) -> Path:
+        """Return where a run's result is written."""
+        return self.out / f"{name}-{seed}.json"
+
+    def missing(self) -> list[tuple[str, int]]:
+        """Return the runs without a result, seed by seed, so that an early stop leaves whole pairs."""
+        wanted = [(name, seed) for seed in range(self.seeds) for name in self.arms]
+        return [pair for pair in wanted if not self.result_path(*pair).is_file()]
+
+
+@dataclasses.dataclass(frozen=True)
+class Interval:
+    """A mean over seeds and the half-width of its confidence interval; NaN for a single seed."""
+
+    mean: float
+    half: float
+
+    def text(self, digits: int = 1) -> str:
+        """Return ``mean ± half``."""
+        return f"{self.mean:.{digits}f} ± {self.half:.{digits}f}"
+
+
+def interval(values: list[float]) -> Interval:
+    """Return mean and half-width of Student's 95 % interval."""
+    if len(values) < 2:
+        return Interval(float(np.mean(values)), math.nan)
+    deviation = float(np.std(values, ddof=1))
+    return Interval(float(np.mean(values)), t_quantile(len(values)) * deviation / math.sqrt(len(values)))
+
+
+def t_quantile(count: int) -> float:
+    """Return the two-sided 95 % quantile of Student's t for ``count`` values."""
+    return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
+
+
+# ---- one run -----------------------------------------------------------------------------------------------------
+
+
+def learning_curve(folder: RunFolder) -> tuple[dict[str, list[float]], float]:
+    """Return a run's curve by column, and the seconds its iterations took."""
+    rows = read_progress(folder.progress)
+    steps = [int(row["env_steps"]) for row in rows]
+    speeds = [float(row["env_steps_per_s"]) for row in rows]
+    wall = sum(part / speed for part, speed in zip(np.diff([0, *steps]), speeds, strict=True))
+    curve: dict[str, list[float]] = {"env_steps": [float(count) for count in steps]}
+    for column in ("mean_reward", "mean_episode_length"):
+        # Nothing is known before the first episode ends: the first value stands for what came before it
+        values = np.array([float(row[column]) for row in rows])
+        known = np.flatnonzero(np.isfinite(values))
+        values[: known[0] if len(known) else 0] = values[known[0]] if len(known) else 0.0
+        curve[column] = [round(float(value), 4) for value in values]
+    return curve, float(wall)
+
+
+def area(curve: dict[str, list[float]]) -> float:
+    """Return the area under the curve of the return, divided by the steps: the mean return over training."""
+    steps, values = np.array(curve["env_steps"]), np.array(curve["mean_reward"])
+    if len(steps) < 2:
+        return float(values.mean())
+    return float(np.trapezoid(values, steps) / (steps[-1] - steps[0]))
+
+
+def assess(study: Study, folder: RunFolder, config: TrainConfig, task_config: TaskConfig) -> dict[int, Evaluation]:
+    """Return statistics over fresh worlds, of the final policy or of several, by their iterations."""
+    iterations = [config.iterations]
+    if study.budget.evaluations:
+        last = range(config.save_interval, config.iterations, config.save_interval)
+        iterations = [*[iteration for iteration in last if folder.checkpoint_path(iteration).is_file()], *iterations]
+    episodes = study.budget.episodes
+    task = make(study.task, episodes, device=study.device, seed=EVALUATION_SEED, config=task_config)
+    found = {}
+    for iteration in iterations:
+        policy = network_policy(load_checkpoint(folder.checkpoint_path(iteration)), task)
+        found[iteration] = evaluate(task, policy, episodes, EVALUATION_SEED)
+    return found
+
+
+def trained(study: Study, name: str, seed: int, console: Console) -> RunFolder:
+    """Train, or go on with a run that was interrupted, and return its folder.
+
+    Raises:
+        KeyboardInterrupt: someone asked to stop; what was learnt is saved.
+    """
+    config, task_config = study.settings(name, seed)
+    root = study.runs / f"{name}-{seed}-{config.num_envs}x{config.iterations}"
+    folder = latest_run(root, study.task)
+    if folder is not None and load_checkpoint(folder.latest_checkpoint())["iteration"] >= config.iterations:
+        return folder
+    resume = folder.path if folder is not None else None
+    result = train(study.task, config, task_config, root=root, resume=resume, console=console)
+    if result.interrupted:
+        raise KeyboardInterrupt
+    return RunFolder(Path(result.run))
+
+
+def run(study: Study, name: str, seed: int, console: Console) -> None:
+    """Train, evaluate and write the result of one run, or go on with one that was interrupted.
+
+    Raises:
+        KeyboardInterrupt: someone asked to stop; what was learnt is saved.
+    """
+    config, task_config = study.settings(name, seed)
+    folder = trained(study, name, seed, console)
+    curve, wall = learning_curve(folder)
+    evaluated = replace_fields(task_config, study.evaluation)
+    evaluations = assess(study, folder, config, evaluated)
+    content: Result = {
+        "configuration": name,
+        "seed": seed,
+        "budget": study.budget.plain(),
+        "command": shlex.join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]]),
+        "revision": git_revision().get("revision"),
+        "machine": describe(wp.get_device(config.device)),
+        "wall_s": round(wall, 1),
+        "evaluation": evaluations[config.iterations].as_json(),
+        "task": study.task,
+        "train_config": to_plain(config),
+        "task_config": to_plain(task_config),
+        "curve": curve,
+    }
+    if study.evaluation:
+        content["evaluation_config"] = to_plain(evaluated)
+    if study.budget.evaluations:
+        batch = config.num_envs * config.steps_per_iteration
+        content["evaluations"] = {
+            "env_steps": [float(batch * iteration) for iteration in evaluations],
+            "mean_reward": [round(found.mean_return, 4) for found in evaluations.values()],
+            "success_rate": [found.success_rate for found in evaluations.values()],
+        }
+    for key, quantity in study.quantities.items():
+        content[key] = content["evaluation"][quantity.source] if quantity.source else area(shown(content))
+    write_json(study.result_path(name, seed), content)
+
+
+def shown(result: Result) -> dict[str, list[float]]:
+    """Return a result's learning curve: of the evaluations on the way, or else of training."""
+    curve: dict[str, list[float]] = result.get("evaluations", result["curve"])
+    return curve
+
+
+def run_missing(study: Study, console: Console, title: str = "") -> None:
+    """Do the runs that have no result yet."""
+    study.out.mkdir(parents=True, exist_ok=True)
+    missing = study.missing()
+    for index, (name, seed) in enumerate(missing):
+        console.print(
+            f"{title}{name}, seed {seed}: run {index + 1} of {len(missing)} that are missing", highlight=False
+        )
+        run(study, name, seed, console)
+
+
+# ---- what came out -----------------------------------------------------------------------------------------------
+
+
+def load(study: Study) -> dict[str, list[Result]]:
+    """Return the results by arm, in the order of seeds.
+
+    Raises:
+        InputError: a result was made with another budget.
+    """
+    results: dict[str, list[Result]] = {}
+    for name in study.arms:
+        paths = [study.result_path(name, seed) for seed in range(study.seeds)]
+        results[name] = [json.loads(path.read_text(encoding="utf-8")) for path in paths if path.is_file()]
+        for result in results[name]:
+            if result["budget"] != study.budget.plain():
+                file = study.result_path(name, result["seed"])
+                raise InputError(f"{file} was made with the budget {result['budget']}: give another --out")
+    return results
+
+
+def summarise(
+    results: Mapping[str, list[Result]], arms: Mapping[str, Arm], quantities: Mapping[str, Quantity]
+) -> dict[str, Any]:
+    """Return means over seeds, and differences from the arm compared with, paired by seed, with 95 % half-widths."""
+    summary: dict[str, Any] = {"means": {}, "differences": {}, "wall_s": {}}
+    for name, runs in results.items():
+        if not runs:
+            continue
+        summary["wall_s"][name] = [run["wall_s"] for run in runs]
+        summary["means"][name] = {
+            key: dataclasses.asdict(interval([run[key] for run in runs])) | {"values": [run[key] for run in runs]}
+            for key in quantities
+        }
+        others = {run["seed"]: run for run in results.get(arms[name].against, [])}
+        pairs = [(run, others[run["seed"]]) for run in runs if run["seed"] in others]
+        if not pairs:
+            continue
+        summary["differences"][name] = {
+            key: dataclasses.asdict(interval([run[key] - other[key] for run, other in pairs])) for key in quantities
+        }
+    return summary
+
+
+def write_summary(study: Study, results: Mapping[str, list[Result]]) -> dict[str, Any]:
+    """Write ``summary.json`` and return what is in it."""
+    summary = {"budget": study.budget.plain()} | summarise(results, study.arms, study.quantities)
+    write_json(study.out / "summary.json", summary)
+    return summary
+
+
+def table(rows: Mapping[str, Any], heading: str, quantities: Mapping[str, Quantity]) -> str:
+    """Return a Markdown table of intervals."""
+    headings = [quantity.heading for quantity in quantities.values()]
+    lines = [" | ".join(["", heading, *headings, ""]).strip(), "|" + "---|" * (1 + len(quantities))]
+    for name, row in rows.items():
+        cells = [
+            Interval(row[key]["mean"], row[key]["half"]).text(quantity.digits) for key, quantity in quantities.items()
+        ]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def band(runs: list[Result]) -> tuple[npt.NDArray[np.float64], ...]:
+    """Return steps, mean return and the half-width of its 95 % interval, each (points of the curve,)."""
+    values = np.array([shown(run)["mean_reward"] for run in runs])
+    half = np.zeros(values.shape[1])
+    if len(runs) > 1:
+        half = t_quantile(len(runs)) * values.std(axis=0, ddof=1) / math.sqrt(len(runs))
+    return np.array(shown(runs[0])["env_steps"]), values.mean(axis=0), half
+
+
+def draw_panel(axes: Axes, curves: list[tuple[list[Result], Arm]]) -> None:
+    """Draw mean return over environment steps, with its 95 % band, of the arms that have results."""
+    for runs, arm in curves:
+        if not runs:
+            continue
+        steps, mean, half = band(runs)
+        marker = "o" if "evaluations" in runs[0] else ""
+        axes.plot(steps, mean, color=arm.colour, linestyle=arm.line, marker=marker, markersize=3, label=arm.label)
+        axes.fill_between(steps, mean - half, mean + half, color=arm.colour, alpha=0.25, linewidth=0)
+    axes.set_xlabel("environment steps")
+    axes.xaxis.set_major_formatter(EngFormatter())
+    axes.grid(alpha=0.3)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return a figure that no window shows [inches]."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_figure(figure: Figure, picture: Path) -> None:
+    """Write a picture."""
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(picture, dpi=110)
+
+
+# ---- the command line --------------------------------------------------------------------------------------------
+
+
+def require_positive(parser: argparse.ArgumentParser, options: argparse.Namespace, *names: str) -> None:
+    """Refuse options that are given and below 1."""
+    for name in names:
+        value = getattr(options, name)
+        if value is not None and value < 1:
+            parser.error(f"--{name.replace('_', '-')} must be at least 1")
+
+
+def chosen(parser: argparse.ArgumentParser, option: str, given: str, known: Mapping[str, Any]) -> list[str]:
+    """Return the names in a list by comma, each of which must be known."""
+    names = given.split(",")
+    unknown = set(names) - set(known)
+    if unknown:
+        parser.error(f"{option}: {', '.join(sorted(unknown))} not among {', '.join(known)}")
+    return names
+
+
+def exit_code(script: str, work: Callable[[], int]) -> int:
+    """Do the work; return its exit code, or that of a user's mistake or of an interruption, after a word on it."""
+    try:
+        return work()
+    except InputError as error:
+        print(f"{script}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped; what was learnt is saved, and the same command goes on from there", file=sys.stderr)
+        return 130

@@ -1,0 +1,308 @@
+"""What the thesis's chapter on driving found, tried again: each finding is a comparison with equal seeds and budget.
+
+    python benchmarks/driving_findings.py --dry-run            what there is to do, and about how long it takes
+    python benchmarks/driving_findings.py [--findings fusion,frame] [--seeds 3] [--plot] [--report-only]
+
+    fusion        off-road by camera: image and vector meet before four layers, or after all but one
+    frame         off-road, without and with 30 obstacles: goal in the vehicle's axes, or in the world's
+    curriculum    off-road on hills with 30 obstacles: first flat, then obstacles, then hills; or all from the start
+    start         hallway: episodes begin on a turn, or on a straight; both evaluated from anywhere
+    start-camera  the same by camera (only if asked for)
+    minibatch     off-road: 2, 4, 16 or 64 mini-batches per pass
+
+Each run leaves one JSON file in --out/FINDING. Runs whose file exists are skipped; Ctrl-C saves the running one, and
+the same command goes on from there. Tables go to standard output and to summary.json: means over seeds with 95 %
+confidence intervals (Student's t), and differences paired by seed. Where arms train in different worlds, the learning
+curve is that of evaluations in the same ones. --iterations and its like replace the budget of every finding.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from simwarp.tasks.driving.base import Frame, Observing  # noqa: E402
+from simwarp.tasks.driving.lapping import Start  # noqa: E402
+from simwarp.tasks.uncertainty import Driver  # noqa: E402
+from simwarp.train.config import NetworkKind  # noqa: E402
+
+from benchmarks import comparing  # noqa: E402
+from benchmarks.comparing import Arm, Budget, Quantity, Study  # noqa: E402
+from simwarp.cli.quiet import start_warp  # noqa: E402
+
+COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
+STARTING = 8.0
+"""CPU time for which a run builds its worlds and loads its kernels [s]."""
+SMALL = {"camera_width": 48, "camera_height": 36}
+"""An image at which a CPU learns."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """A comparison.
+
+    Attributes:
+        title: of its panel in the picture.
+        task: a registered task.
+        arms: what is compared, given the budget.
+        budget: of every run.
+        metric: the task's own number that is reported.
+        speed: environment steps per CPU-second, learning included, as measured; for the estimate alone.
+        episode_steps: the longest an episode may be; for the estimate alone.
+        config: fields of the task's configuration that all arms share.
+        evaluation: fields of the task's configuration that all arms are evaluated with.
+    """
+
+    title: str
+    task: str
+    arms: Callable[[Budget], dict[str, Arm]]
+    budget: Budget
+    metric: tuple[str, Quantity]
+    speed: float
+    episode_steps: int
+    config: Mapping[str, Any]
+    evaluation: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+
+def fusion(budget: Budget) -> dict[str, Arm]:
+    """Compare the networks."""
+    return {
+        "early": Arm("early fusion", train={"network.kind": NetworkKind.EARLY_FUSION}),
+        "late": Arm("late fusion", "early", train={"network.kind": NetworkKind.LATE_FUSION}, colour=COLOURS[1]),
+    }
+
+
+def frame(budget: Budget) -> dict[str, Arm]:
+    """Compare the axes, without obstacles and with them."""
+    arms = {}
+    for count, line in ((0, "--"), (30, "-")):
+        for axes, against, colour in (
+            (Frame.VEHICLE, "", COLOURS[0]),
+            (Frame.WORLD, f"{Frame.VEHICLE.value}-{count}", COLOURS[1]),
+        ):
+            task = {"goal_frame": axes, "obstacles": count}
+            label = f"{axes.value}'s axes, {count} obstacles"
+            arms[f"{axes.value}-{count}"] = Arm(label, against, task=task, colour=colour, line=line)
+    return arms
+
+
+def curriculum(budget: Budget) -> dict[str, Arm]:
+    """Compare a level that rises over three fifths of the training with the full one from the start."""
+    rising = {
+        "curriculum.driver": Driver.ITERATION,
+        "curriculum.first": 0,
+        "curriculum.last": max(1, round(0.6 * budget.iterations)),
+    }
+    return {
+        "curriculum": Arm("curriculum", task=rising),
+        "at-once": Arm("hills from the start", "curriculum", colour=COLOURS[1]),
+    }
+
+
+def start(budget: Budget) -> dict[str, Arm]:
+    """Compare where episodes begin."""
+    return {
+        "turn": Arm("start on a turn", task={"start": Start.TURN}),
+        "straight": Arm("start on a straight", "turn", task={"start": Start.STRAIGHT}, colour=COLOURS[1]),
+    }
+
+
+def minibatch(budget: Budget) -> dict[str, Arm]:
+    """Compare numbers of mini-batches with the default one, four."""
+    return {
+        f"parts-{count}": Arm(
+            f"{count} mini-batches",
+            "" if count == 4 else "parts-4",
+            train={"ppo.mini_batches": count},
+            colour=colour,
+        )
+        for count, colour in zip((4, 2, 16, 64), COLOURS, strict=True)
+    }
+
+
+TO_GOAL = ("final_distance", Quantity("distance to the goal [m]", "distance", 1))
+LAPS = ("final_laps", Quantity("laps", "laps", 2))
+STATE, CAMERA = {"obs": Observing.STATE}, {"obs": Observing.CAMERA, **SMALL}
+FINDINGS = {
+    "fusion": Finding(
+        "early or late fusion", "off-road", fusion, Budget(150, 32, 64), TO_GOAL, 480.0, 200,
+        config=CAMERA | {"obstacles": 10},
+    ),
+    "frame": Finding(
+        "goal in the vehicle's or the world's axes", "off-road", frame, Budget(120, 64, 100), TO_GOAL, 1800.0, 200,
+        config=STATE,
+    ),
+    "curriculum": Finding(
+        "curriculum or hills from the start", "off-road", curriculum, Budget(200, 64, 64, 8), TO_GOAL, 1640.0, 200,
+        config=STATE | {"obstacles": 30, "hills": 1.0}, evaluation={"curriculum.driver": Driver.NONE},
+    ),
+    "start": Finding(
+        "start on a turn or a straight", "hallway", start, Budget(100, 64, 32, 5), LAPS, 830.0, 930,
+        config=STATE, evaluation={"start": Start.ANYWHERE},
+    ),
+    "start-camera": Finding(
+        "start on a turn or a straight, by camera", "hallway", start, Budget(150, 32, 32, 5), LAPS, 340.0, 930,
+        config=CAMERA, evaluation={"start": Start.ANYWHERE},
+    ),
+    "minibatch": Finding(
+        "number of mini-batches", "off-road", minibatch, Budget(80, 64, 100), TO_GOAL, 1450.0, 200,
+        config=STATE,
+    ),
+}  # fmt: skip
+USUAL = ("fusion", "frame", "curriculum", "start", "minibatch")
+
+
+def study(name: str, options: argparse.Namespace) -> Study:
+    """Return a finding with the budget and the folders of the command line."""
+    finding = FINDINGS[name]
+    given = {key: getattr(options, key) for key in ("iterations", "num_envs", "episodes", "evaluations")}
+    if not finding.budget.evaluations:
+        given["evaluations"] = None
+    budget = dataclasses.replace(finding.budget, **{key: value for key, value in given.items() if value is not None})
+    key, metric = finding.metric
+    return Study(
+        task=finding.task,
+        arms=finding.arms(budget),
+        budget=budget,
+        quantities={
+            "final_return": dataclasses.replace(comparing.RETURN, digits=2),
+            key: metric,
+            "success_rate": comparing.SUCCESS,
+            "area": dataclasses.replace(comparing.AREA, digits=2),
+        },
+        out=options.out / name,
+        runs=options.runs / name,
+        seeds=options.seeds,
+        device=options.device,
+        config=finding.config,
+        evaluation=finding.evaluation,
+    )
+
+
+# ---- what it costs -----------------------------------------------------------------------------------------------
+
+
+def cost(finding: Finding, asked: Study) -> tuple[int, float]:
+    """Return the training steps of a run, and the CPU time it takes with its evaluations at most [s]."""
+    budget = asked.budget
+    config, _ = asked.settings(next(iter(asked.arms)), 0)
+    steps = config.iterations * config.num_envs * config.steps_per_iteration
+    evaluated = max(1, budget.evaluations) * budget.episodes * finding.episode_steps
+    return steps, STARTING + (steps + evaluated) / finding.speed
+
+
+def estimate(studies: Mapping[str, Study]) -> str:
+    """Return a table of what there is to do."""
+    lines = [
+        "| | runs | missing | iterations x worlds | steps per run | min per run | min missing |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    total = 0.0
+    for name, asked in studies.items():
+        steps, seconds = cost(FINDINGS[name], asked)
+        missing = len(asked.missing())
+        total += missing * seconds
+        lines.append(
+            f"| {name} | {len(asked.arms) * asked.seeds} | {missing} |"
+            f" {asked.budget.iterations} x {asked.budget.num_envs} | {steps} |"
+            f" {seconds / 60:.1f} | {missing * seconds / 60:.0f} |"
+        )
+    lines.append(f"\nabout {total / 3600:.1f} h on one quiet CPU core, at the speeds that were measured on one")
+    return "\n".join(lines)
+
+
+# ---- what came out -----------------------------------------------------------------------------------------------
+
+
+def draw(studies: Mapping[str, Study], results: Mapping[str, dict[str, list[comparing.Result]]], picture: Path) -> None:
+    """Draw one panel per finding."""
+    columns = min(3, len(results))
+    rows = math.ceil(len(results) / columns)
+    figure = comparing.new_figure(5.0 * columns, 3.8 * rows)
+    for index, (name, runs) in enumerate(results.items()):
+        axes = figure.add_subplot(rows, columns, index + 1)
+        arms = studies[name].arms
+        comparing.draw_panel(axes, [(runs[arm], arms[arm]) for arm in arms])
+        axes.set_title(FINDINGS[name].title, fontsize="medium")
+        axes.set_ylabel("mean return in evaluation" if studies[name].budget.evaluations else "mean return in training")
+        axes.legend(loc="best", fontsize="small")
+    comparing.save_figure(figure, picture)
+
+
+def report(name: str, asked: Study, results: Mapping[str, list[comparing.Result]]) -> None:
+    """Print the tables of a finding and write its summary."""
+    summary = comparing.write_summary(asked, results)
+    quantities = asked.quantities
+    print(f"{FINDINGS[name].title}\n")
+    print(comparing.table(summary["means"], f"mean of {asked.seeds} seeds, 95 %", quantities) + "\n")
+    if summary["differences"]:
+        against = {arm: f"{arm} minus {asked.arms[arm].against}" for arm in summary["differences"]}
+        rows = {against[arm]: row for arm, row in summary["differences"].items()}
+        print(comparing.table(rows, "paired by seed", quantities) + "\n")
+
+
+def parse(arguments: list[str]) -> argparse.Namespace:
+    """Read the options."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--findings", default=",".join(USUAL), help=f"by comma, of {', '.join(FINDINGS)}")
+    parser.add_argument("--seeds", type=int, default=3, help="seeds 0, 1, ... of each arm")
+    parser.add_argument("--iterations", type=int, help="training iterations of every run")
+    parser.add_argument("--num-envs", type=int, help="worlds of every run")
+    parser.add_argument("--episodes", type=int, help="episodes of every evaluation")
+    parser.add_argument("--evaluations", type=int, help="evaluations on the way, where the curve is made of them")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results" / "driving", help="results")
+    parser.add_argument("--runs", type=Path, default=Path("runs") / "driving-findings", help="run folders")
+    parser.add_argument("--plot", action="store_true", help="draw the learning curves")
+    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "images" / "driving_findings.png")
+    parser.add_argument("--dry-run", action="store_true", help="tell what there is to do, and do nothing")
+    parser.add_argument("--report-only", action="store_true", help="no new runs: what is there is reported")
+    options = parser.parse_args(arguments)
+    options.findings = comparing.chosen(parser, "--findings", options.findings, FINDINGS)
+    comparing.require_positive(parser, options, "seeds", "iterations", "num_envs", "episodes", "evaluations")
+    return options
+
+
+def work(options: argparse.Namespace) -> int:
+    """Do the runs that are missing, and report all."""
+    studies = {name: study(name, options) for name in options.findings}
+    if options.dry_run:
+        print(estimate(studies))
+        return 0
+    start_warp()
+    for asked in studies.values():
+        comparing.load(asked)  # a foreign budget is told before hours of work
+    if not options.report_only:
+        console = Console(stderr=True)
+        for name, asked in studies.items():
+            comparing.run_missing(asked, console, f"{name}: ")
+    loaded = {name: comparing.load(asked) for name, asked in studies.items()}
+    results = {name: runs for name, runs in loaded.items() if any(runs.values())}
+    if not results:
+        print(f"driving_findings: there are no results in {options.out}", file=sys.stderr)
+        return 2
+    for name, runs in results.items():
+        report(name, studies[name], runs)
+    if options.plot:
+        draw(studies, results, options.picture)
+        print(options.picture)
+    return 0
+
+
+def main() -> int:
+    options = parse(sys.argv[1:])
+    return comparing.exit_code("driving_findings", lambda: work(options))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""The script of the findings on driving: what it compares and reports; it learns nothing here."""
+
+import dataclasses
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from simwarp.tasks import replace_fields
+from simwarp.tasks.driving.base import Frame, Observing
+from simwarp.tasks.driving.lapping import Start
+from simwarp.tasks.uncertainty import Curriculum, Driver
+from simwarp.train.config import NetworkKind
+
+from benchmarks.comparing import Budget, Quantity
+
+SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "driving_findings.py"
+
+
+@pytest.fixture(scope="module")
+def script():
+    spec = importlib.util.spec_from_file_location("driving_findings", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[spec.name]
+
+
+@pytest.fixture
+def usual(script, tmp_path):
+    """The studies of a plain call."""
+    options = script.parse(["--out", str(tmp_path)])
+    return {name: script.study(name, options) for name in options.findings}
+
+
+def settings(asked):
+    return {name: asked.settings(name, 1) for name in asked.arms}
+
+
+def test_arms_differ_in_what_they_are_compared_by(usual):
+    assert list(usual) == ["fusion", "frame", "curriculum", "start", "minibatch"]
+    same = {
+        "fusion": lambda train, task: (replace_fields(train, {"network.kind": NetworkKind.MLP}), task),
+        "frame": lambda train, task: (train, dataclasses.replace(task, goal_frame=Frame.VEHICLE)),
+        "curriculum": lambda train, task: (train, dataclasses.replace(task, curriculum=Curriculum())),
+        "start": lambda train, task: (train, dataclasses.replace(task, start=Start.TURN)),
+        "minibatch": lambda train, task: (replace_fields(train, {"ppo.mini_batches": 4}), task),
+    }
+    for name, asked in usual.items():
+        made = settings(asked)
+        for arm, known in asked.arms.items():
+            if known.against:
+                assert made[arm] != made[known.against]
+                assert same[name](*made[arm]) == same[name](*made[known.against]), (name, arm)
+
+
+def test_the_findings_are_those_of_the_thesis(usual):
+    made = {name: settings(asked) for name, asked in usual.items()}
+    kinds = {arm: train.network.kind for arm, (train, _) in made["fusion"].items()}
+    assert kinds == {"early": NetworkKind.EARLY_FUSION, "late": NetworkKind.LATE_FUSION}
+    task = made["fusion"]["late"][1]
+    assert (task.obs, task.camera_width, task.camera_height) == (Observing.CAMERA, 48, 36)
+    frames = {(task.goal_frame, task.obstacles) for _, task in made["frame"].values()}
+    assert frames == {(axes, count) for axes in Frame for count in (0, 30)}
+    hills = {arm: task for arm, (_, task) in made["curriculum"].items()}
+    assert {(task.hills, task.obstacles) for task in hills.values()} == {(1.0, 30)}
+    rising = hills["curriculum"].curriculum
+    iterations = usual["curriculum"].budget.iterations
+    assert rising.driver is Driver.ITERATION
+    assert 0.0 < rising.at_iteration(iterations // 2) < rising.at_iteration(iterations) == 1.0
+    assert hills["at-once"].curriculum.driver is Driver.NONE
+    assert {arm: task.start for arm, (_, task) in made["start"].items()} == {
+        "turn": Start.TURN,
+        "straight": Start.STRAIGHT,
+    }
+    assert usual["start"].evaluation == {"start": Start.ANYWHERE}
+    assert {train.ppo.mini_batches for train, _ in made["minibatch"].values()} == {2, 4, 16, 64}
+    for name in ("frame", "curriculum", "start", "minibatch"):
+        for train, task in made[name].values():
+            assert task.obs is Observing.STATE
+            assert (train.seed, train.network.kind) == (1, NetworkKind.MLP)
+
+
+def test_all_findings_take_an_afternoon_and_a_dry_run_says_so(script, usual, capsys, tmp_path):
+    seconds = 0.0
+    for name, asked in usual.items():
+        _, each = script.cost(script.FINDINGS[name], asked)
+        seconds += len(asked.missing()) * each
+    assert 1.0 < seconds / 3600.0 < 3.1
+    assert script.work(script.parse(["--dry-run", "--out", str(tmp_path / "none")])) == 0
+    told = capsys.readouterr().out
+    assert f"about {seconds / 3600.0:.1f} h" in told
+    assert not (tmp_path / "none").exists()
+    budgets = script.parse(["--findings", "frame,start", "--iterations", "7", "--evaluations", "2", "--seeds", "1"])
+    assert budgets.findings == ["frame", "start"]
+    assert script.study("frame", budgets).budget == Budget(7, 64, 100)
+    assert script.study("start", budgets).budget == Budget(7, 64, 32, 2)
+    with pytest.raises(SystemExit):
+        script.parse(["--findings", "frame,fusoin"])
+
+
+def stand_in(monkeypatch, script, name):
+    """Let a task without physics have a finding's arms and budget."""
+    finding = script.FINDINGS[name]
+    arms = {arm: dataclasses.replace(known, task={}) for arm, known in finding.arms(finding.budget).items()}
+    metric = ("final_distance", Quantity("distance [m]", "final_distance", 2))
+    quick = {"task": "fast", "arms": lambda budget: arms, "config": {}, "evaluation": {}, "metric": metric}
+    monkeypatch.setitem(script.FINDINGS, name, dataclasses.replace(finding, **quick))
+
+
+def test_runs_are_done_once_reported_and_drawn(script, monkeypatch, capsys, tmp_path):
+    for name in ("curriculum", "minibatch"):
+        stand_in(monkeypatch, script, name)
+    small = ["--findings", "curriculum,minibatch", "--seeds", "1", "--num-envs", "8", "--episodes", "4"]
+    small += [
+        "--iterations",
+        "2",
+        "--evaluations",
+        "2",
+        "--out",
+        str(tmp_path / "out"),
+        "--runs",
+        str(tmp_path / "runs"),
+    ]
+    asked = script.parse([*small, "--plot", "--picture", str(tmp_path / "curves.png")])
+    assert script.work(asked) == 0
+    told = capsys.readouterr().out
+    assert "| at-once minus curriculum | " in told
+    assert "| parts-64 minus parts-4 | " in told
+    assert (tmp_path / "curves.png").stat().st_size > 5000
+    files = sorted((tmp_path / "out").rglob("*-0.json"))
+    assert len(files) == 2 + 4
+    result = json.loads((tmp_path / "out" / "curriculum" / "at-once-0.json").read_text(encoding="utf-8"))
+    assert len(result["evaluations"]["env_steps"]) == 2
+    summary = json.loads((tmp_path / "out" / "minibatch" / "summary.json").read_text(encoding="utf-8"))
+    assert set(summary["differences"]) == {"parts-2", "parts-16", "parts-64"}
+    times = [path.stat().st_mtime_ns for path in files]
+    assert script.work(asked) == 0
+    assert [path.stat().st_mtime_ns for path in files] == times
