@@ -286,7 +286,7 @@ def run(study: Study, name: str, seed: int, console: Console) -> None:
 
 def shown(result: Result) -> dict[str, list[float]]:
     """Return a result's learning curve: of the evaluations on the way, or else of training."""
-    curve: dict[str, list[float]] = result.get("evaluations", result["curve"])
+    curve: dict[str, list[float]] = result["evaluations" if "evaluations" in result else "curve"]
     return curve
 
 
