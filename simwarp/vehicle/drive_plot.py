@@ -18,6 +18,8 @@ INK: Final = "#1f2933"
 GREY: Final = "#9aa5b1"
 WHEELS: Final = {"FL": "#0b6e99", "FR": "#5bb5d5", "RL": "#b8470f", "RR": "#f0a35e"}
 """Front wheels blue, rear ones orange; the left ones darker."""
+LINE: Final = 120
+"""Characters of results side by side."""
 NAMES: Final = {"FL": "front left", "FR": "front right", "RL": "rear left", "RR": "rear right"}
 
 
@@ -36,7 +38,7 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
     told = [f"{item.label} {item.shown} {item.told_unit}".rstrip() for item in results]
-    lines = ["   ·   ".join(told[k : k + 4]) for k in range(0, len(told), 4)]
+    lines = joined(told)
     grid = figure.add_gridspec(6, 2, height_ratios=[0.01 + 0.13 * len(lines), 1, 1, 1, 1, 1.5])
     note = figure.add_subplot(grid[0, :])
     note.axis("off")
@@ -54,6 +56,18 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     _dress(above)
     _draw_way(above, run, path)
     figure.savefig(target, dpi=120)
+
+
+def joined(told: Iterable[str]) -> list[str]:
+    """Lines of a page's width, of whole results."""
+    lines: list[str] = []
+    for text in told:
+        longer = f"{lines[-1]}   ·   {text}" if lines else text
+        if lines and len(longer) <= LINE:
+            lines[-1] = longer
+        else:
+            lines.append(text)
+    return lines
 
 
 def _dress(axes: Any) -> None:
@@ -168,7 +182,8 @@ def _draw_way(axes: Any, run: Run, path: Path | None) -> None:
     width = max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
     if path is not None:
         near = (path.points[:, 0] > x.min() - 0.05 * width) & (path.points[:, 0] < x.max() + 0.05 * width)
-        axes.plot(*path.points[near].T, color=GREY, linewidth=3.0, alpha=0.6, label="path")
+        # what is left out leaves a gap, and no chord across it
+        axes.plot(*np.where(near[:, None], path.points, np.nan).T, color=GREY, linewidth=3.0, alpha=0.6, label="path")
         _legend(axes)
     axes.plot(x, y, color=INK, linewidth=1.4)
     axes.plot(x[::100], y[::100], ".", color=WHEELS["RL"], markersize=4.0)

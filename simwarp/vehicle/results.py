@@ -66,7 +66,7 @@ def _missed_speed(run: Run, maneuver: Maneuver) -> list[Result]:
     top = float(run["speed_mps"].max())
     if wanted <= 0.0 or top > 0.95 * wanted:
         return []
-    return [Result("speed_to_hold", f"speed to hold, {wanted:g} m/s", math.nan, "m/s", "not reached")]
+    return [Result("speed_to_hold", f"speed to hold ({wanted:g} m/s)", math.nan, "m/s", "not reached")]
 
 
 def _common(run: Run) -> list[Result]:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from simwarp.vehicle import results as results_module
 from simwarp.vehicle.channels import COLUMNS, Run
-from simwarp.vehicle.drive_plot import draw_run
+from simwarp.vehicle.drive_plot import draw_run, joined
 from simwarp.vehicle.maneuvers import (
     LANE_CHANGE,
     MANEUVERS,
@@ -221,7 +221,7 @@ def test_a_vehicle_without_engine_has_no_stopping_distance():
     for key in ("stopping_distance", "stopping_time", "mean_deceleration"):
         assert told[key] == ("it does not drive", "")
     assert told["speed_to_hold"] == ("not reached", "")
-    assert next(item for item in found if item.key == "speed_to_hold").label == "speed to hold, 15 m/s"
+    assert next(item for item in found if item.key == "speed_to_hold").label == "speed to hold (15 m/s)"
     near = results(made_up(t, speed_mps=np.full(len(t), 14.9)), what)
     assert not any(item.key == "speed_to_hold" for item in near)
 
@@ -294,11 +294,11 @@ def test_a_circle_is_drawn_without_complaint(tmp_path, caplog):
     assert caplog.messages == []
 
 
-def panels(run, monkeypatch, tmp_path) -> dict[str, Any]:
+def panels(run, monkeypatch, tmp_path, path=None) -> dict[str, Any]:
     """The axes of a page by the words before the unit in their titles."""
     figures: list[Any] = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *more, **options: figures.append(self))
-    draw_run(run, tmp_path / "page.png", "title")
+    draw_run(run, tmp_path / "page.png", "title", path=path)
     figures[0].draw_without_rendering()
     return {axes.get_title("left").partition(" [")[0]: axes for axes in figures[0].axes}
 
@@ -320,6 +320,23 @@ def test_legends_are_beside_the_panels(tmp_path, monkeypatch):
         assert legend.y0 > inside.y1 - 1.0
         title = axes._left_title.get_window_extent()
         assert title.x1 < legend.x0
+
+
+def test_a_part_of_a_circle_has_no_chord(tmp_path, monkeypatch):
+    angle = np.linspace(0.0, 3.0, 400)
+    run = made_up(np.linspace(-1.0, 3.0, 400), x_m=3.0 * np.sin(angle), y_m=3.0 - 3.0 * np.cos(angle))
+    drawn = panels(run, monkeypatch, tmp_path, circle(3.0))["way from above"].lines[0].get_xydata()
+    assert np.isnan(drawn).any()
+    steps = np.linalg.norm(np.diff(drawn, axis=0), axis=1)
+    assert np.nanmax(steps) < 0.06
+
+
+def test_results_stay_on_the_page():
+    told = [f"result {k} with a long name {k:.3f} m/s" for k in range(9)] + ["x" * 200, "y"]
+    lines = joined(told)
+    assert "   ·   ".join(lines) == "   ·   ".join(told)
+    assert all(len(line) <= 120 for line in lines if "x" not in line)
+    assert len(lines) == 5
 
 
 def test_a_small_circle_is_as_round_as_a_large_one():
