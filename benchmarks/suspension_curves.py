@@ -37,8 +37,9 @@ def draw_travel(panels: tuple[Any, Any], spec: VehicleSpec, axle: int, label: st
     heights = travels(spec.name)
     table = travel_table(spec, axle, heights)
     for panel, angles in zip(panels, (table.toe, table.camber), strict=True):
-        style = "--" if label == "hmmwv-reduced" else "-"  # its front is the HMMWV's
-        panel.plot(np.rad2deg(angles[:, 0]), 1e3 * heights, style, color=color, label=label)
+        # the reduced one's front is the HMMWV's: a line within its line
+        width = 4.0 if label == "hmmwv" else 1.5
+        panel.plot(np.rad2deg(angles[:, 0]), 1e3 * heights, color=color, label=label, linewidth=width)
 
 
 def draw_steering(panels: tuple[Any, Any], spec: VehicleSpec, label: str, color: str) -> None:
@@ -75,11 +76,15 @@ def main() -> None:
         draw_travel((axes[1, 0], axes[1, 1]), spec, len(spec.axles) - 1, name, color)
         draw_steering((axes[0, 2], axes[1, 2]), spec, name, color)
     for row, where in enumerate(("front", "rear")):
-        # the Gator's steers by 19 degrees: its first five leave room for the others
+        # the Gator's steers far: its first five degrees leave room for the others
         axes[row, 0].set(xlabel=f"toe, {where} [°], + front inwards", ylabel="travel [mm]", xlim=(-5.0, 5.0))
         axes[row, 1].set(xlabel=f"camber, {where} [°], + top outwards", ylabel="travel [mm]")
     axes[0, 2].set(xlabel="steering, + to the left", ylabel="front wheels [°]: left, right (dashed)")
     axes[1, 2].set(xlabel="mean angle of the front wheels [°]", ylabel="left less right [°]; Ackermann's (dotted)")
+    far = travel_table(load_vehicle("gator"), 0, travels("gator")).toe
+    low, high = np.rad2deg([far.min(), far.max()])
+    note = f"gator goes on: {low:.0f}° to {high:.0f}°"
+    axes[0, 0].text(0.03, 0.03, note, transform=axes[0, 0].transAxes, color=f"C{vehicle_names().index('gator')}")
     for panel in axes.flat:
         panel.grid(alpha=0.3)
     axes[0, 1].legend()

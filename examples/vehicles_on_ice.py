@@ -90,7 +90,7 @@ def run(sim: sw.Simulation, vehicle: Vehicle, driver: LaneKeeper, longest: float
     return way, np.linalg.norm(np.diff(way[braked_at:], axis=0), axis=2).sum(axis=0)
 
 
-def draw(path: str, way: np.ndarray, distance: np.ndarray, friction: np.ndarray, speed: float) -> None:
+def draw(path: str, way: np.ndarray, distance: np.ndarray, friction: np.ndarray, title: str, speed: float) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
@@ -105,10 +105,13 @@ def draw(path: str, way: np.ndarray, distance: np.ndarray, friction: np.ndarray,
         right.plot(friction[chosen], distance[chosen], ".", color=color, markersize=4, alpha=0.6)
     grip = np.linspace(0.09, 0.92, 200)
     right.plot(grip, speed**2 / (2.0 * 9.81 * grip), "k--", linewidth=1.0, label="v² / (2 μ g)")
-    left.set(xlabel="x [m]", ylabel="y, to the left [m]", title=f"{len(friction)} trucks brake from {speed:g} m/s")
+    left.set(xlabel="x [m]", ylabel="y, to the left [m]", title=title)
     left.legend(title="end on", markerscale=3.0)
     right.set(xlabel="friction of the road μ", ylabel="stopping distance [m]", yscale="log", title="stopping distance")
-    right.set_yticks([10, 20, 50, 100, 200], labels=["10", "20", "50", "100", "200"])
+    right.set_ylim(0.8 * distance.min(), 1.25 * distance.max())
+    low, high = right.get_ylim()
+    ticks = [tick for tick in (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500) if low <= tick <= high]
+    right.set_yticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     right.minorticks_off()
     right.legend()
     for axes in (left, right):
@@ -146,7 +149,7 @@ def main() -> None:
     wall = time.perf_counter() - began
     steps = (len(way) - 1) * round(0.05 / args.dt) * args.worlds
     roads = np.array(road_names(args.worlds))
-    print(f"{'road':>6}{'trucks':>8}{'friction':>14}{'stopping distance [m]':>24}{'aside at the end [m]':>23}")
+    print(f"{'road':>6}{'worlds':>8}{'friction':>14}{'stopping distance [m]':>24}{'aside at the end [m]':>23}")
     for name, (low, high) in ROADS.items():
         chosen = roads == name
         stop, aside = distance[chosen], np.abs(way[-1, chosen, 1])
@@ -157,7 +160,8 @@ def main() -> None:
         print(line)
     print(f"{steps} world-steps in {wall:.1f} s: {steps / wall:.0f} per second")
     if args.plot:
-        draw(args.plot, way, distance, friction, args.speed)
+        title = f"{args.worlds} times {args.vehicle} brakes from {args.speed:g} m/s"
+        draw(args.plot, way, distance, friction, title, args.speed)
         print(f"wrote {args.plot}")
 
 
