@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from simwarp.vehicle.assembly import VehicleParts
     from simwarp.vehicle.spec import VehicleSpec
     from simwarp.vehicle.vehicle import Vehicle
+    from simwarp.viewer import Shot
 
 SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""
@@ -98,6 +99,8 @@ class DrivingTask(Task[DrivingT]):
     """Of its middle in the vehicle's frame of reference [m]."""
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
     """In the vehicle's frame of reference [m]."""
+    view_distance: ClassVar[float] = 20.0
+    """Of the camera that takes pictures for people [m]."""
 
     parts: VehicleParts
     vehicle: Vehicle
@@ -203,7 +206,22 @@ class DrivingTask(Task[DrivingT]):
 
     def scene(self) -> Scene:
         """Return what the camera sees, and pictures show."""
-        return self._scene_of(self.simulation.model)
+        known = self._scene
+        scene = self._scene_of(self.simulation.model)
+        if known is None:
+            self.bind_scene(scene)
+            self.draw_world(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
+        return scene
+
+    def shot(self) -> Shot:
+        """From beside and above, so that what is around the vehicle is in sight."""
+        from simwarp.viewer import Shot
+
+        x, y, z = (self.view_distance * share for share in (-0.5, -0.75, 0.5))
+        return Shot(body=self.parts.chassis, target=(0.0, 0.0, 0.0), eye=(x, y, z), fov=0.8)
+
+    def bind_scene(self, scene: Scene) -> None:
+        """Make views of what differs by world in what is seen; `draw_world` writes them. Optional."""
 
     def _scene_of(self, model: Model) -> Scene:
         from simwarp.sensors.scene import Visuals
@@ -240,6 +258,8 @@ class DrivingTask(Task[DrivingT]):
         self._hit = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
         self.difficulty = torch.ones(self.num_worlds, device=self.device)
         self._substep = 0
+        if self._scene is not None:
+            self.bind_scene(self._scene)
 
     def _settle(self) -> None:
         self.input.zero_()

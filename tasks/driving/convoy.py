@@ -27,7 +27,7 @@ from .routes import Routes
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
     from simwarp.model import Model
-    from simwarp.sensors.scene import Visuals
+    from simwarp.sensors.scene import Scene, Visuals
 
 LEADERS = 3
 APART = 0.05
@@ -107,6 +107,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "state": {"network.hidden": (128, 64)},
         "camera": {"network.kind": "early-fusion"},
     }
+    view_distance: ClassVar[float] = 40.0
     chassis_half: ClassVar[tuple[float, float, float]] = (2.3, 1.05, 0.5)
     chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
 
@@ -168,13 +169,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._large = torch.tensor(
             np.array([way.obstacles for way in detours]).reshape(-1, LARGE, 3), dtype=torch.float32, device=self.device
         )
-        self.obstacles.bind(self.simulation.model, self._scene)
-        if self._scene is not None:
-            from simwarp.interop import to_torch
-
-            first, after = self._ghosts[0], self._ghosts[0] + LEADERS
-            self._ghost_x = to_torch(self._scene.x)[:, first:after]
-            self._ghost_rot = to_torch(self._scene.rot)[:, first:after]
+        self.obstacles.bind(self.simulation.model)
         worlds = self.num_worlds
         self.route = torch.zeros(worlds, dtype=torch.int64, device=self.device)
         self._begun = torch.zeros(worlds, device=self.device)
@@ -182,6 +177,15 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
         self._corner = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]], device=self.device)
         self._frame_steps = max(1, round(_FRAME_TIME / self.config.dt))
+
+    def bind_scene(self, scene: Scene) -> None:
+        """Make views of obstacles and leaders."""
+        from simwarp.interop import to_torch
+
+        self.obstacles.bind_scene(scene)
+        first, after = self._ghosts[0], self._ghosts[0] + LEADERS
+        self._ghost_x = to_torch(scene.x)[:, first:after]
+        self._ghost_rot = to_torch(scene.rot)[:, first:after]
 
     # ---- an episode ----------------------------------------------------------------------------------------------
 
@@ -193,6 +197,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self.route.copy_(torch.where(world_mask, route, self.route))
         self._begun.copy_(torch.where(world_mask, begun, self._begun))
         self._place_obstacles(world_mask)
+        self._show_leaders(self._time())
 
     def _place_obstacles(self, world_mask: torch.Tensor) -> None:
         """At equal steps along the path, to either side, so far away that it stays free; and large ones between."""

@@ -86,6 +86,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
     chassis_half: ClassVar[tuple[float, float, float]] = (0.28, 0.16, 0.05)
     camera_place: ClassVar[tuple[float, float, float]] = (-0.075, 0.0, 0.15)
     course_label: ClassVar[int] = 10
+    view_distance: ClassVar[float] = 1.2
     preview: ClassVar[float] = 0.5
 
     def __init__(

@@ -18,7 +18,7 @@ from .routes import Routes
 
 if TYPE_CHECKING:
     from simwarp.scenery.tracks import Track
-    from simwarp.sensors.scene import Visuals
+    from simwarp.sensors.scene import Scene, Visuals
     from simwarp.visual_mesh import VisualMesh
 
 PREVIEW = 5
@@ -76,6 +76,8 @@ class LappingTask(DrivingTask[LappingT]):
     preview: ClassVar[float] = 1.0
     """Distance of the points ahead that exact observations tell [m]."""
 
+    _shown: torch.Tensor | None = None
+
     @abstractmethod
     def make_track(self, number: int) -> Track:
         """Return one of the tracks."""
@@ -109,12 +111,6 @@ class LappingTask(DrivingTask[LappingT]):
     def setup(self) -> None:
         """Make paths and buffers."""
         super().setup()
-        self._shown: torch.Tensor | None = None
-        if self._scene is not None and self.config.tracks > 1:
-            from simwarp.interop import to_torch
-
-            self._shown = to_torch(self._scene.asset)[:, self._course]
-            self._known = torch.tensor(self._courses, dtype=torch.int32, device=self.device)
         self.tracks = self.make_tracks()
         self.routes = Routes([track.path for track in self.tracks], self.preview / 8.0, self.device)
         starts = [track.arc[track.starts(self.config.start.value)] for track in self.tracks]
@@ -128,6 +124,14 @@ class LappingTask(DrivingTask[LappingT]):
         self.progress = torch.zeros(worlds, device=self.device)
         self._gain = torch.zeros(worlds, device=self.device)
         self._arc = torch.zeros(worlds, device=self.device)
+
+    def bind_scene(self, scene: Scene) -> None:
+        """Make a view of the course that each world shows."""
+        from simwarp.interop import to_torch
+
+        if self.config.tracks > 1:
+            self._shown = to_torch(scene.asset)[:, self._course]
+            self._known = torch.tensor(self._courses, dtype=torch.int32, device=self.device)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Draw track and start."""

@@ -52,6 +52,7 @@ class Obstacles:
     def __init__(self, kinds: Sequence[Kind], count: int, *, group: int, mask: int) -> None:
         self.kinds, self.count = tuple(kinds), count
         self._group, self._mask = group, mask
+        self._seen: dict[str, torch.Tensor] = {}
 
     def build(self, builder: ModelBuilder) -> None:
         """Add the slots as shapes; they meet the groups of the mask."""
@@ -85,8 +86,8 @@ class Obstacles:
             for slot in range(self.count)
         ]  # fmt: skip
 
-    def bind(self, model: Model, scene: Scene | None) -> None:
-        """Make views of the arrays of a model and of what cameras see, if anything does."""
+    def bind(self, model: Model) -> None:
+        """Make views of the arrays of a model."""
         from simwarp.interop import to_torch
 
         first, after = self.shapes[0], self.shapes[0] + self.count
@@ -94,17 +95,20 @@ class Obstacles:
         self._x, self._rot, self._size = views["shape_x"], views["shape_rot"], views["shape_size"]
         self._asset, self._enabled = views["shape_asset"], views["shape_enabled"]
         device = self._x.device
-        self._seen: dict[str, torch.Tensor] = {}
-        if scene is not None:
-            first, after = self._instances[0], self._instances[0] + self.count
-            self._seen = {name: to_torch(getattr(scene, name))[:, first:after] for name in self.scene_arrays}
-            self._picture = torch.tensor(self._pictures, dtype=torch.int32, device=device)
         self._hull = torch.tensor(self._hulls, dtype=torch.int32, device=device)
         self._reach = torch.tensor([kind.prop.radius for kind in self.kinds], device=device)
         self._height = torch.tensor([float(np.max(kind.prop.hull[:, 2])) for kind in self.kinds], device=device)
         self._scale = torch.tensor([kind.scale for kind in self.kinds], device=device)
         self.place = self._x[..., :2].float()
         self.radius = torch.full(self.place.shape[:2], -1.0, device=device)
+
+    def bind_scene(self, scene: Scene) -> None:
+        """Make views of the arrays of what cameras see."""
+        from simwarp.interop import to_torch
+
+        first, after = self._instances[0], self._instances[0] + self.count
+        self._seen = {name: to_torch(getattr(scene, name))[:, first:after] for name in self.scene_arrays}
+        self._picture = torch.tensor(self._pictures, dtype=torch.int32, device=self._seen["asset"].device)
 
     def draw_kinds(self, random: WorldRandom) -> tuple[torch.Tensor, torch.Tensor]:
         """Return which thing each slot shows (W, N) int64, and its scale (W, N)."""

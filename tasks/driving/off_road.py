@@ -25,7 +25,7 @@ from .ranging import RangeFan
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
     from simwarp.model import Model
-    from simwarp.sensors.scene import Visuals
+    from simwarp.sensors.scene import Scene, Visuals
 
 _FIELDS = 8
 _SIDE = 160.0
@@ -121,7 +121,8 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     chassis_half: ClassVar[tuple[float, float, float]] = (1.35, 0.75, 0.35)
     chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
     camera_place: ClassVar[tuple[float, float, float]] = (0.65, 0.0, 0.75)
-    body_kind: ClassVar[str] = "gator"
+
+    _texture: torch.Tensor | None = None
 
     # ---- the world -----------------------------------------------------------------------------------------------
 
@@ -177,19 +178,22 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         """Make views and buffers."""
         super().setup()
         model = self.simulation.model
-        self.obstacles.bind(model, self._scene)
+        self.obstacles.bind(model)
         if self.hills is not None:
             self.hills.bind(model)
-        if self._scene is not None:
-            from simwarp.interop import to_torch
-
-            self._texture = to_torch(self._scene.texture)[:, self._ground]
-            self._known_textures = torch.tensor(self._textures, dtype=torch.int32, device=self.device)
         worlds = self.num_worlds
         self.goal = torch.zeros(worlds, 2, dtype=torch.float64, device=self.device)
         self._before = torch.zeros(worlds, dtype=torch.float64, device=self.device)
         self._last_action = torch.zeros(worlds, self.action_size, device=self.device)
         self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
+
+    def bind_scene(self, scene: Scene) -> None:
+        """Make views of obstacles and of the ground's texture."""
+        from simwarp.interop import to_torch
+
+        self.obstacles.bind_scene(scene)
+        self._texture = to_torch(scene.texture)[:, self._ground]
+        self._known_textures = torch.tensor(self._textures, dtype=torch.int32, device=self.device)
 
     # ---- an episode ----------------------------------------------------------------------------------------------
 
@@ -207,7 +211,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
             rise = (2.0 * self.difficulty - 1.0).clamp(0.0, 1.0) * config.hills * config.hill_height
             self.hills.choose(world_mask, field, rise)
         self._place_obstacles(world_mask, start, goal)
-        if self._scene is not None:
+        if self._texture is not None:
             chosen = random.uniform("texture", 0.0, len(self._textures)).squeeze(1).long()
             self._texture.copy_(torch.where(world_mask, self._known_textures[chosen], self._texture))
         self._start, self._start_heading = start, start_angle + math.pi
