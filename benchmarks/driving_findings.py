@@ -126,7 +126,7 @@ def minibatch(budget: Budget) -> dict[str, Arm]:
             train={"ppo.mini_batches": count},
             colour=colour,
         )
-        for count, colour in zip((4, 2, 16, 64), COLOURS, strict=True)
+        for count, colour in zip((2, 4, 16, 64), COLOURS, strict=True)
     }
 
 
@@ -233,6 +233,7 @@ def draw(studies: Mapping[str, Study], results: Mapping[str, dict[str, list[comp
         axes = figure.add_subplot(rows, columns, index + 1)
         arms = studies[name].arms
         comparing.draw_panel(axes, [(runs[arm], arms[arm]) for arm in arms])
+        axes.set_xlim(left=0.0)
         axes.set_title(FINDINGS[name].title, fontsize="medium")
         axes.set_ylabel("mean return in evaluation" if studies[name].budget.evaluations else "mean return in training")
         axes.legend(loc="best", fontsize="small")
