@@ -91,6 +91,11 @@ def shown(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+def words(key: str) -> str:
+    """Return the name of a field as people read it."""
+    return key.replace("_", " ").replace(".", ": ")
+
+
 def axes_of(points: list[GridPoint]) -> dict[str, list[Any]]:
     """Return the values of each key, in the order in which they come."""
     keys = list(points[0].values) if points else []
@@ -112,9 +117,16 @@ class GridDisplay(LiveLine):
         self._runs = points * policies
         self._points, self._policies, self._episodes = points, policies, episodes
         self._done = 0
-        self._begun = time.monotonic()
         self._spent = 0.0
-        self._last = self._begun
+        self._last = time.monotonic()
+        if points == 1:
+            # A short evaluation needs no line: the first one comes when it turns out to be long
+            self._last_line = self._last
+
+    def building(self, label: str) -> None:
+        """Show that the worlds of a point are built."""
+        where = f"{label}  " if label else ""
+        self.show(self._head(self._done // self._policies + 1), f"{where}building worlds", self._done)
 
     def running(self, label: str, policy: str, ended: int, share: float) -> None:
         """Show that a policy is evaluated.
@@ -251,6 +263,7 @@ def evaluate_grid(
     for point in points:
         if stop.requested:
             raise EvaluationStoppedError(point.label, 0, {})
+        display.building(point.label)
         recorder = TrailRecorder() if settings.trails else None
         begun = time.monotonic()
         found: PointResult | None = None

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from .evaluation import Evaluation
-from .grid import POLICY_NAMES, GridPoint, PointResult, axes_of, shown
+from .grid import POLICY_NAMES, GridPoint, PointResult, axes_of, shown, words
 from .pictures import GREY, INK, PALE, dress, new_figure, save_figure
 
 COLOURS = {"policy": "#0b6e99", "zero": GREY, "random": "#b8470f"}
@@ -77,13 +77,9 @@ def _lines(title: str, note: str, keys: dict[str, list[Any]], results: list[Poin
     axes.set_ylim(0.0, 100.0)
     axes.grid(axis="y", color=PALE, linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.set_xlabel(_words(key), color=INK)
+    axes.set_xlabel(words(key), color=INK)
     axes.set_ylabel("success rate [%]", color=INK)
     return figure
-
-
-def _words(key: str) -> str:
-    return key.replace("_", " ").replace(".", ": ")
 
 
 # ---- two keys and more ---------------------------------------------------------------------------------------------
@@ -111,10 +107,10 @@ def _heat_maps(title: str, note: str, keys: dict[str, list[Any]], results: list[
         image = _heat_map(axes, cells, len(rows), len(columns))
         axes.set_xticks(range(len(columns)), [shown(value) for value in columns])
         axes.set_yticks(range(len(rows)), [shown(value) for value in rows])
-        axes.set_xlabel(_words(across), color=INK)
-        axes.set_ylabel(_words(down), color=INK)
+        axes.set_xlabel(words(across), color=INK)
+        axes.set_ylabel(words(down), color=INK)
         if others:
-            text = ", ".join(f"{_words(key)} = {shown(value)}" for (key, _), value in zip(others, facet, strict=True))
+            text = ", ".join(f"{words(key)} = {shown(value)}" for (key, _), value in zip(others, facet, strict=True))
             axes.set_title(text, loc="left", fontsize=9, color=INK)
     if image is not None:
         bar = figure.colorbar(image, ax=panels, fraction=0.08, pad=0.02, aspect=18)

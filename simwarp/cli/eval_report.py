@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.box import SIMPLE
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Table
 
 from simwarp.cli import UsageError
@@ -21,6 +22,7 @@ from simwarp.train.grid import (
     PointResult,
     axes_of,
     shown,
+    words,
 )
 from simwarp.train.policies import PolicySource
 from simwarp.train.run_folder import write_json
@@ -79,9 +81,9 @@ class Report:
         Raises:
             UsageError: a file cannot be written.
         """
+        if not self.results and self.folder is not None and not any(self.folder.iterdir()):
+            self.folder.rmdir()
         if not self.results and self.stopped is None:
-            if self.folder is not None and not any(self.folder.iterdir()):
-                self.folder.rmdir()
             return False
         self.show(console)
         try:
@@ -109,8 +111,8 @@ class Report:
                     for result in self.results
                     if policy in result.evaluations
                 }
-                table = _matrix(title, keys, found) if len(keys) == 2 else _list(title, keys, found)
-                console.print(table)
+                shapes = ([_matrix] if len(keys) == 2 else []) + [_list, _short_list]
+                _show_table(console, [shape(title, keys, found) for shape in shapes])
         if self.stopped is not None:
             ends = ", ".join(f"{reason} {count}" for reason, count in self.stopped.end_reasons.items()) or "none"
             where = f" at {self.stopped.where}" if self.stopped.where else ""
@@ -180,30 +182,54 @@ def open_folder(wanted: Path | None, task: str, is_grid: bool) -> Path | None:
     return path
 
 
-def _table(title: str) -> Table:
-    return Table(title=title, title_justify="left", box=SIMPLE, padding=(0, 1, 0, 0))
+Cells = tuple[str, Sequence[str], Sequence[Sequence[str]]]
+"""Title, heads of the columns, rows."""
 
 
-def _interval(value: Evaluation) -> str:
-    low, high = value.success_ci95
-    return f"{low:.1%} - {high:.1%}"
+def _show_table(console: Console, choices: Sequence[Cells]) -> None:
+    """Print the first of some tables that the console is wide enough for, else the last one."""
+    made = [(title, _table(head, rows, tight)) for title, head, rows in choices for tight in (False, True)]
+    title, table = next(((title, table) for title, table in made if _fits(console, table)), made[-1])
+    console.print(title, style="italic", highlight=False, markup=False, soft_wrap=True)
+    console.print(table)
 
 
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], tight: bool) -> Table:
+    """Return a table of which no cell is cut; a ``tight`` one folds its heads."""
+    table = Table(box=SIMPLE, padding=(0, 1, 0, 0))
+    for index, name in enumerate(head):
+        last = name == _ENDS
+        pieces = [piece for row in rows for piece in (row[index].split(", ") if last else row[index].splitlines())]
+        pieces += name.split() if tight else [name]
+        width = max(map(len, pieces), default=0)
+        if last:
+            table.add_column(name, min_width=width + 1, overflow="fold")
+        else:
+            table.add_column(name, justify="right" if name else "left", width=width)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _fits(console: Console, table: Table) -> bool:
+    """Whether nothing of a table has to be cut."""
+    wide = console.options.update(max_width=10_000)
+    return Measurement.get(console, wide, table).minimum <= console.width
+
+
+def _interval(value: Evaluation, unit: str = "%") -> str:
+    low, high = (f"{100.0 * bound:.1f}{unit}" for bound in value.success_ci95)
+    return f"{low} - {high}"
+
+
+_ENDS = "ended by"
 _COLUMNS: dict[str, Callable[[Evaluation], str]] = {
     "return": lambda value: f"{value.mean_return:.1f} ± {value.std_return:.1f}",
     "length": lambda value: f"{value.mean_episode_length:.1f}",
     "success": lambda value: f"{value.success_rate:.1%}",
     "95 % interval": _interval,
-    "ended by": lambda value: ", ".join(f"{reason} {count}" for reason, count in value.end_reasons.items()),
+    _ENDS: lambda value: ", ".join(f"{reason} {count}" for reason, count in value.end_reasons.items()),
 }
-
-
-def _add_columns(table: Table) -> None:
-    for name in _COLUMNS:
-        if name == "ended by":
-            table.add_column(name, overflow="fold")
-        else:
-            table.add_column(name, justify="right", no_wrap=True)
 
 
 def _cells(value: Evaluation) -> list[str]:
@@ -212,12 +238,8 @@ def _cells(value: Evaluation) -> list[str]:
 
 def _show_point(console: Console, title: str, result: PointResult) -> None:
     """Print policies in rows."""
-    table = _table(title)
-    table.add_column("", no_wrap=True)
-    _add_columns(table)
-    for name, value in result.evaluations.items():
-        table.add_row(POLICY_NAMES[name], *_cells(value))
-    console.print(table)
+    rows = [[POLICY_NAMES[name], *_cells(value)] for name, value in result.evaluations.items()]
+    _show_table(console, [(title, ["", *_COLUMNS], rows)])
     for metric in result.evaluation.metrics:
         values = ", ".join(
             f"{POLICY_NAMES[name]} {value.metrics[metric]:.4g}" for name, value in result.evaluations.items()
@@ -225,27 +247,25 @@ def _show_point(console: Console, title: str, result: PointResult) -> None:
         console.print(f"{metric}: {values}", highlight=False)
 
 
-def _list(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Table:
-    """Return a table with the points in rows."""
-    table = _table(title)
-    for key in keys:
-        table.add_column(key, justify="right", no_wrap=True)
-    _add_columns(table)
-    for values, value in found.items():
-        table.add_row(*map(shown, values), *_cells(value))
-    return table
+def _list(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Cells:
+    """Return the points in rows."""
+    rows = [[*map(shown, values), *_cells(value)] for values, value in found.items()]
+    return title, [*map(words, keys), *_COLUMNS], rows
 
 
-def _matrix(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Table:
-    """Return a table with the first key in rows and the second in columns: success, and its interval below."""
+def _short_list(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Cells:
+    """Return the points in rows, with their success alone."""
+    rows = [[*map(shown, values), f"{value.success_rate:.1%}", _interval(value)] for values, value in found.items()]
+    return title, [*map(words, keys), "success", "95 % interval"], rows
+
+
+def _matrix(title: str, keys: dict[str, list[Any]], found: Mapping[tuple[Any, ...], Evaluation]) -> Cells:
+    """Return the first key in rows and the second in columns: success, and its interval below."""
     (down, rows), (across, columns) = keys.items()
-    table = _table(f"{title}, success and 95 % interval")
-    table.add_column(f"{down} \\ {across}", justify="right", no_wrap=True)
-    for other in columns:
-        table.add_column(shown(other), justify="right", no_wrap=True)
-    for value in rows:
-        cells = [found.get((value, other)) for other in columns]
-        table.add_row(
-            shown(value), *("-" if cell is None else f"{cell.success_rate:.1%}\n{_interval(cell)}" for cell in cells)
-        )
-    return table
+
+    def cell(value: Evaluation | None) -> str:
+        return "-" if value is None else f"{value.success_rate:.1%}\n{_interval(value, '')}"
+
+    lines = [[shown(value), *(cell(found.get((value, other))) for other in columns)] for value in rows]
+    head = [f"{words(down)} \\ {words(across)}", *map(shown, columns)]
+    return f"{title}; success and its 95 % interval", head, lines
