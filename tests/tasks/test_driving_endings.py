@@ -3,6 +3,8 @@ paid at the end and on the way.
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,7 +132,7 @@ def test_episodes_end_for_the_reason_that_is_played(case):
 
 @pytest.mark.parametrize("name", ["hallway", "barrier-track"])
 def test_a_lap_ends_where_it_began(name):
-    """The last part of one; a whole one is driven in a slow test."""
+    """The last part of one; whole ones are driven in a slow test."""
     speed = 1.5 if name == "hallway" else 8.0
     task = driving(name, 1, seed=7, speed=speed)
     left = 2.0 if name == "hallway" else 10.0
@@ -144,14 +146,38 @@ def test_a_lap_ends_where_it_began(name):
     assert float(results[-1].metrics["laps"][0]) == pytest.approx(1.0, abs=0.02)
 
 
+WHOLE: dict[str, tuple[str, dict[str, Any], Callable]] = {
+    "off-road": ("off-road", {"obstacles": 0}, lambda t: chase(t, t.goal, speed=9.0)),
+    "hills": ("off-road", {"obstacles": 0, "hills": 1.0, "hill_height": 5.0}, lambda t: chase(t, t.goal, speed=9.0)),
+    "hallway": ("hallway", {"tracks": 8}, follow_lane(0.75)),
+    "barrier-track": ("barrier-track", {"tracks": 8}, follow_lane(8.0)),
+    "convoy": ("convoy", {"latest_start": 0.1}, follow_leader),
+    "convoy generated": ("convoy", {"latest_start": 0.1, "generated": True}, follow_leader),
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hallway", "barrier-track"])
-def test_a_whole_lap_can_be_driven_in_time(name):
-    task = driving(name, 1, seed=7)
-    results, why = drive(task, follow_lane(task.config.speed), 2000)
-    assert why == "lap"
-    gained = sum(float(term(task, result, "progress")) for result in results) / task.config.progress_weight
-    assert gained == pytest.approx(float(task.routes.length[0]), abs=1.0)
+@pytest.mark.parametrize("case", WHOLE)
+def test_every_episode_can_be_won_in_time(case):
+    """By plain rules that know everything, on all tracks and many paths: goals are in reach, leaders are not too fast,
+    turns not too narrow.
+    """
+    name, options, policy = WHOLE[case]
+    task = driving(name, 8, seed=1, **options)
+    won = torch.zeros(8, dtype=torch.bool)
+    total = torch.zeros(8)
+    for _ in range(task.config.max_episode_steps):
+        result = task.step(policy(task))
+        first = (result.end_reason >= 0) & ~won
+        assert result.success[first].all()
+        if "progress" in task.reward_terms:
+            total += torch.where(won, 0.0, term(task, result, "progress") / task.config.progress_weight)
+        won |= first
+        if won.all():
+            break
+    assert won.all()
+    if name in ("hallway", "barrier-track"):
+        assert total.min() > float(task.routes.length.min()) - 1.0
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -314,6 +340,22 @@ def test_leader_and_truck_bump_when_their_outlines_overlap():
     for distance, expected in ((1.05 + 1.1 + 0.1, False), (1.05 + 1.1 - 0.1, True)):
         behind(task, distance, 0.5 * math.pi)  # beside it
         assert task._bumped().tolist() == [expected]
+
+
+def test_metrics_of_a_convoy_are_mean_deviation_distance_and_hits():
+    task = driving("convoy", 2, seed=1)
+    deviations = []
+    for _ in range(6):
+        result = task.step(held(task, 0.4, 0.5))
+        point, _ = task.pose()
+        deviations.append(task.routes.distance(task.route, point[:, :2]))
+    mean = torch.stack(deviations).mean(dim=0)
+    assert result.metrics["path_deviation"].tolist() == pytest.approx(mean.tolist(), rel=1e-5)
+    away = (task._leaders(task._time())[:, 0, :2].double() - point[:, :2]).norm(dim=1)
+    assert result.metrics["distance"].tolist() == pytest.approx(away.tolist(), abs=1e-4)
+    assert result.metrics["obstacle_hits"].tolist() == [0.0, 0.0]
+    _, results, _ = finish(*CASES["convoy collision"])
+    assert results[-1].metrics["obstacle_hits"].tolist() == [1.0]
 
 
 def test_no_reason_is_given_while_an_episode_runs():

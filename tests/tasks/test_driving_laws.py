@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 import torch
+from simwarp.tasks.replay import replay
 from simwarp.tasks.uncertainty import Curriculum, Driver
 
 from simwarp.interop import to_torch
@@ -99,6 +100,24 @@ def test_a_saved_state_goes_on_exactly(case):
     other.load_state_dict(state)
     assert_equal([seen], [copied(other.observe())])
     assert_equal(expected, roll(other, actions[5:], seed=None))
+
+
+@pytest.mark.parametrize("stop", [2, 11])
+def test_what_the_guard_keeps_repeats_a_drive(stop, tmp_path):
+    """One world alone, from its reset or from a snapshot: the world around it is drawn again."""
+    curriculum = Curriculum(driver=Driver.PROGRESS)
+    task = driving("off-road", 3, seed=5, guard_steps=6, hills=1.0, curriculum=curriculum)
+    task.on_iteration(0)
+    task.level.fill_(0.8)
+    task.restart(seed=6)
+    for action in random_actions(task, stop):
+        task.step(action)
+    guard = task.guard
+    guard._level.copy_(task.level[1:2])  # as it does when a world breaks down
+    guard.dump = guard._cut_out(1, stop - 1, int(task.episode_index[1]), int(task.episode_steps[1]))
+    report = replay(guard.write(tmp_path / "kept.npz"))
+    assert report.from_reset == (stop == 2)
+    assert report.largest_difference == 0.0
 
 
 @pytest.mark.parametrize("name", NAMES)
