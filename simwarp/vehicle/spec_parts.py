@@ -63,6 +63,8 @@ class Spec:
             check_finite(field.name, value)
             if value is None:
                 continue
+            if field.name in self.POSITIVE and value == ():
+                raise refuse(field.name, "one or more numbers", value)
             if field.name in self.POSITIVE and not all(v > 0.0 for v in _numbers(value)):
                 raise refuse(field.name, "positive", value)
             if field.name in self.NOT_NEGATIVE and not all(v >= 0.0 for v in _numbers(value)):
@@ -83,10 +85,16 @@ def _numbers(value: object) -> list[float]:
     return [float(v) for v in value] if isinstance(value, tuple) else []
 
 
+LARGEST = 1.0e15
+"""Of numbers of any unit: squares of larger ones are beyond single precision."""
+
+
 def check_finite(key: str, value: object) -> None:
-    """Refuse infinite and undefined numbers at any depth."""
+    """Refuse infinite, undefined and immense numbers at any depth."""
     if isinstance(value, float) and not math.isfinite(value):
         raise refuse(key, "a finite number", value)
+    if isinstance(value, (int, float)) and abs(value) > LARGEST:
+        raise refuse(key, f"below {LARGEST:g}", value)
     if isinstance(value, tuple):
         for item in value:
             check_finite(key, item)

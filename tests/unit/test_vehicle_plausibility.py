@@ -85,6 +85,9 @@ SPRING = f"{SUSPENSION}.springs.0"
         ("axles.1.tire.parameters.max_x", [-1, 2], "axles[1].tire.parameters.max_x: must be positive, got (-1.0, 2.0)"),
         ("axles.0.tire.template", "tmesy", "axles[0].tire.template: must be one of tmeasy, tmsimple, fiala,"),
         ("axles.0.tire.template", "rigid", "axles[0].tire.parameters.pattern: unknown key; known: friction,"),
+        ("axles.0.tire.radius", 1e300, "axles[0].tire.radius: must be below 1e+15, got 1e+300"),
+        ("driveline.rear_gear_ratio", 1e300, "driveline.rear_gear_ratio: must be below 1e+15"),
+        ("transmission.forward_ratios", [], "transmission.forward_ratios: must be one or more numbers, got ()"),
         (f"{SPRING}.spring_curve", [[0, 1], [0.1, 2], [0.05, 3]], "got x = 0.05 in [2] after 0.1; sort them by x"),
     ],
 )  # fmt: skip
