@@ -38,6 +38,8 @@ def draw_paths(path: Path, title: str, note: str, results: list[PointResult]) ->
     columns = len(axes_values[1]) if len(axes_values) == 2 else 0
     window = _common_window([trails for _, trails in shown])
     colours = _colours([trails for _, trails in shown])
+    if any(len(trails.paths) < result.evaluation.episodes for result, trails in shown):
+        title = f"{title}, first episodes of {max(len(trails.paths) for _, trails in shown)} worlds"
     figure, panels = _sheet(len(shown), window, title, note, colours, columns=columns, largest=6.0)
     for axes, (result, trails) in zip(panels, shown, strict=True):
         for points, colour in _common_lines(trails):
@@ -105,9 +107,12 @@ def _draw_paths(axes: Any, trails: Trails, colours: dict[End, str], worlds: rang
         if not paths:
             continue
         width = 1.6 if len(worlds) == 1 else 1.0
-        axes.add_collection(LineCollection(paths, colors=colour, linewidths=width, alpha=faint, zorder=2 + 0.1 * layer))
+        # Failures are what one looks for
+        alpha = faint if end[1] else max(faint, 0.6)
+        axes.add_collection(LineCollection(paths, colors=colour, linewidths=width, alpha=alpha, zorder=2 + 0.1 * layer))
         last = np.array([path[-1] for path in paths])
-        mark = {"marker": "o", "s": 12, "linewidths": 0.0} if end[1] else {"marker": "x", "s": 22, "linewidths": 1.2}
+        good = {"marker": "o", "s": 12 if len(worlds) < 100 else 7, "linewidths": 0.0}
+        mark = good if end[1] else {"marker": "x", "s": 22, "linewidths": 1.2}
         axes.scatter(last[:, 0], last[:, 1], color=colour, zorder=4 + 0.1 * layer, clip_on=False, **mark)
     starts = np.array([trails.paths[world][0] for world in worlds if len(trails.paths[world])]).reshape(-1, 2)
     axes.scatter(starts[:, 0], starts[:, 1], color=GREY, s=8, linewidths=0.0, zorder=3)
