@@ -148,7 +148,7 @@ def test_less_friction_brakes_less():
 
 VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "state": ("obstacle-avoidance", {"obs": "state"}),
-    "camera": ("convoy", SMALL),
+    "camera": ("barrier-track", SMALL),
 }
 
 
