@@ -37,15 +37,12 @@ class EvalOptions(CommonOptions):
     """Seed of the worlds, other than that of training."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
-    grid: tyro.conf.UseAppendAction[tuple[Annotated[str, tyro.conf.arg(metavar="KEY=a,b,c")], ...]] = ()
-    """KEY=a,b,c: evaluate for each value of a field of the task's configuration. May be repeated: then every
-    combination is evaluated, and two keys make a table."""
+    grid: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KEY=a,b,c")] = ()
+    """Evaluate for each value of a field of the task's configuration; given again, for every combination."""
     baselines: bool = True
-    """Evaluate the zero-action and the random policy too; with --grid only if asked for, since it takes thrice the
-    time."""
+    """Evaluate the zero-action and the random policy too; with --grid by default not: it takes thrice the time."""
     plot: Path | None = None
-    """Folder for results.json, a picture of the success rates and maps of the paths taken; by default TASK-eval with
-    --grid, none without."""
+    """Folder for results.json, rates and maps of paths as pictures; by default TASK-eval, but none without --grid."""
     runs: Path = Path("runs")
     """Folder of the run folders."""
 
