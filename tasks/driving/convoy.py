@@ -96,7 +96,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     per_world: ClassVar[tuple[str, ...]] = (*VEHICLE_ARRAYS, *Obstacles.model_arrays)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 300,
+        "iterations": 250,
         "num_envs": 256,
         "steps_per_iteration": 32,
         "network.init_std": 0.6,
@@ -175,7 +175,6 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._begun = torch.zeros(worlds, device=self.device)
         self._deviation = torch.zeros(worlds, device=self.device)
         self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
-        self._corner = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]], device=self.device)
         self._frame_steps = max(1, round(_FRAME_TIME / self.config.dt))
 
     def bind_scene(self, scene: Scene) -> None:
@@ -341,23 +340,17 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         return terms
 
     def _bumped(self) -> torch.Tensor:
-        """(W,) whether a corner of the truck is within the nearest leader, or the other way round."""
+        """(W,) whether a corner of the truck is within a leader, or the other way round."""
         point, heading = self.pose()
-        leader = self._leaders(self._time())[:, 0]
-        own, other = point.new_tensor(self.chassis_half[:2]).float(), point.new_tensor(LEADER_HALF[:2]).float()
-        away = (leader[:, :2] - point[:, :2].float()).unsqueeze(1)
-        turn = leader[:, 2] - heading
-
-        def touches(offset: torch.Tensor, turned: torch.Tensor, half: torch.Tensor, size: torch.Tensor) -> torch.Tensor:
-            corner = self._corner * size
-            cosine, sine = turned.cos().unsqueeze(1), turned.sin().unsqueeze(1)
-            x = offset[..., 0] + cosine * corner[:, 0] - sine * corner[:, 1]
-            y = offset[..., 1] + sine * corner[:, 0] + cosine * corner[:, 1]
-            return ((x.abs() < half[0]) & (y.abs() < half[1])).any(dim=1)
-
-        return touches(to_heading(away, heading), turn, own, other) | touches(
-            to_heading(-away, leader[:, 2]), -turn, other, own
-        )
+        leaders = self._leaders(self._time())
+        own, other = (torch.tensor(half[:2], device=self.device) for half in (self.chassis_half, LEADER_HALF))
+        touching = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
+        for leader in leaders.unbind(dim=1):
+            away = (leader[:, :2] - point[:, :2].float()).unsqueeze(1)
+            turn = leader[:, 2] - heading
+            touching |= corners_inside(to_heading(away, heading), turn, own, other)
+            touching |= corners_inside(to_heading(-away, leader[:, 2]), -turn, other, own)
+        return touching
 
     def _at_end(self) -> torch.Tensor:
         return (self._begun + (self._time() / DURATION).square() > 0.999) & ~self._hit
@@ -392,3 +385,19 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         point, heading = self.pose()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
         return Drawing(tuple(lines), View.TOP, ((-110.0, 110.0), (-110.0, 110.0)), panel=4.0)
+
+
+def corners_inside(away: torch.Tensor, turn: torch.Tensor, half: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
+    """Return (W,) bool: a corner of a rectangle lies within another one, which is about the origin.
+
+    Args:
+        away: (W, 1, 2) middle of the first, in axes of the second [m].
+        turn: (W,) of the first against the second [rad].
+        half: (2,) half lengths of the second [m].
+        other: (2,) half lengths of the first [m].
+    """
+    corner = other * other.new_tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
+    cosine, sine = turn.cos().unsqueeze(1), turn.sin().unsqueeze(1)
+    x = away[..., 0] + cosine * corner[:, 0] - sine * corner[:, 1]
+    y = away[..., 1] + sine * corner[:, 0] + cosine * corner[:, 1]
+    return ((x.abs() < half[0]) & (y.abs() < half[1])).any(dim=1)

@@ -210,7 +210,7 @@ class LappingTask(DrivingTask[LappingT]):
         return aside.abs() > self.lane_half
 
     def _lapped(self) -> torch.Tensor:
-        return self.progress >= self.routes.length[self.route]
+        return (self.progress >= self.routes.length[self.route]) & ~self.outside() & ~self.upset()
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``lap`` and ``failure``."""

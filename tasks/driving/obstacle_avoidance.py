@@ -7,6 +7,7 @@ are the original's.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -17,6 +18,7 @@ from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from ..registry import register
 from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
+from .ranging import RangeFan
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
@@ -28,6 +30,7 @@ ROAD_HALF_WIDTH = 7.5
 TRUCK_HALF_WIDTH = 1.2
 PILLAR_COLOR = (0.04, 0.04, 0.7)
 _LENGTHS = 25.0
+_REACH, _RAYS, _FAN = 30.0, 25, math.radians(150.0)
 _SPEED = 10.0
 
 
@@ -49,7 +52,7 @@ class ObstacleAvoidanceConfig(DrivingConfig):
     """Reward per metre nearer to the end."""
     bonus: float = 9.0
     """Reward at the end. The original pays 33 per metre and 3000 at the end: the same ratio."""
-    failure_weight: float = 10.0
+    failure_weight: float = 5.0
     """Taken for touching a pillar or leaving the road; the original takes nothing, and its trucks hurry."""
 
     def validate(self) -> None:
@@ -62,7 +65,8 @@ class ObstacleAvoidanceConfig(DrivingConfig):
 @register("obstacle-avoidance")
 class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
     """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; or, with
-    ``obs`` state, ``policy`` (W, 13): place across the road, heading, motion, inputs, and the next two pillars.
+    ``obs`` state, ``policy`` (W, 38): place across the road, heading, motion, inputs, the next two pillars, and ranges to
+    pillars in a fan of directions.
 
     Actions: steering (positive to the left), and throttle (positive) or brake (negative).
     """
@@ -76,12 +80,12 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         "num_envs": 256,
         "steps_per_iteration": 32,
         "network.init_std": 0.5,
-        "ppo.gamma": 0.995,
+        "ppo.gamma": 0.99,
         "ppo.entropy": 0.002,
     }
 
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "state": {"network.hidden": (128, 128)},
+        "state": {"network.hidden": (128, 64)},
         "camera": {"network.kind": "early-fusion"},
     }
 
@@ -117,6 +121,9 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         first = self.pillars[0]
         self._pillar_x = self._shape_x[:, first : first + len(self.pillars)]
         self._before = torch.zeros(self.num_worlds, dtype=torch.float64, device=self.device)
+        self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
+        radius = math.hypot(*PILLAR_HALF[:2])
+        self._pillar_radius = torch.full((self.num_worlds, len(PILLARS_X)), radius, device=self.device)
         self._far = torch.tensor([2.0 * _LENGTHS, 0.0], device=self.device)
 
     def begin_step(self) -> None:
@@ -143,6 +150,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         place = to_heading((self._pillar_x[..., :2] - point[:, :2].unsqueeze(1)).float(), heading)
         places = torch.cat([place, self._far.expand(self.num_worlds, 2, 2)], dim=1)
         index = (passed + torch.arange(2, device=self.device)).unsqueeze(2).expand(-1, -1, 2)
+        ranges = self._fan.ranges(place, self._pillar_radius)
         following = places.gather(1, index) / _LENGTHS
         policy = torch.cat(
             [
@@ -154,6 +162,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
                 heading.cos().unsqueeze(1),
                 ((self.config.end - point[:, :1]) / self.config.end).float(),
                 following.flatten(1),
+                1.0 - ranges / _REACH,
             ],
             dim=1,
         )

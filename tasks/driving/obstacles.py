@@ -96,8 +96,10 @@ class Obstacles:
         self._asset, self._enabled = views["shape_asset"], views["shape_enabled"]
         device = self._x.device
         self._hull = torch.tensor(self._hulls, dtype=torch.int32, device=device)
-        self._reach = torch.tensor([kind.prop.radius for kind in self.kinds], device=device)
-        self._height = torch.tensor([float(np.max(kind.prop.hull[:, 2])) for kind in self.kinds], device=device)
+        hulls = [kind.prop.hull for kind in self.kinds]
+        reach = [float(np.linalg.norm(hull[:, :2], axis=1).max()) for hull in hulls]
+        self._reach = torch.tensor(reach, dtype=torch.float32, device=device)
+        self._height = torch.tensor([float(hull[:, 2].max()) for hull in hulls], device=device)
         self._scale = torch.tensor([kind.scale for kind in self.kinds], device=device)
         self.place = self._x[..., :2].float()
         self.radius = torch.full(self.place.shape[:2], -1.0, device=device)

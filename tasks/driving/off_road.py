@@ -104,7 +104,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     per_world: ClassVar[tuple[str, ...]] = (*VEHICLE_ARRAYS, *Obstacles.model_arrays)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 400,
+        "iterations": 120,
         "num_envs": 256,
         "steps_per_iteration": 32,
         "network.init_std": 0.6,
@@ -319,7 +319,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         return terms
 
     def _at_goal(self) -> torch.Tensor:
-        return (self._distance() < self.config.goal_radius) & ~self._hit
+        return (self._distance() < self.config.goal_radius) & ~self._hit & ~self.upset()
 
     def _off_map(self) -> torch.Tensor:
         point, _ = self.pose()
