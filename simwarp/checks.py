@@ -22,6 +22,7 @@ from simwarp.types import (
     Vec3,
     VelocityMotor,
     finite_vector,
+    shown,
 )
 from simwarp.types import (
     pose as make_pose,
@@ -37,7 +38,7 @@ def finite_number(thing: str, field: str, value: Any, remedy: str = "pass a numb
     """`value` as a finite float, or a ModelError."""
     number = _number(value)
     if not math.isfinite(number):
-        raise ModelError(f"{thing}: {field} must be a finite number, got {value!r}; {remedy}")
+        raise ModelError(f"{thing}: {field} must be a finite number, got {shown(value)}; {remedy}")
     return number
 
 
@@ -45,7 +46,7 @@ def positive_number(thing: str, field: str, value: Any, unit: str, remedy: str) 
     """`value` as a finite float above zero, or a ModelError."""
     number = _number(value)
     if not (math.isfinite(number) and number > 0.0):
-        raise ModelError(f"{thing}: {field} must be finite and > 0 {unit}, got {value!r}; {remedy}")
+        raise ModelError(f"{thing}: {field} must be finite and > 0{unit and f' {unit}'}, got {shown(value)}; {remedy}")
     return number
 
 
@@ -62,7 +63,7 @@ def checked_pose(thing: str, value: Any) -> Pose:
     if value is None:
         return make_pose()
     if not isinstance(value, Pose):
-        raise ModelError(f"{thing}: pose must be a Pose, got {value!r}; write simwarp.pose(position, rotation)")
+        raise ModelError(f"{thing}: pose must be a Pose, got {shown(value)}; write simwarp.pose(position, rotation)")
     return make_pose(value.position, value.rotation)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from typing import Any, cast
 
@@ -21,7 +21,7 @@ from simwarp.kernels.world import Operation, Sizes, copy_rows, copy_worlds, make
 from simwarp.model import Model
 from simwarp.sensor_protocol import Sensor
 from simwarp.state import Control, State, initial_arrays
-from simwarp.types import ConeSolver, ContactModel, FrictionLaw, ModelError
+from simwarp.types import ConeSolver, ContactModel, FrictionLaw, ModelError, shown
 
 REFINED_MASS_RATIO = 100.0
 
@@ -99,7 +99,8 @@ class Simulation:
             With 1, every frame that is the latest after some `step` is there.
 
     Raises:
-        ModelError: dt, substeps or read_every is not usable, or two sensors have the same name.
+        ModelError: dt, substeps or read_every is not usable, two sensors have the same name, or one cannot be part of
+            this Simulation. No sensor belongs to it then, and all may be used in another.
     """
 
     def __init__(
@@ -129,6 +130,9 @@ class Simulation:
         self.control = Control(model, elements=bool(self.elements))
         self.diagnostics = Diagnostics(model, reactions=joint_reactions)
         self._config = self._step_config(joint_reactions)
+        for sensor in self.sensors:  # all of them before any belongs to this Simulation
+            if hasattr(sensor, "check"):
+                sensor.check(self, self._config.dt)
         solvers = _choice("solver", ConeSolver, self.solver.solver) != ConeSolver.APGD
         rescue = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
         self._all_solvers = solvers or (rescue if self.solver.rescue is None else self.solver.rescue)
@@ -252,7 +256,25 @@ class Simulation:
         return Snapshot(state, control, contacts, tuple(wp.clone(array) for array in self.memory))
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Brings back what `snapshot` held, in place: views and captured steps stay valid."""
+        """Brings back what `snapshot` held, in place: views and captured steps stay valid.
+
+        Raises:
+            ModelError: it is that of a Simulation with another model, other force elements or other sensors.
+        """
+        if not isinstance(snapshot, Snapshot):
+            raise ModelError(f"restore: snapshot must be a Snapshot, got {shown(snapshot)}; pass what snapshot() made")
+        rows = [(array.shape, array.dtype) for array in (self.state.body_x, self.state.joint_q, *self.memory)]
+        kept_rows = [
+            (array.shape, array.dtype)
+            for array in (snapshot.state.body_x, snapshot.state.joint_q, *snapshot.memory)
+        ]  # fmt: skip
+        if rows != kept_rows:
+            names = ", ".join(sensor.name for sensor in self.sensors) or "none"
+            raise ModelError(
+                "restore: the snapshot must be of a Simulation with the same model, force elements and sensors "
+                f"({names}), got one that keeps {len(snapshot.memory)} arrays of theirs instead of {len(self.memory)} "
+                "or other shapes; make it in this Simulation"
+            )
         self.state.copy_from(snapshot.state)
         self.contacts.copy_from(snapshot.contacts)
         for name in Control.NAMES:
@@ -379,6 +401,18 @@ class Simulation:
 
 def _named_apart(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
     """The sensors, whose names are all different: their randomness hangs on them."""
+    if not isinstance(sensors, (list, tuple)):
+        if isinstance(sensors, Iterable) and not isinstance(sensors, (str, bytes, dict)):
+            sensors = tuple(sensors)
+        else:
+            raise ModelError(f"Simulation: sensors must be a list, got {shown(sensors)}; write sensors=[...]")
+    for sensor in sensors:
+        known = all(hasattr(sensor, part) for part in ("name", "memory", "record", "begin"))
+        if isinstance(sensor, type) or not known:
+            raise ModelError(
+                f"Simulation: sensors must be sensors, got {shown(sensor)} among them; make one first, such as "
+                "Camera(scene, mount, config)"
+            )
     names = [sensor.name for sensor in sensors]
     for name in names:
         if names.count(name) > 1:

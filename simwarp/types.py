@@ -184,14 +184,40 @@ def pose(position: Vec3 = (0.0, 0.0, 0.0), rotation: Quat = (0.0, 0.0, 0.0, 1.0)
     return Pose(p, q / norm)
 
 
+LONGEST_VALUE: Final = 120
+
+
+def shown(value: object) -> str:
+    """A received value in one short line, for errors: NumPy's numbers as numbers, arrays by shape, objects by class."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    kind = type(value)
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        small = isinstance(value, np.ndarray) and value.size <= 6
+        return repr(value.tolist()) if small else f"an array of shape {tuple(value.shape)}"
+    if kind in (tuple, list) and len(value) <= 12:  # type: ignore[arg-type]
+        parts = [shown(part) for part in value]  # type: ignore[attr-defined]
+        text = f"[{', '.join(parts)}]" if kind is list else f"({', '.join(parts)}{',' * (len(parts) == 1)})"
+    elif kind.__repr__ is object.__repr__:
+        return f"a {kind.__name__}"
+    else:
+        text = " ".join(repr(value).split())
+    if len(text) <= LONGEST_VALUE:
+        return text
+    builtin = kind.__module__ == "builtins"
+    return f"{text[: LONGEST_VALUE - 4]} ..." if builtin else f"a {kind.__name__}"
+
+
 def finite_vector(thing: str, field: str, value: Vec3 | Quat, length: int) -> npt.NDArray[np.float64]:
     """`value` as float64 of the given length, or a ModelError that names it."""
     try:
         array = np.asarray(value, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError) as error:
-        raise ModelError(f"{thing}: {field} must be {length} numbers, got {value!r}; pass a sequence") from error
+        raise ModelError(f"{thing}: {field} must be {length} numbers, got {shown(value)}; pass a sequence") from error
     if array.shape != (length,) or not np.isfinite(array).all():
-        raise ModelError(f"{thing}: {field} must be {length} finite numbers, got {value!r}; pass a sequence")
+        raise ModelError(f"{thing}: {field} must be {length} finite numbers, got {shown(value)}; pass a sequence")
     return array
 
 

@@ -9,16 +9,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
 from simwarp.checks import checked_pose, finite_number, positive_number
 from simwarp.model import Model
 from simwarp.sensor_protocol import Sensor
-from simwarp.types import WORLD, ModelError, Pose, pose
+from simwarp.types import WORLD, ModelError, Pose, pose, shown
 
-__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index", "checked_outputs"]
+Config = TypeVar("Config")
+
+__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index", "checked_config", "checked_model", "checked_outputs"]
 
 
 class Steps(NamedTuple):
@@ -55,7 +57,7 @@ class Schedule:
         positive_number("Schedule", "rate", self.rate, "Hz", "give the frames per second")
         for field in ("window", "lag"):
             if not finite_number("Schedule", field, getattr(self, field), "use 0 for none") >= 0.0:
-                raise ModelError(f"Schedule: {field} must be >= 0 s, got {getattr(self, field)!r}; use 0 for none")
+                raise ModelError(f"Schedule: {field} must be >= 0 s, got {shown(getattr(self, field))}; use 0 for none")
         if self.window > (1.0 + 1.0e-9) / self.rate:
             raise ModelError(
                 f"Schedule: window must not be longer than a period (1 / rate = {1.0 / self.rate:.6g} s), "
@@ -93,6 +95,31 @@ class Mount:
         object.__setattr__(self, "pose", checked_pose("Mount", self.pose))
 
 
+def checked_model(sensor: str, model: Any) -> Model:
+    """The model that a sensor is made for, or a ModelError."""
+    if isinstance(model, Model):
+        return model
+    remedy = "pass scene.model" if isinstance(getattr(model, "model", None), Model) else "pass what finalize returned"
+    raise ModelError(f"sensor '{sensor}': model must be a Model, got {shown(model)}; {remedy}")
+
+
+def checked_config(sensor: str, config: Any, kind: type[Config], default: bool = True) -> Config:
+    """The configuration of a sensor; None: the default of its kind, where there is one.
+
+    Raises:
+        ModelError: it is that of another sort of sensors, or none at all.
+    """
+    if config is None and default:
+        return kind()
+    if isinstance(config, kind):
+        return config
+    hint = "a sort of its own: make_sensor chooses the class" if config is not None else "there is no default"
+    raise ModelError(
+        f"sensor '{sensor}': config must be of class {kind.__name__}, got {shown(config)}; write {kind.__name__}(...), "
+        f"{hint}"
+    )
+
+
 def body_index(sensor: str, body: int | str, model: Model) -> int:
     """Index of the body that a sensor names.
 
@@ -107,7 +134,7 @@ def body_index(sensor: str, body: int | str, model: Model) -> int:
     usable = isinstance(body, (int, np.integer)) and not isinstance(body, bool)
     if not usable or not (body == WORLD or 0 <= body < model.body_count):
         raise ModelError(
-            f"sensor '{sensor}': body must be WORLD (-1), an index below {model.body_count} or a name, got {body!r}; "
+            f"sensor '{sensor}': body must be WORLD (-1), an index below {model.body_count} or a name, got {shown(body)}; "
             "take what add_body returned"
         )
     return int(body)

@@ -65,8 +65,8 @@ class ObstacleAvoidanceConfig(DrivingConfig):
 @register("obstacle-avoidance")
 class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
     """Observations: ``camera`` (W, height, width, 3) uint8 and ``policy`` (W, 3): speed, yaw rate, steering; or, with
-    ``obs`` state, ``policy`` (W, 38): place across the road, heading, motion, inputs, the next two pillars, and ranges to
-    pillars in a fan of directions.
+    ``obs`` state, ``policy`` (W, 38): place across the road, heading, motion, inputs, the next two pillars, and ranges
+    to pillars in a fan of directions.
 
     Actions: steering (positive to the left), and throttle (positive) or brake (negative).
     """

@@ -301,7 +301,7 @@ def check_memory(name: str, worlds: int, per_world: int, device: Any) -> None:
     Raises:
         ModelError: they do not fit.
     """
-    there = int(device.total_memory) if device.is_cuda else os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    there = device_memory(device)
     needed = 2 * per_world * worlds
     if needed > there:
         raise ModelError(
