@@ -14,7 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
-from simwarp.types import ModelError, ShapeType
+from simwarp.types import ModelError, ShapeType, shown
 from simwarp.wide_tree import tree_tables
 
 Array = npt.NDArray[np.float64]
@@ -270,6 +270,21 @@ def height_field(heights: npt.ArrayLike, size: Sequence[float]) -> HeightField:
     return HeightField(values, (float(span[0]) / (columns - 1), float(span[1]) / (rows - 1)))
 
 
+def _indices(triangles: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Whole numbers, or a ModelError."""
+    try:
+        given = np.asarray(triangles)
+        whole = given.astype(np.int64)
+        same = given.dtype.kind != "b" and bool((whole == given).all())
+    except (TypeError, ValueError, OverflowError):
+        same = False
+    if not same:
+        raise ModelError(
+            f"mesh: triangles must be (T >= 1, 3) whole numbers, got {shown(triangles)}; pass indices of vertices"
+        )
+    return whole
+
+
 def triangle_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> TriangleMesh:
     """A mesh from (V, 3) vertices [m] and (T, 3) indices. Equal vertices become one, so that triangles know their
     neighbours; triangles without area go.
@@ -278,7 +293,7 @@ def triangle_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> Triangle
         ModelError: wrong shapes, values that are not finite, indices without vertices, or no triangle left.
     """
     points = np.asarray(vertices, dtype=np.float32)
-    corners = np.asarray(triangles, dtype=np.int64)
+    corners = _indices(triangles)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise ModelError(f"mesh: vertices must be (V, 3) finite numbers, got shape {points.shape}; pass metres")
     if corners.ndim != 2 or corners.shape[1] != 3 or corners.size == 0:

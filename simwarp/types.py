@@ -194,6 +194,7 @@ def shown(value: object) -> str:
     if isinstance(value, type):
         return f"the class {value.__name__}"
     kind = type(value)
+    classed = f"{'an' if kind.__name__[:1].upper() in tuple('AEIO') else 'a'} {kind.__name__}"
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         small = isinstance(value, np.ndarray) and value.size <= 6
         return repr(value.tolist()) if small else f"an array of shape {tuple(value.shape)}"
@@ -201,13 +202,12 @@ def shown(value: object) -> str:
         parts = [shown(part) for part in value]  # type: ignore[attr-defined]
         text = f"[{', '.join(parts)}]" if kind is list else f"({', '.join(parts)}{',' * (len(parts) == 1)})"
     elif kind.__repr__ is object.__repr__:
-        return f"a {kind.__name__}"
+        return classed
     else:
         text = " ".join(repr(value).split())
     if len(text) <= LONGEST_VALUE:
         return text
-    builtin = kind.__module__ == "builtins"
-    return f"{text[: LONGEST_VALUE - 4]} ..." if builtin else f"a {kind.__name__}"
+    return f"{text[: LONGEST_VALUE - 4]} ..." if kind.__module__ == "builtins" else classed
 
 
 def finite_vector(thing: str, field: str, value: Vec3 | Quat, length: int) -> npt.NDArray[np.float64]:

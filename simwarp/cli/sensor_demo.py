@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.model import resolve_device
-from simwarp.viewer.demo import LEAST_PANEL, sensor_demo
+from simwarp.viewer.demo import LEAST_PANEL, MOST_PANEL, sensor_demo
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,6 +73,8 @@ def _check(options: SensorDemoOptions) -> None:
             raise UsageError(f"cannot write '{file}': it must be a file in a folder that exists")
     if options.panel < LEAST_PANEL:
         raise UsageError(f"panel must be at least {LEAST_PANEL} pixels, got {options.panel}")
+    if options.panel > MOST_PANEL:
+        raise UsageError(f"panel must be at most {MOST_PANEL} pixels, got {options.panel}; four stand side by side")
     if options.seed < 0:
         raise UsageError(f"seed must not be negative, got {options.seed}")
 

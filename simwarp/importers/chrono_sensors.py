@@ -29,7 +29,7 @@ from simwarp.sensors.magnetometer import MagnetometerConfig
 from simwarp.sensors.noise import BiasWalk, Noise, NormalNoise
 from simwarp.sensors.radar import Clusters, RadarConfig
 from simwarp.sensors.reading import nearest
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 from simwarp.vehicle.spec import SpecError
 
 GAUSS: Final = 1.0e-4
@@ -64,6 +64,8 @@ def load_chrono_sensor(path: str | Path) -> Any:
     Raises:
         ModelError: a file that cannot be read, an unknown key, template or filter, or a value that breaks a rule.
     """
+    if not isinstance(path, (str, Path)):
+        raise ModelError(f"Chrono sensor: must be the path of a JSON file, got {shown(path)}; pass a str or a Path")
     try:
         node = Node.of_file(Path(path))
         _expect(node, "Type", ("Sensor",))

@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.checks import positive_number
 from simwarp.kernels.sensors.texture import Appearance, TextureKind
-from simwarp.types import ModelError, Vec3, finite_vector
+from simwarp.types import ModelError, Vec3, finite_vector, shown
 from simwarp.visual_mesh import Image, VisualMesh, linear_from_srgb
 
 Extent: TypeAlias = float | Sequence[float]
@@ -88,7 +88,8 @@ class AppearanceList:
         known = isinstance(texture, (ImageTexture, CheckerTexture, NoiseTexture))
         if not known:
             raise ModelError(
-                f"texture: must be an ImageTexture, CheckerTexture or NoiseTexture, got {texture!r}; make one of them"
+                "texture: must be an ImageTexture, CheckerTexture or NoiseTexture, "
+                f"got {shown(texture)}; make one of them"
             )
         if texture not in self._given:
             self._given[texture] = len(self._textures)

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Angles: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
@@ -18,6 +18,10 @@ Angles: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
 FULL_TURN = 2.0 * math.pi
 MAX_RADIUS = 5
 """Rings of rays within one beam: (2 · 5 - 1)² = 81 rays."""
+MOST_BEAMS = 2**24
+"""Of one scan."""
+ROUNDED = 1.0e-4
+"""By so much a turn or a right angle may be rounded, as 6.28319 or 1.5708 [rad]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -40,18 +44,21 @@ class BeamTable:
 
     def __post_init__(self) -> None:
         azimuth, elevation = _angles("azimuth", self.azimuth), _angles("elevation", self.elevation)
-        if np.abs(elevation).max() > 0.5 * math.pi + 1e-9:
+        if np.abs(elevation).max() > 0.5 * math.pi + ROUNDED:
             worst = float(elevation.flat[np.abs(elevation).argmax()])
             raise ModelError(f"BeamTable: elevation must lie within ±pi/2 rad, got {worst:.6g}; angles are in radians")
         object.__setattr__(self, "azimuth", azimuth)
+        elevation = np.clip(elevation, -0.5 * math.pi, 0.5 * math.pi)
+        elevation.setflags(write=False)
         object.__setattr__(self, "elevation", elevation)
         try:
-            self.angles()
+            rows, columns = self.shape
         except ValueError as error:
             raise ModelError(
                 f"BeamTable: azimuth and elevation must fit together, got shapes {azimuth.shape} and "
                 f"{elevation.shape}; pass (columns,) and (rows,), or (rows, columns) of either"
             ) from error
+        check_beam_count("BeamTable", columns, rows)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -73,6 +80,14 @@ class BeamTable:
         return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
 
+def check_beam_count(thing: str, columns: int, rows: int) -> None:
+    """Refuses more beams than `MOST_BEAMS`, before they are made."""
+    if int(columns) * int(rows) > MOST_BEAMS:
+        raise ModelError(
+            f"{thing}: columns x rows must be at most {MOST_BEAMS} beams, got {columns} x {rows}; use fewer"
+        )
+
+
 def beam_grid(
     columns: int,
     rows: int,
@@ -90,19 +105,23 @@ def beam_grid(
         elevation: of the first and the last row [rad]; one row lies in the middle.
 
     Raises:
-        ModelError: a count is no positive integer, or the azimuths span more than a turn.
+        ModelError: a count is no positive integer, there are too many beams, or the azimuths span more than a turn.
     """
     for name, count in (("columns", columns), ("rows", rows)):
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
             raise ModelError(f"beam_grid: {name} must be an integer >= 1, got {count!r}; pass the number of beams")
+    check_beam_count("beam_grid", columns, rows)
     ends = _angles("azimuth", azimuth)
     heights = _angles("elevation", elevation)
     if ends.shape != (2,) or heights.shape != (2,):
-        raise ModelError(f"beam_grid: azimuth and elevation must be (first, last), got {azimuth!r}, {elevation!r}")
+        raise ModelError(
+            f"beam_grid: azimuth and elevation must be (first, last), got {shown(azimuth)}, {shown(elevation)}; "
+            "pass two angles each"
+        )
     span = float(ends[1] - ends[0])
-    if abs(span) > FULL_TURN + 1e-6:
+    if abs(span) > FULL_TURN + 2.0 * ROUNDED:
         raise ModelError(f"beam_grid: azimuth must span at most 2 pi rad, got {abs(span):.6g}; angles are in radians")
-    if abs(span) > FULL_TURN - 1e-6:
+    if abs(span) > FULL_TURN - 2.0 * ROUNDED:
         turn = ends[0] + math.copysign(FULL_TURN, span) * np.arange(columns) / columns
         return BeamTable(azimuth=turn, elevation=_even(heights, rows))
     return BeamTable(azimuth=_even(ends, columns), elevation=_even(heights, rows))
@@ -118,7 +137,7 @@ class Beam:
         shape: "elliptic" (ring k has 8 k rays on an ellipse) or "rectangular" (a square grid).
 
     Raises:
-        ModelError: a divergence is negative or not below pi, a radius outside 1 to 5, an unknown shape.
+        ModelError: a divergence is negative or above pi/2, a radius outside 1 to 5, an unknown shape.
     """
 
     divergence: float | tuple[float, float] = 0.0
@@ -132,8 +151,11 @@ class Beam:
             raise ModelError(
                 f"Beam: divergence must be one angle or (horizontal, vertical), got {self.divergence!r}"
             ) from error
-        if not (np.isfinite(pair).all() and (pair >= 0.0).all() and (pair < math.pi).all()):
-            raise ModelError(f"Beam: divergence must be >= 0 and < pi rad, got {self.divergence!r}; use 0 for one ray")
+        if not (np.isfinite(pair).all() and (pair >= 0.0).all() and (pair <= 0.5 * math.pi).all()):
+            remedy = "use 0 for one ray" if not (pair > 0.0).all() else "it is in radians: math.radians(...) of degrees"
+            raise ModelError(
+                f"Beam: divergence must be >= 0 and at most pi/2 rad, got {shown(self.divergence)}; {remedy}"
+            )
         if isinstance(self.radius, bool) or not isinstance(self.radius, (int, np.integer)):
             raise ModelError(f"Beam: radius must be an integer, got {self.radius!r}; use 2 for 9 rays")
         if not 1 <= self.radius <= MAX_RADIUS:
@@ -176,14 +198,16 @@ def _angles(name: str, values: Any) -> Array:
     try:
         table = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ModelError(f"BeamTable: {name} must be a table of angles [rad], got {values!r}") from error
+        raise ModelError(
+            f"BeamTable: {name} must be a table of angles [rad], got {shown(values)}; pass numbers"
+        ) from error
     if table.ndim not in (1, 2) or table.size == 0:
         raise ModelError(
             f"BeamTable: {name} must hold at least one angle in one or two dimensions, got shape {table.shape}; "
             "pass (columns,) azimuths and (rows,) elevations"
         )
     if not np.isfinite(table).all():
-        raise ModelError(f"BeamTable: {name} must be finite [rad], got {values!r}")
+        raise ModelError(f"BeamTable: {name} must be finite [rad], got {shown(values)}; check the angles")
     table.setflags(write=False)
     return table
 

@@ -15,14 +15,15 @@ from simwarp.kernels.sensors.image import Camera as CameraNumbers
 from simwarp.kernels.sensors.image import Outputs, Views, aim_views, render
 from simwarp.rotation import quat_from_matrix
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.contract import Mount, Schedule
+from simwarp.sensors.contract import Mount, Schedule, checked_config
 from simwarp.sensors.image_noise import PER_WORLD as IMAGING_ARRAYS
 from simwarp.sensors.image_noise import Development, Imaging
 from simwarp.sensors.lenses import Lens, Pinhole
 from simwarp.sensors.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.lights import Lighting, Lights
+from simwarp.sensors.scanning import scene_model
 from simwarp.sensors.scene import ALL_GROUPS, Scene
-from simwarp.types import ModelError, Pose, Vec3, finite_vector, pose
+from simwarp.types import ModelError, Pose, Vec3, finite_vector, pose, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
@@ -39,6 +40,8 @@ OUTPUTS: Final[dict[str, tuple[int, int, Any]]] = {
 """Bit in the kernels, channels and dtype of each output."""
 LIGHT_OUTPUTS: Final = ("rgb", "grey")
 MOST_SAMPLES: Final = 16
+MOST_PIXELS: Final = 32768
+"""Along either side of an image."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -102,8 +105,8 @@ class Camera:
         self, scene: Scene, mount: Mount, config: CameraConfig | None = None, *,
         lights: Lights | Lighting | None = None, name: str = "camera", seed: int = 0, per_world: Iterable[str] = (),
     ) -> None:  # fmt: skip
-        config = CameraConfig() if config is None else config
-        model, wanted = scene.model, set(per_world)
+        config = checked_config(name, config, CameraConfig)
+        model, wanted = scene_model(f"camera '{name}'", scene), set(per_world)
         for unknown in sorted(wanted - {*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"}):
             known = ", ".join((*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
             raise ModelError(f"camera '{name}': per_world names an unknown array '{unknown}'; known: {known}")
@@ -146,6 +149,13 @@ class Camera:
     def memory(self) -> Mapping[str, wp.array]:
         """Frames, clock, and the light of a frame that is being collected."""
         return {**self.frames.memory, **({"sums": self._sums} if self._sums.size else {})}
+
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """See `sensor_protocol.Sensor`."""
+        lit = any(output in LIGHT_OUTPUTS for output in self.config.outputs)
+        blurred = lit and self.config.schedule.steps(dt).window > 1
+        sums = 12 * self.scene.model.world_count * self.config.width * self.config.height
+        self.frames.check(simulation, dt, sums if blurred else 0)
 
     def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
         """See `sensor_protocol.Sensor`."""
@@ -203,7 +213,11 @@ def camera_numbers(thing: str, config: CameraConfig) -> CameraNumbers:
     for field, least in (("width", 1), ("height", 1), ("samples", 1), ("groups", 0)):
         value = getattr(config, field)
         if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
-            raise ModelError(f"{thing}: {field} must be an integer >= {least}, got {value!r}")
+            raise ModelError(f"{thing}: {field} must be an integer >= {least}, got {shown(value)}")
+        if field in ("width", "height") and value > MOST_PIXELS:
+            raise ModelError(
+                f"{thing}: {field} must be an integer from 1 to {MOST_PIXELS}, got {value}; use fewer pixels"
+            )
     if config.samples > MOST_SAMPLES:
         raise ModelError(f"{thing}: samples must be at most {MOST_SAMPLES}, got {config.samples}: s x s rays are cast")
     names = tuple(config.outputs) if not isinstance(config.outputs, str) else ()
@@ -214,8 +228,20 @@ def camera_numbers(thing: str, config: CameraConfig) -> CameraNumbers:
         )
     near = finite_number(thing, "near", config.near, "0 sees everything")
     reach = finite_number(thing, "reach", config.reach, "pass metres")
-    if not 0.0 <= near < reach:
+    for field, number, rule, usable, remedy in (
+        ("near", near, ">= 0", near >= 0.0, "0 sees everything"),
+        ("reach", reach, "> 0", reach > 0.0, "give the largest distance that is seen"),
+    ):
+        if not usable:
+            raise ModelError(f"{thing}: {field} must be {rule} m, got {number:g}; {remedy}")
+    if not near < reach:
         raise ModelError(f"{thing}: 0 <= near < reach must hold, got near={near:g}, reach={reach:g} m; swap them")
+    if not isinstance(config.schedule, Schedule):
+        found = shown(config.schedule)
+        raise ModelError(f"{thing}: schedule must be a Schedule, got {found}; write Schedule(rate=...)")
+    if isinstance(config.lens, type) or not (hasattr(config.lens, "numbers") and hasattr(config.lens, "points")):
+        found = shown(config.lens)
+        raise ModelError(f"{thing}: lens must be a lens, got {found}; write Pinhole(fov=1.0), FishEye or Radial")
     numbers = CameraNumbers()
     numbers.width, numbers.height = int(config.width), int(config.height)
     numbers.lens = config.lens.numbers(config.height / config.width)
@@ -239,9 +265,15 @@ def lights_of(lights: Lights | Lighting | None, scene: Scene, per_world: Iterabl
     """The lights themselves, or those of a description on the scene's device.
 
     Raises:
-        ModelError: `per_world` is asked of lights that are there already.
+        ModelError: they are of another sort, device or number of worlds, or `per_world` is asked of lights that are
+            there already.
     """
+    if lights is not None and not isinstance(lights, (Lights, Lighting)):
+        raise ModelError(
+            f"camera: lights must be Lights or a Lighting, got {shown(lights)}; write Lighting(suns=[Sun(...)])"
+        )
     if isinstance(lights, Lights):
+        lights.check(scene.model)
         for name in per_world:
             raise ModelError(
                 f"camera: '{name}' belongs to the Lights, which are made already; make them with per_world"

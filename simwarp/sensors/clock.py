@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,15 +21,20 @@ from simwarp.kernels.sensors.clock import (
     publish_words,
 )
 from simwarp.kernels.sensors.motion import MountArrays
+from simwarp.memory import check_fits
 from simwarp.model import Model
-from simwarp.sensors.contract import Mount, Schedule, Steps, body_index
-from simwarp.types import ModelError
+from simwarp.sensors.contract import Mount, Schedule, Steps, body_index, checked_model
+from simwarp.types import ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
 
 LANES = 128
 """Threads that copy one world's frame on a GPU."""
+MOST_BYTES = 2**31 - 1
+"""Of one world's frame: kernels tell places in it by 32 bits."""
+MOST_WAITING = 2**20
+"""Frames of a world that wait to be published."""
 
 
 class Field(NamedTuple):
@@ -36,6 +42,28 @@ class Field(NamedTuple):
 
     shape: tuple[int, ...]
     dtype: Any
+
+
+def frame_bytes(field: Field) -> int:
+    """Bytes of one world's frame."""
+    return math.prod(int(length) for length in field.shape) * int(wp.types.type_size_in_bytes(field.dtype))
+
+
+def check_frames(sensor: str, fields: Mapping[str, Field], worlds: int, device: Any) -> None:
+    """Refuses frames that are too large, before they are allocated.
+
+    Raises:
+        ModelError: one world's frame cannot be addressed, or those of all worlds do not fit into memory.
+    """
+    for name, field in fields.items():
+        if frame_bytes(field) > MOST_BYTES:
+            raise ModelError(
+                f"sensor '{sensor}': one world's frame must be below 2 GiB, got '{name}' of "
+                f"{frame_bytes(field) / 2**30:.3g} GiB {field.shape}; take fewer pixels or beams"
+            )
+    needed = worlds * sum(frame_bytes(field) for field in fields.values())
+    what = f"sensor '{sensor}': the frames of {worlds} worlds"
+    check_fits(what, needed, device, "take fewer worlds, pixels or beams")
 
 
 def stream_of(seed: int, name: str) -> int:
@@ -57,7 +85,7 @@ def mount_arrays(sensor: str, mount: Mount, model: Model, copies: int = 1) -> Mo
         ModelError: the model has no such body.
     """
     if not isinstance(mount, Mount):
-        raise ModelError(f"sensor '{sensor}': mount must be a Mount, got {mount!r}; write Mount(body, pose)")
+        raise ModelError(f"sensor '{sensor}': mount must be a Mount, got {shown(mount)}; write Mount(body, pose)")
     arrays = MountArrays()
     arrays.body = body_index(sensor, mount.body, model)
     arrays.position = writable_from(np.tile(mount.pose.position, (copies, 1)), wp.vec3d, model.device)
@@ -89,6 +117,9 @@ class Frames:
                         self.mount, simulation.state.arrays, self.frames.tick], outputs=[self.frames.ring["data"]])]
 
                 return self.frames.record(simulation, dt, sample)
+
+            def check(self, simulation, dt):
+                self.frames.check(simulation, dt)
 
             def begin(self, simulation, mask):
                 self.frames.begin(simulation, mask)
@@ -127,8 +158,10 @@ class Frames:
     ) -> None:  # fmt: skip
         if not isinstance(schedule, Schedule):
             raise ModelError(
-                f"sensor '{sensor}': schedule must be a Schedule, got {schedule!r}; write Schedule(rate=...)"
+                f"sensor '{sensor}': schedule must be a Schedule, got {shown(schedule)}; write Schedule(rate=...)"
             )
+        checked_model(sensor, model)
+        check_frames(sensor, fields, model.world_count, model.device)
         self.sensor, self.schedule, self.model = sensor, schedule, model
         self._gradual = gradual
         self._fields = dict(fields)
@@ -175,12 +208,59 @@ class Frames:
         """The launches of a sub-step: the clock, what `sample` records, and publication.
 
         Raises:
-            ModelError: the sensor is part of another Simulation, or was made for another model.
+            ModelError: see `check`.
         """
+        self.check(simulation, dt)
+        try:
+            return self._record(simulation, dt, sample)
+        except BaseException:
+            self.ring = {}  # it belongs to no Simulation
+            raise
+
+    def check(self, simulation: Simulation, dt: float, more: int = 0) -> None:
+        """Refuses a Simulation that the sensor cannot be part of; changes nothing.
+
+        Args:
+            simulation: that is being made.
+            dt: of a sub-step [s].
+            more: bytes that the sensor itself will take beside the frames.
+
+        Raises:
+            ModelError: the sensor is part of another Simulation, was made for another model, or its frames in waiting
+                are too many for the memory.
+        """
+        thing = f"sensor '{self.sensor}'"
         if self.ring:
-            raise ModelError(f"sensor '{self.sensor}': is part of a Simulation already; make one for each")
+            raise ModelError(f"{thing}: is part of a Simulation already; make one for each")
         if simulation.model is not self.model:
-            raise ModelError(f"sensor '{self.sensor}': was made for another model than the Simulation's; use that one")
+            raise ModelError(f"{thing}: was made for another model than the Simulation's; use that one")
+        steps = self.schedule.steps(dt)
+        for what, count in (("period (1 / rate)", steps.period), ("lag", steps.lag)):
+            if count > MOST_BYTES:
+                raise ModelError(
+                    f"{thing}: its {what} must be below 2^31 sub-steps of {dt:g} s, got {float(count):g}; shorten it"
+                )
+        worlds, slots = self.model.world_count, self._slots(steps)
+        if slots > MOST_WAITING or worlds * slots > MOST_BYTES:
+            raise ModelError(
+                f"{thing}: at most {MOST_WAITING} frames may wait to be published, got {slots} with a lag of "
+                f"{self.schedule.lag:g} s at {self.schedule.rate:g} Hz; shorten the lag or lower the rate"
+            )
+        waiting = 0 if slots == 0 else worlds * slots * sum(frame_bytes(field) for field in self._fields.values())
+        what = f"{thing}: {slots} frames in waiting and the sums of {worlds} worlds"
+        remedy = "shorten the lag, take fewer worlds, or make its frames smaller"
+        check_fits(what, waiting + more, self.model.device, remedy)
+
+    def _slots(self, steps: Steps) -> int:
+        """Frames of a world that may be in waiting; 0: they are written where they are published.
+
+        A row is taken from the first write of a frame to its publication, which comes after the writes of a sub-step.
+        """
+        if steps.lag == 0 and (steps.window == 0 or not self._gradual):
+            return 0
+        return (steps.lag + (steps.window if self._gradual else 0)) // steps.period + 1
+
+    def _record(self, simulation: Simulation, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
         worlds, device = self.model.world_count, self.model.device
         self._set_clock(simulation, dt)
         advance = wp.launch(
@@ -208,10 +288,8 @@ class Frames:
         self.clock.every = simulation.read_every * simulation.substeps
         self.clock.random_phase = int(self.schedule.phase == "random")
         self.clock.stream = wp.uint64(self.stream)
-        # a row is taken from the first write of a frame to its publication, which comes after the writes of a sub-step
-        direct = steps.lag == 0 and (steps.window == 0 or not self._gradual)
-        busy = steps.lag + (steps.window if self._gradual else 0)
-        slots = 1 if direct else busy // steps.period + 1
+        direct = self._slots(steps) == 0
+        slots = max(self._slots(steps), 1)
         self.clock.slots = slots
         self._state.ring_time = wp.zeros(worlds * slots, dtype=wp.float64, device=device)
         for name, field in self._fields.items():

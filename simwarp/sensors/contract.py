@@ -113,10 +113,10 @@ def checked_config(sensor: str, config: Any, kind: type[Config], default: bool =
         return kind()
     if isinstance(config, kind):
         return config
-    hint = "a sort of its own: make_sensor chooses the class" if config is not None else "there is no default"
+    others = ", or give it to make_sensor, which finds the class" if dataclasses.is_dataclass(config) else ""
     raise ModelError(
-        f"sensor '{sensor}': config must be of class {kind.__name__}, got {shown(config)}; write {kind.__name__}(...), "
-        f"{hint}"
+        f"sensor '{sensor}': config must be of class {kind.__name__}, got {shown(config)}; "
+        f"write {kind.__name__}(...){others}"
     )
 
 
@@ -134,8 +134,8 @@ def body_index(sensor: str, body: int | str, model: Model) -> int:
     usable = isinstance(body, (int, np.integer)) and not isinstance(body, bool)
     if not usable or not (body == WORLD or 0 <= body < model.body_count):
         raise ModelError(
-            f"sensor '{sensor}': body must be WORLD (-1), an index below {model.body_count} or a name, got {shown(body)}; "
-            "take what add_body returned"
+            f"sensor '{sensor}': body must be WORLD (-1), an index below {model.body_count} or a name, "
+            f"got {shown(body)}; take what add_body returned"
         )
     return int(body)
 

@@ -16,10 +16,10 @@ from simwarp.kernels.sensors.encoders import EncoderArrays, RateMeter, sample_en
 from simwarp.model import Model
 from simwarp.rotation import unit_vector
 from simwarp.sensors.clock import mount_arrays
-from simwarp.sensors.contract import Mount, Schedule
+from simwarp.sensors.contract import Mount, Schedule, checked_config, checked_model
 from simwarp.sensors.instrument import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain, Numbers
-from simwarp.types import JointType, ModelError, RowKind, Vec3
+from simwarp.types import JointType, ModelError, RowKind, Vec3, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
@@ -96,8 +96,9 @@ class Encoder(Instrument):
         self, model: Model, coordinates: Coordinate | Sequence[Coordinate], config: EncoderConfig | None = None, *,
         name: str = "encoder", seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
-        self.config = EncoderConfig() if config is None else config
-        listed = [coordinates] if isinstance(coordinates, (str, int)) else list(coordinates)
+        self.config = checked_config(name, config, EncoderConfig)
+        checked_model(name, model)
+        listed = _listed(name, coordinates)
         self.dofs = [_column(name, item, model) for item in listed]
         count = len(self.dofs)
         if not count:
@@ -222,7 +223,7 @@ class Tachometer(Instrument):
         self, model: Model, source: Mount | Coordinate, config: TachometerConfig | None = None, *,
         name: str = "tachometer", seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
-        self.config = TachometerConfig() if config is None else config
+        self.config = checked_config(name, config, TachometerConfig)
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 1)}
         super().__init__(model, name, self.config.schedule, 1, noise, seed=seed, randomised=randomised)
         mount = source if isinstance(source, Mount) else Mount()
@@ -266,7 +267,7 @@ class Speedometer(Instrument):
         self, model: Model, mount: Mount, config: SpeedometerConfig | None = None, *, name: str = "speedometer",
         seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
-        self.config = SpeedometerConfig() if config is None else config
+        self.config = checked_config(name, config, SpeedometerConfig)
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 1)}
         super().__init__(model, name, self.config.schedule, 1, noise, seed=seed, randomised=randomised)
         self.mount: Any = mount_arrays(name, mount, model, self.copies)
@@ -300,6 +301,18 @@ def _record_rate(sensor: Tachometer | Speedometer, meter: Any, simulation: Simul
     )  # fmt: skip
 
 
+def _listed(sensor: str, coordinates: Any) -> list[Any]:
+    """One coordinate or several as a list."""
+    if isinstance(coordinates, (str, int, np.integer)):
+        return [coordinates]
+    if isinstance(coordinates, (list, tuple, np.ndarray)) and np.ndim(coordinates) == 1:
+        return list(coordinates)
+    raise ModelError(
+        f"sensor '{sensor}': coordinates must be joints by name or columns of joint_q, got {shown(coordinates)}; "
+        "an encoder sits on a joint: pass its name"
+    )
+
+
 def _column(sensor: str, item: Any, model: Model) -> int:
     """Column of `joint_q` of a coordinate."""
     if isinstance(item, str):
@@ -318,7 +331,7 @@ def _column(sensor: str, item: Any, model: Model) -> int:
     if not usable or not 0 <= item < model.dof_count:
         raise ModelError(
             f"sensor '{sensor}': a coordinate must be the name of a joint or a column below {model.dof_count}, "
-            f"got {item!r}; take model.dof(name)"
+            f"got {shown(item)}; take model.dof(name)"
         )
     return int(item)
 

@@ -12,10 +12,10 @@ from simwarp.checks import finite_number
 from simwarp.kernels.sensors.force import sample_forces, sample_touch
 from simwarp.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
-from simwarp.sensors.contract import Mount, Schedule, body_index
+from simwarp.sensors.contract import Mount, Schedule, body_index, checked_config
 from simwarp.sensors.instrument import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.types import WORLD, ModelError, Quat, pose
+from simwarp.types import WORLD, ModelError, Quat, pose, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
@@ -82,7 +82,7 @@ class ContactSensor(Instrument):
         self, model: Model, mount: Mount, config: ContactSensorConfig | None = None, *, name: str = "contact",
         seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
-        self.config = ContactSensorConfig() if config is None else config
+        self.config = checked_config(name, config, ContactSensorConfig)
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 3)}
         super().__init__(
             model, name, self.config.schedule, 3, noise, seed=seed, randomised=randomised,
@@ -142,7 +142,7 @@ class LoadCell(Instrument):
         self, model: Model, joint: str | int, config: LoadCellConfig | None = None, *, name: str = "load_cell",
         rotation: Quat = (0.0, 0.0, 0.0, 1.0), seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
-        self.config = LoadCellConfig() if config is None else config
+        self.config = checked_config(name, config, LoadCellConfig)
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {
             "noise": (self.config.noise, 3), "torque_noise": (self.config.torque_noise, 3),
         }  # fmt: skip
@@ -161,10 +161,17 @@ class LoadCell(Instrument):
         """Noise of the torque."""
         return self._chains["torque_noise"]
 
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """Refuses a Simulation that it cannot be part of."""
+        super().check(simulation, dt)
+        if simulation.diagnostics.joint_reaction_force.shape[0] == 0:
+            raise ModelError(
+                f"sensor '{self.name}': reactions must be recorded, got joint_reactions=False; "
+                "write Simulation(..., joint_reactions=True)"
+            )
+
     def _sample(self, simulation: Simulation) -> Sequence[Any]:
         reports = simulation.diagnostics
-        if reports.joint_reaction_force.shape[0] == 0:
-            raise ModelError(f"sensor '{self.name}': reactions are not recorded; Simulation(..., joint_reactions=True)")
         return [
             _record_forces(
                 self, self.mount, reports.joint_reaction_force, reports.joint_reaction_torque, self._joint, simulation
@@ -195,7 +202,7 @@ def _joint_index(sensor: str, joint: str | int, model: Model) -> int:
             raise ModelError(f"sensor '{sensor}': {error}") from None
     if isinstance(joint, bool) or not isinstance(joint, int) or not 0 <= joint < model.joint_count:
         raise ModelError(
-            f"sensor '{sensor}': joint must be a name or an index below {model.joint_count}, got {joint!r}; "
+            f"sensor '{sensor}': joint must be a name or an index below {model.joint_count}, got {shown(joint)}; "
             "take what add_joint_... returned"
         )
     return joint

@@ -15,7 +15,7 @@ from simwarp.kernels.sensors.geodesy import GeoFrame
 from simwarp.kernels.sensors.gps import GpsRings, sample_gps
 from simwarp.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
-from simwarp.sensors.contract import Mount, Schedule
+from simwarp.sensors.contract import Mount, Schedule, checked_config
 from simwarp.sensors.instrument import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.types import ModelError
@@ -143,7 +143,7 @@ class Gps(Instrument):
         self, model: Model, mount: Mount, config: GpsConfig | None = None, *, name: str = "gps", seed: int = 0,
         randomised: bool = False,
     ) -> None:  # fmt: skip
-        self.config = GpsConfig() if config is None else config
+        self.config = checked_config(name, config, GpsConfig)
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {
             "noise": (self.config.noise, 3), "velocity_noise": (self.config.velocity_noise, 3),
         }  # fmt: skip

@@ -12,7 +12,7 @@ import warp as wp
 from simwarp.arrays import WritableArray, writable_from
 from simwarp.checks import finite_number, positive_number
 from simwarp.kernels.sensors.develop import RESPONSE_STEPS, DevelopArrays
-from simwarp.types import ModelError, Vec3, finite_vector
+from simwarp.types import ModelError, Vec3, finite_vector, shown
 
 PER_WORLD: Final = ("exposure", "vignetting", "noise_mean", "noise_sigma", "noise_slope", "noise_intercept")
 """Arrays of `Development` that may differ by world."""
@@ -70,7 +70,7 @@ class Development:
 
     def __init__(self, imaging: Imaging, world_count: int, device: Any, per_world: Iterable[str] = ()) -> None:
         if not isinstance(imaging, Imaging):
-            raise ModelError(f"camera: imaging must be an Imaging, got {imaging!r}; write Imaging(exposure=...)")
+            raise ModelError(f"camera: imaging must be an Imaging, got {shown(imaging)}; write Imaging(exposure=...)")
         wanted = set(per_world)
         for name in sorted(wanted - set(PER_WORLD)):
             raise ModelError(f"camera: per_world names an unknown array '{name}'; known: {', '.join(PER_WORLD)}")
@@ -92,11 +92,11 @@ def _value(imaging: Imaging, name: str) -> tuple[Any, Any]:
     if name in ("noise_mean", "noise_sigma"):
         values = finite_vector("Imaging", name, (given,) * 3 if isinstance(given, (int, float)) else given, 3)
         if name == "noise_sigma" and values.min() < 0.0:
-            raise ModelError(f"Imaging: noise_sigma must be >= 0, got {given!r}; use 0 for none")
+            raise ModelError(f"Imaging: noise_sigma must be >= 0, got {shown(given)}; use 0 for none")
         return values.astype(np.float32), wp.vec3
     value = finite_number("Imaging", name, given)
     if value < 0.0:
-        raise ModelError(f"Imaging: {name} must be >= 0, got {given!r}; use 0 for none")
+        raise ModelError(f"Imaging: {name} must be >= 0, got {shown(given)}; use 0 for none")
     if name == "vignetting" and value > 1.0:
         raise ModelError(f"Imaging: vignetting must be between 0 and 1, got {given!r}; 1 is the cos⁴ law")
     return np.float32(value), wp.float32

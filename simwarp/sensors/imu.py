@@ -11,7 +11,7 @@ import warp as wp
 from simwarp.kernels.sensors.imu import InertialArrays, sample_inertial
 from simwarp.model import Model
 from simwarp.sensors.clock import mount_arrays
-from simwarp.sensors.contract import Mount, Schedule, checked_outputs
+from simwarp.sensors.contract import Mount, Schedule, checked_config, checked_outputs
 from simwarp.sensors.instrument import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
 
@@ -69,7 +69,7 @@ class Imu(Instrument):
         self, model: Model, mount: Mount, config: ImuConfig | None = None, *, name: str = "imu", seed: int = 0,
         randomised: bool = False,
     ) -> None:  # fmt: skip
-        self.config = ImuConfig() if config is None else config
+        self.config = checked_config(name, config, ImuConfig)
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {
             "accelerometer_noise": (self.config.accelerometer_noise, 3),
             "gyroscope_noise": (self.config.gyroscope_noise, 3),

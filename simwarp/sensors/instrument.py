@@ -9,7 +9,7 @@ import warp as wp
 
 from simwarp.model import Model
 from simwarp.sensors.clock import Field, Frames
-from simwarp.sensors.contract import Schedule
+from simwarp.sensors.contract import Schedule, checked_model
 from simwarp.sensors.noise import Noise, NoiseChain
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ class Instrument:
         randomised: bool = False, others: Mapping[str, Field] | None = None,
     ) -> None:  # fmt: skip
         self.name = name
+        checked_model(name, model)
         fields = {"data": Field((channels,), dtype), "truth": Field((channels,), dtype), **(others or {})}
         self.frames = Frames(name, schedule, model, fields, seed=seed)
         self.copies = model.world_count if randomised else 1
@@ -76,6 +77,10 @@ class Instrument:
         for option, chain in self._chains.items():
             kept |= {f"{option} {name}": array for name, array in chain.memory.items()}
         return kept
+
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """Refuses a Simulation that it cannot be part of."""
+        self.frames.check(simulation, dt)
 
     def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
         """Launches of one sub-step."""

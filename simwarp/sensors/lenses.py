@@ -18,7 +18,8 @@ import warp as wp
 from simwarp.checks import finite_number
 from simwarp.kernels.sensors.lens import Lens as LensNumbers
 from simwarp.kernels.sensors.lens import LensKind
-from simwarp.types import ModelError
+from simwarp.sensors.beams import ROUNDED
+from simwarp.types import ModelError, shown
 
 Array = npt.NDArray[np.float64]
 
@@ -72,13 +73,15 @@ class FishEye:
     proportion to the distance from the middle.
 
     Attributes:
-        fov: angle between the left and the right edge of the image [rad], at most 2 pi.
+        fov: angle between the left and the right edge of the image [rad], at most 2 pi (1e-4 more is a
+            rounded 2 pi).
     """
 
     fov: float = math.pi
 
     def __post_init__(self) -> None:
-        _check_angle("FishEye", self.fov, _FULL_TURN * (1.0 + 1e-9), "there is no more to see")
+        _check_angle("FishEye", self.fov, _FULL_TURN + ROUNDED, "there is no more to see")
+        object.__setattr__(self, "fov", min(self.fov, _FULL_TURN))
 
     def numbers(self, aspect: float) -> LensNumbers:
         """See `Lens`."""
@@ -223,5 +226,6 @@ def _check_angle(name: str, fov: float, limit: float, remedy: str) -> None:
     value = finite_number(f"{name} lens", "fov", fov, "pass an angle in rad")
     if not 0.0 < value < limit:
         raise ModelError(
-            f"{name} lens: fov must be above 0 and below {limit:.4g} rad, got {fov!r}; it is in radians, and {remedy}"
+            f"{name} lens: fov must be above 0 and below {limit:.4g} rad, got {shown(fov)}; "
+            f"it is in radians, and {remedy}"
         )

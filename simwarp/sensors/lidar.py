@@ -14,7 +14,7 @@ from simwarp.kernels.sensors.lidar import LidarFlaws, LidarSettings, count_retur
 from simwarp.kernels.sensors.returns import ReturnMode
 from simwarp.sensors.beams import Beam, BeamTable
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.contract import Mount, Schedule
+from simwarp.sensors.contract import Mount, Schedule, checked_config
 from simwarp.sensors.scanning import (
     PerWorld,
     check_choice,
@@ -29,7 +29,7 @@ from simwarp.sensors.scanning import (
     wanted_per_world,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
@@ -104,7 +104,7 @@ class LidarConfig:
         for field, kind in (("schedule", Schedule), ("beams", BeamTable), ("beam", Beam), ("noise", LidarNoise)):
             if not isinstance(getattr(self, field), kind):
                 value = getattr(self, field)
-                raise ModelError(f"LidarConfig: {field} must be a {kind.__name__}, got {value!r}; construct one")
+                raise ModelError(f"LidarConfig: {field} must be a {kind.__name__}, got {shown(value)}; construct one")
         check_choice("LidarConfig", "mode", self.mode, MODES)
         check_choice("LidarConfig", "miss", self.miss, MISSES)
         check_reach("LidarConfig", self.near, self.far)
@@ -126,7 +126,7 @@ class Lidar:
     Args:
         scene: what it sees (`Visuals.finalize`).
         mount: where it sits.
-        config: see `LidarConfig`.
+        config: see `LidarConfig`; there is no default.
         name: unique in a Simulation; part of its randomness.
         seed: of its randomness.
         per_world: names of numbers of the noise, and "mount", that get a row per world, to be written between steps.
@@ -140,11 +140,12 @@ class Lidar:
     """
 
     def __init__(
-        self, scene: Scene, mount: Mount, config: LidarConfig, *, name: str = "lidar", seed: int = 0,
+        self, scene: Scene, mount: Mount, config: LidarConfig | None = None, *, name: str = "lidar", seed: int = 0,
         per_world: Iterable[str] = (),
     ) -> None:  # fmt: skip
         thing = f"lidar '{name}'"
         model = scene_model(thing, scene)
+        config = checked_config(name, config, LidarConfig, default=False)
         self.name, self.model, self.config, self.scene = name, model, config, scene
         wanted = wanted_per_world(thing, per_world, vars(config.noise), ("mount",))
         self.returns = 2 if config.mode == "dual" else 1
@@ -202,6 +203,10 @@ class Lidar:
     def memory(self) -> Mapping[str, wp.array]:
         """Clock and frames."""
         return self.frames.memory
+
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """Refuses a Simulation that it cannot be part of."""
+        self.frames.check(simulation, dt)
 
     def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
         """The launches of a sub-step."""

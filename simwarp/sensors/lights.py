@@ -13,8 +13,9 @@ import warp as wp
 from simwarp.arrays import WritableArray, writable_from
 from simwarp.checks import finite_number
 from simwarp.kernels.sensors.shade import LightArrays
+from simwarp.model import Model
 from simwarp.rotation import unit_vector
-from simwarp.types import ModelError, Vec3, finite_vector
+from simwarp.types import ModelError, Vec3, finite_vector, shown
 
 Color = float | Vec3
 
@@ -67,6 +68,9 @@ class Lighting:
         below: colour of what lies below the horizon where there is nothing; None: that of the horizon.
         fog_density: b of exp(-b distance) [1/m].
         fog: its colour; None: that of the horizon.
+
+    Raises:
+        ModelError: a value breaks its rule.
     """
 
     suns: Sequence[Sun] = (Sun(),)
@@ -80,6 +84,10 @@ class Lighting:
     below: Color | None = None
     fog_density: float = 0.0
     fog: Color | None = None
+
+    def __post_init__(self) -> None:
+        finite_number("Lighting", "shadow_reach", self.shadow_reach, "pass metres")
+        _values(self)
 
 
 class Lights:
@@ -116,24 +124,56 @@ class Lights:
     fog_color: WritableArray
 
     def __init__(self, lighting: Lighting, world_count: int, device: Any, per_world: Iterable[str] = ()) -> None:
+        if not isinstance(lighting, Lighting):
+            raise ModelError(f"lights: lighting must be a Lighting, got {shown(lighting)}; write Lighting(...)")
+        whole = isinstance(world_count, (int, np.integer)) and not isinstance(world_count, bool)
+        if not whole or world_count < 1:
+            raise ModelError(
+                f"lights: world_count must be an integer >= 1, got {shown(world_count)}; pass model.world_count"
+            )
         wanted = set(per_world)
         for name in sorted(wanted - set(PER_WORLD)):
             raise ModelError(f"lights: per_world names an unknown array '{name}'; known: {', '.join(PER_WORLD)}")
         self.arrays = LightArrays()
         self.arrays.shadows = int(lighting.shadows)
-        self.arrays.shadow_reach = finite_number("Lighting", "shadow_reach", lighting.shadow_reach, "pass metres")
+        self.arrays.shadow_reach = float(lighting.shadow_reach)
         for name, (values, dtype) in _values(lighting).items():
             copies = world_count if name in wanted else 1
             array = writable_from(np.repeat(values[None], copies, axis=0), dtype, device)
             setattr(self, name, array)
             setattr(self.arrays, name, array)
 
+    def check(self, model: Model) -> None:
+        """Refuses a model of another device, or of another number of worlds where these have lights of their own.
+
+        Raises:
+            ModelError: they do not fit.
+        """
+        for name in PER_WORLD:
+            array: wp.array = getattr(self, name)
+            if array.device != model.device:
+                raise ModelError(
+                    f"lights: device must be that of the model, {model.device}, got {array.device}; pass model.device"
+                )
+            if array.shape[0] not in (1, model.world_count):
+                raise ModelError(
+                    f"lights: '{name}' must have 1 row or one for each of {model.world_count} worlds, "
+                    f"got {array.shape[0]}; make the Lights with model.world_count"
+                )
+
 
 def _values(lighting: Lighting) -> dict[str, tuple[npt.NDArray[Any], Any]]:
     """One world's values, and their types."""
     density = finite_number("Lighting", "fog_density", lighting.fog_density, "use 0 for none")
     if density < 0.0:
-        raise ModelError(f"Lighting: fog_density must be >= 0 1/m, got {density!r}; use 0 for none")
+        raise ModelError(f"Lighting: fog_density must be >= 0 1/m, got {density:g}; use 0 for none")
+    for field, kind in (("suns", Sun), ("lamps", Lamp)):
+        given = getattr(lighting, field)
+        if not isinstance(given, (list, tuple)) or not all(isinstance(each, kind) for each in given):
+            raise ModelError(
+                f"Lighting: {field} must be a list of {kind.__name__}, got {shown(given)}; "
+                f"write {field}=[{kind.__name__}(...)]"
+            )
     fog = lighting.horizon if lighting.fog is None else lighting.fog
     below = lighting.horizon if lighting.below is None else lighting.below
     directions = [unit_vector("Sun", "direction", sun.direction) for sun in lighting.suns]
@@ -165,5 +205,5 @@ def checked_color(thing: str, field: str, color: Color) -> npt.NDArray[np.float3
     """
     values = finite_vector(thing, field, (color,) * 3 if isinstance(color, (int, float)) else color, 3)
     if values.min() < 0.0:
-        raise ModelError(f"{thing}: {field} must be >= 0, got {color!r}; 1 is white")
+        raise ModelError(f"{thing}: {field} must be >= 0, got {shown(color)}; 1 is white")
     return values.astype(np.float32)

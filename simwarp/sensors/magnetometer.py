@@ -13,7 +13,7 @@ from simwarp.checks import finite_number
 from simwarp.kernels.sensors.gps import sample_magnetometer
 from simwarp.model import Model
 from simwarp.sensors.clock import mount_arrays
-from simwarp.sensors.contract import Mount, Schedule
+from simwarp.sensors.contract import Mount, Schedule, checked_config
 from simwarp.sensors.gps import GeoOrigin, geo_frame
 from simwarp.sensors.instrument import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
@@ -74,7 +74,7 @@ class Magnetometer(Instrument):
         self, model: Model, mount: Mount, config: MagnetometerConfig | None = None, *, name: str = "magnetometer",
         seed: int = 0, randomised: bool = False,
     ) -> None:  # fmt: skip
-        self.config = MagnetometerConfig() if config is None else config
+        self.config = checked_config(name, config, MagnetometerConfig)
         noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 3)}
         super().__init__(model, name, self.config.schedule, 3, noise, seed=seed, randomised=randomised)
         self.mount: Any = mount_arrays(name, mount, model, self.copies)

@@ -42,7 +42,7 @@ from simwarp.sensors.magnetometer import Magnetometer, MagnetometerConfig
 from simwarp.sensors.radar import Radar, RadarConfig
 from simwarp.sensors.reading import Place, build_object, made, nearest, read_object
 from simwarp.sensors.scene import Scene
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 
 
 class Kind(NamedTuple):
@@ -85,8 +85,13 @@ def load_config(path_or_name: str | Path, **changes: Any) -> Any:
         ModelError: unknown name, unreadable file, an unknown or missing key, or a value that breaks a rule.
     """
     path = _path_of(path_or_name)
-    members = read_object(path)
     place = Place(path.name)
+    if _is_of_chrono(path):
+        raise place.error(
+            "must be a file of simwarp, got one of Project Chrono; read it with "
+            "simwarp.importers.chrono_sensors.load_chrono_sensor(path)"
+        )
+    members = read_object(path)
     sort = members.pop("sensor", None)
     if sort is None:
         raise place.at("sensor").error(f"missing; give one of {', '.join(KINDS)}")
@@ -122,12 +127,14 @@ def make_sensor(config: Any, world: Scene | Model, place: Any, *, name: str | No
     sort = next((sort for sort, kind in KINDS.items() if type(config) is kind.config), None)
     if sort is None:
         known = ", ".join(kind.config.__name__ for kind in KINDS.values())
-        raise ModelError(f"make_sensor: config must be one of {known}, got {config!r}; take what load_config returns")
+        raise ModelError(
+            f"make_sensor: config must be one of {known}, got {shown(config)}; take what load_config returns"
+        )
     kind, thing = KINDS[sort], f"{sort} '{name or sort}'"
     if kind.sees and not isinstance(world, Scene):
-        raise ModelError(f"{thing}: world must be a Scene, got {world!r}; write visuals.finalize(model)")
+        raise ModelError(f"{thing}: world must be a Scene, got {shown(world)}; write visuals.finalize(model)")
     if not isinstance(world, (Scene, Model)):
-        raise ModelError(f"{thing}: world must be a Model or a Scene, got {world!r}; take what finalize returned")
+        raise ModelError(f"{thing}: world must be a Model or a Scene, got {shown(world)}; take what finalize returned")
     target = world if kind.sees or isinstance(world, Model) else world.model
     sensor: Sensor = kind.sensor(target, place, config, name=name or sort, **options)
     return sensor
@@ -150,10 +157,21 @@ def load_sensor(
     return make_sensor(config, world, place, name=name or _path_of(path_or_name).stem, **options)
 
 
+def _is_of_chrono(path: Path) -> bool:
+    """Whether a file has the keys of Chrono's."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False  # told by who reads it
+    return all(f'"{key}"' in text for key in ("Type", "Template")) and '"sensor"' not in text
+
+
 def _path_of(path_or_name: str | Path) -> Path:
     """The file of a name, in any case and with or without hyphens, or the path itself."""
     if not isinstance(path_or_name, (str, Path)):
-        raise ModelError(f"sensor: must be a name or the path of a JSON file, got {path_or_name!r}")
+        raise ModelError(
+            f"sensor: must be a name or the path of a JSON file, got {shown(path_or_name)}; `simwarp list` has names"
+        )
     text = str(path_or_name)
     if isinstance(path_or_name, Path) or text.endswith(".json") or "/" in text or "\\" in text:
         return Path(path_or_name)

@@ -15,7 +15,7 @@ from simwarp.kernels.sensors.clusters import CLUSTER_CHANNELS, ClusterFrames, Cl
 from simwarp.kernels.sensors.radar import CHANNELS, RadarFlaws, scan_radar
 from simwarp.sensors.beams import BeamTable
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.contract import Mount, Schedule
+from simwarp.sensors.contract import Mount, Schedule, checked_config
 from simwarp.sensors.scanning import (
     PerWorld,
     check_reach,
@@ -29,7 +29,7 @@ from simwarp.sensors.scanning import (
     wanted_per_world,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
@@ -121,7 +121,7 @@ class RadarConfig:
         for field, kind in (("schedule", Schedule), ("rays", BeamTable), ("noise", RadarNoise)):
             if not isinstance(getattr(self, field), kind):
                 value = getattr(self, field)
-                raise ModelError(f"RadarConfig: {field} must be a {kind.__name__}, got {value!r}; construct one")
+                raise ModelError(f"RadarConfig: {field} must be a {kind.__name__}, got {shown(value)}; construct one")
         if not (self.clusters is None or isinstance(self.clusters, Clusters)):
             raise ModelError(f"RadarConfig: clusters must be None or Clusters, got {self.clusters!r}")
         check_reach("RadarConfig", self.near, self.far)
@@ -138,7 +138,7 @@ class Radar:
     Args:
         scene: what it sees (`Visuals.finalize`).
         mount: where it sits; x ahead, y left, z up.
-        config: see `RadarConfig`.
+        config: see `RadarConfig`; there is no default.
         name: unique in a Simulation; part of its randomness.
         seed: of its randomness.
         per_world: names of numbers of the noise, "mount" and "backscatter", that get a row per world, to be written
@@ -154,11 +154,12 @@ class Radar:
     """
 
     def __init__(
-        self, scene: Scene, mount: Mount, config: RadarConfig, *, name: str = "radar", seed: int = 0,
+        self, scene: Scene, mount: Mount, config: RadarConfig | None = None, *, name: str = "radar", seed: int = 0,
         per_world: Iterable[str] = (),
     ) -> None:  # fmt: skip
         thing = f"radar '{name}'"
         model = scene_model(thing, scene)
+        config = checked_config(name, config, RadarConfig, default=False)
         self.name, self.model, self.config, self.scene = name, model, config, scene
         wanted = wanted_per_world(thing, per_world, vars(config.noise), ("mount", "backscatter"))
         rows, columns = config.rays.shape
@@ -216,6 +217,10 @@ class Radar:
         """Clock and frames."""
         return self.frames.memory
 
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """Refuses a Simulation that it cannot be part of."""
+        self.frames.check(simulation, dt, self._scratch_bytes())
+
     def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
         """The launches of a sub-step."""
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
@@ -256,6 +261,12 @@ class Radar:
             ],
             outputs=[results],
         )  # fmt: skip
+
+    def _scratch_bytes(self) -> int:
+        """Bytes of what gathers the clusters."""
+        rays = self.config.rays.shape[0] * self.config.rays.shape[1]
+        words = 12 + (1 << (2 * rays - 1).bit_length()) / rays
+        return 0 if self.config.clusters is None else round(4 * self.model.world_count * rays * words)
 
     def _of_clusters(self, name: str) -> wp.array:
         if self.config.clusters is None:

@@ -19,7 +19,7 @@ from simwarp.model import Model
 from simwarp.sensors.beams import BeamTable
 from simwarp.sensors.clock import Frames
 from simwarp.sensors.scene import Scene
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 
 PerWorld: TypeAlias = float | Sequence[float] | npt.NDArray[np.floating]
 """A number for all worlds, or one for each."""
@@ -35,7 +35,9 @@ def check_reach(thing: str, near: Any, far: Any) -> None:
     """0 <= near < far, or a ModelError."""
     positive_number(thing, "far", far, "m", "give the largest range")
     if not 0.0 <= finite_number(thing, "near", near, "use 0 for none") < float(far):
-        raise ModelError(f"{thing}: near must be >= 0 m and below far = {far!r} m, got {near!r}; use 0 for none")
+        raise ModelError(
+            f"{thing}: near must be >= 0 m and below far = {shown(far)} m, got {shown(near)}; use 0 for none"
+        )
 
 
 def check_shares(thing: str, field: str, value: Any, limit: float | None) -> None:
@@ -48,13 +50,15 @@ def check_shares(thing: str, field: str, value: Any, limit: float | None) -> Non
     rule = ">= 0" if limit is None else f"between 0 and {limit:g}"
     good = numbers.size > 0 and np.isfinite(numbers).all() and (numbers >= 0.0).all() and (numbers <= top).all()
     if not good or numbers.ndim > 1:
-        raise ModelError(f"{thing}: {field} must be {rule}, a number or one per world, got {value!r}; use 0 for none")
+        raise ModelError(
+            f"{thing}: {field} must be {rule}, a number or one per world, got {shown(value)}; use 0 for none"
+        )
 
 
 def scene_model(sensor: str, scene: Any) -> Model:
     """The model of what should be a Scene, or a ModelError."""
     if not isinstance(scene, Scene):
-        raise ModelError(f"{sensor}: scene must be a Scene, got {scene!r}; write visuals.finalize(model)")
+        raise ModelError(f"{sensor}: scene must be a Scene, got {shown(scene)}; write visuals.finalize(model)")
     return scene.model
 
 

@@ -20,7 +20,7 @@ from simwarp.model import Model
 from simwarp.sensors.appearance import AppearanceList, Texture
 from simwarp.shapes import checked_size, loaded_mesh
 from simwarp.state import State
-from simwarp.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector
+from simwarp.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
 from simwarp.visual_mesh import VisualMesh
 from simwarp.wide_tree import NODE_WORDS, WIDTH, tree_tables
 
@@ -67,7 +67,7 @@ class Visuals:
     """Instances over a builder's world, before `finalize`. All its shapes are seen as they are, unless hidden.
 
     Args:
-        builder: with its shapes; those added later are not seen.
+        builder: with its shapes; those that are added to it later are seen too, and come after what is there by then.
     """
 
     def __init__(self, builder: ModelBuilder) -> None:
@@ -75,10 +75,9 @@ class Visuals:
         self.meshes: list[TriangleMesh] = []
         self.mesh_looks: list[VisualMesh | None] = []
         self.textures = AppearanceList()
-        self.instances: list[Instance] = [
-            Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Look())
-            for index, shape in enumerate(builder.shapes)
-        ]
+        self.instances: list[Instance] = []
+        self._followed = 0
+        self._follow()
 
     def texture(self, texture: Texture) -> int:
         """The number of a texture, for `Look.texture` and `Scene.texture`."""
@@ -184,20 +183,61 @@ class Visuals:
         return self._add(ShapeType.PLANE, WORLD, (0.0, 0.0, 0.0), name, pose, look)
 
     def finalize(self, model: Model, *, per_world: Iterable[str] = (), origin_body: int | None = None) -> Scene:
-        """The scene of a model that the same builder made; see `Scene`."""
+        """The scene of a model that the same builder made; see `Scene`.
+
+        Raises:
+            ModelError: it was made by another builder, or before shapes or bodies were added.
+        """
+        self._follow()
+        self._check_model(model)
         return Scene(self, model, per_world, origin_body)
 
     def index_of(self, shape: int) -> int:
         """The instance that shows a shape of the model; those after a hidden one move up."""
+        self._follow()
         for index, instance in enumerate(self.instances):
             if instance.shape == shape and shape >= 0:
                 return index
         raise ModelError(f"visuals: there must be a shape {shape!r} in sight; pass what add_shape_... returned")
 
+    def _follow(self) -> None:
+        """Takes in the shapes that the builder got since the last look."""
+        taken = {instance.name for instance in self.instances}
+        for index, shape in enumerate(self.builder.shapes[self._followed :], start=self._followed):
+            if shape.name in taken:
+                raise ModelError(
+                    f"visual '{shape.name}': the name must be unique, got a shape of that name later; rename one"
+                )
+            self.instances.append(
+                Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Look())
+            )
+        self._followed = len(self.builder.shapes)
+
+    def _check_model(self, model: Model) -> None:
+        if not isinstance(model, Model):
+            raise ModelError(f"visuals: model must be a Model, got {shown(model)}; pass what builder.finalize returned")
+        remedy = "finalize this builder after its last body and shape, and pass that model"
+        for what, mine, theirs in (
+            ("bodies", [body.name for body in self.builder.bodies], model.body_names),
+            ("shapes", [shape.name for shape in self.builder.shapes], model.shape_names),
+        ):
+            if len(mine) != len(theirs):
+                raise ModelError(
+                    f"visuals: model must be made by the builder of these visuals, which has {len(mine)} {what}, "
+                    f"got one with {len(theirs)}; {remedy}"
+                )
+            for name, other in zip(mine, theirs, strict=True):
+                if name != other:
+                    raise ModelError(
+                        f"visuals: model must be made by the builder of these visuals, whose {what} include '{name}', "
+                        f"got one with '{other}' there; {remedy}"
+                    )
+
     def _add(
         self, kind: ShapeType, body: int, size: Vec3, name: str | None, pose: Pose | None, look: dict[str, Any],
         asset: int = -1,
     ) -> int:  # fmt: skip
+        self._follow()
         title = name if name is not None else f"{kind.name.lower()}_{len(self.instances)}"
         thing = f"visual '{title}'"
         if any(instance.name == title for instance in self.instances):
@@ -220,12 +260,14 @@ def _checked_look(name: str, values: dict[str, Any]) -> dict[str, Any]:
             raise ModelError(f"visual '{name}': unknown option '{key}'; known: name, pose, {', '.join(known)}")
         if key in ("texture", "label", "group"):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-                raise ModelError(f"visual '{name}': {key} must be an integer, got {value!r}")
+                rule = "what visuals.texture returned" if key == "texture" else "an integer"
+                remedy = "write texture=visuals.texture(ImageTexture(image=...))" if key == "texture" else "pass one"
+                raise ModelError(f"visual '{name}': {key} must be {rule}, got {shown(value)}; {remedy}")
         else:
             number = finite_vector(f"visual '{name}'", key, (value,) if key == "reflectance" else value,
                                    1 if key == "reflectance" else 3)  # fmt: skip
             if number.min() < 0.0 or number.max() > 1.0:
-                raise ModelError(f"visual '{name}': {key} must be between 0 and 1, got {value!r}")
+                raise ModelError(f"visual '{name}': {key} must be between 0 and 1, got {shown(value)}; scale it")
     return values
 
 

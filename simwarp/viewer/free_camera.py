@@ -12,8 +12,10 @@ import warp as wp
 from simwarp.kernels.sensors.image import aim_freely
 from simwarp.rotation import matrix_of
 from simwarp.sensors.camera import OUTPUTS, CameraConfig, camera_numbers, launch_render, lights_of, make_views
+from simwarp.sensors.clock import Field, check_frames
 from simwarp.sensors.image_noise import Development
 from simwarp.sensors.lights import Lighting, Lights
+from simwarp.sensors.scanning import scene_model
 from simwarp.sensors.scene import Scene
 from simwarp.state import State
 from simwarp.types import ModelError, Pose
@@ -38,7 +40,7 @@ class FreeCamera:
     def __init__(
         self, scene: Scene, worlds: Sequence[int], config: CameraConfig, lights: Lights | Lighting | None = None
     ) -> None:
-        model = scene.model
+        model = scene_model("free camera", scene)
         chosen = np.asarray(worlds, dtype=np.int32).reshape(-1)
         if not chosen.size or chosen.min() < 0 or chosen.max() >= model.world_count:
             raise ModelError(
@@ -56,6 +58,8 @@ class FreeCamera:
         self._development = Development(config.imaging, model.world_count, model.device)
         self.lights = lights_of(lights, scene, ())
         shape = (len(chosen), config.height, config.width)
+        fields = {name: Field((*shape[1:], OUTPUTS[name][1]), OUTPUTS[name][2]) for name in config.outputs}
+        check_frames("free camera", fields, len(chosen), model.device)
         self.outputs = {
             name: wp.zeros((*shape, OUTPUTS[name][1]), dtype=OUTPUTS[name][2], device=model.device)
             for name in config.outputs

@@ -255,7 +255,7 @@ def test_every_world_may_have_its_own_axes_and_noise():
         (lambda m: LoadCell(m, 7), "sensor 'load_cell': joint must be a name or an index below 1, got 7; take what"),
         (
             lambda m: simulate(m, LoadCell(m, "weld")),
-            "sensor 'load_cell': reactions are not recorded; Simulation(..., joint_reactions=True)",
+            "sensor 'load_cell': reactions must be recorded",
         ),
         (
             lambda m: LoadCell(m, 0, LoadCellConfig(torque_noise=(NormalNoise(std=(1.0, 2.0)),))),

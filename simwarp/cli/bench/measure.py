@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import os
 import time
 from collections.abc import Callable
 from typing import Any
@@ -15,6 +14,7 @@ import warp as wp
 from simwarp.cli.bench.health import Examiner, Health, Judge
 from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.cli.bench.workloads import BenchScene
+from simwarp.memory import device_memory
 from simwarp.simulation import Simulation
 from simwarp.types import ModelError
 

@@ -31,6 +31,8 @@ from simwarp.viewer.free_camera import FreeCamera
 
 LEAST_PANEL = 128
 """Width of a small picture [pixels]."""
+MOST_PANEL = 2048
+"""The same."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,10 +60,11 @@ def sensor_demo(*, seed: int = 0, device: str | None = None, panel: int = 320, t
         tell: hears of the progress.
 
     Raises:
-        ModelError: the pictures would be too small.
+        ModelError: the pictures would be too small or too large.
     """
-    if isinstance(panel, bool) or not isinstance(panel, int) or panel < LEAST_PANEL:
-        raise ModelError(f"sensor_demo: panel must be an integer >= {LEAST_PANEL} pixels, got {panel!r}")
+    if isinstance(panel, bool) or not isinstance(panel, int) or not LEAST_PANEL <= panel <= MOST_PANEL:
+        rule = f"an integer from {LEAST_PANEL} to {MOST_PANEL} pixels"
+        raise ModelError(f"sensor_demo: panel must be {rule}, got {panel!r}; four stand side by side")
     say: Progress = tell or (lambda what, share: None)
     say("building the world", 0.0)
     world = make_world(seed, device)

@@ -1,0 +1,195 @@
+"""What a Simulation, a size or an argument of the wrong sort does: one line, and nothing is spoilt or allocated."""
+
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+import simwarp as sw
+from simwarp.sensors.beams import Beam, BeamTable, beam_grid
+from simwarp.sensors.camera import Camera, CameraConfig
+from simwarp.sensors.contract import Mount, Schedule
+from simwarp.sensors.encoders import Encoder
+from simwarp.sensors.force_sensor import LoadCell
+from simwarp.sensors.imu import Imu, ImuConfig
+from simwarp.sensors.lenses import FishEye
+from simwarp.sensors.lidar import Lidar, LidarConfig
+from simwarp.sensors.radar import Clusters, Radar, RadarConfig
+from simwarp.sensors.scene import Scene, Visuals
+from simwarp.types import ModelError
+
+HUB = Mount("wheel")
+
+
+def scene(worlds: int = 1) -> Scene:
+    builder = sw.ModelBuilder()
+    wheel = builder.add_solid("wheel", "sphere", 0.3, mass=1.0)
+    builder.add_joint_revolute("axle", sw.WORLD, wheel, axis=(0.0, 1.0, 0.0))
+    return Visuals(builder).finalize(builder.finalize(worlds, "cpu"))
+
+
+def message(make: Any) -> str:
+    with pytest.raises(ModelError) as caught:
+        make()
+    found = str(caught.value)
+    assert "\n" not in found
+    assert "np.float64" not in found
+    assert " object at 0x" not in found
+    return found
+
+
+# ---- a Simulation that refuses spoils nothing ------------------------------------------------------------------------
+
+
+def test_sensors_are_free_after_a_simulation_that_was_refused():
+    target, other = scene(), scene()
+    camera, imu = Camera(target, HUB, CameraConfig(width=4, height=4)), Imu(target.model, HUB)
+    cell, stranger = LoadCell(target.model, "axle"), Imu(other.model, HUB, name="stranger")
+    late = Imu(target.model, HUB, ImuConfig(schedule=Schedule(rate=100.0, lag=1.0e6)), name="late")
+    mine = [camera, imu, cell]
+    assert "joint_reactions=True" in message(lambda: sw.Simulation(target.model, 0.01, sensors=mine))
+    for bad in (stranger, late):
+        refused = message(lambda bad=bad: sw.Simulation(target.model, 0.01, sensors=[*mine, bad], joint_reactions=True))
+        assert f"'{bad.name}'" in refused
+    with pytest.raises(ModelError):
+        sw.Simulation(target.model, 0.01, sensors=mine, joint_reactions=True, solver=sw.SolverOptions(solver="none"))
+    sim = sw.Simulation(target.model, 0.01, sensors=mine, joint_reactions=True)
+    sim.step()
+    assert imu.timestamp.numpy()[0] == pytest.approx(0.01, abs=1e-6)
+
+
+def test_a_sensor_that_fails_while_it_is_recorded_is_free_again(monkeypatch):
+    target = scene()
+    imu = Imu(target.model, HUB)
+
+    def fail(simulation: Any) -> Any:
+        raise RuntimeError("out of memory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(imu, "_sample", fail)
+        with pytest.raises(RuntimeError, match="out of memory"):
+            sw.Simulation(target.model, 0.01, sensors=[imu])
+    sw.Simulation(target.model, 0.01, sensors=[imu])
+
+
+def test_what_is_no_list_of_sensors():
+    target = scene()
+    camera = Camera(target, HUB, CameraConfig(width=4, height=4))
+    for sensors, told in (
+        (camera, "sensors must be a list, got a Camera; write sensors="),
+        ("camera", "sensors must be a list, got 'camera'; "),
+        ([Camera], "sensors must be sensors, got the class Camera among them; "),
+        ([None], "sensors must be sensors, got None among them; "),
+        ([HUB], "sensors must be sensors, got "),
+    ):
+        found = message(lambda sensors=sensors: sw.Simulation(target.model, 0.01, sensors=sensors))
+        assert found.startswith(f"Simulation: {told}")
+
+
+def test_a_snapshot_of_other_sensors():
+    target = scene()
+    one = sw.Simulation(target.model, 0.01, sensors=[Imu(target.model, HUB)])
+    two = sw.Simulation(target.model, 0.01, sensors=[Camera(target, HUB, CameraConfig(width=4, height=4))])
+    kept, before = one.snapshot(), two.state.body_x.numpy()
+    assert message(lambda: two.restore(kept)).startswith("restore: the snapshot must be of a Simulation with the same")
+    assert "got None" in message(lambda: one.restore(None))  # type: ignore[arg-type]
+    assert (two.state.body_x.numpy() == before).all()
+    wide = Imu(target.model, HUB, ImuConfig(outputs=("gyroscope",)))
+    three = sw.Simulation(target.model, 0.01, sensors=[wide])
+    assert "other shapes" in message(lambda: three.restore(kept))
+    one.restore(kept)
+
+
+# ---- sizes -----------------------------------------------------------------------------------------------------------
+
+
+def huge(target: Scene) -> dict[str, Any]:
+    slow, many = Schedule(rate=10.0), Schedule(rate=100.0, lag=1.0e6)
+    return {
+        "width must be an integer from 1 to 32768, got 200000": lambda: Camera(
+            target, HUB, CameraConfig(width=200_000, height=200_000)
+        ),
+        "width must be an integer from 1 to 32768, got 1000000000000": lambda: Camera(
+            target, HUB, CameraConfig(width=10**12)
+        ),
+        "must be below 2 GiB": lambda: Camera(target, HUB, CameraConfig(width=32_000, height=32_000)),
+        "at most 16777216 beams": lambda: Lidar(
+            target, HUB, LidarConfig(schedule=slow, beams=beam_grid(100_000, 10_000))
+        ),
+        "got 1000000000000 x 4": lambda: beam_grid(10**12, 4),
+        "got 100000 x 100000": lambda: BeamTable(azimuth=np.zeros(100_000), elevation=np.zeros(100_000)),
+        "shorten the lag": lambda: sw.Simulation(
+            target.model, 0.01, sensors=[Imu(target.model, HUB, ImuConfig(schedule=many))]
+        ),
+        "below 2^31 sub-steps": lambda: sw.Simulation(
+            target.model, 1e-6, sensors=[Imu(target.model, HUB, ImuConfig(schedule=many))]
+        ),
+        "frames in waiting": lambda: sw.Simulation(
+            target.model, 0.01, sensors=[Camera(target, HUB, CameraConfig(
+                width=4000, height=4000, schedule=Schedule(rate=100.0, lag=1000.0), outputs=("depth",)
+            ))]
+        ),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("told", huge(None))  # type: ignore[arg-type]
+def test_what_is_too_large_is_refused_before_it_is_allocated(told):
+    make = huge(scene())[told]
+    tracemalloc.start()
+    assert told in message(make)
+    assert tracemalloc.get_traced_memory()[1] < 300e6
+    tracemalloc.stop()
+
+
+def test_frames_of_many_worlds_have_to_fit():
+    target = scene(worlds=20_000)
+    found = message(lambda: Camera(target, HUB, CameraConfig(width=8000, height=8000)))
+    assert "the frames of 20000 worlds need" in found
+    assert found.endswith("take fewer worlds, pixels or beams")
+
+
+# ---- full turns that are rounded -------------------------------------------------------------------------------------
+
+
+def test_a_rounded_full_turn_is_a_full_turn():
+    assert FishEye(fov=6.28319).fov == 2.0 * np.pi
+    exact = beam_grid(10, 4)
+    for half in (3.1416, 3.14159, 3.1415):
+        rounded = beam_grid(10, 4, azimuth=(half, -half))
+        assert np.allclose(rounded.azimuth, exact.azimuth, atol=1e-4)
+    assert np.abs(BeamTable(azimuth=[0.0], elevation=[1.5708]).elevation).max() == 0.5 * np.pi
+    assert "at most 2 pi" in message(lambda: beam_grid(10, 4, azimuth=(3.15, -3.15)))
+    assert "below" in message(lambda: FishEye(fov=6.3))
+
+
+# ---- arguments of another sort ---------------------------------------------------------------------------------------
+
+
+def test_arguments_of_another_sort():
+    target = scene()
+    model = target.model
+    small = CameraConfig(width=4, height=4)
+    lidar = LidarConfig(schedule=Schedule(rate=10.0), beams=beam_grid(4, 2))
+    Radar(target, HUB, RadarConfig(schedule=Schedule(rate=10.0), rays=beam_grid(4, 2), clusters=Clusters()))
+    cases: list[tuple[str, Any]] = [
+        ("scene must be a Scene, got a Model; write visuals.finalize(model)", lambda: Camera(model, HUB, small)),
+        ("model must be a Model, got a Scene; pass scene.model", lambda: Imu(target, HUB)),
+        ("model must be a Model, got a Scene; pass scene.model", lambda: Encoder(target, "axle")),
+        ("model must be a Model, got a Scene; pass scene.model", lambda: LoadCell(target, "axle")),
+        ("config must be of class CameraConfig, got ", lambda: Camera(target, HUB, lidar)),
+        ("config must be of class ImuConfig, got ", lambda: Imu(model, HUB, small)),
+        ("config must be of class LidarConfig, got None; write LidarConfig(...)", lambda: Lidar(target, HUB, None)),
+        ("config must be of class RadarConfig, got None; write RadarConfig(...)", lambda: Radar(target, HUB)),
+        ("lens must be a lens, got 'pinhole'; ", lambda: Camera(target, HUB, CameraConfig(lens="pinhole"))),
+        ("lights must be Lights or a Lighting, got 'sun'; ", lambda: Camera(target, HUB, small, lights="sun")),
+        ("coordinates must be joints by name or columns of joint_q, got ", lambda: Encoder(model, HUB)),
+    ]  # type: ignore[arg-type]
+    for told, make in cases:
+        assert told in message(make)
+
+
+def test_a_divergence_in_degrees():
+    assert "pi/2" in message(lambda: Beam(divergence=3.0))
+    assert "degrees" in message(lambda: Beam(divergence=3.0))
+    Beam(divergence=1.0)
