@@ -274,7 +274,8 @@ def _indices(triangles: npt.ArrayLike) -> npt.NDArray[np.int64]:
     """Whole numbers, or a ModelError."""
     try:
         given = np.asarray(triangles)
-        whole = given.astype(np.int64)
+        with np.errstate(invalid="ignore"):  # NaN is told below
+            whole = given.astype(np.int64)
         same = given.dtype.kind != "b" and bool((whole == given).all())
     except (TypeError, ValueError, OverflowError):
         same = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from enum import IntEnum, IntFlag
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -187,7 +187,7 @@ def pose(position: Vec3 = (0.0, 0.0, 0.0), rotation: Quat = (0.0, 0.0, 0.0, 1.0)
 LONGEST_VALUE: Final = 120
 
 
-def shown(value: object) -> str:
+def shown(value: Any) -> str:
     """A received value in one short line, for errors: NumPy's numbers as numbers, arrays by shape, objects by class."""
     if isinstance(value, np.generic):
         value = value.item()
@@ -198,8 +198,8 @@ def shown(value: object) -> str:
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         small = isinstance(value, np.ndarray) and value.size <= 6
         return repr(value.tolist()) if small else f"an array of shape {tuple(value.shape)}"
-    if kind in (tuple, list) and len(value) <= 12:  # type: ignore[arg-type]
-        parts = [shown(part) for part in value]  # type: ignore[attr-defined]
+    if kind in (tuple, list) and len(value) <= 12:
+        parts = [shown(part) for part in value]
         text = f"[{', '.join(parts)}]" if kind is list else f"({', '.join(parts)}{',' * (len(parts) == 1)})"
     elif kind.__repr__ is object.__repr__:
         return classed

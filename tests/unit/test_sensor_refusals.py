@@ -1,20 +1,24 @@
 """What a Simulation, a size or an argument of the wrong sort does: one line, and nothing is spoilt or allocated."""
 
 import tracemalloc
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp.importers.chrono_sensors import load_chrono_sensor
 from simwarp.sensors.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.camera import Camera, CameraConfig
 from simwarp.sensors.contract import Mount, Schedule
 from simwarp.sensors.encoders import Encoder
 from simwarp.sensors.force_sensor import LoadCell
+from simwarp.sensors.image_noise import Imaging
 from simwarp.sensors.imu import Imu, ImuConfig
 from simwarp.sensors.lenses import FishEye
 from simwarp.sensors.lidar import Lidar, LidarConfig
+from simwarp.sensors.lights import Lighting, Lights, Sun
+from simwarp.sensors.presets import load_config, load_sensor
 from simwarp.sensors.radar import Clusters, Radar, RadarConfig
 from simwarp.sensors.scene import Scene, Visuals
 from simwarp.types import ModelError
@@ -47,7 +51,7 @@ def test_sensors_are_free_after_a_simulation_that_was_refused():
     camera, imu = Camera(target, HUB, CameraConfig(width=4, height=4)), Imu(target.model, HUB)
     cell, stranger = LoadCell(target.model, "axle"), Imu(other.model, HUB, name="stranger")
     late = Imu(target.model, HUB, ImuConfig(schedule=Schedule(rate=100.0, lag=1.0e6)), name="late")
-    mine = [camera, imu, cell]
+    mine: list[Any] = [camera, imu, cell]
     assert "joint_reactions=True" in message(lambda: sw.Simulation(target.model, 0.01, sensors=mine))
     for bad in (stranger, late):
         refused = message(lambda bad=bad: sw.Simulation(target.model, 0.01, sensors=[*mine, bad], joint_reactions=True))
@@ -76,13 +80,14 @@ def test_a_sensor_that_fails_while_it_is_recorded_is_free_again(monkeypatch):
 def test_what_is_no_list_of_sensors():
     target = scene()
     camera = Camera(target, HUB, CameraConfig(width=4, height=4))
-    for sensors, told in (
+    cases: list[tuple[Any, str]] = [
         (camera, "sensors must be a list, got a Camera; write sensors="),
         ("camera", "sensors must be a list, got 'camera'; "),
         ([Camera], "sensors must be sensors, got the class Camera among them; "),
         ([None], "sensors must be sensors, got None among them; "),
         ([HUB], "sensors must be sensors, got "),
-    ):
+    ]
+    for sensors, told in cases:
         found = message(lambda sensors=sensors: sw.Simulation(target.model, 0.01, sensors=sensors))
         assert found.startswith(f"Simulation: {told}")
 
@@ -167,10 +172,11 @@ def test_a_rounded_full_turn_is_a_full_turn():
 
 
 def test_arguments_of_another_sort():
-    target = scene()
-    model = target.model
-    small = CameraConfig(width=4, height=4)
-    lidar = LidarConfig(schedule=Schedule(rate=10.0), beams=beam_grid(4, 2))
+    target: Any = scene()
+    model: Any = target.model
+    small: Any = CameraConfig(width=4, height=4)
+    lidar: Any = LidarConfig(schedule=Schedule(rate=10.0), beams=beam_grid(4, 2))
+    word, hub = cast(Any, "sun"), cast(Any, HUB)
     Radar(target, HUB, RadarConfig(schedule=Schedule(rate=10.0), rays=beam_grid(4, 2), clusters=Clusters()))
     cases: list[tuple[str, Any]] = [
         ("scene must be a Scene, got a Model; write visuals.finalize(model)", lambda: Camera(model, HUB, small)),
@@ -181,10 +187,10 @@ def test_arguments_of_another_sort():
         ("config must be of class ImuConfig, got ", lambda: Imu(model, HUB, small)),
         ("config must be of class LidarConfig, got None; write LidarConfig(...)", lambda: Lidar(target, HUB, None)),
         ("config must be of class RadarConfig, got None; write RadarConfig(...)", lambda: Radar(target, HUB)),
-        ("lens must be a lens, got 'pinhole'; ", lambda: Camera(target, HUB, CameraConfig(lens="pinhole"))),
-        ("lights must be Lights or a Lighting, got 'sun'; ", lambda: Camera(target, HUB, small, lights="sun")),
-        ("coordinates must be joints by name or columns of joint_q, got ", lambda: Encoder(model, HUB)),
-    ]  # type: ignore[arg-type]
+        ("lens must be a lens, got 'sun'; ", lambda: Camera(target, HUB, CameraConfig(lens=word))),
+        ("lights must be Lights or a Lighting, got 'sun'; ", lambda: Camera(target, HUB, small, lights=word)),
+        ("coordinates must be joints by name or columns of joint_q, got ", lambda: Encoder(model, hub)),
+    ]
     for told, make in cases:
         assert told in message(make)
 
@@ -193,3 +199,98 @@ def test_a_divergence_in_degrees():
     assert "pi/2" in message(lambda: Beam(divergence=3.0))
     assert "degrees" in message(lambda: Beam(divergence=3.0))
     Beam(divergence=1.0)
+
+
+# ---- what is seen ----------------------------------------------------------------------------------------------------
+
+
+def built(name: str = "wheel") -> tuple[sw.ModelBuilder, Visuals]:
+    builder = sw.ModelBuilder()
+    builder.add_solid(name, "sphere", 0.3, mass=1.0)
+    return builder, Visuals(builder)
+
+
+def test_visuals_with_a_model_of_another_builder():
+    other, _ = built("hub")
+    assert "include 'wheel', got one with 'hub' there; " in message(
+        lambda: built()[1].finalize(other.finalize(1, "cpu"))
+    )
+    builder, visuals = built()
+    early = builder.finalize(1, "cpu")
+    builder.add_shape_box(0, half=(0.1, 0.1, 0.1))
+    assert "which has 2 shapes, got one with 1; finalize this builder" in message(lambda: visuals.finalize(early))
+    target = cast(Any, visuals.finalize(builder.finalize(1, "cpu")))
+    assert "model must be a Model, got a Scene" in message(lambda: visuals.finalize(target))
+
+
+def test_shapes_that_come_after_the_visuals_are_seen():
+    builder, visuals = built()
+    ball = visuals.add_sphere(0, radius=0.1, name="lamp")
+    late = builder.add_shape_box(0, half=(0.1, 0.1, 0.1), name="late")
+    last = visuals.add_sphere(0, radius=0.1, name="last")
+    builder.add_shape_box(0, half=(0.1, 0.1, 0.1), name="latest")
+    visuals.show(late, label=7)
+    target = visuals.finalize(builder.finalize(1, "cpu"))
+    assert (target.instance("lamp"), target.instance("last")) == (ball, last)
+    assert target.names[1:] == ("lamp", "late", "last", "latest")
+    assert target.label[target.instance("late")] == 7
+    builder.add_shape_box(0, half=(0.1, 0.1, 0.1), name="lamp")
+    assert message(lambda: visuals.add_sphere(0, radius=0.1)).startswith("visual 'lamp': the name must be unique")
+
+
+def test_triangles_that_are_no_indices():
+    corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
+    cases: list[Any] = [[[0.5, 1.5, 2.5]], [[0, 1, float("nan")]], [["a", "b", "c"]], [[True, False, True]]]
+    for triangles in cases:
+        found = message(lambda triangles=triangles: built()[1].add_mesh(0, corners, triangles))
+        assert found.startswith("mesh: triangles must be (T >= 1, 3) whole numbers, got ")
+    built()[1].add_mesh(0, corners, [[0.0, 1.0, 2.0]])
+
+
+def test_lights_have_to_fit_the_worlds():
+    target = scene(worlds=4)
+    small = CameraConfig(width=4, height=4)
+    for worlds in (2, 7):
+        lights = Lights(Lighting(), worlds, "cpu", per_world=("sun_direction",))
+        found = message(lambda lights=lights: Camera(target, HUB, small, lights=lights))
+        assert found.startswith(f"lights: 'sun_direction' must have 1 row or one for each of 4 worlds, got {worlds}; ")
+    for worlds, wanted in ((1, ()), (4, ("sun_direction",))):
+        Camera(target, HUB, small, lights=Lights(Lighting(), worlds, "cpu", per_world=wanted))
+    assert "fog_density must be >= 0" in message(lambda: Lighting(fog_density=-1.0))
+    assert "suns must be a list of Sun" in message(lambda: Lighting(suns=cast(Any, Sun())))
+
+
+# ---- words -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_remedy_is_that_of_the_mistake(tmp_path):
+    target = scene()
+    picture = cast(Any, np.zeros((64, 64, 3), np.uint8))
+    found = message(lambda: built()[1].add_sphere(0, radius=0.1, texture=picture))
+    assert found.endswith("got an array of shape (64, 64, 3); write texture=visuals.texture(ImageTexture(image=...))")
+    behind = message(lambda: Camera(target, HUB, CameraConfig(reach=-5.0)))
+    assert behind.endswith("reach must be > 0 m, got -5; give the largest distance that is seen")
+    assert message(lambda: Camera(target, HUB, CameraConfig(imaging=Imaging(gamma=0)))).startswith(
+        "Imaging: gamma must be finite and > 0, got 0; "
+    )
+    assert "got -1.0;" in message(lambda: built()[1].add_sphere(0, radius=cast(Any, np.float64(-1.0))))
+    assert "got -1.0" in message(lambda: Schedule(rate=cast(Any, np.float64(-1.0))))
+
+
+def test_files_of_chrono_are_told_apart(tmp_path):
+    file = tmp_path / "Lidar.json"
+    file.write_text("""{ // of Chrono
+      "Name": "scanner", "Type": "Sensor", "Template": "Lidar",
+      "Properties": {"Update Rate": 10, "Width": 8, "Height": 2, "Horizontal Field of View": 6.28319,
+        "Max Vertical Angle": 0.2, "Min Vertical Angle": -0.2, "Max Distance": 100.0},
+      "Filters": []
+    }""")
+    assert message(lambda: load_config(file)) == (
+        "Lidar.json: must be a file of simwarp, got one of Project Chrono; read it with "
+        "simwarp.importers.chrono_sensors.load_chrono_sensor(path)"
+    )
+    assert load_chrono_sensor(file).beams.azimuth[-1] == pytest.approx(-0.75 * np.pi)
+    found = message(lambda: load_chrono_sensor(cast(Any, 3)))
+    assert found == "Chrono sensor: must be the path of a JSON file, got 3; pass a str or a Path"
+    wheel = message(lambda: load_sensor("wheel-encoder", scene().model, Mount("wheel")))
+    assert wheel.endswith("an encoder sits on a joint: pass its name")
