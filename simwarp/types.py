@@ -184,7 +184,7 @@ def pose(position: Vec3 = (0.0, 0.0, 0.0), rotation: Quat = (0.0, 0.0, 0.0, 1.0)
     return Pose(p, q / norm)
 
 
-LONGEST_VALUE: Final = 120
+LONGEST_VALUE: Final = 100
 
 
 def shown(value: Any) -> str:

@@ -214,13 +214,15 @@ def camera_numbers(thing: str, config: CameraConfig) -> CameraNumbers:
         value = getattr(config, field)
         if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
             raise ModelError(f"{thing}: {field} must be an integer >= {least}, got {shown(value)}")
+        if field == "groups" and value > ALL_GROUPS:
+            raise ModelError(f"{thing}: groups must be bits below 2^31, got {value}; leave out the higher ones")
         if field in ("width", "height") and value > MOST_PIXELS:
             raise ModelError(
                 f"{thing}: {field} must be an integer from 1 to {MOST_PIXELS}, got {value}; use fewer pixels"
             )
     if config.samples > MOST_SAMPLES:
         raise ModelError(f"{thing}: samples must be at most {MOST_SAMPLES}, got {config.samples}: s x s rays are cast")
-    names = tuple(config.outputs) if not isinstance(config.outputs, str) else ()
+    names = tuple(config.outputs) if isinstance(config.outputs, (tuple, list)) else ()
     if not names or len(set(names)) < len(names) or set(names) - OUTPUTS.keys():
         raise ModelError(
             f"{thing}: outputs must be different ones of {', '.join(OUTPUTS)}, got {config.outputs!r}; "

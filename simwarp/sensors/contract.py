@@ -146,7 +146,7 @@ def checked_outputs(thing: str, outputs: Sequence[str], known: Sequence[str]) ->
     Raises:
         ModelError: one is unknown or named twice, or there is none.
     """
-    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, (tuple, list)) else ()
     if not names or len(set(names)) < len(names) or any(name not in known for name in names):
         raise ModelError(f"{thing}: outputs must be some of {', '.join(known)}, each once, got {outputs!r}; choose")
     return names

@@ -108,7 +108,7 @@ class LidarConfig:
         check_choice("LidarConfig", "mode", self.mode, MODES)
         check_choice("LidarConfig", "miss", self.miss, MISSES)
         check_reach("LidarConfig", self.near, self.far)
-        names = (self.outputs,) if isinstance(self.outputs, str) else tuple(self.outputs)
+        names = (self.outputs,) if not isinstance(self.outputs, (tuple, list)) else tuple(self.outputs)
         for name in names or ("",):
             check_choice("LidarConfig", "outputs", name, OUTPUTS)
         if len(set(names)) < len(names):

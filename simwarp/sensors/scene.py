@@ -71,6 +71,8 @@ class Visuals:
     """
 
     def __init__(self, builder: ModelBuilder) -> None:
+        if not isinstance(builder, ModelBuilder):
+            raise ModelError(f"visuals: builder must be a ModelBuilder, got {shown(builder)}; pass the model's builder")
         self.builder = builder
         self.meshes: list[TriangleMesh] = []
         self.mesh_looks: list[VisualMesh | None] = []

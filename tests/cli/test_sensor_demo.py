@@ -117,6 +117,7 @@ def devices_world():
         (["--out", "nowhere/a.png"], "in a folder that exists"),
         (["--data", "a.txt"], "must end in .npz"),
         (["--panel", "10"], "panel must be at least 128 pixels, got 10"),
+        (["--panel", "100000"], "panel must be at most 2048 pixels, got 100000"),
         (["--seed", "-1"], "seed must not be negative"),
         (["--sed", "1"], "unknown option --sed"),
         (["--device", "tpu"], "tpu"),

@@ -189,6 +189,8 @@ def test_arguments_of_another_sort():
         ("config must be of class RadarConfig, got None; write RadarConfig(...)", lambda: Radar(target, HUB)),
         ("lens must be a lens, got 'sun'; ", lambda: Camera(target, HUB, CameraConfig(lens=word))),
         ("lights must be Lights or a Lighting, got 'sun'; ", lambda: Camera(target, HUB, small, lights=word)),
+        ("outputs must be different ones of ", lambda: Camera(target, HUB, CameraConfig(outputs=cast(Any, 5)))),
+        ("builder must be a ModelBuilder, got a Model; ", lambda: Visuals(model)),
         ("coordinates must be joints by name or columns of joint_q, got ", lambda: Encoder(model, hub)),
     ]
     for told, make in cases:
