@@ -76,7 +76,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
     per_world: ClassVar[tuple[str, ...]] = ("shape_x", *VEHICLE_ARRAYS)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 250,
+        "iterations": 80,
         "num_envs": 256,
         "steps_per_iteration": 32,
         "network.init_std": 0.5,
