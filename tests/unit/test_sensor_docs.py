@@ -163,3 +163,18 @@ def test_options_that_the_page_names_exist():
     assert {"randomised", "seed", "name"} <= set(inspect.signature(KINDS["imu"].sensor).parameters)
     assert "read_every" in inspect.signature(Simulation).parameters
     assert {"begin_sensors", "reset"} <= set(dir(Simulation))
+
+
+def test_the_noises_that_the_page_names_exist():
+    builder = sw.ModelBuilder()
+    body = builder.add_solid("b0", "sphere", 0.1, mass=1.0)
+    builder.add_joint_revolute("hinge", WORLD, body, axis=(0.0, 0.0, 1.0))
+    model = builder.finalize(2, "cpu")
+    listed = {row[0].strip("`"): re.findall(r"\w+\.(\w*noise)", row[1]) for row in table("sensor's")}
+    for kind in KINDS.values():
+        if kind.sees:
+            continue
+        name = kind.sensor.__name__
+        sensor = kind.sensor(model, "hinge" if name in ("Encoder", "LoadCell") else Mount("b0"))
+        chains = {option for option in dir(sensor) if isinstance(getattr(sensor, option), noises.NoiseChain)}
+        assert chains == set(listed.get(name, listed["other instruments"])), name
