@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 class Sensor(Protocol):
     """Measures every world on a clock of its own, inside the step.
 
-    A sensor may also have `check(simulation, dt)`, which raises a ModelError where it cannot be part of a Simulation and
+    A sensor may also have `check(simulation, dt)`, a ModelError where it cannot be part of a Simulation and
     changes nothing: all sensors are asked before the first one is recorded.
 
     A Simulation calls `record` once, launches what it returned after each sub-step, and calls `begin` at construction
