@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 class Sensor(Protocol):
     """Measures every world on a clock of its own, inside the step.
 
-    A sensor may also have `check(simulation, dt)`, a ModelError where it cannot be part of a Simulation and
-    changes nothing: all sensors are asked before the first one is recorded.
+    A sensor may also have `check(simulation, dt)`: it raises a ModelError where the sensor cannot be part of the
+    Simulation, and changes nothing. All sensors are asked before the first one is recorded.
 
     A Simulation calls `record` once, launches what it returned after each sub-step, and calls `begin` at construction
     and whenever somebody sets the state of worlds: `reset`, `set_joint_state` and `measure`.
