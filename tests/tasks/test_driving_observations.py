@@ -25,7 +25,7 @@ from tests.tasks.driving_checks import (
 
 # what documentation says: entries of `policy` with exact places, beside a camera, and the camera's own image
 SHAPES = {
-    "obstacle-avoidance": (13, 3, (45, 80, 3)),
+    "obstacle-avoidance": (38, 3, (45, 80, 3)),
     "off-road": (38, 6, (45, 80, 3)),
     "convoy": (34, 6, (45, 80, 3)),
     "hallway": (17, 3, (90, 160, 3)),
