@@ -142,7 +142,8 @@ def test_mirrored_pillars_and_steering_make_a_mirrored_drive():
     pillars = to_torch(task.simulation.model.shape_x)[:, task.pillars, 1]
     pillars[1] = -pillars[0]
     to_torch(task.simulation.model.shape_x)[:, task.pillars, 1] = pillars
-    # speed, yaw rate, steering, sideways, pedal, place, heading (sine, cosine), way to go, two pillars (x, y); then ranges
+    # speed, yaw rate, steering, sideways, pedal, place, heading (sine, cosine), way to go,
+    # two pillars (x, y); then ranges
     sign = torch.tensor([1, -1, -1, -1, 1, -1, -1, 1, 1, 1, -1, 1, -1.0])
     actions = random_actions(task, 30)
     actions[..., 1] = actions[..., 1].abs()
