@@ -165,6 +165,13 @@ class Task(ABC, Generic[ConfigT]):
         Called before and after the reset of each step: it must not change state.
         """
 
+    def privileged(self) -> torch.Tensor | None:
+        """Return (W, N) float32 of exact state that only the critic may see in training; None if there is none.
+
+        Asked for by ``--network.critic privileged``, after the reset of each step: it must not change state. Optional.
+        """
+        return None
+
     @abstractmethod
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the named, weighted reward terms of this step, each (W,) float32; the reward is their sum."""
@@ -266,6 +273,11 @@ class Task(ABC, Generic[ConfigT]):
         """Return the present observations as a policy gets them: late and noisy where the configuration says so."""
         with self._acting():
             return self._sensors.sense(self.observations())
+
+    def observe_privileged(self) -> torch.Tensor | None:
+        """Return what only a critic may see; None where the task has no such thing."""
+        with self._acting():
+            return self.privileged()
 
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1].

@@ -9,6 +9,9 @@ from typing import Any
 from simwarp.tasks import InputError, Task, TaskConfig, replace_fields, require
 from simwarp.tasks.config import require_finite
 
+CRITIC = "critic"
+"""Observation group of a privileged critic."""
+
 
 class Activation(enum.Enum):
     """Non-linearity between layers."""
@@ -43,6 +46,13 @@ class NetworkKind(enum.Enum):
     LATE_FUSION = "late-fusion"
 
 
+class CriticSees(enum.Enum):
+    """What the critic looks at."""
+
+    SAME = "same"
+    PRIVILEGED = "privileged"
+
+
 class Cell(enum.Enum):
     """Memory cell of a recurrent network."""
 
@@ -60,13 +70,13 @@ class LoggerKind(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class NetworkConfig:
-    """Actor and critic: two networks of the same kind."""
+    """Actor and critic: two networks, of the same kind unless the critic is privileged."""
 
     kind: NetworkKind = NetworkKind.MLP
     """mlp: perceptron with the layers of `hidden`; thesis-mlp: three layers sized by inputs and outputs; recurrent: a
     memory cell before the perceptron; nature-cnn: images alone; early-fusion, late-fusion: images and vectors."""
     hidden: tuple[int, ...] = (64, 64)
-    """Units of each hidden layer of mlp and recurrent; the other kinds have rules of their own."""
+    """Units of each hidden layer of mlp, recurrent and a privileged critic; the other kinds have rules of their own."""
     activation: Activation = Activation.ELU
     """Non-linearity between layers."""
     normalise: bool = True
@@ -79,6 +89,9 @@ class NetworkConfig:
     """Memory cell of recurrent."""
     memory: int = 64
     """Units of the memory cell of recurrent."""
+    critic: CriticSees = CriticSees.SAME
+    """same: what the actor sees, with a network of its kind; privileged: exact state that the task keeps from the
+    actor, with a perceptron. Only training needs a critic."""
 
     def __post_init__(self) -> None:
         require_finite(self)
@@ -179,6 +192,8 @@ class TrainConfig:
         require(self.threads >= 1, self, "threads", "at least 1")
         require(self.critic_warmup >= 0, self, "critic_warmup", "zero or positive")
         if self.network.kind is NetworkKind.RECURRENT:
+            same = self.network.critic is CriticSees.SAME
+            require(same, self.network, "critic", "same for a recurrent network, whose critic remembers too")
             # Mini-batches are then whole worlds, and a single one would lose its axis
             least = 2 * self.ppo.mini_batches
             require(self.num_envs >= least, self, "num_envs", f"at least {least}: two worlds per mini-batch")
@@ -210,9 +225,8 @@ _CLASSES = {
 }
 
 
-def _model_config(network: NetworkConfig, action_size: int) -> dict[str, Any]:
+def _model_config(network: NetworkConfig, kind: NetworkKind, action_size: int) -> dict[str, Any]:
     """Return what actor and critic have in common."""
-    kind = network.kind
     model: dict[str, Any] = {
         "class_name": f"simwarp.train.networks:{_CLASSES[kind]}",
         "activation": network.activation.value,
@@ -260,21 +274,22 @@ def rsl_rl_config(config: TrainConfig, groups: list[str], action_size: int = 1) 
 
     Args:
         config: the configuration.
-        groups: observation groups that actor and critic see.
+        groups: observation groups that the actor sees, and the critic unless it is privileged.
         action_size: number of action components.
     """
     network = config.network
+    privileged = network.critic is CriticSees.PRIVILEGED
     return {
         "num_steps_per_env": config.steps_per_iteration,
         "save_interval": config.save_interval,
-        "obs_groups": {"actor": list(groups), "critic": list(groups)},
+        "obs_groups": {"actor": list(groups), "critic": [CRITIC] if privileged else list(groups)},
         "algorithm": _algorithm_config(config.ppo),
         "actor": {
-            **_model_config(network, action_size),
+            **_model_config(network, network.kind, action_size),
             "tanh_output": network.tanh_output,
             "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": network.init_std},
         },
-        "critic": _model_config(network, action_size),
+        "critic": _model_config(network, NetworkKind.MLP if privileged else network.kind, action_size),
     }
 
 

@@ -102,7 +102,8 @@ class NatureEncoder(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Return the features of uint8 images, shifted to about [-0.5, 0.5], or of float ones as they are."""
-        pixels = (image.float() - 127.0) / 255.0 if image.dtype == torch.uint8 else image
+        # In place: a batch of images as numbers is the largest thing in training, and made anew for each network
+        pixels = image.float().sub_(127.0).div_(255.0) if image.dtype == torch.uint8 else image
         features: torch.Tensor = self.layers(pixels.movedim(-1, -3))
         return features.flatten(1)
 

@@ -17,7 +17,7 @@ from rsl_rl.utils import resolve_callable
 from simwarp.tasks import EpisodeSummary, InputError, Task
 from torch import nn
 
-from .config import TrainConfig, rsl_rl_config, to_plain
+from .config import CriticSees, TrainConfig, rsl_rl_config, to_plain
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
 from .networks import check_groups
@@ -74,7 +74,7 @@ class Trainer:
         self.group = group or Processes()
         self.device = str(task.device)
         check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
-        self.env = TaskVecEnv(task)
+        self.env = TaskVecEnv(task, privileged=config.network.critic is CriticSees.PRIVILEGED)
         settings = rsl_rl_config(config, list(task.observation_shapes), task.action_size)
         settings["multi_gpu"] = self.group.rsl_rl()
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])

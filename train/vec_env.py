@@ -6,8 +6,11 @@ from typing import Any
 
 import torch
 from rsl_rl.env import VecEnv
-from simwarp.tasks import Task
+from simwarp.tasks import InputError, Task
+from simwarp.tasks.contract import check_observations
 from tensordict import TensorDict
+
+from .config import CRITIC
 
 
 class TaskVecEnv(VecEnv):
@@ -19,9 +22,13 @@ class TaskVecEnv(VecEnv):
 
     Args:
         task: the worlds.
+        privileged: add the group ``critic``: the exact state that only the critic sees.
+
+    Raises:
+        InputError: a privileged critic was asked for, and the task has nothing for it.
     """
 
-    def __init__(self, task: Task[Any]) -> None:
+    def __init__(self, task: Task[Any], *, privileged: bool = False) -> None:
         self.task = task
         # rsl-rl bootstraps time-outs with the value before the step and never looks at the final observation
         task.keep_final_observations = False
@@ -30,6 +37,12 @@ class TaskVecEnv(VecEnv):
         self.max_episode_length = task.config.max_episode_steps
         self.device = str(task.device)
         self.cfg: Any = task.config
+        if privileged and task.observe_privileged() is None:
+            raise InputError(
+                f"--network.critic privileged: task '{task.name}' keeps nothing from the actor in this configuration;"
+                " use --network.critic same"
+            )
+        self._privileged = privileged
         self._groups = task.restart()
 
     @property
@@ -44,6 +57,8 @@ class TaskVecEnv(VecEnv):
 
     def hand_out(self, groups: dict[str, torch.Tensor]) -> TensorDict:
         """Return a copy of the observation groups that no later step changes."""
+        if self._privileged:
+            groups = {**groups, **check_observations(self.task, {CRITIC: self.task.observe_privileged()})}
         copies = {name: group.clone() for name, group in groups.items()}
         return TensorDict(copies, batch_size=[self.num_envs], device=self.device)
 

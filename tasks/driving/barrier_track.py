@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 
 from ..registry import register
-from .base import DrivingConfig
+from .base import BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingTask, Start
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     }
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (64, 64)},
-        "camera": {"network.kind": "early-fusion"},
+        "camera": BY_CAMERA,
     }
     vehicle_name: ClassVar[str] = "sedan"
     full_name: ClassVar[str] = "sedan"

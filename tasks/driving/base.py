@@ -50,6 +50,14 @@ class Frame(enum.Enum):
     WORLD = "world"
 
 
+BY_CAMERA: Mapping[str, Any] = {
+    "network.kind": "early-fusion",
+    "network.critic": "privileged",
+    "network.hidden": (128, 64),
+}
+"""Training by camera: the critic, which only training needs, sees the exact state."""
+
+
 @dataclasses.dataclass(frozen=True)
 class DrivingConfig(TaskConfig):
     """Fields of every driving task."""
@@ -86,7 +94,8 @@ DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
 class DrivingTask(Task[DrivingT]):
     """A task whose actions are steering (positive to the left) and the pedals (positive throttle, negative brake).
 
-    A subclass writes `build_world`, `draw_world`, `start`, and the observations, rewards and terminations of its own.
+    A subclass writes `build_world`, `draw_world`, `start`, what is `measured`, the `exact_state`, and the rewards and
+    terminations of its own.
     """
 
     action_size: int = 2
@@ -127,6 +136,14 @@ class DrivingTask(Task[DrivingT]):
     @abstractmethod
     def start(self, world_mask: torch.Tensor) -> None:
         """Put the vehicle where it starts, with ``place_vehicle``."""
+
+    @abstractmethod
+    def measured(self) -> torch.Tensor:
+        """Return (W, N) float32, what the vehicle's instruments tell: the observations ``policy`` beside a camera."""
+
+    @abstractmethod
+    def exact_state(self) -> torch.Tensor:
+        """Return (W, N) float32, exact relative positions and motion: the observations ``policy`` without a camera."""
 
     def end_step(self) -> None:
         """Hear that the physics of a control step is done, before rewards. Optional."""
@@ -281,6 +298,18 @@ class DrivingTask(Task[DrivingT]):
         self.draw_world(world_mask)
         self.start(world_mask)
         self._hit.masked_fill_(world_mask, False)
+
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Return the image and what is measured, or the exact state."""
+        if self.camera is None:
+            return {"policy": self.exact_state()}
+        from simwarp.interop import to_torch
+
+        return {"policy": self.measured(), "camera": to_torch(self.camera.data)}
+
+    def privileged(self) -> torch.Tensor | None:
+        """Return the exact state where the policy sees images."""
+        return None if self.camera is None else self.exact_state()
 
     def begin_step(self) -> None:
         """Forget the touches of the step before."""

@@ -18,7 +18,7 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import heading_quaternion, to_heading
 from ..registry import register
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
+from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
 from .navigation import Navigation
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
@@ -96,7 +96,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     per_world: ClassVar[tuple[str, ...]] = (*VEHICLE_ARRAYS, *Obstacles.model_arrays)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 250,
+        "iterations": 180,
         "num_envs": 256,
         "steps_per_iteration": 32,
         "network.init_std": 0.6,
@@ -105,7 +105,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     }
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
-        "camera": {"network.kind": "early-fusion"},
+        "camera": BY_CAMERA,
     }
     view_distance: ClassVar[float] = 40.0
     chassis_half: ClassVar[tuple[float, float, float]] = (2.3, 1.05, 0.5)
@@ -286,25 +286,26 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     # ---- what a policy sees and is paid for ----------------------------------------------------------------------
 
-    def observations(self) -> dict[str, torch.Tensor]:
-        """Return the image and what is measured, or the exact state."""
+    def measured(self) -> torch.Tensor:
+        """Return (W, 6): place of the first leader, heading and speed by GPS and IMU, the leader's speed."""
+        assert self.navigation is not None
+        place, heading, speed = self.navigation.estimate()
+        away = self._leaders(self._time())[:, :1, :2] - place.unsqueeze(1)
+        seen = to_heading(away, heading) if self.config.place_frame is Frame.VEHICLE else away
+        own = torch.stack([heading.sin(), heading.cos(), speed / _SPEED, self._leader_speed() / _SPEED], dim=1)
+        return torch.cat([seen.squeeze(1) / _LENGTHS, own], dim=1)
+
+    def exact_state(self) -> torch.Tensor:
+        """Return the leaders' places, the first one's heading and speed, motion, tilt, inputs, ranges to obstacles."""
         leaders = self._leaders(self._time())
         leader_speed = self._leader_speed() / _SPEED
-        if self.camera is not None and self.navigation is not None:
-            from simwarp.interop import to_torch
-
-            place, heading, speed = self.navigation.estimate()
-            away = leaders[:, :1, :2] - place.unsqueeze(1)
-            seen = to_heading(away, heading) if self.config.place_frame is Frame.VEHICLE else away
-            own = torch.stack([heading.sin(), heading.cos(), speed / _SPEED, leader_speed], dim=1)
-            return {"policy": torch.cat([seen.squeeze(1) / _LENGTHS, own], dim=1), "camera": to_torch(self.camera.data)}
         point, heading = self.pose()
         motion = self.motion()
         away = to_heading(leaders[..., :2] - point[:, :2].float().unsqueeze(1), heading)
         turn = leaders[:, 0, 2] - heading
         obstacles = to_heading(self.obstacles.place - point[:, :2].float().unsqueeze(1), heading)
         ranges = self._fan.ranges(obstacles, self.obstacles.radius)
-        policy = torch.cat(
+        return torch.cat(
             [
                 (away / _LENGTHS).flatten(1),
                 torch.stack([turn.sin(), turn.cos(), leader_speed, away[:, 0].norm(dim=1) / _LENGTHS], dim=1),
@@ -315,7 +316,6 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             ],
             dim=1,
         )
-        return {"policy": policy}
 
     def _behind(self) -> tuple[torch.Tensor, torch.Tensor]:
         """(W,) distance to the nearest leader [m], and whether the truck is in the cone behind it."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 
 from ..registry import register
-from .base import DrivingConfig
+from .base import BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingTask
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
     }
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (64, 64)},
-        "camera": {"network.kind": "early-fusion"},
+        "camera": BY_CAMERA,
     }
     vehicle_name: ClassVar[str] = "artcar"
     full_name: ClassVar[str] = "artcar"

@@ -189,19 +189,23 @@ class LappingTask(DrivingTask[LappingT]):
             to_heading(at[:, 1:, :2] - point[:, :2].float().unsqueeze(1), heading),
         )
 
-    def observations(self) -> dict[str, torch.Tensor]:
-        """Return the image and what a car measures itself, or its exact place in the lane."""
-        motion = self.motion()
-        motion[:, :2] /= self.config.speed
-        if self.camera is not None:
-            from simwarp.interop import to_torch
+    def measured(self) -> torch.Tensor:
+        """Return (W, 3): speed, yaw rate, steering."""
+        motion = self._scaled_motion()
+        return torch.stack([motion[:, 0], motion[:, 2], self.action[:, 0]], dim=1)
 
-            own = torch.stack([motion[:, 0], motion[:, 2], self.action[:, 0]], dim=1)
-            return {"policy": own, "camera": to_torch(self.camera.data)}
+    def exact_state(self) -> torch.Tensor:
+        """Return the place in the lane, points of the lane ahead, motion and inputs."""
         aside, turn, ahead = self.lane()
         place = torch.stack([aside / self.lane_half, turn.sin(), turn.cos()], dim=1)
         points = (ahead / (PREVIEW * self.preview)).flatten(1)
-        return {"policy": torch.cat([place, points, motion, self.action], dim=1)}
+        return torch.cat([place, points, self._scaled_motion(), self.action], dim=1)
+
+    def _scaled_motion(self) -> torch.Tensor:
+        """(W, 3) float32: speeds ahead and aside over the target speed, and the yaw rate."""
+        motion = self.motion()
+        motion[:, :2] /= self.config.speed
+        return motion
 
     def outside(self) -> torch.Tensor:
         """Return (W,) bool: the vehicle has left its lane."""

@@ -17,7 +17,7 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from ..registry import register
-from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
+from .base import BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
 from .ranging import RangeFan
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
-        "camera": {"network.kind": "early-fusion"},
+        "camera": BY_CAMERA,
     }
 
     def build_world(self, builder: ModelBuilder) -> None:
@@ -137,14 +137,14 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         goal = point.new_tensor([self.config.end, 0.0])
         return (goal - point[:, :2]).norm(dim=1)
 
-    def observations(self) -> dict[str, torch.Tensor]:
-        """Return the image and what the truck measures itself, or its exact state."""
+    def measured(self) -> torch.Tensor:
+        """Return (W, 3): speed, yaw rate, steering."""
         motion = self.motion()
-        own = torch.stack([motion[:, 0] / _SPEED, motion[:, 2], self.action[:, 0]], dim=1)
-        if self.camera is not None:
-            from simwarp.interop import to_torch
+        return torch.stack([motion[:, 0] / _SPEED, motion[:, 2], self.action[:, 0]], dim=1)
 
-            return {"policy": own, "camera": to_torch(self.camera.data)}
+    def exact_state(self) -> torch.Tensor:
+        """Return (W, 38): place across the road, heading, motion, inputs, the next two pillars, ranges to pillars."""
+        motion = self.motion()
         point, heading = self.pose()
         passed = (self._pillar_x[..., 0] < point[:, :1] - 3.0).sum(dim=1, keepdim=True)
         place = to_heading((self._pillar_x[..., :2] - point[:, :2].unsqueeze(1)).float(), heading)
@@ -152,9 +152,9 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         index = (passed + torch.arange(2, device=self.device)).unsqueeze(2).expand(-1, -1, 2)
         ranges = self._fan.ranges(place, self._pillar_radius)
         following = places.gather(1, index) / _LENGTHS
-        policy = torch.cat(
+        return torch.cat(
             [
-                own,
+                self.measured(),
                 motion[:, 1:2],
                 self.action[:, 1:],
                 (point[:, 1:2] / ROAD_HALF_WIDTH).float(),
@@ -166,7 +166,6 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             ],
             dim=1,
         )
-        return {"policy": policy}
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress`` towards the end, the ``goal``'s bonus, and what a ``failure`` costs."""

@@ -16,7 +16,7 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from ..registry import register
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
+from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
 from .hills import Hills
 from .navigation import Navigation
 from .obstacles import Kind, Obstacles
@@ -113,7 +113,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     }
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
-        "camera": {"network.kind": "early-fusion"},
+        "camera": BY_CAMERA,
     }
     vehicle_name: ClassVar[str] = "gator"
     full_name: ClassVar[str] = "gator"
@@ -276,13 +276,13 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     # ---- what a policy sees --------------------------------------------------------------------------------------
 
-    def observations(self) -> dict[str, torch.Tensor]:
-        """Return the image and what GPS and IMU tell, or the exact state."""
-        if self.camera is not None and self.navigation is not None:
-            from simwarp.interop import to_torch
+    def measured(self) -> torch.Tensor:
+        """Return (W, 6): goal, heading and speed by GPS and IMU."""
+        assert self.navigation is not None
+        return self._goal_seen(*self.navigation.estimate())
 
-            place, heading, speed = self.navigation.estimate()
-            return {"policy": self._goal_seen(place, heading, speed), "camera": to_torch(self.camera.data)}
+    def exact_state(self) -> torch.Tensor:
+        """Return goal, heading, motion, tilt, inputs, ranges to obstacles, and the distance to the goal."""
         point, heading = self.pose()
         motion = self.motion()
         goal = self._goal_seen(point[:, :2], heading, motion[:, 0])
@@ -290,7 +290,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         ranges = self._fan.ranges(to_heading(away, heading), self.obstacles.radius)
         tilt = self.tilt()
         own = torch.cat([goal, motion[:, 1:], tilt, self.action, 1.0 - ranges / _REACH], dim=1)
-        return {"policy": torch.cat([own, (self._distance() / self.config.radius).float().unsqueeze(1)], dim=1)}
+        return torch.cat([own, (self._distance() / self.config.radius).float().unsqueeze(1)], dim=1)
 
     def _goal_seen(self, place: torch.Tensor, heading: torch.Tensor, speed: torch.Tensor) -> torch.Tensor:
         """(W, 6): goal (x, y), direction to it, heading (sine, cosine), speed; scaled."""
