@@ -52,8 +52,9 @@ class ObstacleAvoidanceConfig(DrivingConfig):
     """Reward per metre nearer to the end."""
     bonus: float = 9.0
     """Reward at the end. The original pays 33 per metre and 3000 at the end: the same ratio."""
-    failure_weight: float = 5.0
-    """Taken for touching a pillar or leaving the road; the original takes nothing, and its trucks hurry."""
+    failure_weight: float = 1.0
+    """Taken for touching a pillar or leaving the road: less than the way to the first pillar pays, or a truck that cannot
+    see yet learns to stand still. The original takes nothing."""
 
     def validate(self) -> None:
         """Check sizes."""
@@ -76,7 +77,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
     per_world: ClassVar[tuple[str, ...]] = ("shape_x", *VEHICLE_ARRAYS)
     success_reasons: ClassVar[frozenset[str]] = frozenset({"goal"})
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 80,
+        "iterations": 60,
         "num_envs": 256,
         "steps_per_iteration": 32,
         "network.init_std": 0.5,
@@ -86,7 +87,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
-        "camera": BY_CAMERA,
+        "camera": {**BY_CAMERA, "iterations": 80},
     }
 
     def build_world(self, builder: ModelBuilder) -> None:

@@ -1,0 +1,100 @@
+"""Learning curves of the driving tasks in one picture, from tables in benchmarks/results/driving.
+
+    python benchmarks/driving_curves.py [RUN ...]
+
+Each RUN, a folder that ``simwarp train`` made, replaces the table of its task and observations; then the picture is drawn
+from all tables: the share of episodes that succeeded while it learnt, exploration included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.ticker import EngFormatter, PercentFormatter
+
+from simwarp.tasks import task_class
+from simwarp.train.pictures import new_figure, save_figure
+from simwarp.train.run_folder import open_run, read_progress
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLES = ROOT / "benchmarks" / "results" / "driving"
+PICTURE = ROOT / "docs" / "images" / "driving_learning_curves.png"
+COLUMNS = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "episodes", "successes")
+COLOURS = {"state": "tab:blue", "camera": "tab:orange"}
+EPISODES = 256
+"""At least so many episodes are counted together."""
+
+
+def write_table(run: Path) -> Path:
+    """Write what a run's progress says, shortened, and return where."""
+    folder = open_run(run)
+    saved = folder.load_config()
+    name, obs = saved["task"], saved["task_config"]["obs"]
+    reasons = task_class(name).success_reasons
+    path = TABLES / f"{name}.{obs}.csv"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        table.writeheader()
+        for row in read_progress(folder.progress):
+            successes = sum(int(row[f"end/{reason}"]) for reason in reasons)
+            numbers = {key: f"{float(row[key]):.6g}" for key in COLUMNS[2:5]}
+            table.writerow(
+                {key: row[key] for key in ("iteration", "env_steps", "episodes")} | numbers | {"successes": successes}
+            )
+    return path
+
+
+def success(rows: list[dict[str, str]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return environment steps, and the share of the last :data:`EPISODES` or more episodes that succeeded."""
+    steps, ended, good = (np.array([float(row[key]) for row in rows]) for key in ("env_steps", "episodes", "successes"))
+    ended, good = (np.concatenate([[0.0], np.cumsum(values)]) for values in (ended, good))
+    last = np.arange(1, len(ended))
+    first = np.maximum(np.searchsorted(ended, ended[1:] - EPISODES, side="right") - 1, 0)
+    enough = ended[1:] >= EPISODES
+    share = (good[last] - good[first]) / np.maximum(ended[last] - ended[first], 1.0)
+    return steps[enough], share[enough]
+
+
+def draw(picture: Path) -> None:
+    """Draw all tables, a panel per task."""
+    tables: dict[str, dict[str, Path]] = {}
+    for path in sorted(TABLES.glob("*.csv")):
+        name, obs = path.stem.split(".")
+        tables.setdefault(name, {})[obs] = path
+    across = 3
+    down = -(-len(tables) // across)
+    figure = new_figure(10.0, 2.6 * down)
+    for place, (name, paths) in enumerate(tables.items()):
+        axes = figure.add_subplot(down, across, place + 1)
+        for obs, path in sorted(paths.items(), reverse=True):
+            with path.open(encoding="utf-8") as file:
+                rows = list(csv.DictReader(file))
+            axes.plot(*success(rows), color=COLOURS[obs], label=f"by {obs}")
+        axes.set_title(name)
+        axes.set_ylim(0.0, 1.02)
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.xaxis.set_major_formatter(EngFormatter())
+        axes.set_xlabel("environment steps")
+        axes.set_ylabel("success")
+        axes.grid(alpha=0.3)
+        axes.legend(loc="lower right", fontsize="small")
+    save_figure(figure, picture)
+
+
+def main() -> None:
+    """Read runs, draw."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", nargs="*", type=Path, metavar="RUN")
+    for run in parser.parse_args().runs:
+        print(write_table(run), file=sys.stderr)
+    draw(PICTURE)
+    print(PICTURE, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
