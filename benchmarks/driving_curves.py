@@ -2,8 +2,8 @@
 
     python benchmarks/driving_curves.py [RUN ...]
 
-Each RUN, a folder that ``simwarp train`` made, replaces the table of its task and observations; then the picture is drawn
-from all tables: the share of episodes that succeeded while it learnt, exploration included.
+Each RUN, a folder that ``simwarp train`` made, replaces the table of its task and observations; then the picture is
+drawn from all tables: the share of episodes that succeeded while it learnt, exploration included.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.ticker import EngFormatter, PercentFormatter
-
 from simwarp.tasks import task_class
 from simwarp.train.pictures import new_figure, save_figure
 from simwarp.train.run_folder import open_run, read_progress

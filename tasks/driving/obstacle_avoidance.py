@@ -53,8 +53,8 @@ class ObstacleAvoidanceConfig(DrivingConfig):
     bonus: float = 9.0
     """Reward at the end. The original pays 33 per metre and 3000 at the end: the same ratio."""
     failure_weight: float = 1.0
-    """Taken for touching a pillar or leaving the road: less than the way to the first pillar pays, or a truck that cannot
-    see yet learns to stand still. The original takes nothing."""
+    """Taken for touching a pillar or leaving the road: less than the way to the first pillar pays, or a truck that
+    cannot see yet learns to stand still. The original takes nothing."""
 
     def validate(self) -> None:
         """Check sizes."""
