@@ -87,7 +87,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
-        "camera": {**BY_CAMERA, "iterations": 80},
+        "camera": BY_CAMERA,
     }
 
     def build_world(self, builder: ModelBuilder) -> None:
