@@ -20,6 +20,7 @@ from .lapping import LappingConfig, LappingTask
 if TYPE_CHECKING:
     from simwarp.scenery.tracks import Track
     from simwarp.sensors.lights import Lighting
+    from simwarp.viewer import Shot
     from simwarp.visual_mesh import VisualMesh
 
 WIDTH = 1.1
@@ -86,7 +87,6 @@ class HallwayTask(LappingTask[HallwayConfig]):
     chassis_half: ClassVar[tuple[float, float, float]] = (0.28, 0.16, 0.05)
     camera_place: ClassVar[tuple[float, float, float]] = (-0.075, 0.0, 0.15)
     course_label: ClassVar[int] = 10
-    view_distance: ClassVar[float] = 1.2
     preview: ClassVar[float] = 0.5
 
     def __init__(
@@ -119,6 +119,12 @@ class HallwayTask(LappingTask[HallwayConfig]):
             for side, color in ((1.0, "green"), (-1.0, "red"))
         )
         return joined([walls.walls.mesh, walls.floor, walls.ceiling, left, right])
+
+    def shot(self) -> Shot:
+        """From below the ceiling, where no wall is in the way."""
+        from simwarp.viewer import Shot
+
+        return Shot(body=self.parts.chassis, target=(0.0, 0.0, 0.0), eye=(-0.4, -0.4, 1.9), fov=1.5)
 
     def lighting(self) -> Lighting:
         """Light from all sides, a little more from above, and no sun."""
