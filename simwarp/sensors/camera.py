@@ -15,7 +15,7 @@ from simwarp.kernels.sensors.image import Camera as CameraNumbers
 from simwarp.kernels.sensors.image import Outputs, Views, aim_views, render
 from simwarp.rotation import quat_from_matrix
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.contract import Mount, Schedule, checked_config
+from simwarp.sensors.contract import Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.image_noise import PER_WORLD as IMAGING_ARRAYS
 from simwarp.sensors.image_noise import Development, Imaging
 from simwarp.sensors.lenses import Lens, Pinhole
@@ -106,10 +106,8 @@ class Camera:
         lights: Lights | Lighting | None = None, name: str = "camera", seed: int = 0, per_world: Iterable[str] = (),
     ) -> None:  # fmt: skip
         config = checked_config(name, config, CameraConfig)
-        model, wanted = scene_model(f"camera '{name}'", scene), set(per_world)
-        for unknown in sorted(wanted - {*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"}):
-            known = ", ".join((*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
-            raise ModelError(f"camera '{name}': per_world names an unknown array '{unknown}'; known: {known}")
+        model = scene_model(f"camera '{name}'", scene)
+        wanted = wanted_arrays(f"camera '{name}'", per_world, (*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
         self.name, self.scene, self.config = name, scene, config
         self.numbers = camera_numbers(f"camera '{name}'", config)
         fields = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -138,6 +138,20 @@ def body_index(sensor: str, body: int | str, model: Model) -> int:
             f"got {shown(body)}; take what add_body returned"
         )
     return int(body)
+
+
+def wanted_arrays(thing: str, per_world: Iterable[str], known: Sequence[str]) -> set[str]:
+    """The names of the arrays that get a row per world.
+
+    Raises:
+        ModelError: one is unknown, or they are no collection of names.
+    """
+    if isinstance(per_world, str) or not isinstance(per_world, Iterable):
+        raise ModelError(f"{thing}: per_world must be a collection of names, got {shown(per_world)}; pass a tuple")
+    wanted = set(per_world)
+    for name in sorted(wanted - set(known), key=str):
+        raise ModelError(f"{thing}: per_world names an unknown array '{name}'; known: {', '.join(known)}")
+    return wanted
 
 
 def checked_outputs(thing: str, outputs: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import warp as wp
 from simwarp.arrays import WritableArray, writable_from
 from simwarp.checks import finite_number, positive_number
 from simwarp.kernels.sensors.develop import RESPONSE_STEPS, DevelopArrays
+from simwarp.sensors.contract import wanted_arrays
 from simwarp.types import ModelError, Vec3, finite_vector, shown
 
 PER_WORLD: Final = ("exposure", "vignetting", "noise_mean", "noise_sigma", "noise_slope", "noise_intercept")
@@ -71,9 +72,7 @@ class Development:
     def __init__(self, imaging: Imaging, world_count: int, device: Any, per_world: Iterable[str] = ()) -> None:
         if not isinstance(imaging, Imaging):
             raise ModelError(f"camera: imaging must be an Imaging, got {shown(imaging)}; write Imaging(exposure=...)")
-        wanted = set(per_world)
-        for name in sorted(wanted - set(PER_WORLD)):
-            raise ModelError(f"camera: per_world names an unknown array '{name}'; known: {', '.join(PER_WORLD)}")
+        wanted = wanted_arrays("camera", per_world, PER_WORLD)
         gamma = positive_number("Imaging", "gamma", imaging.gamma, "", "1 is a linear response")
         place = np.arange(RESPONSE_STEPS + 1) / RESPONSE_STEPS
         self.arrays = DevelopArrays()

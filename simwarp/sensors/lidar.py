@@ -14,7 +14,7 @@ from simwarp.kernels.sensors.lidar import LidarFlaws, LidarSettings, count_retur
 from simwarp.kernels.sensors.returns import ReturnMode
 from simwarp.sensors.beams import Beam, BeamTable
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.contract import Mount, Schedule, checked_config
+from simwarp.sensors.contract import Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.scanning import (
     PerWorld,
     check_choice,
@@ -26,7 +26,6 @@ from simwarp.sensors.scanning import (
     scan_tables,
     scene_model,
     set_sweep,
-    wanted_per_world,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 from simwarp.types import ModelError, shown
@@ -147,7 +146,7 @@ class Lidar:
         model = scene_model(thing, scene)
         config = checked_config(name, config, LidarConfig, default=False)
         self.name, self.model, self.config, self.scene = name, model, config, scene
-        wanted = wanted_per_world(thing, per_world, vars(config.noise), ("mount",))
+        wanted = wanted_arrays(thing, per_world, (*vars(config.noise), "mount"))
         self.returns = 2 if config.mode == "dual" else 1
         rows, columns = config.beams.shape
         widths = {"points": 4 * self.returns, "ranges": 2 * self.returns}

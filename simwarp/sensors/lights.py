@@ -15,6 +15,7 @@ from simwarp.checks import finite_number
 from simwarp.kernels.sensors.shade import LightArrays
 from simwarp.model import Model
 from simwarp.rotation import unit_vector
+from simwarp.sensors.contract import wanted_arrays
 from simwarp.types import ModelError, Vec3, finite_vector, shown
 
 Color = float | Vec3
@@ -131,9 +132,7 @@ class Lights:
             raise ModelError(
                 f"lights: world_count must be an integer >= 1, got {shown(world_count)}; pass model.world_count"
             )
-        wanted = set(per_world)
-        for name in sorted(wanted - set(PER_WORLD)):
-            raise ModelError(f"lights: per_world names an unknown array '{name}'; known: {', '.join(PER_WORLD)}")
+        wanted = wanted_arrays("lights", per_world, PER_WORLD)
         self.arrays = LightArrays()
         self.arrays.shadows = int(lighting.shadows)
         self.arrays.shadow_reach = float(lighting.shadow_reach)

@@ -15,7 +15,7 @@ from simwarp.kernels.sensors.clusters import CLUSTER_CHANNELS, ClusterFrames, Cl
 from simwarp.kernels.sensors.radar import CHANNELS, RadarFlaws, scan_radar
 from simwarp.sensors.beams import BeamTable
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.contract import Mount, Schedule, checked_config
+from simwarp.sensors.contract import Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.scanning import (
     PerWorld,
     check_reach,
@@ -26,7 +26,6 @@ from simwarp.sensors.scanning import (
     scan_tables,
     scene_model,
     set_sweep,
-    wanted_per_world,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 from simwarp.types import ModelError, shown
@@ -161,7 +160,7 @@ class Radar:
         model = scene_model(thing, scene)
         config = checked_config(name, config, RadarConfig, default=False)
         self.name, self.model, self.config, self.scene = name, model, config, scene
-        wanted = wanted_per_world(thing, per_world, vars(config.noise), ("mount", "backscatter"))
+        wanted = wanted_arrays(thing, per_world, (*vars(config.noise), "mount", "backscatter"))
         rows, columns = config.rays.shape
         fields = {"returns": Field((rows, columns, CHANNELS), wp.float32)}
         if config.clusters is not None:

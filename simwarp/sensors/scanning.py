@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -60,14 +60,6 @@ def scene_model(sensor: str, scene: Any) -> Model:
     if not isinstance(scene, Scene):
         raise ModelError(f"{sensor}: scene must be a Scene, got {shown(scene)}; write visuals.finalize(model)")
     return scene.model
-
-
-def wanted_per_world(sensor: str, names: Iterable[str], noise: Mapping[str, Any], others: Sequence[str]) -> set[str]:
-    """Names of the arrays that get a row per world, or a ModelError."""
-    known = (*noise, *others)
-    for name in sorted(set(names) - set(known)):
-        raise ModelError(f"{sensor}: per_world names an unknown array '{name}'; known: {', '.join(known)}")
-    return set(names)
 
 
 def noise_arrays(sensor: str, noise: Any, model: Model, per_world: set[str]) -> dict[str, WritableArray]:

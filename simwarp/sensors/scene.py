@@ -18,6 +18,7 @@ from simwarp.geometry import Hull, TriangleMesh, triangle_mesh
 from simwarp.kernels.rays.instances import RayScene, place_instances
 from simwarp.model import Model
 from simwarp.sensors.appearance import AppearanceList, Texture
+from simwarp.sensors.contract import wanted_arrays
 from simwarp.shapes import checked_size, loaded_mesh
 from simwarp.state import State
 from simwarp.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
@@ -313,9 +314,7 @@ class Scene:
     ) -> None:
         self.model = model
         instances = visuals.instances
-        wanted = set(per_world)
-        for name in sorted(wanted - set(PER_WORLD)):
-            raise ModelError(f"scene: per_world names an unknown array '{name}'; known: {', '.join(PER_WORLD)}")
+        wanted = wanted_arrays("scene", per_world, PER_WORLD)
         self.names = tuple(instance.name for instance in instances)
         self.body = np.array([instance.body for instance in instances], np.int32)
         self.shape = np.array([instance.shape for instance in instances], np.int32)

@@ -121,6 +121,8 @@ def test_colors_per_world():
         (lambda: take(wall_visuals(), samples=17), "samples must be at most 16"),
         (lambda: take(wall_visuals(), near=2.0, reach=1.0), "0 <= near < reach must hold"),
         (lambda: take(wall_visuals(), per_world=("gain",)), "unknown array 'gain'; known: exposure"),
+        (lambda: take(wall_visuals(), per_world="exposure"), "per_world must be a collection of names, got 'exposure'"),
+        (lambda: take(wall_visuals(), per_world=5), "per_world must be a collection of names, got 5; pass a tuple"),
         (lambda: take(wall_visuals(), (0, 0, 0), (0, 0, 0)), "eye and target must be apart"),
         (lambda: take(wall_visuals(), lights=Lighting(fog_density=-1.0)), "fog_density must be >= 0"),
         (lambda: take(wall_visuals(), lights=Lighting(ambient=-1.0)), "ambient must be >= 0"),
