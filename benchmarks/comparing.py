@@ -37,6 +37,8 @@ from simwarp.cli.bench.machine import describe
 
 EVALUATION_SEED = 1_000_003
 CONFIDENCE = 0.95
+BAND_SEEDS = 5
+"""The fewest seeds that a band is drawn of: that of three is two and a half standard deviations wide on each side."""
 Result = dict[str, Any]
 
 
@@ -373,14 +375,22 @@ def band(runs: list[Result]) -> tuple[npt.NDArray[np.float64], ...]:
 
 
 def draw_panel(axes: Axes, curves: list[tuple[list[Result], Arm]]) -> None:
-    """Draw mean return over environment steps, with its 95 % band, of the arms that have results."""
+    """Draw mean return over environment steps of the arms that have results.
+
+    Around it lies its 95 % band, or, of fewer than ``BAND_SEEDS`` seeds, each seed's own curve.
+    """
     for runs, arm in curves:
         if not runs:
             continue
         steps, mean, half = band(runs)
         marker = "o" if "evaluations" in runs[0] else ""
         axes.plot(steps, mean, color=arm.colour, linestyle=arm.line, marker=marker, markersize=3, label=arm.label)
-        axes.fill_between(steps, mean - half, mean + half, color=arm.colour, alpha=0.25, linewidth=0)
+        if len(runs) >= BAND_SEEDS:
+            axes.fill_between(steps, mean - half, mean + half, color=arm.colour, alpha=0.25, linewidth=0)
+            continue
+        for run in runs:
+            values = shown(run)["mean_reward"]
+            axes.plot(steps, values, color=arm.colour, linestyle=arm.line, linewidth=0.6, alpha=0.6)
     axes.set_xlabel("environment steps")
     axes.xaxis.set_major_formatter(EngFormatter())
     axes.grid(alpha=0.3)

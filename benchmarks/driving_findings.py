@@ -143,11 +143,11 @@ FINDINGS = {
         config=STATE,
     ),
     "curriculum": Finding(
-        "curriculum or hills from the start", "off-road", curriculum, Budget(200, 64, 64, 8), TO_GOAL, 1640.0, 200,
+        "curriculum or hills from the start", "off-road", curriculum, Budget(60, 64, 64, 10), TO_GOAL, 1640.0, 200,
         config=STATE | {"obstacles": 30, "hills": 1.0}, evaluation={"curriculum.driver": Driver.NONE},
     ),
     "start": Finding(
-        "start on a turn or a straight", "hallway", start, Budget(100, 64, 32, 5), LAPS, 830.0, 930,
+        "start on a turn or a straight", "hallway", start, Budget(24, 64, 32, 8), LAPS, 830.0, 930,
         config=STATE, evaluation={"start": Start.ANYWHERE},
     ),
     "start-camera": Finding(
