@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from simwarp.importers.chrono_json import Node
 from simwarp.sensors.beams import Beam, BeamTable, beam_grid
-from simwarp.sensors.camera import CameraConfig, camera_numbers
+from simwarp.sensors.camera import CameraConfig
 from simwarp.sensors.contract import Schedule
 from simwarp.sensors.gps import GeoOrigin, GpsConfig
 from simwarp.sensors.image_noise import Imaging
@@ -86,7 +86,7 @@ def _camera(node: Node, filters: Mapping[str, Node]) -> CameraConfig:
     for name, keys in NOISE_OF_PICTURES.items():
         if name in filters:
             imaging |= {field: filters[name].number(key) for key, field in keys.items()}
-    config: CameraConfig = _made(
+    return _made(
         node, CameraConfig,
         schedule=_schedule(node, lag=None),
         width=node.whole("Width"),
@@ -96,8 +96,6 @@ def _camera(node: Node, filters: Mapping[str, Node]) -> CameraConfig:
         samples=node.whole("Supersample Factor") if "Supersample Factor" in node else 1,
         imaging=_made(node, Imaging, **imaging),
     )  # fmt: skip
-    _made(node, camera_numbers, thing="camera", config=config)
-    return config
 
 
 def _lidar(node: Node, filters: Mapping[str, Node]) -> LidarConfig:

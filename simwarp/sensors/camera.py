@@ -63,6 +63,9 @@ class CameraConfig:
         imaging: exposure, response, vignetting and noise.
         grey_weights: of red, green and blue in `grey`.
         groups: bits of the groups of instances that are seen.
+
+    Raises:
+        ModelError: a number, an output or the lens is not usable.
     """
 
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=30.0))
@@ -76,6 +79,9 @@ class CameraConfig:
     imaging: Imaging = dataclasses.field(default_factory=Imaging)
     grey_weights: Vec3 = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
     groups: int = ALL_GROUPS
+
+    def __post_init__(self) -> None:
+        camera_numbers(self)
 
 
 class Camera:
@@ -98,7 +104,7 @@ class Camera:
         mount: the mount's arrays, to write into.
 
     Raises:
-        ModelError: a number, an output, the body or the lens is not usable.
+        ModelError: the body, or a name in `per_world`, is not usable.
     """
 
     def __init__(
@@ -109,7 +115,7 @@ class Camera:
         model = scene_model(f"camera '{name}'", scene)
         wanted = wanted_arrays(f"camera '{name}'", per_world, (*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
         self.name, self.scene, self.config = name, scene, config
-        self.numbers = camera_numbers(f"camera '{name}'", config)
+        self.numbers = camera_numbers(config)
         fields = {
             output: Field((config.height, config.width, OUTPUTS[output][1]), OUTPUTS[output][2])
             for output in config.outputs
@@ -202,12 +208,13 @@ def look_at(eye: Vec3, target: Vec3, up: Vec3 = (0.0, 0.0, 1.0)) -> Pose:
     return pose(place, quat_from_matrix(np.stack([forward, left, np.cross(forward, left)], axis=1)))
 
 
-def camera_numbers(thing: str, config: CameraConfig) -> CameraNumbers:
+def camera_numbers(config: CameraConfig) -> CameraNumbers:
     """The camera as kernels read it.
 
     Raises:
-        ModelError: a number or output is not usable.
+        ModelError: a number, an output or the lens is not usable.
     """
+    thing = "CameraConfig"
     for field, least in (("width", 1), ("height", 1), ("samples", 1), ("groups", 0)):
         value = getattr(config, field)
         if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from simwarp.model import Model
-from simwarp.sensors.camera import Camera, CameraConfig, camera_numbers
+from simwarp.sensors.camera import Camera, CameraConfig
 from simwarp.sensors.catalogue import DATA, sensor_names
 from simwarp.sensors.contract import Sensor
 from simwarp.sensors.encoders import (
@@ -102,7 +102,6 @@ def load_config(path_or_name: str | Path, **changes: Any) -> Any:
             raise place.at(key).error("must be a text")
     config = build_object(KINDS[sort].config, members, place)
     if isinstance(config, CameraConfig):
-        made(camera_numbers, place, thing="camera", config=config)
         made(Development, place, imaging=config.imaging, world_count=1, device="cpu")
     names = [field.name for field in dataclasses.fields(config)]
     for key in changes:

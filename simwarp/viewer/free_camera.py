@@ -48,7 +48,7 @@ class FreeCamera:
             )
         self.scene, self.config, self.worlds = scene, config, tuple(int(world) for world in chosen)
         self._device = model.device
-        self._numbers = camera_numbers("free camera", config)
+        self._numbers = camera_numbers(config)
         self._tables = scene.tables(config.groups)
         self._views = make_views(len(chosen), model.device)
         self._views.world = wp.array(chosen, dtype=wp.int32, device=model.device)

@@ -189,7 +189,7 @@ def test_beams(chrono):
         (VLP, {"Filters": 3}, "Filters: must be a list of objects, got 3"),
         (VLP, {"Type": "Vehicle"}, "Type: must be one of Sensor, got 'Vehicle'"),
         (VLP, {"Template": "Sonar"}, "Template: must be one of Camera, Lidar, Radar, GPS, "),
-        (CAMERA, {"Width": 0}, "Properties: camera: width must be an integer >= 1, got 0"),
+        (CAMERA, {"Width": 0}, "Properties: CameraConfig: width must be an integer >= 1, got 0"),
         (CAMERA, {"Horizontal_Field_of_View": 7.0}, "Properties: FishEye lens: fov must be above 0"),
         (CAMERA, {"Filters": [{"Filter": "ChFilterCameraNoisePixDep", "Gain": 0.0}]},
          "Filters[0].Variance Slope: missing"),

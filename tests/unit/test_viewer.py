@@ -95,7 +95,7 @@ def test_what_a_free_camera_refuses():
     for worlds in ([], [2], [-1]):
         with pytest.raises(ModelError, match="free camera: worlds must be indices below 2"):
             FreeCamera(scene, worlds, CameraConfig())
-    with pytest.raises(ModelError, match="free camera: width must be an integer >= 1, got 0"):
+    with pytest.raises(ModelError, match="CameraConfig: width must be an integer >= 1, got 0"):
         FreeCamera(scene, [0], CameraConfig(width=0))
     free = FreeCamera(scene, [0, 1], CameraConfig(width=4, height=4))
     with pytest.raises(ModelError, match="there must be 2 poses, got 1; one per view"):
