@@ -241,6 +241,14 @@ class Task(ABC, Generic[ConfigT]):
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take back what :meth:`extra_state` returned; write into existing buffers."""
 
+    def step_limit(self) -> torch.Tensor:
+        """Return (W,) int64: control steps after which the running episodes are over at the latest.
+
+        A task whose :meth:`truncations` cut an episode off sooner says so here: training spreads the first time-outs
+        over this many steps.
+        """
+        return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
+
     def on_iteration(self, iteration: int) -> None:
         """Hear that training iteration ``iteration`` begins; the hook of a curriculum. Call ``super()`` first."""
         self.iteration = iteration

@@ -74,6 +74,7 @@ class Trainer:
         self.group = group or Processes()
         self.device = str(task.device)
         check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
+        task.on_iteration(0)  # the first episodes are as easy as a curriculum begins
         self.env = TaskVecEnv(task, privileged=config.network.critic is CriticSees.PRIVILEGED)
         settings = rsl_rl_config(config, list(task.observation_shapes), task.action_size)
         settings["multi_gpu"] = self.group.rsl_rl()
@@ -86,8 +87,8 @@ class Trainer:
         self.iteration = 0
         self._window: deque[tuple[int, float, float]] = deque()
         if config.spread_start:
-            clock = torch.randint(0, task.config.max_episode_steps, (task.num_worlds,), device=self.device)
-            self.env.episode_length_buf = clock
+            chance = torch.rand(task.num_worlds, device=self.device)
+            self.env.episode_length_buf = (chance * task.step_limit()).long()
         self.algorithm.train_mode()
 
     @property

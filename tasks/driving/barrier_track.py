@@ -41,6 +41,8 @@ class BarrierTrackConfig(LappingConfig):
     """Of the image [pixels]."""
     camera_fov: float = math.pi / 2.0
     """Horizontal field of view [rad]."""
+    tracks: int = 16
+    """How many tracks there are, to the left and to the right; every episode is driven on one of them."""
     start: Start = Start.ANYWHERE
     """Where an episode begins."""
     speed: float = 8.0
@@ -64,7 +66,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     summary: ClassVar[str] = "barrier track: a car drives a lap between barriers, by camera or by state"
     config_type: ClassVar[type[DrivingConfig]] = BarrierTrackConfig
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 200,
+        "iterations": 100,
         "num_envs": 256,
         "steps_per_iteration": 32,
         "network.init_std": 0.5,
@@ -73,7 +75,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     }
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (64, 64)},
-        "camera": BY_CAMERA,
+        "camera": {**BY_CAMERA, "iterations": 200},
     }
     vehicle_name: ClassVar[str] = "sedan"
     full_name: ClassVar[str] = "sedan"

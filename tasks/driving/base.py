@@ -67,15 +67,15 @@ class DrivingConfig(TaskConfig):
     full: bool = False
     """Drive the full vehicle model instead of the reduced one that policies are trained on."""
     friction: float = 0.9
-    """Of tires on the ground."""
+    """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
     camera_width: int = 80
     """Of the image [pixels]."""
     camera_height: int = 45
     """Of the image [pixels]."""
     camera_fov: float = math.pi / 3.0
     """Horizontal field of view [rad]."""
-    camera_rate: float = 20.0
-    """Images per second [Hz]."""
+    camera_rate: float | None = None
+    """Images per second [Hz]; None: one at the end of each control step, as no policy sees more."""
     action_rise_time: float | tuple[float, ...] = 0.5
     """Time in which steering and pedals move from 0 to 1 [s]."""
 
@@ -85,7 +85,7 @@ class DrivingConfig(TaskConfig):
         for field in ("camera_width", "camera_height"):
             require(getattr(self, field) >= 36, self, field, "at least 36: the network's first layers need that many")
         require(0.0 < self.camera_fov < math.pi, self, "camera_fov", "between 0 and pi")
-        require(self.camera_rate > 0.0, self, "camera_rate", "positive")
+        require(self.camera_rate is None or self.camera_rate > 0.0, self, "camera_rate", "positive")
 
 
 DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
@@ -209,11 +209,12 @@ class DrivingTask(Task[DrivingT]):
         sensors: list[Any] = []
         if config.obs is Observing.CAMERA:
             place = np.asarray(self.camera_place) + self.parts.reference
+            rate = min(config.camera_rate or 1.0 / config.control_dt, 1.0 / config.dt)
             self.camera = Camera(
                 self._scene_of(model), Mount(body=self.parts.chassis, pose=pose(place)),
                 CameraConfig(
-                    schedule=Schedule(rate=min(config.camera_rate, 1.0 / config.dt)), width=config.camera_width,
-                    height=config.camera_height, lens=Pinhole(fov=config.camera_fov),
+                    schedule=Schedule(rate=rate), width=config.camera_width, height=config.camera_height,
+                    lens=Pinhole(fov=config.camera_fov),
                 ),
                 lights=self.lighting(),
             )  # fmt: skip

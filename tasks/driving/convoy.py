@@ -38,7 +38,6 @@ OBSTACLES, LARGE = 8, 4
 LEADER_HALF = (2.45, 1.1, 0.9)
 _REACH, _RAYS, _FAN = 20.0, 17, math.radians(200.0)
 _LENGTHS, _SPEED = 20.0, 10.0
-_FRAME_TIME = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,10 +50,8 @@ class ConvoyConfig(DrivingConfig):
     """Physics steps per control step: five actions a second."""
     max_episode_steps: int = 310
     """Control steps after which an episode is truncated; leaders are at the end of the path before."""
-    camera_rate: float = 10.0
-    """Images per second [Hz]."""
     latest_start: float = 0.5
-    """The nearest leader starts anywhere in this first part of its path, as a share."""
+    """The nearest leader starts between 0.05 and this more of its path, as shares."""
     generated: bool = False
     """Paths around four large obstacles, other than the sixteen of training."""
     place_frame: Frame = Frame.VEHICLE
@@ -175,7 +172,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._begun = torch.zeros(worlds, device=self.device)
         self._deviation = torch.zeros(worlds, device=self.device)
         self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
-        self._frame_steps = max(1, round(_FRAME_TIME / self.config.dt))
+        if self.camera is not None:
+            self._frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
 
     def bind_scene(self, scene: Scene) -> None:
         """Make views of obstacles and leaders."""
@@ -256,11 +254,20 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         turn = heading_quaternion(at[..., 2].reshape(-1)).view(*at.shape[:2], 4)
         self._ghost_rot.copy_(turn)
 
+    def begin_step(self) -> None:
+        """Move the leaders, if there is an image at the end of the first physics step."""
+        super().begin_step()
+        self._aim_leaders()
+
     def after_physics(self) -> None:
-        """Move the leaders that a camera sees."""
+        """Move the leaders, if there is an image at the end of the next physics step."""
         super().after_physics()
-        if self._substep % self._frame_steps == 0:
-            self._show_leaders(self._time() + self._substep * self.config.dt)
+        self._aim_leaders()
+
+    def _aim_leaders(self) -> None:
+        """Show the leaders where they are when the coming image is taken; it is taken within the physics step."""
+        if self.camera is not None and (self._substep + 1) % self._frame_steps == 0:
+            self._show_leaders(self._time() + (self._substep + 1) * self.config.dt)
 
     def end_step(self) -> None:
         """Turn with the gyroscope; remember how far from the path the truck is."""

@@ -229,10 +229,18 @@ class LappingTask(DrivingTask[LappingT]):
         """Return ``off_lane``, ``upset`` and ``lap``."""
         return {"off_lane": self.outside(), "upset": self.upset(), "lap": self._lapped()}
 
+    def step_limit(self) -> torch.Tensor:
+        """Return (W,) int64, what a lap may take: the lesser of both limits."""
+        return self._lap_limit().clamp(max=self.config.max_episode_steps)
+
+    def _lap_limit(self) -> torch.Tensor:
+        """(W,) int64 [control steps]."""
+        time = self.config.patience * self.routes.length[self.route] / self.config.speed
+        return (time / self.config.control_dt).ceil().long()
+
     def truncations(self) -> dict[str, torch.Tensor]:
         """Return ``too_slow``: the time for a lap is over."""
-        limit = self.config.patience * self.routes.length[self.route] / self.config.speed
-        return {"too_slow": self.episode_clock * self.config.control_dt > limit}
+        return {"too_slow": self.episode_clock >= self._lap_limit()}
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the share of the lap and the distance from the middle of the lane [m]."""

@@ -178,7 +178,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     def _at_end(self) -> torch.Tensor:
         point, _ = self.pose()
-        return (point[:, 0] > self.config.end) & ~self._hit
+        return (point[:, 0] > self.config.end) & ~self._hit & ~self._off_road()
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``goal``, ``collision`` with a pillar, and ``off_road``."""

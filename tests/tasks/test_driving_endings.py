@@ -316,8 +316,7 @@ def test_driving_beside_the_middle_of_a_track_costs_by_the_metre():
 
 
 def test_a_corner_in_the_barrier_is_a_collision_and_none_is_not():
-    task = driving("barrier-track", 4, seed=4)
-    at = task.routes.at(task.route, task.begun.unsqueeze(1))[:, 0].double()
+    task = driving("barrier-track", 4, seed=4, tracks=1)
     # the side of the car, 0.9 m from its middle, 5 cm to either side of the border at 6.25 m
     aside = torch.tensor([5.3, 5.4, -5.3, -5.4], dtype=torch.float64)
     straight = np.abs(task.tracks[0].curvature) < 1e-9
@@ -326,6 +325,59 @@ def test_a_corner_in_the_barrier_is_a_collision_and_none_is_not():
     place = at[:, :2] + aside.unsqueeze(1) * torch.stack([-at[:, 2].sin(), at[:, 2].cos()], dim=1)
     task.place_vehicle(every(task), torch.nn.functional.pad(place, (0, 1)), at[:, 2])
     assert task.outside().tolist() == [False, True, False, True]
+    # turned, a corner 2.2 m ahead and 0.9 m aside of the middle comes first: cos 0.3 * 0.9 + sin 0.3 * 2.2 = 1.510 m
+    aside = torch.tensor([4.70, 4.78, -4.70, -4.78], dtype=torch.float64)
+    place = at[:, :2] + aside.unsqueeze(1) * torch.stack([-at[:, 2].sin(), at[:, 2].cos()], dim=1)
+    turn = torch.tensor([0.3, 0.3, 0.3, -0.3])
+    task.place_vehicle(every(task), torch.nn.functional.pad(place, (0, 1)), at[:, 2] + turn)
+    assert task.outside().tolist() == [False, True, False, True]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_vehicle_is_upset_beyond_sixty_degrees(name):
+    task = driving(name, 4)
+    lean = torch.tensor([math.radians(angle) for angle in (0.0, 58.0, 62.0, 62.0)], dtype=torch.float64)
+    way = torch.tensor([0.0, 1.0, 2.0, -2.0], dtype=torch.float64)
+    normal = torch.stack([lean.sin() * way.cos(), lean.sin() * way.sin(), lean.cos()], dim=1)
+    task.place_vehicle(every(task), torch.zeros(4, 3), torch.zeros(4), normal)
+    assert task.upset().tolist() == [False, False, True, True]
+
+
+def test_a_map_ends_on_all_sides():
+    task = driving("off-road", 8)
+    place = torch.tensor([[59.9, 0, 0], [60.1, 0, 0], [-59.9, 0, 0], [-60.1, 0, 0]])
+    place = torch.cat([place, place[:, [1, 0, 2]]])
+    # 60 m, the vehicle's point of reference
+    task.place_vehicle(every(task), place, torch.zeros(8))
+    assert task.terminations()["off_map"].tolist() == 2 * [False, True, False, True]
+
+
+def test_a_road_ends_at_the_side_of_the_truck():
+    task = driving("obstacle-avoidance", 4)
+    place = torch.zeros(4, 3)
+    place[:, 1] = torch.tensor([6.25, 6.35, -6.25, -6.35])  # 7.5 m, less half a truck of 2.4 m
+    task.place_vehicle(every(task), place, torch.zeros(4))
+    assert task.terminations()["off_road"].tolist() == [False, True, False, True]
+
+
+def test_a_truck_beside_the_road_or_on_its_side_does_not_arrive():
+    task = driving("obstacle-avoidance", 3)
+    place = torch.tensor([[100.5, 0.0, 0.0], [100.5, 7.2, 0.0], [100.5, 0.0, 2.0]])
+    normal = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.995, 0.1]], dtype=torch.float64)
+    task.place_vehicle(every(task), place, torch.zeros(3), normal / normal.norm(dim=1, keepdim=True))
+    assert task.terminations()["goal"].tolist() == [True, False, False]
+    assert (task.rewards()["goal"] > 0.0).tolist() == [True, False, False]
+
+
+def test_a_touch_that_is_over_before_the_step_is_counts():
+    task = driving("off-road", 2, obstacles=1)
+    task.begin_step()
+    task._chassis_force[0] = 1.0
+    task.after_physics()
+    task._chassis_force.zero_()
+    for _ in range(task.config.decimation - 1):
+        task.after_physics()
+    assert task.terminations()["collision"].tolist() == [True, False]
 
 
 def test_leader_and_truck_bump_when_their_outlines_overlap():

@@ -6,7 +6,11 @@ Geometry is read from the arrays that contact and tires work on, not from what t
 import numpy as np
 import pytest
 import torch
+from simwarp.tasks import replace_fields
 from simwarp.tasks.driving.convoy import LEADER_HALF
+from simwarp.tasks.uncertainty import Curriculum, Driver
+from simwarp.train.config import default_config
+from simwarp.train.trainer import Trainer
 
 from simwarp.interop import to_torch
 from tests.reference.routes import nearest_on_path
@@ -200,3 +204,30 @@ def test_all_sixteen_paths_are_driven_and_start_within_the_part_that_is_asked_fo
     assert seen == set(range(16))
     assert share.min() >= 0.05
     assert 0.54 < share.max() < 0.55 + 1e-6
+
+
+def trainer(name, worlds, **options):
+    """What begins to train a task without a camera."""
+    task = driving(name, worlds, **options)
+    config = default_config(type(task), task.config)
+    return Trainer(task, replace_fields(config, {"num_envs": worlds, "steps_per_iteration": 4, "ppo.mini_batches": 1}))
+
+
+def test_a_curriculum_begins_with_the_first_episodes():
+    curriculum = Curriculum(driver=Driver.ITERATION, first=0, last=10)
+    task = trainer("off-road", 4, curriculum=curriculum).task
+    assert task.difficulty.tolist() == [0.0] * 4
+    assert not to_torch(task.simulation.model.shape_enabled)[:, task.obstacles.shapes].any()
+
+
+@pytest.mark.parametrize("name", ["hallway", "barrier-track"])
+def test_first_time_outs_are_spread_over_the_time_that_a_lap_may_take(name):
+    begun = trainer(name, 64)
+    task = begun.task
+    share = task.episode_clock / task.step_limit()
+    assert share.max() < 1.0
+    assert share.std() > 0.2  # 0.29 of an even spread
+    assert (task.step_limit() < task.config.max_episode_steps).all()
+    begun.iterate()
+    # 4 of some 400 to 900 steps later few clocks have run out: 0.4 to 1 % of 64
+    assert int((task.episode_steps < 4).sum()) <= 4
