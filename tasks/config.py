@@ -150,10 +150,12 @@ class TaskConfig:
         require(self.substeps >= 1, self, "substeps", "at least 1")
         require(self.decimation >= 1, self, "decimation", "at least 1")
         require(self.max_episode_steps >= 1, self, "max_episode_steps", "at least 1")
+        require(self.max_episode_steps <= 10**9, self, "max_episode_steps", "at most 1000000000")
         times = self.action_rise_time if isinstance(self.action_rise_time, tuple) else (self.action_rise_time,)
         good = all(math.isfinite(time) and time >= 0.0 for time in times)
         require(good, self, "action_rise_time", "zero or positive")
         require(self.guard_steps >= 0, self, "guard_steps", "zero or positive")
+        require(self.guard_steps <= 10000, self, "guard_steps", "at most 10000: they are kept in memory")
         self.validate()
 
     def _make_typed(self) -> None:

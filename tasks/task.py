@@ -460,6 +460,9 @@ class Task(ABC, Generic[ConfigT]):
             if self.config.randomise:
                 raise InputError(f"randomise: task '{self.name}' has no physics whose parameters could differ")
             return None, None, None
+        own = sorted({*self.per_world} & {*self.config.randomise})
+        if own:
+            raise InputError(f"randomise '{own[0]}': task '{self.name}' writes it itself; leave it away")
         drawn = {*self.per_world, *self.config.randomise}
         return build_physics(
             self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),

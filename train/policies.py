@@ -82,7 +82,7 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
     trained = content["task_config"].get("obs")
     if obs not in (None, trained):
         raise InputError(f"checkpoint {path} was trained on {trained} observations, not {obs}: leave --obs away")
-    return PolicySource(path, content, origin)
+    return PolicySource(path, content, origin if trained is None else f"{origin} (--obs {trained})")
 
 
 class NetworkPolicy:

@@ -144,6 +144,12 @@ def _expand_full(arguments: list[str], task: str, config: Any) -> list[str]:
     used = next((word for word in arguments if word in flags), None)
     if used is not None and not hasattr(config, "full"):
         raise UsageError(f"task '{task}' has only one model of what it drives: leave {used} away")
+    if used == "--full":
+        from simwarp.tasks import task_class
+
+        kind: Any = task_class(task)
+        if kind.full_name == kind.vehicle_name:
+            print(f"simwarp: there is one model of the {kind.vehicle_name}: --full changes nothing", file=sys.stderr)
     return [f"--task.{word[2:]}" if word in flags else word for word in arguments]
 
 

@@ -16,6 +16,7 @@ from ..config import TaskConfig, require
 from ..frames import heading_of, heading_quaternion, quat_product, rotate, tilt_to
 from ..simulation_access import Equipment
 from ..task import Task
+from .navigation import Navigation
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
@@ -102,18 +103,21 @@ class DrivingTask(Task[DrivingT]):
     vehicle_name: ClassVar[str] = "hmmwv-reduced"
     full_name: ClassVar[str] = "hmmwv"
     tire: ClassVar[str | None] = None
-    chassis_half: ClassVar[tuple[float, float, float]] = (1.5, 1.0, 0.1)
+    chassis_half: ClassVar[tuple[float, float, float]] = (2.3, 1.05, 0.5)
     """Half lengths of the box that stands for the chassis in contacts [m]."""
-    chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.0)
+    chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
     """Of its middle in the vehicle's frame of reference [m]."""
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
     """In the vehicle's frame of reference [m]."""
+    navigates: ClassVar[bool] = False
+    """Beside a camera there are a satellite receiver and a gyroscope, and the vehicle knows no more than they tell."""
     view_distance: ClassVar[float] = 20.0
     """Of the camera that takes pictures for people [m]."""
 
     parts: VehicleParts
     vehicle: Vehicle
     camera: Camera | None
+    navigation: Navigation | None
 
     # ---- what a subclass may write -------------------------------------------------------------------------------
 
@@ -160,10 +164,6 @@ class DrivingTask(Task[DrivingT]):
         """Return the lights of the camera's world; None: sun and sky."""
         return None
 
-    def more_sensors(self, model: Model) -> list[Any]:
-        """Return further sensors, such as a GPS. Optional."""
-        return []
-
     def more_elements(self, model: Model) -> list[Any]:
         """Return force elements that come before the vehicle, such as a speed controller. Optional."""
         return []
@@ -205,7 +205,7 @@ class DrivingTask(Task[DrivingT]):
         config = self.config
         self.vehicle = Vehicle(self.parts, model, ground=self.ground(model), randomised=True)
         self.vehicle.tires.ground_friction.fill_(config.friction)
-        self.camera = None
+        self.camera = self.navigation = None
         sensors: list[Any] = []
         if config.obs is Observing.CAMERA:
             place = np.asarray(self.camera_place) + self.parts.reference
@@ -219,7 +219,9 @@ class DrivingTask(Task[DrivingT]):
                 lights=self.lighting(),
             )  # fmt: skip
             sensors.append(self.camera)
-        sensors += self.more_sensors(model)
+            if self.navigates:
+                self.navigation = Navigation(model, self.parts, config.dt, config.decimation, self.random)
+                sensors += self.navigation.sensors
         return Equipment(elements=[*self.more_elements(model), self.vehicle], sensors=sensors)
 
     def scene(self) -> Scene:
@@ -322,15 +324,20 @@ class DrivingTask(Task[DrivingT]):
         self._hit |= (self._chassis_force != 0.0).any(dim=1)
         self._substep += 1
         if self._substep == self.config.decimation:
+            if self.navigation is not None:
+                self.navigation.advance()
             self.end_step()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the difficulty of the running episodes, from which their worlds are drawn again."""
-        return {"difficulty": self.difficulty}
+        """Return the difficulty of the running episodes, from which their worlds are drawn, and what is measured."""
+        measured = {} if self.navigation is None else {"heading": self.navigation.heading}
+        return {"difficulty": self.difficulty} | measured
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Draw the worlds of the running episodes again."""
         self.difficulty.copy_(state["difficulty"])
+        if self.navigation is not None:
+            self.navigation.heading.copy_(state["heading"])
         self.draw_world(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
 
     # ---- where the vehicle is ------------------------------------------------------------------------------------
@@ -358,6 +365,8 @@ class DrivingTask(Task[DrivingT]):
         self._rotation.copy_(torch.where(where, turned, self._rotation))
         for rates in (self._velocity, self._omega):
             rates.masked_fill_(where, 0.0)
+        if self.navigation is not None:
+            self.navigation.begin(world_mask, heading)
         self.simulation.measure(world_mask, sensors=False)
 
     def pose(self) -> tuple[torch.Tensor, torch.Tensor]:

@@ -18,15 +18,13 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import heading_quaternion, to_heading
 from ..registry import register
-from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
-from .navigation import Navigation
+from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
 from .routes import Routes
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
-    from simwarp.model import Model
     from simwarp.sensors.scene import Scene, Visuals
 
 LEADERS = 3
@@ -104,9 +102,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "state": {"network.hidden": (128, 64)},
         "camera": BY_CAMERA,
     }
+    navigates: ClassVar[bool] = True
     view_distance: ClassVar[float] = 40.0
-    chassis_half: ClassVar[tuple[float, float, float]] = (2.3, 1.05, 0.5)
-    chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
 
     # ---- the world -----------------------------------------------------------------------------------------------
 
@@ -146,14 +143,6 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     def seen_per_world(self) -> Sequence[str]:
         """Obstacles and leaders differ."""
         return Obstacles.scene_arrays
-
-    def more_sensors(self, model: Model) -> list[Any]:
-        """Add satellite receiver and gyroscope where the truck does not know exactly where it is."""
-        self.navigation: Navigation | None = None
-        if self.config.obs is Observing.STATE:
-            return []
-        self.navigation = Navigation(model, self.parts, self.config.dt, self.config.decimation, self.random)
-        return self.navigation.sensors
 
     def setup(self) -> None:
         """Make paths, views and buffers."""
@@ -229,8 +218,6 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self.place_vehicle(world_mask, torch.nn.functional.pad(at[:, :2], (0, 1)), at[:, 2])
         self._deviation.masked_fill_(world_mask, 0.0)
         self._show_leaders(torch.where(world_mask, 0.0, self._time()))
-        if self.navigation is not None:
-            self.navigation.begin(world_mask, at[:, 2])
 
     def _time(self) -> torch.Tensor:
         """(W,) since the episode began, at the end of the last control step [s]."""
@@ -270,25 +257,20 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             self._show_leaders(self._time() + (self._substep + 1) * self.config.dt)
 
     def end_step(self) -> None:
-        """Turn with the gyroscope; remember how far from the path the truck is."""
-        if self.navigation is not None:
-            self.navigation.advance()
+        """Remember how far from the path the truck is."""
         point, _ = self.pose()
         deviation = self.routes.distance(self.route, point[:, :2])
         steps = self.episode_steps + 1
         self._deviation += (deviation - self._deviation) / steps
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return what has been measured, beside the worlds."""
-        own = {} if self.navigation is None else {"heading": self.navigation.heading}
-        return super().extra_state() | {"deviation": self._deviation} | own
+        """Return how far from the path the truck was, too."""
+        return super().extra_state() | {"deviation": self._deviation}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take it back."""
         super().load_extra_state(state)
         self._deviation.copy_(state["deviation"])
-        if self.navigation is not None:
-            self.navigation.heading.copy_(state["heading"])
         self._show_leaders(self._time())
 
     # ---- what a policy sees and is paid for ----------------------------------------------------------------------

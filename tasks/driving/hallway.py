@@ -85,6 +85,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
     full_name: ClassVar[str] = "artcar"
     tire: ClassVar[str | None] = "tmeasy"
     chassis_half: ClassVar[tuple[float, float, float]] = (0.28, 0.16, 0.05)
+    chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.0)
     camera_place: ClassVar[tuple[float, float, float]] = (-0.075, 0.0, 0.15)
     course_label: ClassVar[int] = 10
     preview: ClassVar[float] = 0.5

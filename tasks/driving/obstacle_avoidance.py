@@ -219,5 +219,5 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         for pillar in range(len(PILLARS_X)):
             foot = self._pillar_x[:, pillar, :2].float().unsqueeze(1) + corner
             lines.append(Line(torch.nn.functional.pad(foot, (0, 1)), "tab:blue", 2.0))
-        lines.append(Line(outline(point, heading, (2.3, 1.1, 1.0)), "tab:orange", 2.0))
+        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
         return Drawing(tuple(lines), View.TOP, ((-5.0, self.config.end + 5.0), (-9.0, 9.0)), panel=6.0)

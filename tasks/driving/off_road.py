@@ -16,9 +16,8 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from ..registry import register
-from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
+from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
 from .hills import Hills
-from .navigation import Navigation
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
 
@@ -81,9 +80,10 @@ class OffRoadConfig(DrivingConfig):
     def validate(self) -> None:
         """Check sizes."""
         super().validate()
-        require(self.obstacles >= 0, self, "obstacles", "at least 0")
-        require(self.obstacle_scale > 0.0, self, "obstacle_scale", "positive")
+        require(0 <= self.obstacles <= 500, self, "obstacles", "in 0..500")
+        require(0.0 < self.obstacle_scale <= 4.0, self, "obstacle_scale", "in (0, 4]")
         require(self.hills >= 0.0, self, "hills", "at least 0")
+        require(self.hills * self.hill_height <= 10.0, self, "hills", "at most 10 m / hill_height")
         require(0.0 < self.hill_height <= 5.0, self, "hill_height", "in (0, 5] m")
         require(0.0 < self.radius < self.border <= 0.45 * _SIDE, self, "border", f"in (radius, {0.45 * _SIDE:g}] m")
         require(0.0 < self.half <= self.border, self, "half", "in (0, border]")
@@ -120,6 +120,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     tire: ClassVar[str | None] = "tmeasy"
     chassis_half: ClassVar[tuple[float, float, float]] = (1.35, 0.75, 0.35)
     chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
+    navigates: ClassVar[bool] = True
     camera_place: ClassVar[tuple[float, float, float]] = (0.65, 0.0, 0.75)
 
     _texture: torch.Tensor | None = None
@@ -165,14 +166,6 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     def ground(self, model: Model) -> Any:
         """Flat, or hills."""
         return None if self.hills is None else self.hills.terrain(model)
-
-    def more_sensors(self, model: Model) -> list[Any]:
-        """Add satellite receiver and inertial unit where the vehicle does not know exactly where it is."""
-        self.navigation: Navigation | None = None
-        if self.config.obs is Observing.STATE:
-            return []
-        self.navigation = Navigation(model, self.parts, self.config.dt, self.config.decimation, self.random)
-        return self.navigation.sensors
 
     def setup(self) -> None:
         """Make views and buffers."""
@@ -224,8 +217,6 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
             height, normal = self.hills.height(start.unsqueeze(1)).squeeze(1), self.hills.normal(start)
         self.place_vehicle(world_mask, torch.cat([start, height.unsqueeze(1)], dim=1), heading, normal)
         self._last_action.masked_fill_(world_mask.unsqueeze(1), 0.0)
-        if self.navigation is not None:
-            self.navigation.begin(world_mask, heading)
 
     def _place_obstacles(self, world_mask: torch.Tensor, start: torch.Tensor, goal: torch.Tensor) -> None:
         """Anywhere in the square, but far enough from start and goal: the first of some tries that is."""
@@ -252,22 +243,6 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         super().begin_step()
         self._before.copy_(self._distance())
         self._last_action.copy_(self.action)
-
-    def end_step(self) -> None:
-        """Turn with the gyroscope."""
-        if self.navigation is not None:
-            self.navigation.advance()
-
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return where the vehicle thinks it heads, beside the worlds."""
-        own = {} if self.navigation is None else {"heading": self.navigation.heading}
-        return super().extra_state() | own
-
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take it back."""
-        super().load_extra_state(state)
-        if self.navigation is not None:
-            self.navigation.heading.copy_(state["heading"])
 
     def _distance(self) -> torch.Tensor:
         """(W,) to the goal [m]."""
@@ -332,8 +307,9 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         }  # fmt: skip
 
     def metrics(self) -> dict[str, torch.Tensor]:
-        """Return the ``distance`` to the goal [m]."""
-        return {"distance": self._distance().float()}
+        """Return the ``distance`` to the goal [m], and how many obstacles there are: the rest found no room."""
+        present = (self.obstacles.radius >= 0.0).sum(dim=1)
+        return {"distance": self._distance().float(), "obstacles_present": present.float()}
 
     # ---- pictures ------------------------------------------------------------------------------------------------
 

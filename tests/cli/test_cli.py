@@ -64,6 +64,17 @@ def test_eval_keys_and_baselines(simwarp):
     assert "random" in err
 
 
+def test_eval_says_what_the_policy_sees_and_that_full_changes_nothing(simwarp):
+    options = ("--episodes", "1", "--no-baselines", "--task.max-episode-steps", "2")
+    code, _, err = simwarp("eval", "off-road", "--obs", "state", "--full", *options)
+    assert code == 0
+    assert "there is one model of the gator: --full changes nothing" in err
+    code, out, err = simwarp("eval", "off-road", "--obs", "state", *options)
+    assert code == 0
+    assert "(--obs state)" in out
+    assert "--full" not in err
+
+
 def test_eval_over_a_grid(simwarp):
     code, out, _ = simwarp("eval", "fast", "--episodes", "4", "--grid", "bound=1.5,3.0", "--json", "-")
     assert code == 0

@@ -5,11 +5,14 @@ import math
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import pytest
 import torch
 from simwarp.tasks import InputError, TaskVectorEnv, make
-from simwarp.tasks.uncertainty import Curriculum, Driver
+from simwarp.tasks.driving.off_road import GROUND_TEXTURES
+from simwarp.tasks.uncertainty import Curriculum, Driver, Range
 
+from simwarp.interop import to_torch
 from tests.tasks import test_gym_conformance as rules
 from tests.tasks.driving_checks import NAMES, SMALL, driving, held, obstacle_corners, random_actions
 
@@ -24,9 +27,12 @@ WRONG = [
     ("obstacle-avoidance", "action_rise_time", (0.5, -1.0), "zero or positive"),
     ("obstacle-avoidance", "spread", 7.6, r"in \[0, 7.5\]"),
     ("obstacle-avoidance", "end", -1.0, "positive"),
-    ("off-road", "obstacles", -1, "at least 0"),
-    ("off-road", "obstacle_scale", 0.0, "positive"),
+    ("off-road", "obstacles", -1, "in 0..500"),
+    ("off-road", "obstacle_scale", 0.0, r"in \(0, 4\]"),
     ("off-road", "hills", -0.1, "at least 0"),
+    ("off-road", "hills", 4.0, "at most 10 m / hill_height"),
+    ("off-road", "obstacles", 501, "in 0..500"),
+    ("off-road", "obstacle_scale", 4.1, r"in \(0, 4\]"),
     ("off-road", "hill_height", 5.5, r"in \(0, 5\] m"),
     ("off-road", "border", 40.0, r"in \(radius, 72\] m"),
     ("off-road", "border", 73.0, r"in \(radius, 72\] m"),
@@ -100,6 +106,39 @@ def test_actions_reach_their_end_in_the_rise_time(name):
     assert steering[:4] == pytest.approx([(step + 1) * period / 0.5 for step in range(4)], abs=1e-4)
     assert pedal[:9] == pytest.approx([-(step + 1) * period for step in range(9)], abs=1e-4)
     assert (steering[-1], pedal[-1]) == (1.0, -1.0)
+
+
+def test_obstacles_are_as_large_as_asked_for():
+    usual, large = (driving("off-road", 4, seed=3, obstacles=6, obstacle_scale=scale) for scale in (1.0, 2.5))
+    there = large.obstacles.radius >= 0.0
+    assert there.any()
+    # the sizes that contact works with, of the same draws
+    sizes = [to_torch(task.simulation.model.shape_size)[:, task.obstacles.shapes] for task in (usual, large)]
+    assert (sizes[1] / sizes[0]).numpy() == pytest.approx(np.full(sizes[0].shape, 2.5), rel=1e-5)
+    assert (large.obstacles.radius / usual.obstacles.radius)[there].tolist() == pytest.approx(
+        [2.5] * int(there.sum()), rel=1e-5
+    )
+
+
+def test_obstacles_that_find_no_room_are_not_counted():
+    task = driving("off-road", 8, half=10.0, radius=16.0, border=60.0, clearance=15.0, goal_radius=5.0)
+    enabled = to_torch(task.simulation.model.shape_enabled)[:, task.obstacles.shapes].sum(dim=1)
+    assert enabled.min() < 30
+    assert task.metrics()["obstacles_present"].tolist() == enabled.tolist()
+
+
+def test_ground_textures_differ_between_worlds_and_episodes():
+    task = driving("off-road", 24, **SMALL | {"obstacles": 0})
+    first = task._texture.clone()
+    assert len(set(first.tolist())) == len(GROUND_TEXTURES)
+    task.restart()
+    assert (task._texture != first).any()
+
+
+def test_what_a_task_writes_itself_is_not_drawn():
+    for name in ("shape_x", "joint_friction"):
+        with pytest.raises(InputError, match=f"randomise '{name}': task 'off-road' writes it itself; leave it away"):
+            driving("off-road", randomise={name: Range(0.5, 1.5)})
 
 
 def test_a_curriculum_brings_obstacles_first_and_hills_after():

@@ -249,3 +249,15 @@ def test_navigation_on_hills_knows_the_heading_to_a_few_degrees():
     # on slopes of up to 0.3 rad yaw is not the turn of the heading
     assert heading[0].abs().max() < 0.03
     assert heading.abs().max() < 0.15
+
+
+@pytest.mark.parametrize("name", ["off-road", "convoy"])
+def test_a_new_episode_begins_with_its_heading_known(name):
+    task = driving(name, 6, seed=2, **SMALL, max_episode_steps=4)
+    for action in random_actions(task, 4, seed=1):
+        result = task.step(action)
+    assert bool((result.end_reason >= 0).all())
+    _, truth = task.pose()
+    turn = task.navigation.heading - truth
+    # float32, after turns that ended anywhere
+    assert torch.atan2(turn.sin(), turn.cos()).abs().max() < 1e-5
