@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 
 from ..registry import register
-from .base import BY_CAMERA, DrivingConfig
+from .base import BY_CAMERA, DrivingConfig, corners
 from .lapping import LappingConfig, LappingTask, Start
 
 if TYPE_CHECKING:
@@ -115,15 +115,17 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
         grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))
         visuals.add_plane(name="ground", texture=grass, color=(1.0, 1.0, 1.0), label=1, pose=sw.pose((0.0, 0.0, -0.01)))
 
+    def setup(self) -> None:
+        """Make buffers, and the corners of the car."""
+        super().setup()
+        self._corners = corners(self.chassis_half, self.device)
+
     def outside(self) -> torch.Tensor:
         """Return (W,) bool: a corner of the car is in a barrier."""
         point, heading = self.pose()
-        corner = torch.tensor([[1, 1], [1, -1], [-1, -1], [-1, 1]], device=self.device) * torch.tensor(
-            self.chassis_half[:2], device=self.device
-        )
         cosine, sine = heading.cos(), heading.sin()
         touching = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
-        for x, y in corner:
+        for x, y in self._corners:
             place = point[:, :2].float() + torch.stack([cosine * x - sine * y, sine * x + cosine * y], dim=1)
             _, aside = self.routes.locate(self.route, place)
             touching |= aside.abs() > 0.5 * WIDTH

@@ -400,9 +400,15 @@ class DrivingTask(Task[DrivingT]):
         return 1.0 - 2.0 * (x * x + y * y) < 0.5
 
 
+def corners(half: tuple[float, float, float], device: torch.device | str) -> torch.Tensor:
+    """Return (4, 2) corners of a box from above, of its half lengths, one after the other [m]."""
+    signs = torch.tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]], device=device)
+    return signs * torch.tensor(half[:2], device=device)
+
+
 def outline(point: torch.Tensor, heading: torch.Tensor, half: tuple[float, float, float]) -> torch.Tensor:
     """Return (W, 5, 3) the closed outline of a vehicle from above, at points (W, 3) with headings (W,)."""
-    corner = point.new_tensor([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * point.new_tensor(half[:2])
+    corner = corners(half, point.device).to(point.dtype)[[0, 1, 2, 3, 0]]
     cosine, sine = heading.double().cos().view(-1, 1), heading.double().sin().view(-1, 1)
     turned = torch.stack(
         [cosine * corner[:, 0] - sine * corner[:, 1], sine * corner[:, 0] + cosine * corner[:, 1]], dim=2

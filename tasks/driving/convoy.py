@@ -18,7 +18,7 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import heading_quaternion, to_heading
 from ..registry import register
-from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
+from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, corners, outline
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
 from .routes import Routes
@@ -160,6 +160,9 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self.route = torch.zeros(worlds, dtype=torch.int64, device=self.device)
         self._begun = torch.zeros(worlds, device=self.device)
         self._deviation = torch.zeros(worlds, device=self.device)
+        self._own_corners, self._leader_corners = (
+            corners(half, self.device) for half in (self.chassis_half, LEADER_HALF)
+        )
         self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
         if self.camera is not None:
             self._frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
@@ -290,6 +293,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         leader_speed = self._leader_speed() / _SPEED
         point, heading = self.pose()
         motion = self.motion()
+        motion[:, 0] /= _SPEED
         away = to_heading(leaders[..., :2] - point[:, :2].float().unsqueeze(1), heading)
         turn = leaders[:, 0, 2] - heading
         obstacles = to_heading(self.obstacles.place - point[:, :2].float().unsqueeze(1), heading)
@@ -298,7 +302,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             [
                 (away / _LENGTHS).flatten(1),
                 torch.stack([turn.sin(), turn.cos(), leader_speed, away[:, 0].norm(dim=1) / _LENGTHS], dim=1),
-                motion * motion.new_tensor([1.0 / _SPEED, 1.0, 1.0]),
+                motion,
                 self.tilt(),
                 self.action,
                 1.0 - ranges / _REACH,
@@ -332,13 +336,12 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """(W,) whether a corner of the truck is within a leader, or the other way round."""
         point, heading = self.pose()
         leaders = self._leaders(self._time())
-        own, other = (torch.tensor(half[:2], device=self.device) for half in (self.chassis_half, LEADER_HALF))
         touching = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
         for leader in leaders.unbind(dim=1):
             away = (leader[:, :2] - point[:, :2].float()).unsqueeze(1)
             turn = leader[:, 2] - heading
-            touching |= corners_inside(to_heading(away, heading), turn, own, other)
-            touching |= corners_inside(to_heading(-away, leader[:, 2]), -turn, other, own)
+            touching |= corners_inside(to_heading(away, heading), turn, self._leader_corners, self.chassis_half)
+            touching |= corners_inside(to_heading(-away, leader[:, 2]), -turn, self._own_corners, LEADER_HALF)
         return touching
 
     def _at_end(self) -> torch.Tensor:
@@ -376,16 +379,17 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         return Drawing(tuple(lines), View.TOP, ((-110.0, 110.0), (-110.0, 110.0)), panel=4.0)
 
 
-def corners_inside(away: torch.Tensor, turn: torch.Tensor, half: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
+def corners_inside(
+    away: torch.Tensor, turn: torch.Tensor, corner: torch.Tensor, half: tuple[float, float, float]
+) -> torch.Tensor:
     """Return (W,) bool: a corner of a rectangle lies within another one, which is about the origin.
 
     Args:
         away: (W, 1, 2) middle of the first, in axes of the second [m].
         turn: (W,) of the first against the second [rad].
-        half: (2,) half lengths of the second [m].
-        other: (2,) half lengths of the first [m].
+        corner: (4, 2) of the first, in its own axes [m].
+        half: lengths of the second; the first two count [m].
     """
-    corner = other * other.new_tensor([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
     cosine, sine = turn.cos().unsqueeze(1), turn.sin().unsqueeze(1)
     x = away[..., 0] + cosine * corner[:, 0] - sine * corner[:, 1]
     y = away[..., 1] + sine * corner[:, 0] + cosine * corner[:, 1]

@@ -64,6 +64,7 @@ class Hills:
         self._known = torch.tensor(self._assets, dtype=torch.int32, device=device)
         self._heights = torch.tensor(np.stack(self.fields), device=device)
         self._field = torch.zeros(len(self._asset), dtype=torch.int64, device=device)
+        self._around = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]], device=device)
 
     def choose(self, world_mask: torch.Tensor, field: torch.Tensor, amplitude: torch.Tensor) -> None:
         """Give the worlds of a mask (W,) a field (W,) and an amplitude (W,) [m]."""
@@ -92,8 +93,7 @@ class Hills:
 
     def normal(self, place: torch.Tensor, over: float = 1.2) -> torch.Tensor:
         """Return (W, 3) unit normals of the plane through the ground `over` metres around places (W, 2)."""
-        offsets = place.new_tensor([[over, 0.0], [-over, 0.0], [0.0, over], [0.0, -over]])
-        height = self.height(place.unsqueeze(1) + offsets)
+        height = self.height(place.unsqueeze(1) + over * self._around)
         slope = torch.stack([height[:, 0] - height[:, 1], height[:, 2] - height[:, 3]], dim=1) / (2.0 * over)
         normal = torch.cat([-slope, torch.ones_like(slope[:, :1])], dim=1)
         return normal / normal.norm(dim=1, keepdim=True)

@@ -135,8 +135,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
     def _distance(self) -> torch.Tensor:
         """(W,) from the end of the road, at its middle [m]."""
         point, _ = self.pose()
-        goal = point.new_tensor([self.config.end, 0.0])
-        return (goal - point[:, :2]).norm(dim=1)
+        return torch.hypot(self.config.end - point[:, 0], point[:, 1])
 
     def measured(self) -> torch.Tensor:
         """Return (W, 3): speed, yaw rate, steering."""
