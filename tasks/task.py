@@ -33,6 +33,7 @@ from .uncertainty import Driver
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
     from simwarp.model import Model
+    from simwarp.sensors.lights import Lighting
     from simwarp.sensors.scene import Scene, Visuals
     from simwarp.viewer import Shot
 
@@ -233,6 +234,10 @@ class Task(ABC, Generic[ConfigT]):
         from simwarp.viewer import Shot
 
         return Shot()
+
+    def lighting(self) -> Lighting | None:
+        """Return the lights that cameras and pictures see by; None: sun and sky."""
+        return None
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the task's own state, such as a curriculum level, that a checkpoint must keep."""

@@ -38,7 +38,7 @@ class Film:
         width = 2 * round(0.5 * min(640.0, max(96.0, math.sqrt(1.5 * pixels))))
         self._studio = Studio(
             task.simulation, scene, task.shot(), worlds=range(task.num_worlds),
-            width=width, height=2 * round(width / 3.0), samples=2 if video else 3,
+            width=width, height=2 * round(width / 3.0), samples=2 if video else 3, lighting=task.lighting(),
         )  # fmt: skip
 
     def take(self, index: int, count: int, time: float) -> Images | None:

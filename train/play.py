@@ -26,6 +26,7 @@ PICTURE_SUFFIXES = (".png",)
 VIDEO_SUFFIXES = (".gif", ".mp4")
 _FRAMES_PER_SECOND = 25
 _GHOSTS = 8
+_PALETTE_FRAMES = 8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,15 +191,20 @@ def write_video(path: Path, task: Task[Any], drawing: Drawing, frames: list[Fram
     """Write a GIF or an MP4."""
     canvas = _Canvas(task, drawing, frames, title)
     rate = (len(frames) - 1) / frames[-1].time if len(frames) > 1 else _FRAMES_PER_SECOND
-    images = (
-        canvas.draw(frame) if frame.images is None else film_still(frame.images, frame.time, title) for frame in frames
-    )
+
+    def image_of(frame: Frame) -> npt.NDArray[np.uint8]:
+        return canvas.draw(frame) if frame.images is None else film_still(frame.images, frame.time, title)
+
     if path.suffix.lower() == ".mp4":
-        _write_mp4(path, images, rate)
+        _write_mp4(path, map(image_of, frames), rate)
         return
-    # One palette for all images keeps a GIF of flat colours small
-    first = Image.fromarray(next(images)).quantize(64 if frames[0].images is None else 256)
-    rest = [Image.fromarray(image).quantize(palette=first, dither=Image.Dither.NONE) for image in images]
+    # One palette for all images keeps a GIF of flat colours small; what comes into sight later has its colours in it
+    some = np.unique(np.linspace(0, len(frames) - 1, _PALETTE_FRAMES).round().astype(int))
+    sample = Image.fromarray(np.concatenate([image_of(frames[index]) for index in some]))
+    palette = sample.quantize(64 if frames[0].images is None else 256)
+    first, *rest = [
+        Image.fromarray(image_of(frame)).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
+    ]
     first.save(path, save_all=True, append_images=rest, duration=round(1000.0 / rate), loop=0)
 
 

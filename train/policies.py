@@ -54,16 +54,16 @@ def shipped_policy(task_name: str, obs: str | None = None) -> Path | None:
 def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs: str | None = None) -> PolicySource:
     """Read the policy the user means: the given file or run, else the newest run, else the shipped one.
 
-    With ``obs`` only a policy of these observations will do.
+    A checkpoint named ``shipped`` is the shipped one. With ``obs`` only a policy of these observations will do.
 
     Raises:
         InputError: there is none, it cannot be read, or it is of another task.
     """
-    if checkpoint is not None:
+    if checkpoint is not None and str(checkpoint) != SHIPPED.name:
         path = resolve_checkpoint(checkpoint)
         origin = f"checkpoint {path}"
     else:
-        run = latest_run(root, task_name, obs)
+        run = latest_run(root, task_name, obs) if checkpoint is None else None
         shipped = shipped_policy(task_name, obs)
         if run is not None:
             path = run.latest_checkpoint()

@@ -13,6 +13,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from simwarp.cli import UsageError
+from simwarp.tasks import config_to_plain
 from simwarp.train.evaluation import Evaluation
 from simwarp.train.grid import (
     POLICY_NAMES,
@@ -73,6 +74,7 @@ class Report:
         head["interrupted"] = self.stopped is not None or len(self.results) < len(self.points)
         if self.is_grid:
             return {**head, "keys": axes_of(self.points), "grid": [result.as_json() for result in self.results]}
+        head["task_config"] = config_to_plain(self.points[0].config)
         return head | (self.results[0].as_json() if self.results else {})
 
     def finish(self, console: Console) -> bool:

@@ -30,7 +30,7 @@ class EvalOptions(CommonOptions):
     episodes: int = 256
     """Episodes, each world's first ones; with --grid of every point."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder; by default the newest run of the task, else the shipped policy."""
+    """Checkpoint file or run folder, or `shipped`; by default the newest run of the task, else the shipped policy."""
     num_envs: int | None = None
     """Worlds stepped together; by default one per episode, at most 4096."""
     seed: int = 1_000_003

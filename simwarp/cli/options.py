@@ -224,6 +224,8 @@ def _message(box: str) -> str:
 def _explain(message: str, kind: type[Any]) -> str:
     """Return tyro's message; our own for an unknown option, with the names that come near, and for no number."""
     head, _, rest = message.partition(":")
+    if head == "Error parsing task":
+        return f"--task.{rest.strip()}"
     if head.startswith("Error parsing --"):
         return _explain_value(head.removeprefix("Error parsing "), rest, kind) or message
     if not head.lower().startswith("unrecognized"):

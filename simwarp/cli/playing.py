@@ -19,7 +19,7 @@ class PlayOptions(CommonOptions):
     video: Path | None = None
     """File to write: .gif, .mp4 (needs imageio-ffmpeg) or .png; by default TASK.png in the working folder."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder; by default the newest run of the task, else the shipped policy."""
+    """Checkpoint file or run folder, or `shipped`; by default the newest run of the task, else the shipped policy."""
     num_envs: int = 4
     """Worlds shown, at most 64."""
     seconds: float = 5.0

@@ -21,7 +21,7 @@ class RecordOptions(CommonOptions):
     output: Path | None = None
     """File to write, .npz; by default TASK.npz in the working folder."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder; by default the newest run of the task, else the shipped policy."""
+    """Checkpoint file or run folder, or `shipped`; by default the newest run of the task, else the shipped policy."""
     num_envs: int | None = None
     """Worlds stepped together; by default one per episode, at most 256."""
     seed: int = 2_000_003

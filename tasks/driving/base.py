@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
     from simwarp.model import Model
     from simwarp.sensors.camera import Camera
-    from simwarp.sensors.lights import Lighting
     from simwarp.sensors.scene import Scene, Visuals
     from simwarp.vehicle.assembly import VehicleParts
     from simwarp.vehicle.spec import VehicleSpec
@@ -100,6 +99,11 @@ class DrivingTask(Task[DrivingT]):
     """
 
     action_size: int = 2
+    per_world: ClassVar[tuple[str, ...]] = VEHICLE_ARRAYS
+    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "state": {"network.hidden": (128, 64)},
+        "camera": BY_CAMERA,
+    }
     vehicle_name: ClassVar[str] = "hmmwv-reduced"
     full_name: ClassVar[str] = "hmmwv"
     tire: ClassVar[str | None] = None
@@ -125,7 +129,7 @@ class DrivingTask(Task[DrivingT]):
         """Add the shapes of one world to the builder: obstacles, walls. Optional."""
 
     def visuals(self, visuals: Visuals) -> None:
-        """Show the vehicle instead of the box that stands for it; subclasses add the world."""
+        """Show the vehicle instead of the box that stands for it. Subclasses call this, and add world and ground."""
         from simwarp.scenery.vehicles import add_vehicle_picture
 
         visuals.hide(self.chassis_shape)
@@ -158,10 +162,6 @@ class DrivingTask(Task[DrivingT]):
 
     def ground(self, model: Model) -> Any:
         """Return the tires' terrain; None is the plane z = 0."""
-        return None
-
-    def lighting(self) -> Lighting | None:
-        """Return the lights of the camera's world; None: sun and sky."""
         return None
 
     def more_elements(self, model: Model) -> list[Any]:

@@ -18,7 +18,7 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import heading_quaternion, to_heading
 from ..registry import register
-from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, corners, outline
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, corners, outline
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
 from .routes import Routes
@@ -97,10 +97,6 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "network.init_std": 0.6,
         "ppo.gamma": 0.98,
         "ppo.entropy": 0.002,
-    }
-    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "state": {"network.hidden": (128, 64)},
-        "camera": BY_CAMERA,
     }
     navigates: ClassVar[bool] = True
     view_distance: ClassVar[float] = 40.0

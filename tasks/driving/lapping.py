@@ -13,7 +13,7 @@ import torch
 from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
-from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
+from .base import DrivingConfig, DrivingTask, outline
 from .routes import Routes
 
 if TYPE_CHECKING:
@@ -69,7 +69,6 @@ LappingT = TypeVar("LappingT", bound=LappingConfig)
 class LappingTask(DrivingTask[LappingT]):
     """A task on closed tracks; a subclass says what the tracks are, and how wide a lane is."""
 
-    per_world: ClassVar[tuple[str, ...]] = VEHICLE_ARRAYS
     success_reasons: ClassVar[frozenset[str]] = frozenset({"lap"})
     course_label: ClassVar[int] = 0
     """Semantic class of what is beside the lane."""

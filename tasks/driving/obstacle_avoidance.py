@@ -17,7 +17,7 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from ..registry import register
-from .base import BY_CAMERA, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
+from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
 from .ranging import RangeFan
 
 if TYPE_CHECKING:
@@ -85,10 +85,6 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         "ppo.entropy": 0.002,
     }
 
-    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "state": {"network.hidden": (128, 64)},
-        "camera": BY_CAMERA,
-    }
 
     def build_world(self, builder: ModelBuilder) -> None:
         """Three pillars; a reset moves them across the road."""

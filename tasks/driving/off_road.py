@@ -16,7 +16,7 @@ from ..config import require
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from ..registry import register
-from .base import BY_CAMERA, CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
 from .hills import Hills
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
@@ -110,10 +110,6 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         "network.init_std": 0.6,
         "ppo.gamma": 0.99,
         "ppo.entropy": 0.002,
-    }
-    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        "state": {"network.hidden": (128, 64)},
-        "camera": BY_CAMERA,
     }
     vehicle_name: ClassVar[str] = "gator"
     full_name: ClassVar[str] = "gator"

@@ -73,6 +73,13 @@ def test_eval_says_what_the_policy_sees_and_that_full_changes_nothing(simwarp):
     assert code == 0
     assert "(--obs state)" in out
     assert "--full" not in err
+    code, out, _ = simwarp(
+        "eval", "off-road", "--checkpoint", "shipped", "--task.obstacles", "3", *options, "--json", "-"
+    )
+    told = json.loads(out)["task_config"]
+    assert (code, told["obstacles"], told["obs"]) == (0, 3, "camera")
+    code, _, err = simwarp("eval", "off-road", "--obs", "state", "--task.obstacles", "-3", *options)
+    assert (code, err) == (2, "simwarp: --task.obstacles must be in 0..500, got -3\n")
 
 
 def test_eval_over_a_grid(simwarp):

@@ -1,5 +1,6 @@
 """`simwarp play` renders tasks that have something to see: frames, motion, layout; others stay line drawings."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -11,6 +12,7 @@ from simwarp.train.play import record, write_picture, write_video
 from simwarp.train.policies import zero_policy
 
 from simwarp import cli
+from simwarp.viewer import Studio
 
 
 def images_of(path):
@@ -104,3 +106,30 @@ def test_a_task_without_shapes_is_drawn_in_lines(tmp_path):
     assert all(frame.images is None for frame in frames)
     write_picture(tmp_path / "c.png", task, drawing, frames, "fast")
     assert colors(tmp_path / "c.png") < 400  # a few lines on white
+
+
+def test_what_comes_into_sight_later_keeps_its_colour(played, tmp_path):
+    _, shown = played
+    task = make("pendulum", 2)
+    _, drawing, _ = record(task, zero_policy(task), 0.1, 1, None)
+    frames = [dataclasses.replace(frame, images=np.full_like(frame.images, 128)) for frame in shown["a.gif"]]
+    blue = np.array([20, 60, 220])
+    for frame in frames[-3:]:
+        frame.images[:, 20:40, 20:40] = blue
+    write_video(tmp_path / "late.gif", task, drawing, frames, "pendulum")
+    last = images_of(tmp_path / "late.gif")[-1].astype(int)
+    # a palette of 256 for a few colours
+    assert (np.abs(last - blue).max(axis=-1) < 12).sum() >= 2 * 19 * 19
+
+
+def test_films_are_lit_as_the_task_says():
+    task = make("hallway", 1, obs="state")
+    film, scene = film_of(task, video=True), task.scene()
+    assert film is not None
+    assert scene is not None
+    lit = film.take(0, 1, 0.0)
+    assert lit is not None
+    height, width = lit.shape[1:3]
+    under_the_sun = Studio(task.simulation, scene, task.shot(), width=width, height=height).take(0.0)
+    # below a ceiling there is no sun
+    assert lit.mean() > 1.5 * under_the_sun.mean()
