@@ -85,7 +85,6 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         "ppo.entropy": 0.002,
     }
 
-
     def build_world(self, builder: ModelBuilder) -> None:
         """Three pillars; a reset moves them across the road."""
         import simwarp as sw
