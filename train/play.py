@@ -6,7 +6,7 @@ import dataclasses
 import importlib
 import importlib.util
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +65,9 @@ def _frame(drawing: Drawing, time: float, images: npt.NDArray[np.uint8] | None) 
 
 
 def record(
-    task: Task[Any], policy: Policy, seconds: float, seed: int, film: Film | None = None
-) -> tuple[list[Frame], Drawing, float]:
+    task: Task[Any], policy: Policy, seconds: float, seed: int, film: Film | None = None,
+    watch: Callable[[int, int], None] | None = None,
+) -> tuple[list[Frame], Drawing, float]:  # fmt: skip
     """Let a policy act and keep frames.
 
     Args:
@@ -75,6 +76,7 @@ def record(
         seconds: time shown [s].
         seed: of the worlds.
         film: takes rendered images of the frames it wants.
+        watch: hears how many control steps are done, and of how many.
 
     Returns:
         Frames some 25 per second apart, the drawing they follow, and the mean return of the first episodes so far.
@@ -105,6 +107,8 @@ def record(
         if step % every == 0:
             time = step * task.config.control_dt
             frames.append(_frame(task.drawing(), time, image(step // every, time)))
+        if watch is not None:
+            watch(step, steps)
     return frames, drawing, float(total.mean())
 
 
