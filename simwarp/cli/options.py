@@ -148,7 +148,7 @@ def _expand_full(arguments: list[str], task: str, config: Any) -> list[str]:
         from simwarp.tasks import task_class
 
         kind: Any = task_class(task)
-        if kind.full_name == kind.vehicle_name:
+        if getattr(kind, "full_name", "") == getattr(kind, "vehicle_name", None):  # a task of another kind has neither
             print(f"simwarp: there is one model of the {kind.vehicle_name}: --full changes nothing", file=sys.stderr)
     return [f"--task.{word[2:]}" if word in flags else word for word in arguments]
 

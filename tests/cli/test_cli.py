@@ -4,10 +4,12 @@ import json
 import re
 import subprocess
 import sys
+import types
 
 import pytest
 
-from simwarp import cli
+from simwarp import cli, tasks
+from simwarp.cli import options
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +82,13 @@ def test_eval_says_what_the_policy_sees_and_that_full_changes_nothing(simwarp):
     assert (code, told["obstacles"], told["obs"]) == (0, 3, "camera")
     code, _, err = simwarp("eval", "off-road", "--obs", "state", "--task.obstacles", "-3", *options)
     assert (code, err) == (2, "simwarp: --task.obstacles must be in 0..500, got -3\n")
+
+
+def test_full_works_for_a_task_that_drives_no_known_vehicle(monkeypatch, capsys):
+    monkeypatch.setattr(tasks, "task_class", lambda name: object)  # a task of somebody else, with the field alone
+    config = types.SimpleNamespace(full=False)
+    assert options.expand_shorthands(["--full"], "own", config) == ["--task.full"]
+    assert capsys.readouterr().err == ""
 
 
 def test_eval_over_a_grid(simwarp):
