@@ -93,6 +93,7 @@ def input_errors() -> tuple[type[Exception], ...]:
     kinds: list[type[Exception]] = [UsageError]
     for module, names in (
         ("simwarp.types", ("ModelError",)),
+        ("simwarp.files", ("FileError",)),
         ("simwarp.vehicle.spec_parts", ("SpecError",)),
         ("simwarp.tasks.errors", ("InputError", "TaskError")),
     ):
@@ -102,8 +103,9 @@ def input_errors() -> tuple[type[Exception], ...]:
 
 
 def _is_shortfall(error: Exception) -> bool:
-    loaded = sys.modules.get("simwarp.train.trainer")
-    return loaded is not None and isinstance(error, loaded.TrainingError)
+    """Return whether the work began and could not be brought to its end: learning diverged, or a disk is full."""
+    kinds = (("simwarp.train.trainer", "TrainingError"), ("simwarp.files", "OutputError"))
+    return any(name in sys.modules and isinstance(error, getattr(sys.modules[name], kind)) for name, kind in kinds)
 
 
 def one_line(text: str) -> str:
