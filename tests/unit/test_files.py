@@ -8,6 +8,7 @@ import threading
 from pathlib import Path
 
 import pytest
+
 from simwarp.files import FileError, OutputError, check_output, parse_json, read_json, replacing, write_file
 
 
@@ -101,9 +102,14 @@ def test_a_limit_of_file_sizes_is_told_and_the_old_file_stays(tmp_path: Path) ->
 def test_a_folder_that_vanishes_is_told(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    with pytest.raises(OutputError, match=r"folder .*run is gone"), replacing(folder / "a.txt") as draft:
-        draft.write_text("x")
-        shutil.rmtree(folder)
+
+    def write() -> None:
+        with replacing(folder / "a.txt") as draft:
+            draft.write_text("x")
+            shutil.rmtree(folder)
+
+    with pytest.raises(OutputError, match=r"folder .*run is gone"):
+        write()
 
 
 @pytest.mark.parametrize(
