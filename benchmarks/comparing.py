@@ -25,9 +25,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 from rich.console import Console
 from scipy import stats
-from simwarp.tasks import InputError, TaskConfig, make, replace_fields, task_class
+from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, replace_fields, task_class
 from simwarp.train.checkpoint import load_checkpoint
-from simwarp.train.config import LoggerKind, TrainConfig, default_config, to_plain
+from simwarp.train.config import LoggerKind, TrainConfig, default_config
 from simwarp.train.evaluation import Evaluation, evaluate
 from simwarp.train.policies import network_policy
 from simwarp.train.run_folder import RunFolder, git_revision, latest_run, read_progress, write_json
@@ -268,12 +268,12 @@ def run(study: Study, name: str, seed: int, console: Console) -> None:
         "wall_s": round(wall, 1),
         "evaluation": evaluations[config.iterations].as_json(),
         "task": study.task,
-        "train_config": to_plain(config),
-        "task_config": to_plain(task_config),
+        "train_config": config_to_plain(config),
+        "task_config": config_to_plain(task_config),
         "curve": curve,
     }
     if study.evaluation:
-        content["evaluation_config"] = to_plain(evaluated)
+        content["evaluation_config"] = config_to_plain(evaluated)
     if study.budget.evaluations:
         batch = config.num_envs * config.steps_per_iteration
         content["evaluations"] = {

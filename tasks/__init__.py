@@ -7,11 +7,12 @@ if __name__ != "simwarp.tasks":
     # The checkout root on sys.path would load a second copy, with a registry of its own.
     raise ImportError("this folder is imported as simwarp.tasks: write `import simwarp.tasks`")
 
-from .config import TaskConfig, config_from_plain, config_to_plain, replace_fields, require
+from .config import TaskConfig, replace_fields, require
 from .devices import available_devices, resolve_device
 from .drawing import Drawing, Line, View
 from .errors import InputError, TaskError
 from .gym_env import TaskEnv, TaskVectorEnv, register_envs
+from .plain import config_from_plain, config_to_plain
 from .randomness import WorldRandom
 from .registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
 from .replay import ReplayReport

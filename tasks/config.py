@@ -12,6 +12,7 @@ from typing import Annotated, Any, Final, TypeVar
 import tyro
 
 from .errors import InputError, near_names
+from .plain import choice, plain_value
 from .uncertainty import Curriculum, Range, Sensing, coerce, delay_range
 
 ConfigT = TypeVar("ConfigT")
@@ -30,15 +31,6 @@ def require_finite(config: Any) -> None:
         value = getattr(config, field.name)
         if isinstance(value, float):
             require(math.isfinite(value), config, field.name, "a finite number")
-
-
-def choice(field: str, kind: type[enum.Enum], value: Any) -> enum.Enum:
-    """Return the member of an enumeration that a field's value is or names, or raise an :class:`InputError`."""
-    try:
-        return kind(value)
-    except ValueError:
-        known = ", ".join(str(member.value) for member in kind)
-        raise InputError(f"{field.replace('_', '-')} must be one of {known}, got {value!r}") from None
 
 
 def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
@@ -64,33 +56,6 @@ def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
     return dataclasses.replace(config, **direct)  # type: ignore[type-var]
 
 
-def config_to_plain(config: Any) -> dict[str, Any]:
-    """Return a configuration as JSON-ready values; enums become their values."""
-    return {key: _plain(value) for key, value in dataclasses.asdict(config).items()}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, enum.Enum):
-        return value.value
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def config_from_plain(kind: type[TaskConfig], plain: Mapping[str, Any]) -> TaskConfig:
-    """Return the configuration that :func:`config_to_plain` wrote; unknown names are errors."""
-    default = kind()
-    changes = {}
-    for key, value in plain.items():
-        like = getattr(default, key, None)
-        if isinstance(like, enum.Enum):
-            value = choice(key, type(like), value)
-        elif isinstance(like, tuple):
-            value = tuple(value)
-        changes[key] = value
-    return replace_fields(default, changes)
-
-
 def _settings_by_name(arguments: list[str]) -> dict[str, Any]:
     """Read one JSON object from the command line."""
     value = json.loads(arguments[0])
@@ -104,7 +69,7 @@ def _as_json(value: Mapping[str, Any]) -> list[str]:
         name: dataclasses.asdict(entry) if dataclasses.is_dataclass(entry) and not isinstance(entry, type) else entry
         for name, entry in value.items()
     }
-    return [json.dumps(_plain(plain))]
+    return [json.dumps(plain_value(plain))]
 
 
 BY_NAME: Final = tyro.constructors.PrimitiveConstructorSpec(

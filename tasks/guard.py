@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from .config import config_to_plain
+from .plain import config_to_plain
 from .simulation_access import copy_snapshot, pack_snapshot
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from .config import config_from_plain
 from .errors import InputError
 from .guard import FORMAT
+from .plain import config_from_plain
 from .registry import make, task_class
 from .simulation_access import pack_snapshot, unpack_snapshot
 from .task import Task

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import torch
 from rsl_rl.models import MLPModel
-from simwarp.tasks import InputError, Task, require
+from simwarp.tasks import InputError, Task, config_to_plain, require
 from simwarp.tasks.config import require_finite
 from tensordict import TensorDict
 from torch import nn
 
-from .config import NetworkKind, TrainConfig, rsl_rl_config, to_plain
+from .config import NetworkKind, TrainConfig, rsl_rl_config
 from .networks import check_groups
 from .policies import build_actor
 from .trainer import TrainingError
@@ -156,8 +156,8 @@ def clone(
     content = {
         "task": task.name,
         "iteration": 0,
-        "train_config": to_plain(train_config),
-        "task_config": to_plain(task.config),
+        "train_config": config_to_plain(train_config),
+        "task_config": config_to_plain(task.config),
         "actor_state_dict": state,
     }
     return CloneResult(

@@ -6,7 +6,7 @@ import dataclasses
 import enum
 from typing import Any
 
-from simwarp.tasks import InputError, Task, TaskConfig, replace_fields, require
+from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require
 from simwarp.tasks.config import require_finite
 
 CRITIC = "critic"
@@ -293,48 +293,19 @@ def rsl_rl_config(config: TrainConfig, groups: list[str], action_size: int = 1) 
     }
 
 
-def to_plain(config: Any) -> dict[str, Any]:
-    """Return a configuration as JSON-ready values; enums become their values."""
-    return {key: _plain(value) for key, value in dataclasses.asdict(config).items()}
+def train_config_from_plain(plain: object, where: str = "") -> TrainConfig:
+    """Return the training configuration that :func:`~simwarp.tasks.config_to_plain` wrote.
+
+    Args:
+        plain: what was read: it may hold anything.
+        where: where it stood: the errors begin with it.
+
+    Raises:
+        InputError: a name is unknown, or a value is of a wrong type or breaks its rule.
+    """
+    return config_from_plain(TrainConfig, plain, where)
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, enum.Enum):
-        return value.value
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _typed(default: Any, plain: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return the changes that :func:`replace_fields` takes, with enums and tuples where ``default`` has them."""
-    changes: dict[str, Any] = {}
-    for key, value in plain.items():
-        like = getattr(default, key, None)
-        if dataclasses.is_dataclass(like) and isinstance(value, dict):
-            changes |= _typed(like, value, f"{prefix}{key}.")
-            continue
-        if isinstance(like, enum.Enum):
-            try:
-                value = type(like)(value)
-            except ValueError as error:
-                raise InputError(f"{prefix}{key.replace('_', '-')}: {error}") from error
-        elif isinstance(like, tuple):
-            value = _tuples(value)
-        changes[f"{prefix}{key}"] = value
-    return changes
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(item) for item in value) if isinstance(value, list | tuple) else value
-
-
-def train_config_from_plain(plain: dict[str, Any]) -> TrainConfig:
-    """Return the training configuration that :func:`to_plain` wrote; unknown names are errors."""
-    return replace_fields(TrainConfig(), _typed(TrainConfig(), plain))
-
-
-def task_config_from_plain(task: type[Task[Any]], plain: dict[str, Any]) -> TaskConfig:
-    """Return the task configuration that :func:`to_plain` wrote; unknown names are errors."""
-    default = task.config_type()
-    return replace_fields(default, _typed(default, plain))
+def task_config_from_plain(task: type[Task[Any]], plain: object, where: str = "") -> TaskConfig:
+    """Return the configuration of a task; see :func:`train_config_from_plain`."""
+    return config_from_plain(task.config_type, plain, where)

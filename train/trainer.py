@@ -14,10 +14,10 @@ import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 from rsl_rl.utils import resolve_callable
-from simwarp.tasks import EpisodeSummary, InputError, Task
+from simwarp.tasks import EpisodeSummary, InputError, Task, config_to_plain
 from torch import nn
 
-from .config import CriticSees, TrainConfig, rsl_rl_config, to_plain
+from .config import CriticSees, TrainConfig, rsl_rl_config
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
 from .networks import check_groups
@@ -236,8 +236,8 @@ class Trainer:
         return {
             "task": self.task.name,
             "iteration": self.iteration,
-            "train_config": to_plain(self.config),
-            "task_config": to_plain(self.task.config),
+            "train_config": config_to_plain(self.config),
+            "task_config": config_to_plain(self.task.config),
             **self.algorithm.save(),
             **first,
             "other_processes": others,

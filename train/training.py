@@ -10,10 +10,10 @@ from typing import Any
 
 import torch
 from rich.console import Console
-from simwarp.tasks import InputError, TaskConfig, make
+from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
 
 from .checkpoint import load_checkpoint
-from .config import TrainConfig, to_plain
+from .config import TrainConfig
 from .curve import draw_learning_curve
 from .distributed import Processes, connect, processes
 from .loggers import RunLog, check_logger
@@ -89,7 +89,11 @@ def train(
         console.print(
             "the checkpoint has another number of worlds or processes: the worlds start afresh", soft_wrap=True
         )
-    description = {"task": task_name, "train_config": to_plain(config), "task_config": to_plain(task_config)}
+    description = {
+        "task": task_name,
+        "train_config": config_to_plain(config),
+        "task_config": config_to_plain(task_config),
+    }
     if start is not None:
         trainer.warm_start(start)
         description["warm_start"] = str(warm_start)

@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
-from simwarp.tasks import InputError, Task
+from simwarp.tasks import InputError, Task, config_to_plain
 
 from .checkpoint import write_atomically
-from .config import to_plain
 from .policies import Policy, forget
 
 FORMAT = 1
@@ -114,7 +113,7 @@ def _in_order(
     flat = {name: column[kept].numpy() for name, column in table.items()}
     trajectories = Trajectories(
         observations={name.removeprefix(_PREFIX): flat[name] for name in flat if name.startswith(_PREFIX)},
-        about={"format": FORMAT, "task": task.name, "task_config": to_plain(task.config), **about},
+        about={"format": FORMAT, "task": task.name, "task_config": config_to_plain(task.config), **about},
         **{name: flat[name] for name in _COLUMNS},
     )
     returns = trajectories.returns()

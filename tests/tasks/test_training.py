@@ -11,13 +11,12 @@ from pathlib import Path
 import pytest
 import torch
 from rich.console import Console
-from simwarp.tasks import InputError, make, replace_fields, task_class
+from simwarp.tasks import InputError, config_to_plain, make, replace_fields, task_class
 from simwarp.train.checkpoint import load_checkpoint, save_checkpoint, write_atomically
 from simwarp.train.config import (
     default_config,
     rsl_rl_config,
     task_config_from_plain,
-    to_plain,
     train_config_from_plain,
 )
 from simwarp.train.run_folder import ProgressTable, latest_run, open_run, read_progress
@@ -224,7 +223,7 @@ def test_every_key_for_rsl_rl_is_one_it_knows():
 
 def test_configuration_round_trip_and_unknown_names():
     config = small(**{"ppo.gamma": 0.9, "network.hidden": (7, 5)})
-    assert train_config_from_plain(json.loads(json.dumps(to_plain(config)))) == config
+    assert train_config_from_plain(json.loads(json.dumps(config_to_plain(config)))) == config
     with pytest.raises(InputError, match="no field 'gama'; did you mean gamma"):
         replace_fields(config, {"ppo.gama": 0.9})
     for key, value in (("num_envs", -1), ("ppo.gamma", 0.0), ("ppo.clip", -0.1), ("network.hidden", ())):
