@@ -36,6 +36,7 @@ def run(folder, *arguments):
     return subprocess.run(command(folder, *arguments), cwd=folder, capture_output=True, text=True, timeout=300)
 
 
+@pytest.mark.slow
 def test_runs_are_done_once_and_reported_with_intervals(tmp_path):
     small = ["--seeds", "2", "--iterations", "2", "--configurations", "baseline,quaternion"]
     done = run(tmp_path, *small, "--plot")
@@ -63,6 +64,7 @@ def test_runs_are_done_once_and_reported_with_intervals(tmp_path):
     assert "give another --out" in other.stderr
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     arguments = ["--seeds", "1", "--iterations", "40", "--configurations", "baseline"]
     process = subprocess.Popen(command(tmp_path, *arguments), cwd=tmp_path, stderr=subprocess.PIPE, text=True)

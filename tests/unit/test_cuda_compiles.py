@@ -74,7 +74,19 @@ def compile_for_cuda(module: ModuleType, folder: Path | None = None) -> int:
     return len(units)
 
 
-@pytest.mark.parametrize("name", kernel_modules())
+# Ten seconds to ten minutes of NVRTC each
+LONG = {
+    f"simwarp.kernels.{name}"
+    for name in ("world", "cones.batch", "collision.world", "tires.wheels", "sensors.image")
+}  # fmt: skip
+MODULES = [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in kernel_modules()]
+
+
+def test_the_long_ones_are_there():
+    assert set(kernel_modules()) >= LONG
+
+
+@pytest.mark.parametrize("name", MODULES)
 def test_kernels_compile_for_cuda(name):
     assert compile_for_cuda(importlib.import_module(name)) > 0
 
