@@ -1,5 +1,4 @@
 # `make train` and `make test` need nothing before them: they make .venv first, once.
-SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.setup-done
@@ -16,20 +15,28 @@ ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACK
 PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 CODE := $(wildcard setup.py simwarp tasks train tests scripts benchmarks examples)
 
-.PHONY: help setup train test test-slow lint format clean
+# The mark names the checkout. It does not count after the folder was moved, or where its Python no longer runs.
+ifneq ($(shell $(BIN)/python -c pass 2>/dev/null && cat $(READY) 2>/dev/null),$(CURDIR))
+.PHONY: $(READY)
+endif
+
+.PHONY: help setup bundle train test test-slow lint format clean
 
 help:
 	@echo "make setup      virtual environment with everything in it (the others do this by themselves)"
+	@echo "make bundle     wheels and install.sh for a machine without network (ARGS='--python 3.12 --cuda')"
 	@echo "make train      train a policy (TASK=$(TASK), ARGS='--num-envs 512')"
 	@echo "make test       tests (ARGS='-k name'); test-slow adds the slow ones"
 	@echo "make lint       ruff and mypy; format rewrites"
 
 setup: $(READY)
 
-$(READY): pyproject.toml setup.py constraints.txt scripts/setup_env.py
+$(READY): pyproject.toml setup.py constraints.txt scripts/setup_env.py scripts/torch_build.py scripts/pip_calls.py
 	@test -n "$(PYTHON)" || { echo "setup: no Python 3.11 to 3.13 found; set PYTHON=/path/to/python" >&2; exit 1; }
-	@$(PYTHON) scripts/setup_env.py $(VENV)
-	@touch $@
+	@"$(PYTHON)" -m scripts.setup_env $(VENV)
+
+bundle: $(READY)
+	@$(BIN)/python -m scripts.bundle $(ARGS)
 
 train: $(READY)
 	@$(BIN)/simwarp train $(TASK) $(ARGS)

@@ -1,22 +1,36 @@
 """Make the virtual environment that the Makefile works in: torch first, then simwarp with its tools.
 
 Only the standard library is used, since this runs before anything is installed. Running it again changes
-nothing and downloads nothing.
+nothing and downloads nothing; after an interruption it goes on from there.
 """
 
+import fcntl
+import importlib.util
 import os
 import platform
+import re
 import shutil
+import signal
 import subprocess
 import sys
-import urllib.error
-import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from typing import NoReturn
+
+from scripts.pip_calls import PipError, offered, pip_environment, pip_reason
+from scripts.torch_build import CONSTRAINTS, TorchError, choose, has_cuda, pinned, this_machine
 
 ROOT = Path(__file__).resolve().parent.parent
-CPU_INDEX = "https://download.pytorch.org/whl/cpu"
-PROBE_SECONDS = 4.0
 SUPPORTED = ((3, 11), (3, 13))
+# Everything that `python -m venv` makes before it writes pyvenv.cfg.
+VENV_FOLDERS = {"bin", "include", "lib", "lib64"}
+STARTS = "import numpy, torch, warp, simwarp.cli"
+
+
+class SetupError(Exception):
+    """The set-up cannot go on; the text is one line with the remedy."""
 
 
 def say(stage: int, text: str) -> None:
@@ -24,64 +38,37 @@ def say(stage: int, text: str) -> None:
     print(f"[{stage}/3] {text}", flush=True)
 
 
-def fail(text: str) -> None:
-    """End with one line on stderr."""
-    sys.exit(f"setup: {text}")
-
-
-def has_cuda() -> bool:
-    """Whether a CUDA driver answers; SIMWARP_TORCH=cpu or =cuda overrides."""
-    wish = os.environ.get("SIMWARP_TORCH", "").lower()
-    if wish in ("cpu", "cuda"):
-        return wish == "cuda"
-    if wish:
-        fail(f"SIMWARP_TORCH is {wish!r}; it must be 'cpu' or 'cuda'")
-    if shutil.which("nvidia-smi") is None:
-        return False
+def runs(python: Path, code: str) -> subprocess.CompletedProcess[str]:
+    """Let the environment's interpreter run a line of code, out of the checkout's way."""
+    command = [str(python), "-I", "-c", code]
     try:
-        listed = subprocess.run(["nvidia-smi", "-L"], capture_output=True, text=True, timeout=30, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return False
-    return listed.returncode == 0 and "GPU" in listed.stdout
+        return subprocess.run(command, capture_output=True, text=True, env=pip_environment(), check=False)
+    except OSError as error:
+        return subprocess.CompletedProcess(command, 1, "", str(error))
 
 
-def reachable(url: str) -> bool:
-    """Whether the index answers soon. pip itself would retry an unreachable one for a long time."""
-    try:
-        with urllib.request.urlopen(f"{url}/torch/", timeout=PROBE_SECONDS) as answer:
-            return bool(answer.status == 200)
-    except (OSError, urllib.error.URLError, ValueError):
-        return False
+def pip_install(python: Path, torch: str, *arguments: str) -> None:
+    """Run pip install with the pins, among them the build of torch that was chosen; what it writes goes to a file.
 
-
-def pinned(name: str) -> str:
-    """The tested version of a package, from constraints.txt."""
-    for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines():
-        if line.startswith(f"{name}=="):
-            return line.split("==", 1)[1].strip()
-    fail(f"constraints.txt pins no {name}")
-    return ""
-
-
-def torch_request(version: str, cuda: bool) -> list[str]:
-    """The arguments that make pip take the right build of torch.
-
-    PyPI's Linux wheel is the CUDA build (gigabytes); the CPU build is called `+cpu` and comes from torch's
-    own index, or from wherever pip's configuration finds it. On other systems PyPI has the CPU build.
+    Raises:
+        SetupError: If pip fails.
     """
-    if cuda:
-        # Arbitrary equality: `==` would also take a `+cpu` wheel that pip's configuration offers.
-        return [f"torch==={version}"]
-    if platform.system() != "Linux":
-        return [f"torch=={version}"]
-    index = ["--extra-index-url", CPU_INDEX] if reachable(CPU_INDEX) else []
-    return [f"torch=={version}+cpu", *index]
+    folder = python.parent.parent
+    # `==` would take a `+cpu` build for the plain version, and the other way round there is none to be found.
+    pins = re.sub(r"^torch==.*$", f"torch==={torch}", CONSTRAINTS.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    (folder / "constraints.txt").write_text(pins, encoding="utf-8")
+    command = [str(python), "-m", "pip", "install", "-q", "--constraint", str(folder / "constraints.txt"), *arguments]
+    log = folder / "setup.log"
+    with log.open("wb") as output:
+        done = subprocess.run(command, cwd=ROOT, env=pip_environment(), stdout=output, stderr=output, check=False)
+    if done.returncode:
+        reason = pip_reason(log.read_text(encoding="utf-8", errors="replace"))
+        raise SetupError(f"pip could not install {arguments[-1]}: {reason}; all it wrote is in {log}")
 
 
 def installed_torch(python: Path) -> str:
     """Version of torch in the environment, with its build label; empty if there is none."""
-    code = "import importlib.metadata as m; print(m.version('torch'))"
-    found = subprocess.run([python, "-c", code], capture_output=True, text=True, check=False)
+    found = runs(python, "import importlib.metadata as m; print(m.version('torch'))")
     return found.stdout.strip() if found.returncode == 0 else ""
 
 
@@ -91,49 +78,124 @@ def fits(found: str, version: str, cuda: bool) -> bool:
     return base == version and not (cuda and label == "cpu")
 
 
-def pip(python: Path, *arguments: str) -> None:
-    """Run pip install with the pins; only its errors are shown."""
-    command = [
-        str(python), "-m", "pip", "install", "-qq", "--disable-pip-version-check",
-        "--constraint", str(ROOT / "constraints.txt"), *arguments,
-    ]  # fmt: skip
-    if subprocess.run(command, cwd=ROOT, check=False).returncode:
-        fail(f"pip could not install {arguments[0]}; its message is above")
+def drop_half_installed(folder: Path) -> None:
+    """Let pip install again what was being installed when something stopped it: it writes RECORD last."""
+    for info in folder.glob("lib/python3.*/site-packages/*.dist-info"):
+        if not (info / "RECORD").exists():
+            shutil.rmtree(info)
+
+
+def belongs(folder: Path) -> bool:
+    """Whether the environment was made where it lies now; its commands hold that path."""
+    lines = (folder / "pyvenv.cfg").read_text(encoding="utf-8").splitlines()
+    return all(line.endswith(f" {folder}") for line in lines if line.startswith("command ="))
 
 
 def make_venv(folder: Path) -> Path:
-    """Create the environment, or keep it if its interpreter runs."""
+    """Create the environment, or keep it if it was made here and its interpreter runs.
+
+    Raises:
+        SetupError: If it cannot be made, or if the folder holds anything else.
+    """
     python = folder / "bin" / "python"
     low, high = SUPPORTED
     check = f"import sys, pip; sys.exit(not {low} <= sys.version_info[:2] <= {high})"
-    if python.exists() and subprocess.run([python, "-c", check], capture_output=True).returncode == 0:
+    if (folder / "pyvenv.cfg").is_file() and belongs(folder) and runs(python, check).returncode == 0:
+        drop_half_installed(folder)
         say(1, f"virtual environment {folder.name} is there")
         return python
+    if not folder.is_dir() and (folder.exists() or folder.is_symlink()):
+        raise SetupError(f"{folder} is not a folder; move it out of the way")
+    if folder.is_dir() and not (folder / "pyvenv.cfg").exists() and {p.name for p in folder.iterdir()} - VENV_FOLDERS:
+        raise SetupError(f"{folder} is no virtual environment and not empty; move it out of the way")
+    for module in ("venv", "ensurepip"):
+        if importlib.util.find_spec(module) is None:
+            package = f"python3.{sys.version_info.minor}-venv"
+            raise SetupError(f"{sys.executable} has no module {module} (Debian and Ubuntu: apt install {package})")
     say(1, f"virtual environment {folder.name} with Python {platform.python_version()}")
-    made = subprocess.run([sys.executable, "-m", "venv", "--clear", str(folder)], check=False)
+    command = [sys.executable, "-m", "venv", "--clear", str(folder)]
+    made = subprocess.run(command, env=pip_environment(), capture_output=True, text=True, check=False)
     if made.returncode:
-        fail("could not make the virtual environment (on Debian and Ubuntu: apt install python3-venv)")
+        raise SetupError(f"could not make {folder}: {pip_reason(made.stdout + made.stderr)}")
     return python
 
 
-def main() -> None:
-    """Environment, torch, simwarp."""
-    if not SUPPORTED[0] <= sys.version_info[:2] <= SUPPORTED[1]:
-        fail(f"needs Python 3.11 to 3.13, got {platform.python_version()}; set PYTHON=python3.12 or the like")
-    folder = ROOT / (sys.argv[1] if len(sys.argv) > 1 else ".venv")
-    python = make_venv(folder)
-    cuda, version = has_cuda(), pinned("torch")
-    build = "CUDA" if cuda else "CPU"
+def install_torch(python: Path, cuda: bool) -> str:
+    """Install the right build of torch if none is there; its version with the label."""
+    version = pinned("torch")
     found = installed_torch(python)
     if fits(found, version, cuda):
-        say(2, f"torch {found} is there ({build} machine)")
-    else:
-        say(2, f"torch {version}, {build} build: downloading and installing")
-        pip(python, *torch_request(version, cuda))
+        say(2, f"torch {found} is there ({'CUDA' if cuda else 'CPU'} machine)")
+        return found
+    linux = platform.system() == "Linux"
+    offers = partial(offered, [str(python), "-m", "pip", "install"], "torch")
+    build = choose(version, cuda=cuda, linux=linux, offers=offers, target=this_machine())
+    say(2, f"torch {build.version}, {build.note}: downloading and installing")
+    pip_install(python, build.version, *build.arguments, f"torch==={build.version}")
+    return build.version
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Let a second set-up of the same checkout wait for the first."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print("setup: another one works here; waiting for it", flush=True)
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(handle)
+
+
+def set_up(folder: Path) -> None:
+    """Environment, torch, simwarp; then the mark that it is done, which names the checkout."""
+    done = folder / ".setup-done"
+    with suppress(NotADirectoryError):
+        done.unlink(missing_ok=True)
+    cuda = has_cuda()
+    python = make_venv(folder)
+    torch = install_torch(python, cuda)
     say(3, "simwarp (editable), its dependencies and tools at the versions of constraints.txt")
-    pip(python, "setuptools>=77")
-    pip(python, "--no-build-isolation", "--editable", ".[dev]")
+    pip_install(python, torch, "setuptools>=77")
+    pip_install(python, torch, "--no-build-isolation", "--editable", ".[dev]")
+    started = runs(python, STARTS)
+    if started.returncode:
+        why = pip_reason(started.stderr)
+        raise SetupError(f"installed, but it does not start: {why}; remove {folder} and run `make setup` again")
+    done.write_text(f"{ROOT}\n", encoding="utf-8")
+
+
+def interrupted(signum: int, frame: object) -> NoReturn:
+    """SIGTERM ends as Ctrl-C does."""
+    raise KeyboardInterrupt
+
+
+def main() -> int:
+    """Set the environment up; any failure is one line on stderr."""
+    if not SUPPORTED[0] <= sys.version_info[:2] <= SUPPORTED[1]:
+        text = f"needs Python 3.11 to 3.13, got {platform.python_version()}; set PYTHON=python3.12 or the like"
+        print(f"setup: {text}", file=sys.stderr)
+        return 1
+    signal.signal(signal.SIGTERM, interrupted)
+    try:
+        with alone(ROOT):
+            set_up(ROOT / (sys.argv[1] if len(sys.argv) > 1 else ".venv"))
+    except (SetupError, TorchError, PipError) as error:
+        print(f"setup: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"setup: {error.filename or ROOT}: {error.strerror}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("setup: interrupted; run it again and it goes on from there", file=sys.stderr)
+        return 130
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
