@@ -5,7 +5,9 @@ from simwarp.contacts import Contacts
 from simwarp.diagnostics import Diagnostics
 from simwarp.dynamics.cone_problems import ConeSolution, solve_cone_problems
 from simwarp.model import Model
-from simwarp.simulation import Simulation, Snapshot, SolverOptions
+from simwarp.simulation import Simulation
+from simwarp.snapshot import Snapshot
+from simwarp.solver_options import SolverOptions
 from simwarp.state import Control, State
 from simwarp.types import (
     WORLD,

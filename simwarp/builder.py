@@ -449,14 +449,6 @@ class ModelBuilder(ShapeList):
         """
         from simwarp.model import Model
 
-        if isinstance(per_world, str):
-            raise ModelError(f"finalize: per_world must be a list of names, got {per_world!r}; write [{per_world!r}]")
-        if contact_capacity is not None:
-            integer = isinstance(contact_capacity, (int, np.integer)) and not isinstance(contact_capacity, bool)
-            if not integer or contact_capacity < 1:
-                raise ModelError(
-                    f"finalize: contact_capacity must be an integer >= 1, got {contact_capacity!r}; None chooses it"
-                )
         return Model.from_builder(self, world_count, device, per_world=per_world, contact_capacity=contact_capacity)
 
     # ---- checks --------------------------------------------------------------------------------------------------

@@ -6,11 +6,13 @@ from typing import Any
 
 import warp as wp
 
+from simwarp.arrays import FixedAttributes
 from simwarp.kernels.tables import ContactArrays
 from simwarp.model import Model
+from simwarp.types import ArrayLayout
 
 
-class Contacts:
+class Contacts(FixedAttributes):
     """The contacts of the last sub-step, at the poses of its start. Slots from `contact_count` on hold old values.
 
     Attributes:
@@ -38,31 +40,47 @@ class Contacts:
         "contact_force_w", "shape_contact_force", "body_contact_force", "penetration",
     )  # fmt: skip
 
+    contact_count: wp.array
+    contact_overflow: wp.array
+    contact_shape0: wp.array
+    contact_shape1: wp.array
+    contact_feature: wp.array
+    contact_normal_w: wp.array
+    contact_gap: wp.array
+    contact_arm0: wp.array
+    contact_arm1: wp.array
+    contact_impulse: wp.array
+    contact_moment: wp.array
+    contact_force_w: wp.array
+    shape_contact_force: wp.array
+    body_contact_force: wp.array
+    penetration: wp.array
+
     def __init__(self, model: Model) -> None:
-        worlds, device = model.world_count, model.device
-        capacity = model.contact_capacity
-
-        def zeros(count: int, dtype: Any) -> wp.array:
-            return wp.zeros((worlds, count), dtype=dtype, device=device)
-
-        self.contact_count = wp.zeros(worlds, dtype=wp.int32, device=device)
-        self.contact_overflow = wp.zeros(worlds, dtype=wp.int32, device=device)
-        self.contact_shape0 = zeros(capacity, wp.int32)
-        self.contact_shape1 = zeros(capacity, wp.int32)
-        self.contact_feature = zeros(capacity, wp.int32)
-        self.contact_normal_w = zeros(capacity, wp.vec3)
-        self.contact_gap = zeros(capacity, wp.float32)
-        self.contact_arm0 = zeros(capacity, wp.vec3)
-        self.contact_arm1 = zeros(capacity, wp.vec3)
-        self.contact_impulse = zeros(capacity, wp.vec3)
-        self.contact_moment = zeros(capacity, wp.vec3)
-        self.contact_force_w = zeros(capacity, wp.vec3)
-        self.shape_contact_force = zeros(model.shape_count, wp.vec3)
-        self.body_contact_force = zeros(model.body_count if model.shape_count else 0, wp.vec3)
-        self.penetration = wp.zeros(worlds, dtype=wp.float32, device=device)
         self.arrays = ContactArrays()
-        for name in self.NAMES:
-            setattr(self.arrays, name, getattr(self, name))
+        for name, layout in self.layouts(model).items():
+            array = wp.zeros(layout.shape, dtype=layout.dtype, device=model.device)
+            setattr(self, name, array)
+            setattr(self.arrays, name, array)
+        self._fix()
+
+    @classmethod
+    def layouts(cls, model: Model) -> dict[str, ArrayLayout]:
+        """The arrays of a model's contacts."""
+        worlds = model.world_count
+        slots = (worlds, model.contact_capacity)
+        shapes: dict[str, tuple[tuple[int, ...], Any]] = {
+            "contact_count": ((worlds,), wp.int32),
+            "contact_overflow": ((worlds,), wp.int32),
+            "contact_shape0": (slots, wp.int32),
+            "contact_shape1": (slots, wp.int32),
+            "contact_feature": (slots, wp.int32),
+            "contact_gap": (slots, wp.float32),
+            "shape_contact_force": ((worlds, model.shape_count), wp.vec3),
+            "body_contact_force": ((worlds, model.body_count if model.shape_count else 0), wp.vec3),
+            "penetration": ((worlds,), wp.float32),
+        }
+        return {name: ArrayLayout(*shapes.get(name, (slots, wp.vec3))) for name in cls.NAMES}
 
     def copy_from(self, other: Contacts) -> None:
         """Copies every array of `other` into this one."""

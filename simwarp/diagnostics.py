@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import warp as wp
 
+from simwarp.arrays import FixedAttributes
 from simwarp.kernels.tables import Reports
 from simwarp.model import Model
-from simwarp.types import WorldStatus
+from simwarp.types import ArrayLayout, WorldStatus
 
 if TYPE_CHECKING:
     from simwarp.contacts import Contacts
@@ -19,7 +20,7 @@ SUSPICIOUS = 100.0
 """Times the solver's tolerance: a residual above is worth a line."""
 
 
-class Diagnostics:
+class Diagnostics(FixedAttributes):
     """Per-world reports of the last sub-step.
 
     Attributes:
@@ -38,20 +39,33 @@ class Diagnostics:
         "joint_reaction_torque",
     )  # fmt: skip
 
+    row_residual: wp.array
+    bounded_residual: wp.array
+    bounded_count: wp.array
+    iterations: wp.array
+    position_error: wp.array
+    energy: wp.array
+    joint_reaction_force: wp.array
+    joint_reaction_torque: wp.array
+
     def __init__(self, model: Model, *, reactions: bool) -> None:
-        worlds, device = model.world_count, model.device
-        joints = (worlds if reactions else 0, model.joint_count)
-        self.row_residual = wp.zeros(worlds, dtype=wp.float32, device=device)
-        self.bounded_residual = wp.zeros(worlds, dtype=wp.float32, device=device)
-        self.bounded_count = wp.zeros(worlds, dtype=wp.int32, device=device)
-        self.iterations = wp.zeros(worlds, dtype=wp.int32, device=device)
-        self.position_error = wp.zeros(worlds, dtype=wp.float32, device=device)
-        self.energy = wp.zeros(worlds, dtype=wp.float64, device=device)
-        self.joint_reaction_force = wp.zeros(joints, dtype=wp.vec3, device=device)
-        self.joint_reaction_torque = wp.zeros(joints, dtype=wp.vec3, device=device)
         self.arrays = Reports()
-        for name in self.NAMES:
-            setattr(self.arrays, name, getattr(self, name))
+        for name, layout in self.layouts(model, reactions).items():
+            array = wp.zeros(layout.shape, dtype=layout.dtype, device=model.device)
+            setattr(self, name, array)
+            if name in self.NAMES:
+                setattr(self.arrays, name, array)
+        self._fix()
+
+    @classmethod
+    def layouts(cls, model: Model, reactions: bool) -> dict[str, ArrayLayout]:
+        """The arrays of a model's diagnostics; `reactions`: whether those of joints are recorded."""
+        worlds = (model.world_count,)
+        joints = (model.world_count if reactions else 0, model.joint_count)
+        counts = {name: ArrayLayout(worlds, wp.int32) for name in ("bounded_count", "iterations")}
+        forces = {name: ArrayLayout(joints, wp.vec3) for name in cls.NAMES if name.startswith("joint_reaction")}
+        known = {**counts, **forces, "energy": ArrayLayout(worlds, wp.float64)}
+        return {name: known.get(name, ArrayLayout(worlds, wp.float32)) for name in (*cls.NAMES, "energy")}
 
 
 def explain_worlds(state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float) -> list[str]:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.arrays import writable_from
+from simwarp.arrays import FixedAttributes, WritableArray, writable_from
+from simwarp.checks import LONGEST_NAME, checked_names, whole_number
 from simwarp.dynamics.topology import (
     Tables,
     build_tables,
     collect_tables,
+    coupling_width,
     dof_joints,
     drive_mode,
     longest_path,
@@ -23,10 +24,12 @@ from simwarp.dynamics.topology import (
 )
 from simwarp.elements import ELEMENTS
 from simwarp.geometry import add_ground_assets, hull_assets
+from simwarp.identity import model_identity
 from simwarp.kernels.tables import Parameters, Topology
-from simwarp.rotation import matrix_of
-from simwarp.shapes import ShapeSpec, contact_limit, shape_pairs
-from simwarp.types import WORLD, JointType, ModelError, PositionDrive, VelocityMotor
+from simwarp.memory import MOST_ROWS, check_layouts
+from simwarp.parameters import PARAMETERS, asset_domain, parameter_values
+from simwarp.shapes import contact_limit, shape_pairs
+from simwarp.types import WORLD, ArrayLayout, JointType, ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.builder import ModelBuilder
@@ -37,60 +40,13 @@ CONTACTS_PER_BODY = 12
 LISTED_PAIRS = 2000
 """Pairs of shapes up to which every step goes through a list of them; above, a grid finds the near ones."""
 
-INFINITE = 1.0e30
-"""Stands for "no limit" in float32 parameters."""
+MOST_LISTED: Final = 12
+"""Names that an error lists."""
+
+FEWER: Final = "take fewer worlds or a smaller contact_capacity"
 
 
-@dataclasses.dataclass(frozen=True)
-class Parameter:
-    """Dtype and meaning of a per-world parameter; its shape is (1 or W, n)."""
-
-    dtype: Any
-    text: str
-
-
-PARAMETERS: dict[str, Parameter] = {
-    "gravity": Parameter(wp.vec3, "(1 or W,) acceleration [m/s²], world frame"),
-    "body_mass": Parameter(wp.float32, "(1 or W, B) [kg]"),
-    "body_inertia_b": Parameter(wp.mat33, "(1 or W, B) about the centre of mass, body frame [kg·m²]"),
-    "joint_anchor0": Parameter(wp.vec3d, "(1 or W, J) origin of frame 0 from the first body's centre, its frame [m]"),
-    "joint_anchor1": Parameter(wp.vec3d, "(1 or W, J) origin of frame 1 from the second body's centre, its frame [m]"),
-    "joint_frame0": Parameter(wp.mat33d, "(1 or W, J) axes of frame 0 in the first body"),
-    "joint_frame1": Parameter(wp.mat33d, "(1 or W, J) axes of frame 1 in the second body"),
-    "joint_offset": Parameter(wp.float64, "(1 or W, J) length of a rod [m]"),
-    "joint_armature": Parameter(wp.float32, "(1 or W, dofs) [kg or kg·m²]"),
-    "joint_stiffness": Parameter(wp.float32, "(1 or W, dofs) [N/m or N·m/rad]"),
-    "joint_rest": Parameter(wp.float32, "(1 or W, dofs) [m or rad]"),
-    "joint_damping": Parameter(wp.float32, "(1 or W, dofs) [N·s/m or N·m·s/rad]"),
-    "joint_preload": Parameter(wp.float32, "(1 or W, dofs) [N or N·m]"),
-    "joint_friction": Parameter(wp.float32, "(1 or W, dofs) dry friction [N or N·m]"),
-    "joint_limit_lower": Parameter(wp.float32, "(1 or W, dofs) [m or rad]"),
-    "joint_limit_upper": Parameter(wp.float32, "(1 or W, dofs) [m or rad]"),
-    "drive_stiffness": Parameter(wp.float32, "(1 or W, dofs) [N/m or N·m/rad]"),
-    "drive_damping": Parameter(wp.float32, "(1 or W, dofs) [N·s/m or N·m·s/rad]"),
-    "drive_effort_limit": Parameter(wp.float32, "(1 or W, dofs) [N or N·m]"),
-    "coupling_coefficient": Parameter(wp.float32, "(1 or W, couplings, terms)"),
-    "coupling_offset": Parameter(wp.float64, "(1 or W, couplings)"),
-    "coupling_damping": Parameter(wp.float32, "(1 or W, couplings) of a viscous coupling, 0: rigid [N·m·s/rad]"),
-    "shape_x": Parameter(wp.vec3d, "(1 or W, S) origin from the body's centre of mass, body axes [m]"),
-    "shape_rot": Parameter(wp.quat, "(1 or W, S) xyzw, shape axes to body axes"),
-    "shape_size": Parameter(wp.vec3, "(1 or W, S) meaning by `ShapeType` [m]"),
-    "shape_margin": Parameter(wp.float32, "(1 or W, S) thickness added to the surface [m]"),
-    "shape_asset": Parameter(wp.int32, "(1 or W, S) asset that a hull, height field or mesh shows"),
-    "shape_enabled": Parameter(wp.int32, "(1 or W, S) 0 takes the shape out"),
-    "shape_friction": Parameter(wp.float32, "(1 or W, S)"),
-    "shape_rolling_friction": Parameter(wp.float32, "(1 or W, S) [m]"),
-    "shape_spinning_friction": Parameter(wp.float32, "(1 or W, S) [m]"),
-    "shape_restitution": Parameter(wp.float32, "(1 or W, S)"),
-    "shape_cohesion": Parameter(wp.float32, "(1 or W, S) [N]"),
-    "shape_compliance": Parameter(wp.float32, "(1 or W, S) [m/N]"),
-    "shape_damping": Parameter(wp.float32, "(1 or W, S) relaxation time of the compliance [s]"),
-    "shape_young_modulus": Parameter(wp.float32, "(1 or W, S) of the smooth contact model [Pa]"),
-    "shape_poisson_ratio": Parameter(wp.float32, "(1 or W, S) of the smooth contact model"),
-}
-
-
-class Model:
+class Model(FixedAttributes):
     """Constant data of `world_count` worlds on one device. Made by `ModelBuilder.finalize`.
 
     Every parameter of `PARAMETERS` is an attribute: an array of leading dimension 1 (shared by all worlds) or W
@@ -107,35 +63,46 @@ class Model:
         has_loops: whether joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
+        identity: what of it a snapshot must have in common.
     """
 
-    gravity: wp.array
-    body_mass: wp.array
-    body_inertia_b: wp.array
-    joint_stiffness: wp.array
-    joint_damping: wp.array
-    joint_friction: wp.array
-    joint_armature: wp.array
-    coupling_coefficient: wp.array
-    coupling_offset: wp.array
-    coupling_damping: wp.array
-    drive_stiffness: wp.array
-    drive_damping: wp.array
-    shape_x: wp.array
-    shape_rot: wp.array
-    shape_size: wp.array
-    shape_margin: wp.array
-    shape_asset: wp.array
-    shape_enabled: wp.array
-    shape_friction: wp.array
-    shape_rolling_friction: wp.array
-    shape_spinning_friction: wp.array
-    shape_restitution: wp.array
-    shape_cohesion: wp.array
-    shape_compliance: wp.array
-    shape_damping: wp.array
-    shape_young_modulus: wp.array
-    shape_poisson_ratio: wp.array
+    gravity: WritableArray
+    body_mass: WritableArray
+    body_inertia_b: WritableArray
+    joint_anchor0: WritableArray
+    joint_anchor1: WritableArray
+    joint_frame0: WritableArray
+    joint_frame1: WritableArray
+    joint_offset: WritableArray
+    joint_armature: WritableArray
+    joint_stiffness: WritableArray
+    joint_rest: WritableArray
+    joint_damping: WritableArray
+    joint_preload: WritableArray
+    joint_friction: WritableArray
+    joint_limit_lower: WritableArray
+    joint_limit_upper: WritableArray
+    drive_stiffness: WritableArray
+    drive_damping: WritableArray
+    drive_effort_limit: WritableArray
+    coupling_coefficient: WritableArray
+    coupling_offset: WritableArray
+    coupling_damping: WritableArray
+    shape_x: WritableArray
+    shape_rot: WritableArray
+    shape_size: WritableArray
+    shape_margin: WritableArray
+    shape_asset: WritableArray
+    shape_enabled: WritableArray
+    shape_friction: WritableArray
+    shape_rolling_friction: WritableArray
+    shape_spinning_friction: WritableArray
+    shape_restitution: WritableArray
+    shape_cohesion: WritableArray
+    shape_compliance: WritableArray
+    shape_damping: WritableArray
+    shape_young_modulus: WritableArray
+    shape_poisson_ratio: WritableArray
 
     def __init__(
         self, world_count: int, device: Any, builder: ModelBuilder, tables: Tables, contact_capacity: int | None = None
@@ -167,6 +134,7 @@ class Model:
         self.assets = hull_assets(builder.hulls, device)
         # the assets hold their ids only
         self.meshes = add_ground_assets(self.assets, builder.height_fields, builder.meshes, device)
+        self.identity = model_identity(builder, self)
 
     @classmethod
     def from_builder(
@@ -174,25 +142,41 @@ class Model:
         contact_capacity: int | None = None,
     ) -> Model:  # fmt: skip
         """See `ModelBuilder.finalize`."""
-        if not isinstance(world_count, (int, np.integer)) or isinstance(world_count, bool) or world_count < 1:
-            raise ModelError(f"finalize: world_count must be an integer >= 1, got {world_count!r}")
+        worlds = whole_number("finalize", "world_count", world_count, 1, MOST_ROWS, "give the number of worlds")
+        if contact_capacity is not None:
+            contact_capacity = whole_number(
+                "finalize", "contact_capacity", contact_capacity, 1, MOST_ROWS, "None chooses it"
+            )
+        from simwarp.requirements import run_layouts  # which knows State, and that this Model
+
+        wanted = checked_names("finalize", "per_world", per_world, PARAMETERS)
         if not builder.bodies and not builder.joints:
             raise ModelError("finalize: the builder has no body; call add_body first")
-        model = cls(int(world_count), resolve_device(device), builder, build_tables(builder), contact_capacity)
-        wanted = set(per_world)
-        for name in wanted - PARAMETERS.keys():
-            near = difflib.get_close_matches(name, PARAMETERS, n=1)
-            raise ModelError(
-                f"finalize: per_world names an unknown parameter '{name}'"
-                + (f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(PARAMETERS)}")
-            )
-        for name, values in _parameter_values(builder).items():
-            copies = model.world_count if name in wanted else 1
-            data = np.repeat(values[None], copies, axis=0)
-            array = writable_from(data, PARAMETERS[name].dtype, model.device)
+        values = parameter_values(builder)
+        model = cls(worlds, resolve_device(device), builder, build_tables(builder), contact_capacity)
+        layouts = {
+            name: ArrayLayout((worlds if name in wanted else 1, *_lengths(array, name)), PARAMETERS[name].dtype)
+            for name, array in values.items()
+        }
+        check_layouts(f"finalize: {worlds} worlds", layouts | run_layouts(model), model.device, FEWER)
+        for name, layout in layouts.items():
+            shared = layout.shape[0] == 1 < worlds
+            array = writable_from(
+                np.repeat(values[name][None], layout.shape[0], axis=0), layout.dtype, model.device,
+                label=f"model.{name}",
+                domain=asset_domain(builder) if name == "shape_asset" else PARAMETERS[name].domain,
+                hint=f"all worlds share it: finalize(per_world=('{name}',)) gives each its own" if shared else "",
+            )  # fmt: skip
             setattr(model, name, array)
             setattr(model.parameters, name, array)
+        model._fix()
         return model
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a Model cannot be pickled or copied: it refers to memory of a device; keep its ModelBuilder, which can, "
+            "and finalize that again"
+        )
 
     def body(self, name: str) -> int:
         """Index of a body by name."""
@@ -204,7 +188,13 @@ class Model:
 
     def dof(self, joint: str, local: int = 0) -> int:
         """Column of `joint_q` of a joint's coordinate."""
-        return self.joint_dof_start[self.joint(joint)] + local
+        index = self.joint(joint)
+        first, end = self.joint_dof_start[index : index + 2]
+        if isinstance(local, bool) or not isinstance(local, (int, np.integer)) or not 0 <= local < end - first:
+            raise ModelError(
+                f"model: joint '{joint}' has {end - first} coordinates, got index {shown(local)}; count from 0"
+            )
+        return first + int(local)
 
 
 def resolve_device(device: str | None) -> Any:
@@ -217,14 +207,21 @@ def resolve_device(device: str | None) -> Any:
         return wp.get_device(device)
     except Exception as error:  # warp raises several kinds for unknown names and absent drivers
         known = ", ".join(str(each) for each in wp.get_devices())
-        raise ModelError(f"device '{device}' is not available; use one of: {known}") from error
+        name = f"'{device}'" if isinstance(device, str) and len(device) < LONGEST_NAME else shown(device)
+        raise ModelError(f"device {name} is not available; use one of: {known}") from error
 
 
 def _index(name: str, names: tuple[str, ...], kind: str) -> int:
-    if name not in names:
-        near = difflib.get_close_matches(name, names, n=3) or list(names)
-        raise ModelError(f"model has no {kind} '{name}'; did you mean {', '.join(map(repr, near))}?")
+    if not isinstance(name, str) or name not in names:
+        near = difflib.get_close_matches(name[:LONGEST_NAME], names, n=3) if isinstance(name, str) else []
+        some = ", ".join(map(repr, near or names[:MOST_LISTED])) + (", ..." if len(names) > MOST_LISTED else "")
+        raise ModelError(f"model has no {kind} {shown(name)}; " + (f"did you mean {some}?" if some else "it has none"))
     return names.index(name)
+
+
+def _lengths(values: npt.NDArray[Any], name: str) -> tuple[int, ...]:
+    """Axes of one world's parameter without those of its vectors and matrices."""
+    return values.shape[: values.ndim - len(getattr(PARAMETERS[name].dtype, "_shape_", ()))]
 
 
 def _initial_state(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
@@ -243,74 +240,6 @@ def _initial_state(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
         "body_omega_last": np.array([body.omega for body in bodies], np.float32).reshape(-1, 3),
         "joint_x": np.array(joint_x, np.float64),
         "joint_qd": np.array(joint_qd, np.float32),
-    }
-
-
-def _parameter_values(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
-    """One world's parameters, in the order of `PARAMETERS`."""
-    joints, dofs = builder.joints, [dof for joint in builder.joints for dof in joint.dofs]
-    drives = [dof.drive for dof in dofs]
-    pd = [drive if isinstance(drive, PositionDrive) else PositionDrive(stiffness=0.0) for drive in drives]
-    efforts = [drive.effort_limit if isinstance(drive, PositionDrive | VelocityMotor) else INFINITE for drive in drives]
-    limits = [dof.limit if dof.limit is not None else (-INFINITE, INFINITE) for dof in dofs]
-    coefficients = np.zeros((len(builder.couplings), coupling_width(builder)))
-    for row, coupling in enumerate(builder.couplings):
-        coefficients[row, : len(coupling.terms)] = [value for _, value in coupling.terms]
-    initial = _initial_coordinates(builder)
-    offsets = [
-        sum(value * initial[dof] for dof, value in coupling.terms) if coupling.offset is None else coupling.offset
-        for coupling in builder.couplings
-    ]
-    return {
-        "gravity": builder.gravity,
-        "body_mass": np.array([body.mass for body in builder.bodies]),
-        "body_inertia_b": np.array([body.inertia for body in builder.bodies]).reshape(-1, 3, 3),
-        "joint_anchor0": np.array([joint.frame0.position for joint in joints]).reshape(-1, 3),
-        "joint_anchor1": np.array([joint.frame1.position for joint in joints]).reshape(-1, 3),
-        "joint_frame0": np.array([matrix_of(joint.frame0.rotation) for joint in joints]).reshape(-1, 3, 3),
-        "joint_frame1": np.array([matrix_of(joint.frame1.rotation) for joint in joints]).reshape(-1, 3, 3),
-        "joint_offset": np.array([joint.offset for joint in joints]),
-        "joint_armature": np.array([dof.armature for dof in dofs])
-        + np.array([joint.inertia for joint in joints for _ in joint.dofs]),
-        "joint_stiffness": np.array([dof.stiffness for dof in dofs]),
-        "joint_rest": np.array([dof.rest for dof in dofs]),
-        "joint_damping": np.array([dof.damping for dof in dofs]),
-        "joint_preload": np.array([dof.preload for dof in dofs]),
-        "joint_friction": np.array([dof.friction for dof in dofs]),
-        "joint_limit_lower": np.maximum([limit[0] for limit in limits], -INFINITE),
-        "joint_limit_upper": np.minimum([limit[1] for limit in limits], INFINITE),
-        "drive_stiffness": np.array([drive.stiffness for drive in pd]),
-        "drive_damping": np.array([drive.damping for drive in pd]),
-        "drive_effort_limit": np.minimum(efforts, INFINITE),
-        "coupling_coefficient": coefficients,
-        "coupling_offset": np.array(offsets),
-        "coupling_damping": np.array([coupling.damping for coupling in builder.couplings]),
-        **_shape_values(builder.shapes),
-    }
-
-
-def _shape_values(shapes: list[ShapeSpec]) -> dict[str, npt.NDArray[Any]]:
-    """One world's parameters of the shapes."""
-
-    def material(field: str) -> npt.NDArray[Any]:
-        return np.array([getattr(shape.material, field) for shape in shapes])
-
-    return {
-        "shape_x": np.array([shape.pose.position for shape in shapes]).reshape(-1, 3),
-        "shape_rot": np.array([shape.pose.rotation for shape in shapes]).reshape(-1, 4),
-        "shape_size": np.array([shape.size for shape in shapes]).reshape(-1, 3),
-        "shape_margin": np.array([shape.margin for shape in shapes]),
-        "shape_asset": np.array([shape.asset for shape in shapes], np.int32),
-        "shape_enabled": np.ones(len(shapes), np.int32),
-        "shape_friction": material("friction"),
-        "shape_rolling_friction": material("rolling_friction"),
-        "shape_spinning_friction": material("spinning_friction"),
-        "shape_restitution": material("restitution"),
-        "shape_cohesion": material("cohesion"),
-        "shape_compliance": material("compliance"),
-        "shape_damping": material("damping"),
-        "shape_young_modulus": material("young_modulus"),
-        "shape_poisson_ratio": material("poisson_ratio"),
     }
 
 
@@ -352,16 +281,6 @@ def default_capacity(builder: ModelBuilder) -> int:
     return min(total, max(24, CONTACTS_PER_BODY * len(builder.bodies)))
 
 
-def _initial_coordinates(builder: ModelBuilder) -> list[float]:
-    """Joint coordinates as built: zero but for shafts (only couplable joints matter here)."""
-    return [joint.initial_q for joint in builder.joints for _ in joint.dofs]
-
-
-def coupling_width(builder: ModelBuilder) -> int:
-    """Terms of the longest coupling."""
-    return max((len(coupling.terms) for coupling in builder.couplings), default=1)
-
-
 def turn_terms(builder: ModelBuilder) -> list[tuple[int, int]]:
     """(coupling, term) of every coupling term on the rotation between two bodies."""
     owner = dof_joints(builder)
@@ -376,6 +295,11 @@ def turn_terms(builder: ModelBuilder) -> list[tuple[int, int]]:
 def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     """Start indices and concatenated entries."""
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
+
+
+def _joined(curves: Sequence[Sequence[float]], device: Any) -> Any:
+    """All numbers of the tables; one where there is none."""
+    return wp.array(np.concatenate(curves or [[0.0]]).astype(np.float64), dtype=wp.float64, device=device)
 
 
 def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topology:
@@ -426,12 +350,8 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     t.dof_coupled = ints([dof in coupled for dof in range(builder.dof_count)])
     t.dof_table = ints(dof_table)
     t.table_start = ints(starts)
-    t.table_x = wp.array(
-        np.concatenate([[0.0], *(x for x, _ in curves)])[bool(curves) :], dtype=wp.float64, device=device
-    )
-    t.table_y = wp.array(
-        np.concatenate([[0.0], *(y for _, y in curves)])[bool(curves) :], dtype=wp.float64, device=device
-    )
+    t.table_x = _joined([x for x, _ in curves], device)
+    t.table_y = _joined([y for _, y in curves], device)
     t.loop_joint, t.loop_row = ints(tables.loop_joint), ints(tables.loop_row)
     t.row_kind = ints([row.kind for row in tables.rows])
     t.row_axis0 = ints([row.axis0 for row in tables.rows])

@@ -2,87 +2,44 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from enum import IntEnum
-from typing import Any, cast
+from typing import Any, ClassVar, Final, NoReturn, cast
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
+from simwarp.arrays import FixedAttributes
+from simwarp.checks import checked_flag, whole_number
 from simwarp.contacts import Contacts
 from simwarp.diagnostics import Diagnostics, explain_worlds
 from simwarp.force_elements import ForceElement, words
+from simwarp.identity import run_parts
 from simwarp.kernels.collision.world import collide_worlds, make_collision_scratch
 from simwarp.kernels.energy import measure_energy
 from simwarp.kernels.tables import StepConfig
-from simwarp.kernels.world import Operation, Sizes, copy_rows, copy_worlds, make_scratch, run_worlds_kernel
-from simwarp.model import Model
+from simwarp.kernels.world import Operation, copy_rows, copy_worlds, flag_worlds, make_scratch, run_worlds_kernel
+from simwarp.memory import check_layouts
+from simwarp.model import FEWER, Model
+from simwarp.requirements import lanes_of, run_layouts, step_layouts, step_sizes
 from simwarp.sensor_protocol import Sensor
+from simwarp.snapshot import Snapshot
+from simwarp.solver_options import CONTACT_MODELS, LAWS, SOLVERS, SolverOptions
 from simwarp.state import Control, State, initial_arrays
-from simwarp.types import ConeSolver, ContactModel, FrictionLaw, ModelError, shown
+from simwarp.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
 
-REFINED_MASS_RATIO = 100.0
+__all__ = ["Simulation", "Snapshot", "SolverOptions"]
 
+REFINED_MASS_RATIO: Final = 100.0
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SolverOptions:
-    """Numbers of the solver (docs/theory.md).
-
-    Attributes:
-        recovery_speed: fastest correction of a position error [m/s].
-        recovery_rate: the same for angles [rad/s].
-        position_projection: passes that move positions onto the joints after each step; when None, 1 for models
-            with closed loops (whose energy it keeps over long runs) and 0 for trees.
-        refinement: passes of iterative refinement on the free motion; when None, 1 for models whose heaviest body
-            has more than 100 times the mass of the lightest, else 0.
-        pivot_tolerance: a row whose pivot falls below this share of its diagonal counts as redundant.
-        max_iterations: of the solve of limits, friction and contacts.
-        tolerance: residual at which it stops [m/s or rad/s].
-        row_tolerance: residual above which bilateral rows are solved a second time [m/s or rad/s].
-        gyroscopic: whether spinning bodies precess.
-        solver: of limits, friction and contacts: "apgd", "psor", "spg", "padmm" or "interior_point".
-        rescue: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;
-            when None, where models have contacts and masses that differ by more than 100.
-        friction_law: "exact" (Coulomb) or "convex" (its relaxation, in which sliding contacts separate).
-        contact_model: "rigid" (unilateral rows), "smooth" or "smooth_hooke" (penalty forces by the law of Hertz or
-            Hooke from Young's modulus and Poisson's ratio; dt has to resolve the collision time).
-        bounce_speed: restitution acts where the rebound is faster than this [m/s].
-        contact_envelope: a contact takes part if its gap, after a step without contacts, would be below this [m].
-        dense_rows: most rows for which the Schur complement of the contacts is formed; larger worlds apply it row by
-            row.
-    """
-
-    recovery_speed: float = 0.6
-    recovery_rate: float = 3.0
-    position_projection: int | None = None
-    refinement: int | None = None
-    pivot_tolerance: float = 1.0e-5
-    max_iterations: int = 1000
-    tolerance: float = 1.0e-5
-    row_tolerance: float = 5.0e-6
-    gyroscopic: bool = True
-    solver: str = "apgd"
-    rescue: bool | None = None
-    friction_law: str = "exact"
-    contact_model: str = "rigid"
-    bounce_speed: float = 0.15
-    contact_envelope: float = 1.0e-3
-    dense_rows: int = 128
+SHORTEST_STEP: Final = 1.0e-9
+"""Of a sub-step [s]: kernels divide by it in float32."""
+LONGEST_STEP: Final = 1.0e6
+MOST_SUBSTEPS: Final = 1_000_000
 
 
-@dataclasses.dataclass(frozen=True)
-class Snapshot:
-    """A copy of everything that a step reads and changes. Opaque; pass it to `Simulation.restore`."""
-
-    state: State
-    control: Control
-    contacts: Contacts
-    memory: tuple[wp.array, ...] = ()
-
-
-class Simulation:
+class Simulation(FixedAttributes):
     """Steps `model.world_count` worlds together.
 
     Nothing is allocated and nothing is read back to the host in `step`.
@@ -103,6 +60,11 @@ class Simulation:
             this Simulation. No sensor belongs to it then, and all may be used in another.
     """
 
+    FIXED: ClassVar = (
+        "model", "dt", "substeps", "solver", "read_every", "elements", "sensors", "state", "control", "contacts",
+        "diagnostics", "memory", "identity",
+    )  # fmt: skip
+
     def __init__(
         self,
         model: Model,
@@ -115,49 +77,54 @@ class Simulation:
         sensors: Sequence[Sensor] = (),
         read_every: int = 1,
     ) -> None:
-        if not (isinstance(dt, (int, float)) and math.isfinite(dt) and dt > 0.0):
-            raise ModelError(f"Simulation: dt must be > 0 s, got {dt!r}")
-        for name, count in (("substeps", substeps), ("read_every", read_every)):
-            if not isinstance(count, (int, np.integer)) or count < 1:
-                raise ModelError(f"Simulation: {name} must be an integer >= 1, got {count!r}")
+        if not isinstance(model, Model):
+            raise ModelError(f"Simulation: model must be a Model, got {shown(model)}; pass what finalize returned")
+        if solver is not None and not isinstance(solver, SolverOptions):
+            raise ModelError(f"Simulation: solver must be SolverOptions, got {shown(solver)}; write SolverOptions(...)")
         self.model = model
-        self.dt = float(dt)
-        self.substeps = int(substeps)
+        self.substeps = whole_number("Simulation", "substeps", substeps, 1, MOST_SUBSTEPS, "1 is the default")
+        self.dt = _checked_dt(dt, self.substeps)
         self.solver = solver if solver is not None else SolverOptions()
-        self.read_every = int(read_every)
-        self.elements = tuple(elements)
+        self.read_every = whole_number("Simulation", "read_every", read_every, 1, 2**31 - 1, "1 is the default")
+        reactions = checked_flag("Simulation", "joint_reactions", joint_reactions)
+        self.elements = _checked_elements(elements)
         self.sensors = _named_apart(sensors)
+        rescue = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
+        other = self.solver.solver != ConeSolver.APGD.name.lower()
+        all_solvers = other or (rescue if self.solver.rescue is None else self.solver.rescue)
+        sizes = step_sizes(model, self.solver.dense_rows, all_solvers)
+        element_memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
+        layouts = run_layouts(model, elements=bool(self.elements), reactions=reactions) | step_layouts(model, sizes)
+        copies = sum(4 * array.size for array in element_memory)
+        check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
         self.control = Control(model, elements=bool(self.elements))
-        self.diagnostics = Diagnostics(model, reactions=joint_reactions)
-        self._config = self._step_config(joint_reactions)
+        self.diagnostics = Diagnostics(model, reactions=reactions)
+        self._config = self._step_config(reactions)
         for sensor in self.sensors:  # all of them before any belongs to this Simulation
             if hasattr(sensor, "check"):
                 sensor.check(self, self._config.dt)
-        solvers = _choice("solver", ConeSolver, self.solver.solver) != ConeSolver.APGD
-        rescue = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
-        self._all_solvers = solvers or (rescue if self.solver.rescue is None else self.solver.rescue)
-        self._kernel = run_worlds_kernel(self._all_solvers)
+        self._kernel = run_worlds_kernel(all_solvers)
         self._no_coordinates = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
         self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
-        # one lane on a CPU, whose launches are serial; a lane per world where worlds run side by side
-        lanes = model.world_count if model.device.is_cuda else 1
-        self._scratch = make_scratch(model.device, lanes, self._sizes())
+        self._scratch = make_scratch(model.device, lanes_of(model), sizes)
         self.contacts = Contacts(model)
         self._collision_scratch = make_collision_scratch(
-            model.device, lanes, model.shape_count, model.contact_capacity, model.topology.grid_buckets
+            model.device, lanes_of(model), model.shape_count, model.contact_capacity, model.topology.grid_buckets
         )
         self.state = initial_arrays(model)
         self._launch(Operation.MEASURE, self._all_worlds)
         self._initial = State(model)
         self._initial.copy_from(self.state)
-        element_memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
         self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
         self.physics_commands = self._record_step()
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = [launch for sensor in self.sensors for launch in sensor.record(self, self._config.dt)]
         self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
         """What force elements and sensors remember; `Snapshot.memory` holds a copy."""
+        self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
+        """What a snapshot must have in common with this Simulation."""
         self._begin_sensors(self._all_worlds)
+        self._fix()
 
     @property
     def time(self) -> wp.array:
@@ -215,12 +182,21 @@ class Simulation:
             world_mask: (W,) bool; all worlds when None.
             q: (W, dofs) [m or rad]; the present ones when None.
             qd: (W, dofs) [m/s or rad/s]; zeros when None.
+
+        Raises:
+            ModelError: shapes do not fit, or a value of the mask's worlds is not finite. Values on a GPU are not read
+                back: there such worlds get `WorldStatus.NON_FINITE`, and are frozen until they are set again.
         """
         shape = (self.model.world_count, self.model.dof_count)
-        position = wp.clone(self.state.joint_q) if q is None else self._values("q", q, shape)
-        rate = self._values("qd", np.zeros(shape, np.float32) if qd is None else qd, shape)
         mask = self._mask(world_mask)
+        position = wp.clone(self.state.joint_q) if q is None else self._values("q", q, shape, mask)
+        rate = self._values("qd", np.zeros(shape, np.float32) if qd is None else qd, shape, mask)
         self._launch(Operation.ASSEMBLE, mask, position, rate)
+        if self.model.device.is_cuda:
+            wp.launch(
+                flag_worlds, dim=self.model.world_count, device=self.model.device,
+                inputs=[mask, position, rate], outputs=[self.state.world_status],
+            )  # fmt: skip
         self._begin_sensors(mask)
 
     def measure(self, world_mask: Any = None, *, sensors: bool = True) -> None:
@@ -247,40 +223,46 @@ class Simulation:
 
     def snapshot(self) -> Snapshot:
         """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
-        state, contacts = State(self.model), Contacts(self.model)
-        control = Control(self.model, elements=bool(self.elements))
-        state.copy_from(self.state)
-        contacts.copy_from(self.contacts)
-        for name in Control.NAMES:
-            wp.copy(getattr(control, name), getattr(self.control, name))
-        return Snapshot(state, control, contacts, tuple(wp.clone(array) for array in self.memory))
+        snapshot = self.empty_snapshot()
+        for kept, present in zip(snapshot.arrays().values(), self._arrays(), strict=True):
+            wp.copy(kept, present)
+        return snapshot
+
+    def empty_snapshot(self) -> Snapshot:
+        """A snapshot that holds nothing yet, in the layout of this Simulation's."""
+        return Snapshot.empty(
+            self.model, elements=bool(self.elements), memory=self.memory, identity=self.identity
+        )  # fmt: skip
 
     def restore(self, snapshot: Snapshot) -> None:
         """Brings back what `snapshot` held, in place: views and captured steps stay valid.
 
+        It must be of a Simulation with the same `identity`: worlds, bodies, joints, couplings, shapes with their
+        geometries, capacities, force elements and sensors. Parameters of the model and options of the solver may
+        differ: they are not part of a snapshot.
+
         Raises:
-            ModelError: it is that of a Simulation with another model, other force elements or other sensors.
+            ModelError: it is that of another simulation; says what differs. Nothing has changed then.
         """
         if not isinstance(snapshot, Snapshot):
             raise ModelError(f"restore: snapshot must be a Snapshot, got {shown(snapshot)}; pass what snapshot() made")
-        rows = [(array.shape, array.dtype) for array in (self.state.body_x, self.state.joint_q, *self.memory)]
-        kept_rows = [
-            (array.shape, array.dtype)
-            for array in (snapshot.state.body_x, snapshot.state.joint_q, *snapshot.memory)
-        ]  # fmt: skip
-        if rows != kept_rows:
-            names = ", ".join(sensor.name for sensor in self.sensors) or "none"
+        difference = self.identity.difference(snapshot.identity)
+        kept, present = list(snapshot.arrays().values()), self._arrays()
+        if not difference and [(a.shape, a.dtype) for a in kept] != [(a.shape, a.dtype) for a in present]:
+            difference = "shapes of its arrays"
+        if difference:
             raise ModelError(
-                "restore: the snapshot must be of a Simulation with the same model, force elements and sensors "
-                f"({names}), got one that keeps {len(snapshot.memory)} arrays of theirs instead of {len(self.memory)} "
-                "or other shapes; make it in this Simulation"
+                "restore: the snapshot must be of a Simulation with the same model, force elements and sensors, but "
+                f"they differ ({difference}); make it in this Simulation"
             )
-        self.state.copy_from(snapshot.state)
-        self.contacts.copy_from(snapshot.contacts)
-        for name in Control.NAMES:
-            wp.copy(getattr(self.control, name), getattr(snapshot.control, name))
-        for present, kept in zip(self.memory, snapshot.memory, strict=True):
-            wp.copy(present, kept)
+        for target, source in zip(present, kept, strict=True):
+            wp.copy(target, source)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a Simulation cannot be pickled or copied: it refers to memory of a device; build it again from the same "
+            "ModelBuilder and bring its state over with snapshot().save(path) and Snapshot.load(path, simulation)"
+        )
 
     # ---- inside --------------------------------------------------------------------------------------------------
 
@@ -291,7 +273,7 @@ class Simulation:
         config.recovery_rate = self.solver.recovery_rate
         config.pivot_tolerance = self.solver.pivot_tolerance
         passes = self.solver.position_projection
-        config.projection_iterations = int(self.model.has_loops) if passes is None else int(passes)
+        config.projection_iterations = int(self.model.has_loops) if passes is None else passes
         refinement = self.solver.refinement
         config.refinement = int(self.model.mass_ratio > REFINED_MASS_RATIO) if refinement is None else refinement
         config.max_iterations = self.solver.max_iterations
@@ -299,9 +281,9 @@ class Simulation:
         config.row_tolerance = self.solver.row_tolerance
         config.reactions = int(reactions)
         config.gyroscopic = int(self.solver.gyroscopic)
-        config.friction_law = int(_choice("friction_law", FrictionLaw, self.solver.friction_law))
-        config.solver = int(_choice("solver", ConeSolver, self.solver.solver))
-        config.contact_model = int(_choice("contact_model", ContactModel, self.solver.contact_model))
+        config.friction_law = LAWS.index(self.solver.friction_law)
+        config.solver = SOLVERS.index(self.solver.solver)
+        config.contact_model = CONTACT_MODELS.index(self.solver.contact_model)
         config.bounce_speed = self.solver.bounce_speed
         config.contact_envelope = self.solver.contact_envelope
         config.dense_rows = self.solver.dense_rows
@@ -345,16 +327,10 @@ class Simulation:
         for sensor in self.sensors:
             sensor.begin(self, mask)
 
-    def _sizes(self) -> Sizes:
-        model, topology = self.model, self.model.topology
-        rows_per_contact = 6 if model.has_rolling_friction else 3
-        rows = model.bounded_count + rows_per_contact * model.contact_capacity
-        dense = min(rows, self.solver.dense_rows)
-        return Sizes(
-            links=topology.link_count, slots=topology.slot_count, rows=topology.row_count, turns=model.turn_count,
-            blocks=model.bounded_count + model.contact_capacity, cone_rows=rows, dense_rows=dense,
-            factor_rows=dense if self._all_solvers else 0, entries=2 * model.path_length,
-        )  # fmt: skip
+    def _arrays(self) -> list[wp.array]:
+        """What a snapshot holds, in its order."""
+        groups = (self.state, self.control, self.contacts)
+        return [*(getattr(part, name) for part in groups for name in part.NAMES), *self.memory]
 
     def _mask(self, world_mask: Any) -> wp.array:
         """The mask as a Warp array of bool on the model's device."""
@@ -371,7 +347,10 @@ class Simulation:
                 raise ModelError(f"world_mask must be of bool, got a tensor of {kind}; compare it first")
             mask = cast(wp.array, wp.from_torch(world_mask.contiguous(), dtype=wp.bool))
         else:
-            values = np.asarray(world_mask)
+            try:
+                values = np.asarray(world_mask)
+            except ValueError:
+                raise ModelError(f"world_mask must have shape {shape} (worlds), got {shown(world_mask)}") from None
             if values.dtype != np.bool_:
                 raise ModelError(f"world_mask must be of bool, got {values.dtype}; it is no list of indices")
             mask = wp.array(values, dtype=wp.bool, device=self.model.device)
@@ -379,24 +358,45 @@ class Simulation:
             raise ModelError(f"world_mask must have shape {shape} (worlds), got {tuple(mask.shape)}")
         return mask
 
-    def _values(self, name: str, values: Any, shape: tuple[int, int]) -> wp.array:
+    def _values(self, name: str, values: Any, shape: tuple[int, int], mask: wp.array) -> wp.array:
         """Coordinates or rates as a Warp array of float32 on the model's device; host values may broadcast."""
+        thing = f"set_joint_state: {name} must"
         if isinstance(values, wp.array) and values.dtype == wp.float32 and values.is_contiguous:
             array = values
         elif hasattr(values, "data_ptr"):
             array = cast(wp.array, wp.from_torch(values.detach().float().contiguous(), dtype=wp.float32))
         else:
+            given = numbers(values.numpy() if isinstance(values, wp.array) else values)
+            if given.ndim == 0 and not np.isfinite(given):
+                raise ModelError(f"{thing} be finite numbers of shape {shape} (worlds, dofs), got {shown(values)}")
             try:
-                data = values.numpy() if isinstance(values, wp.array) else values
-                data = np.broadcast_to(np.asarray(data, dtype=np.float32), shape)
-            except (TypeError, ValueError) as error:
-                raise ModelError(
-                    f"set_joint_state: {name} must have shape {shape} (worlds, dofs), got {_shape_of(values)}"
-                ) from error
-            array = wp.array(np.ascontiguousarray(data), dtype=wp.float32, device=self.model.device)
+                data = np.broadcast_to(given, shape)
+            except ValueError:
+                raise ModelError(f"{thing} have shape {shape} (worlds, dofs), got {given.shape}") from None
+            with np.errstate(over="ignore"):  # told below
+                single = np.ascontiguousarray(data, dtype=np.float32)
+            self._check_finite(name, single, mask)
+            return wp.array(single, dtype=wp.float32, device=self.model.device)
         if tuple(array.shape) != shape:
-            raise ModelError(f"set_joint_state: {name} must have shape {shape} (worlds, dofs), got {array.shape}")
+            raise ModelError(f"{thing} have shape {shape} (worlds, dofs), got {array.shape}")
+        if array.device.is_cpu:
+            self._check_finite(name, array.numpy(), mask)
         return array
+
+    def _check_finite(self, name: str, values: npt.NDArray[np.float32], mask: wp.array) -> None:
+        """Raises where a world of the mask would get NaN or infinity; a mask on a GPU is not read back."""
+        bad = ~np.isfinite(values).all(axis=1)
+        if mask is not self._all_worlds:
+            if not mask.device.is_cpu:
+                return
+            bad &= mask.numpy()
+        if bad.any():
+            world = int(np.argmax(bad))
+            value = next(value for value in values[world].tolist() if not math.isfinite(value))
+            raise ModelError(
+                f"set_joint_state: {name} must be finite (float32), got {value!r} for world {world}; leave such worlds "
+                "out of the mask"
+            )
 
 
 def _named_apart(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
@@ -420,16 +420,29 @@ def _named_apart(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
     return tuple(sensors)
 
 
-def _choice(name: str, choices: type[IntEnum], value: Any) -> IntEnum:
-    """The member of an enum that a lower-case string names."""
-    names = [member.name.lower() for member in choices]
-    if value not in names:
-        raise ModelError(f"SolverOptions: {name} must be one of {', '.join(names)}, got {value!r}")
-    return choices[value.upper()]
+def _checked_elements(elements: Any) -> tuple[ForceElement, ...]:
+    """The force elements, all of which can be one."""
+    if isinstance(elements, (str, bytes, dict)) or not isinstance(elements, Iterable):
+        raise ModelError(f"Simulation: elements must be a list, got {shown(elements)}; write elements=[...]")
+    listed = tuple(elements)
+    for part in listed:
+        if isinstance(part, type) or not (hasattr(part, "memory") and hasattr(part, "record")):
+            raise ModelError(
+                f"Simulation: elements must be force elements, got {shown(part)} among them; make one first, such as "
+                "Vehicle(model, ...)"
+            )
+    return listed
 
 
-def _shape_of(values: Any) -> str:
-    try:
-        return str(np.shape(values.numpy() if isinstance(values, wp.array) else values))
-    except ValueError:
-        return repr(values)
+def _checked_dt(dt: Any, substeps: int) -> float:
+    """Time of a step [s], whose sub-steps float32 can divide by."""
+    given = number(dt)
+    if not 0.0 < given <= FLOAT32_MAX:
+        finite = "" if given <= 0.0 else " and finite"
+        raise ModelError(f"Simulation: dt must be > 0 s{finite}, got {shown(dt)}; give the time of a step")
+    if not SHORTEST_STEP <= given / substeps <= LONGEST_STEP:
+        raise ModelError(
+            f"Simulation: dt / substeps must be in {SHORTEST_STEP:g}..{LONGEST_STEP:g} s, got {given:g} / {substeps}; "
+            "take a time that float32 resolves"
+        )
+    return given

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simwarp.arrays import writable
+from simwarp.arrays import FixedAttributes, WritableArray, writable
 from simwarp.kernels.tables import ControlArrays, StateArrays
 from simwarp.model import Model
+from simwarp.types import ArrayLayout
 
 
-class State:
+class State(FixedAttributes):
     """State of all worlds. Angular and linear parts are separate arrays; everything is in the world frame.
 
     Attributes:
@@ -37,29 +38,46 @@ class State:
         "bounded_impulse", "world_time", "world_status",
     )  # fmt: skip
 
+    body_x: wp.array
+    body_rot: wp.array
+    body_q: wp.array
+    body_v: wp.array
+    body_omega: wp.array
+    body_omega_last: wp.array
+    body_v_low: wp.array
+    body_omega_low: wp.array
+    joint_x: wp.array
+    joint_q: wp.array
+    joint_qd: wp.array
+    bounded_impulse: wp.array
+    world_time: wp.array
+    world_status: wp.array
+
     def __init__(self, model: Model) -> None:
-        worlds, device = model.world_count, model.device
-
-        def zeros(count: int, dtype: Any) -> wp.array:
-            return wp.zeros((worlds, count), dtype=dtype, device=device)
-
-        self.body_x = zeros(model.body_count, wp.vec3d)
-        self.body_rot = zeros(model.body_count, wp.quatd)
-        self.body_q = zeros(model.body_count, wp.transform)
-        self.body_v = zeros(model.body_count, wp.vec3)
-        self.body_omega = zeros(model.body_count, wp.vec3)
-        self.body_omega_last = zeros(model.body_count, wp.vec3)
-        self.body_v_low = zeros(model.body_count, wp.vec3)
-        self.body_omega_low = zeros(model.body_count, wp.vec3)
-        self.joint_x = zeros(model.dof_count, wp.float64)
-        self.joint_q = zeros(model.dof_count, wp.float32)
-        self.joint_qd = zeros(model.dof_count, wp.float32)
-        self.bounded_impulse = zeros(model.bounded_count, wp.float32)
-        self.world_time = wp.zeros(worlds, dtype=wp.float64, device=device)
-        self.world_status = wp.zeros(worlds, dtype=wp.int32, device=device)
         self.arrays = StateArrays()
-        for name in self.NAMES:
-            setattr(self.arrays, name, getattr(self, name))
+        for name, layout in self.layouts(model).items():
+            array = writable(layout.shape, layout.dtype, model.device, label=f"state.{name}")
+            setattr(self, name, array)
+            setattr(self.arrays, name, array)
+        self._fix()
+
+    @classmethod
+    def layouts(cls, model: Model) -> dict[str, ArrayLayout]:
+        """The arrays of a model's state."""
+        worlds = model.world_count
+        bodies, dofs = (worlds, model.body_count), (worlds, model.dof_count)
+        shapes: dict[str, tuple[tuple[int, ...], Any]] = {
+            "body_x": (bodies, wp.vec3d),
+            "body_rot": (bodies, wp.quatd),
+            "body_q": (bodies, wp.transform),
+            "joint_x": (dofs, wp.float64),
+            "joint_q": (dofs, wp.float32),
+            "joint_qd": (dofs, wp.float32),
+            "bounded_impulse": ((worlds, model.bounded_count), wp.float32),
+            "world_time": ((worlds,), wp.float64),
+            "world_status": ((worlds,), wp.int32),
+        }
+        return {name: ArrayLayout(*shapes.get(name, (bodies, wp.vec3))) for name in cls.NAMES}
 
     def copy_from(self, other: State) -> None:
         """Copies every array of `other` into this one."""
@@ -67,7 +85,7 @@ class State:
             wp.copy(getattr(self, name), getattr(other, name))
 
 
-class Control:
+class Control(FixedAttributes):
     """Inputs of a step; whoever writes them (Warp, torch) writes the memory that the kernels read.
 
     Attributes:
@@ -85,22 +103,36 @@ class Control:
         "body_torque_b", "element_force", "element_torque", "element_joint_force",
     )  # fmt: skip
 
+    joint_force: WritableArray
+    joint_target_q: WritableArray
+    joint_target_qd: WritableArray
+    body_force: WritableArray
+    body_torque: WritableArray
+    body_force_b: WritableArray
+    body_torque_b: WritableArray
+    element_force: WritableArray
+    element_torque: WritableArray
+    element_joint_force: WritableArray
+
     def __init__(self, model: Model, *, elements: bool = False) -> None:
-        joint_shape, body_shape = (model.world_count, model.dof_count), (model.world_count, model.body_count)
-        copies = model.world_count if elements else 1
-        self.element_force = writable((copies, model.body_count), wp.vec3, model.device)
-        self.element_torque = writable((copies, model.body_count), wp.vec3, model.device)
-        self.element_joint_force = writable((copies, model.dof_count), wp.float32, model.device)
-        self.joint_force = writable(joint_shape, wp.float32, model.device)
-        self.joint_target_q = writable(joint_shape, wp.float32, model.device)
-        self.joint_target_qd = writable(joint_shape, wp.float32, model.device)
-        self.body_force = writable(body_shape, wp.vec3, model.device)
-        self.body_torque = writable(body_shape, wp.vec3, model.device)
-        self.body_force_b = writable(body_shape, wp.vec3, model.device)
-        self.body_torque_b = writable(body_shape, wp.vec3, model.device)
         self.arrays = ControlArrays()
-        for name in self.NAMES:
-            setattr(self.arrays, name, getattr(self, name))
+        for name, layout in self.layouts(model, elements).items():
+            array = writable(layout.shape, layout.dtype, model.device, label=f"control.{name}")
+            setattr(self, name, array)
+            setattr(self.arrays, name, array)
+        self._fix()
+
+    @classmethod
+    def layouts(cls, model: Model, elements: bool) -> dict[str, ArrayLayout]:
+        """The arrays of a model's control; `elements`: whether it has force elements."""
+
+        def layout(name: str) -> ArrayLayout:
+            worlds = model.world_count if elements or not name.startswith("element") else 1
+            if "joint" in name:
+                return ArrayLayout((worlds, model.dof_count), wp.float32)
+            return ArrayLayout((worlds, model.body_count), wp.vec3)
+
+        return {name: layout(name) for name in cls.NAMES}
 
     def clear(self) -> None:
         """Zeroes every input."""

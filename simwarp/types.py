@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from enum import IntEnum, IntFlag
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -12,6 +13,12 @@ import numpy.typing as npt
 
 WORLD: Final = -1
 """The index of the fixed world, wherever a body index is asked for."""
+
+FLOAT32_MAX: Final = float(np.finfo(np.float32).max)
+"""Largest number that the arrays of a Model hold."""
+
+FLOAT32_LEAST: Final = float(np.finfo(np.float32).tiny)
+"""Smallest positive number that they hold with all its digits; below it, kernels may see zero."""
 
 Vec3: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
 Quat: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
@@ -184,41 +191,97 @@ def pose(position: Vec3 = (0.0, 0.0, 0.0), rotation: Quat = (0.0, 0.0, 0.0, 1.0)
     return Pose(p, q / norm)
 
 
+class ArrayLayout(NamedTuple):
+    """Shape and Warp dtype of an array that is still to be made."""
+
+    shape: tuple[int, ...]
+    dtype: Any
+
+
 LONGEST_VALUE: Final = 100
+DEEPEST_VALUE: Final = 4
 
 
 def shown(value: Any) -> str:
     """A received value in one short line, for errors: NumPy's numbers as numbers, arrays by shape, objects by class."""
+    try:
+        return _shown(value, DEEPEST_VALUE)
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError):
+        # whatever the value's own repr raises: integers of 5000 digits, lists in themselves
+        return _classed(value)
+
+
+def _shown(value: Any, depth: int) -> str:
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, type):
         return f"the class {value.__name__}"
     kind = type(value)
-    classed = f"{'an' if kind.__name__[:1].upper() in tuple('AEIO') else 'a'} {kind.__name__}"
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         small = isinstance(value, np.ndarray) and value.size <= 6
         return repr(value.tolist()) if small else f"an array of shape {tuple(value.shape)}"
-    if kind in (tuple, list) and len(value) <= 12:
-        parts = [shown(part) for part in value]
+    if kind in (tuple, list) and len(value) <= 12 and depth > 0:
+        parts = [_shown(part, depth - 1) for part in value]
         text = f"[{', '.join(parts)}]" if kind is list else f"({', '.join(parts)}{',' * (len(parts) == 1)})"
+    elif kind in (tuple, list, dict, set, frozenset) and (depth == 0 or len(value) > LONGEST_VALUE):
+        return f"{_classed(value)} of {len(value)}"
+    elif kind is int and value.bit_length() > 4 * LONGEST_VALUE:
+        return f"a number of {int(value.bit_length() * math.log10(2.0)) + 1} digits"
+    elif kind in (str, bytes) and len(value) > LONGEST_VALUE:
+        text = repr(value[:LONGEST_VALUE]) + " ..."
     elif kind.__repr__ is object.__repr__:
-        return classed
+        return _classed(value)
     else:
         text = " ".join(repr(value).split())
     if len(text) <= LONGEST_VALUE:
         return text
-    return f"{text[: LONGEST_VALUE - 4]} ..." if kind.__module__ == "builtins" else classed
+    return f"{text[: LONGEST_VALUE - 4]} ..." if kind.__module__ == "builtins" else _classed(value)
+
+
+def _classed(value: Any) -> str:
+    name = type(value).__name__
+    return f"{'an' if name[:1].upper() in tuple('AEIO') else 'a'} {name}"
+
+
+def number(value: Any) -> float:
+    """`value` as a float: NaN where it is no number (text, a truth value, an array), infinite beyond float64."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, (bool, str)) or getattr(value, "ndim", 0):
+        return math.nan
+    if isinstance(value, np.generic) and value.dtype.kind not in "iuf":
+        return math.nan
+    if not (hasattr(type(value), "__float__") or hasattr(type(value), "__index__")):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+    except (TypeError, ValueError, ArithmeticError, RuntimeError):
+        return math.nan
+
+
+def numbers(value: Any) -> npt.NDArray[np.float64]:
+    """`value` as an array of float64: NaN where something is no number, a single NaN where it is no array."""
+    try:
+        given = np.asarray(value)
+        if given.dtype.kind in "iuf":
+            with np.errstate(over="ignore"):
+                return given.astype(np.float64)
+        if given.dtype.kind == "O":  # of integers beyond 64 bits, of fractions, or of anything else
+            return np.array([number(part) for part in given.reshape(-1)], np.float64).reshape(given.shape)
+    except (TypeError, ValueError, ArithmeticError, RuntimeError, RecursionError):
+        pass
+    return np.full((), np.nan)
 
 
 def finite_vector(thing: str, field: str, value: Vec3 | Quat, length: int) -> npt.NDArray[np.float64]:
-    """`value` as float64 of the given length, or a ModelError that names it."""
-    try:
-        array = np.asarray(value, dtype=np.float64).reshape(-1)
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"{thing}: {field} must be {length} numbers, got {shown(value)}; pass a sequence") from error
-    if array.shape != (length,) or not np.isfinite(array).all():
-        raise ModelError(f"{thing}: {field} must be {length} finite numbers, got {shown(value)}; pass a sequence")
-    return array
+    """`value` as float64 of the given length within float32, or a ModelError that names it."""
+    array = numbers(value).reshape(-1)
+    if array.shape == (length,) and bool((np.abs(array) <= FLOAT32_MAX).all()):
+        return array
+    beyond = " of at most 3.4e38" if np.isfinite(array).all() else ""
+    raise ModelError(f"{thing}: {field} must be {length} finite numbers{beyond}, got {shown(value)}; pass a sequence")
 
 
 Table: TypeAlias = tuple[Sequence[float], Sequence[float]]

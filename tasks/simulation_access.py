@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 _NON_FINITE_BIT = 1
 
+_GROUPS = ("state", "control", "contacts", "memory")
+"""Parts of a snapshot whose numbers are kept."""
+
 
 @dataclasses.dataclass(frozen=True)
 class PhysicsViews:
@@ -118,10 +121,7 @@ def _rooms(snapshot: Any) -> list[tuple[str, Any]]:
     """Return the named parts of a snapshot: arrays, or groups of arrays, which are tuples or list their ``NAMES``."""
     if isinstance(snapshot, tuple):
         return [(str(index), part) for index, part in enumerate(snapshot)]
-    if dataclasses.is_dataclass(snapshot):
-        names: Iterable[str] = (field.name for field in dataclasses.fields(snapshot))
-    else:
-        names = snapshot.NAMES
+    names: Iterable[str] = getattr(snapshot, "NAMES", _GROUPS)
     return [(name, getattr(snapshot, name)) for name in names]
 
 

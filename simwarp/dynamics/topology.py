@@ -111,6 +111,11 @@ def longest_path(tables: Tables) -> int:
     return max(lengths, default=0)
 
 
+def coupling_width(builder: ModelBuilder) -> int:
+    """Terms of the longest coupling."""
+    return max((len(coupling.terms) for coupling in builder.couplings), default=1)
+
+
 def drive_mode(dof: Dof) -> DriveMode:
     """The DriveMode of a degree of freedom's drive."""
     match dof.drive:

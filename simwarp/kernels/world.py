@@ -26,6 +26,7 @@ from simwarp.kernels.tables import (
     Topology,
     Work,
 )
+from simwarp.types import ArrayLayout
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.
@@ -87,7 +88,11 @@ class Scratch:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """What a model needs room for, per world."""
+    """What a model needs room for, per world.
+
+    `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of its factor. `kept_rows` are
+    all cone rows where another solver may follow the first, whatever is dense: both solutions are compared.
+    """
 
     links: int
     slots: int
@@ -97,44 +102,54 @@ class Sizes:
     cone_rows: int
     dense_rows: int
     factor_rows: int
+    kept_rows: int
     entries: int
+
+
+def scratch_layouts(lanes: int, sizes: Sizes) -> dict[str, ArrayLayout]:
+    """The arrays of the scratch."""
+    links, slots, rows = sizes.links, sizes.slots, sizes.rows
+    shapes: dict[str, tuple[tuple[int, ...], type]] = {
+        "x": ((links,), wp.vec3d),
+        "quat": ((links,), wp.quatd),
+        "rot": ((links,), wp.mat33d),
+        "link_matrices": ((3, links), wp.mat33),
+        "link_vectors": ((15, links), wp.vec3),
+        "slot_vectors": ((4, slots), wp.vec3),
+        "slot_scalars": ((8, slots), wp.float32),
+        "row_vectors": ((4, rows + sizes.turns), wp.vec3),
+        "row_scalars": ((7, padded(rows)), wp.float32),
+        "y": ((rows, slots), wp.float32),
+        "y_t": ((slots, padded(rows)), wp.float32),
+        "n": ((rows, padded(rows)), wp.float32),
+        "active": ((sizes.blocks,), wp.int32),
+        "b_sign": ((sizes.blocks,), wp.float32),
+        "block_ints": ((3, sizes.blocks + 1), wp.int32),
+        "block_scalars": ((4, sizes.blocks), wp.float32),
+        "block_slot": ((sizes.blocks, sizes.entries), wp.int32),
+        "cone_scalars": ((7, sizes.cone_rows), wp.float32),
+        "cone_y": ((sizes.cone_rows, sizes.entries), wp.float32),
+        "cone_w": ((sizes.cone_rows, rows), wp.float32),
+        "s": ((sizes.dense_rows, sizes.dense_rows), wp.float32),
+        "factor": ((sizes.factor_rows, sizes.factor_rows), wp.float32),
+        "slot_sum": ((slots,), wp.float32),
+        "loop_sum": ((rows,), wp.float32),
+        "vectors": ((SOLVER_VECTORS, sizes.cone_rows), wp.float32),
+        "wide": ((WIDE_VECTORS, sizes.factor_rows), wp.float64),
+        "kept": ((sizes.kept_rows,), wp.float32),
+    }
+    # kernels take views, which need an element per axis
+    return {
+        name: ArrayLayout((lanes, *(max(length, 1) for length in shape)), dtype)
+        for name, (shape, dtype) in shapes.items()
+    }
 
 
 def make_scratch(device: wp.Device, lanes: int, sizes: Sizes) -> Scratch:
     """Allocates the scratch: on a CPU one lane, which stays in the cache, serves all worlds in turn."""
-
-    def zeros(*shape: int, dtype: type = float) -> wp.array:
-        return wp.zeros((lanes, *(max(n, 1) for n in shape)), dtype=dtype, device=device)
-
-    links, slots, rows = sizes.links, sizes.slots, sizes.rows
     scratch = Scratch()
-    scratch.x = zeros(links, dtype=wp.vec3d)
-    scratch.quat = zeros(links, dtype=wp.quatd)
-    scratch.rot = zeros(links, dtype=wp.mat33d)
-    scratch.link_matrices = zeros(3, links, dtype=wp.mat33)
-    scratch.link_vectors = zeros(15, links, dtype=wp.vec3)
-    scratch.slot_vectors = zeros(4, slots, dtype=wp.vec3)
-    scratch.slot_scalars = zeros(8, slots)
-    scratch.row_vectors = zeros(4, rows + sizes.turns, dtype=wp.vec3)
-    scratch.row_scalars = zeros(7, padded(rows))
-    scratch.y = zeros(rows, slots)
-    scratch.y_t = zeros(slots, padded(rows))
-    scratch.n = zeros(rows, padded(rows))
-    scratch.active = zeros(sizes.blocks, dtype=int)
-    scratch.b_sign = zeros(sizes.blocks)
-    scratch.block_ints = zeros(3, sizes.blocks + 1, dtype=int)
-    scratch.block_scalars = zeros(4, sizes.blocks)
-    scratch.block_slot = zeros(sizes.blocks, sizes.entries, dtype=int)
-    scratch.cone_scalars = zeros(7, sizes.cone_rows)
-    scratch.cone_y = zeros(sizes.cone_rows, sizes.entries)
-    scratch.cone_w = zeros(sizes.cone_rows, rows)
-    scratch.s = zeros(sizes.dense_rows, sizes.dense_rows)
-    scratch.factor = zeros(sizes.factor_rows, sizes.factor_rows)
-    scratch.slot_sum = zeros(slots)
-    scratch.loop_sum = zeros(rows)
-    scratch.vectors = zeros(SOLVER_VECTORS, sizes.cone_rows)
-    scratch.wide = zeros(WIDE_VECTORS, sizes.factor_rows, dtype=wp.float64)
-    scratch.kept = zeros(sizes.cone_rows if sizes.factor_rows else 0)
+    for name, layout in scratch_layouts(lanes, sizes).items():
+        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
     return scratch
 
 
@@ -304,6 +319,24 @@ def copy_rows(
     if mask[world]:
         for word in range(source.shape[1]):
             target[world, word] = source[world, word]
+
+
+@wp.kernel(enable_backward=False)
+def flag_worlds(
+    # inputs
+    mask: wp.array[wp.bool],
+    joint_q: wp.array2d[float],
+    joint_qd: wp.array2d[float],
+    # in and out
+    world_status: wp.array[int],
+):
+    """Freezes the worlds of the mask that were given coordinates or rates which are not finite."""
+    world = wp.tid()
+    if not mask[world]:
+        return
+    for dof in range(joint_q.shape[1]):
+        if not (wp.isfinite(joint_q[world, dof]) and wp.isfinite(joint_qd[world, dof])):
+            world_status[world] = world_status[world] | NON_FINITE
 
 
 @wp.kernel(enable_backward=False)

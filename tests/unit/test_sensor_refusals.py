@@ -102,7 +102,7 @@ def test_a_snapshot_of_other_sensors():
     assert (two.state.body_x.numpy() == before).all()
     wide = Imu(target.model, HUB, ImuConfig(outputs=("gyroscope",)))
     three = sw.Simulation(target.model, 0.01, sensors=[wide])
-    assert "other shapes" in message(lambda: three.restore(kept))
+    assert "arrays of force elements and sensors: here" in message(lambda: three.restore(kept))
     one.restore(kept)
 
 

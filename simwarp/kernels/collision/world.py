@@ -14,7 +14,7 @@ from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_
 from simwarp.kernels.contact_rows import contact_frame
 from simwarp.kernels.spatial import matrix_to_float, to_float
 from simwarp.kernels.tables import ContactArrays, Parameters, StateArrays, StepConfig, Topology, own
-from simwarp.types import ShapeType, WorldStatus
+from simwarp.types import ArrayLayout, ShapeType, WorldStatus
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -61,34 +61,52 @@ class CollisionScratch:
     candidate: wp.array2d[int]
 
 
+def collision_layouts(lanes: int, shapes: int, contacts: int, buckets: int) -> dict[str, ArrayLayout]:
+    """The arrays of the scratch."""
+    manifold, raw = int(MANIFOLD_CONTACTS), int(RAW_CONTACTS)
+    in_grid = shapes if buckets else 0
+    rows: dict[str, tuple[tuple[int, ...], type]] = {
+        "x": ((shapes,), wp.vec3d),
+        "rot": ((shapes,), wp.mat33),
+        "lower": ((shapes,), wp.vec3),
+        "upper": ((shapes,), wp.vec3),
+        "velocity": ((shapes,), wp.vec3),
+        "sweep": ((shapes,), wp.float32),
+        "shape0": ((contacts,), wp.int32),
+        "shape1": ((contacts,), wp.int32),
+        "feature": ((contacts,), wp.int32),
+        "arm1": ((contacts,), wp.vec3),
+        "impulse_w": ((contacts,), wp.vec3),
+        "moment_w": ((contacts,), wp.vec3),
+        "normal": ((manifold,), wp.vec3),
+        "point": ((manifold,), wp.vec3),
+        "gap": ((manifold,), wp.float32),
+        "contact_feature": ((manifold,), wp.int32),
+        "polygon": ((4, int(POLYGON_CAPACITY)), wp.vec3),
+        "triangle": ((int(TRIANGLE_BATCH),), wp.int32),
+        "raw_normal": ((raw,), wp.vec3),
+        "raw_point": ((raw,), wp.vec3),
+        "raw_gap": ((raw,), wp.float32),
+        "raw_feature": ((raw,), wp.int32),
+        "raw_spread": ((raw,), wp.float32),
+        "cell": ((in_grid,), wp.vec3i),
+        "home": ((in_grid,), wp.int32),
+        "start": ((buckets + 1,), wp.int32),
+        "member": ((in_grid,), wp.int32),
+        "candidate": ((shapes,), wp.int32),
+    }
+    return {
+        name: ArrayLayout((lanes, *(max(length, 1) for length in shape)), dtype)
+        for name, (shape, dtype) in rows.items()
+    }
+
+
 def make_collision_scratch(device: wp.Device, lanes: int, shapes: int, contacts: int, buckets: int) -> CollisionScratch:
     """Allocates the scratch."""
-
-    def zeros(*shape: int, dtype: type = float) -> wp.array:
-        return wp.zeros((lanes, *(max(n, 1) for n in shape)), dtype=dtype, device=device)
-
-    s = CollisionScratch()
-    s.x = zeros(shapes, dtype=wp.vec3d)
-    s.rot = zeros(shapes, dtype=wp.mat33)
-    s.lower, s.upper = zeros(shapes, dtype=wp.vec3), zeros(shapes, dtype=wp.vec3)
-    s.velocity, s.sweep = zeros(shapes, dtype=wp.vec3), zeros(shapes)
-    s.shape0, s.shape1 = zeros(contacts, dtype=int), zeros(contacts, dtype=int)
-    s.feature = zeros(contacts, dtype=int)
-    s.arm1 = zeros(contacts, dtype=wp.vec3)
-    s.impulse_w, s.moment_w = zeros(contacts, dtype=wp.vec3), zeros(contacts, dtype=wp.vec3)
-    manifold = int(MANIFOLD_CONTACTS)
-    s.normal, s.point = zeros(manifold, dtype=wp.vec3), zeros(manifold, dtype=wp.vec3)
-    s.gap, s.contact_feature = zeros(manifold), zeros(manifold, dtype=int)
-    s.polygon = zeros(4, int(POLYGON_CAPACITY), dtype=wp.vec3)
-    raw = int(RAW_CONTACTS)
-    s.triangle = zeros(int(TRIANGLE_BATCH), dtype=int)
-    s.raw_normal, s.raw_point = zeros(raw, dtype=wp.vec3), zeros(raw, dtype=wp.vec3)
-    s.raw_gap, s.raw_feature, s.raw_spread = zeros(raw), zeros(raw, dtype=int), zeros(raw)
-    in_grid = shapes if buckets else 0
-    s.cell, s.home = zeros(in_grid, dtype=wp.vec3i), zeros(in_grid, dtype=int)
-    s.start, s.member = zeros(buckets + 1, dtype=int), zeros(in_grid, dtype=int)
-    s.candidate = zeros(shapes, dtype=int)
-    return s
+    scratch = CollisionScratch()
+    for name, layout in collision_layouts(lanes, shapes, contacts, buckets).items():
+        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
+    return scratch
 
 
 @wp.func
