@@ -151,9 +151,9 @@ def fill_shelf(own: Path, target: Target, without: frozenset[str], cuda: bool) -
     return sorted(wheels.values()), torch
 
 
-def pack(wheels: Iterable[Path], folder: Path, limit: int = PART_BYTES) -> int:
+def pack(wheels: Iterable[Path], folder: Path) -> int:
     """Write the wheels into numbered parts of one tar archive; how many. The same wheels give the same parts."""
-    parts = Parts(folder / "wheels", limit)
+    parts = Parts(folder / "wheels", PART_BYTES)
     with parts, tarfile.open(fileobj=parts, mode="w|") as archive:
         for wheel in wheels:
             entry = tarfile.TarInfo(wheel.name)
@@ -185,18 +185,21 @@ def write_bundle(folder: Path, own: Path, wheels: Sequence[Path], about: dict[st
 
 
 def check_folder(output: Path) -> None:
-    """Refuse to replace a folder that holds anything but an earlier bundle.
+    """Make way to the folder, and refuse to replace one that holds anything but an earlier bundle.
 
     Raises:
-        UsageError: If it does.
+        UsageError: If it does, or cannot be written.
     """
-    if output.is_symlink() or (output.exists() and not output.is_dir()):
-        raise UsageError(f"--output {output} is not a folder; name another one")
-    if not output.exists():
-        return
-    listed = (output / CHECKSUMS).read_text(encoding="utf-8") if (output / CHECKSUMS).is_file() else ""
-    ours = {line.split("  ", 1)[-1] for line in listed.splitlines()} | {CHECKSUMS}
-    strange = sorted({path.name for path in output.iterdir()} - ours)
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        names = {path.name for path in output.iterdir()} if output.exists() else set()
+        listed = (output / CHECKSUMS).read_text(encoding="utf-8") if CHECKSUMS in names else ""
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else "no bundle's"
+        raise UsageError(f"--output {output}: {why}") from None
+    if output.is_symlink():
+        raise UsageError(f"--output {output} is a link; name the folder itself")
+    strange = sorted(names - {line.split("  ", 1)[-1] for line in listed.splitlines()} - {CHECKSUMS})
     if strange:
         raise UsageError(
             f"--output {output} holds {strange[0]!r}, which is of no bundle; move it or name another folder"
@@ -229,6 +232,13 @@ def platform_tag(text: str) -> str:
     return text
 
 
+def folder_name(text: str) -> str:
+    """A name that means a folder."""
+    if not text.strip() or "\0" in text:
+        raise argparse.ArgumentTypeError("the name is empty" if not text.strip() else "the name has a zero byte")
+    return text
+
+
 def options(arguments: Sequence[str]) -> argparse.Namespace:
     """Read the command line."""
     parser = Parser(prog="make bundle", description=__doc__.partition("\n")[0] if __doc__ else "")
@@ -239,7 +249,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     add("--platform", type=platform_tag, default=here, help="platform over there (%(default)s)")
     add("--cuda", action="store_true", help=f"the CUDA build of torch, {CUDA_SIZE}, instead of the CPU build")
     add("--without", action="append", default=[], metavar="NAME", help="package that is there already, e.g. torch")
-    add("--output", type=Path, default=Path("bundle"), metavar="DIR", help="folder to write (%(default)s)")
+    add("--output", type=folder_name, default="bundle", metavar="DIR", help="folder to write (%(default)s)")
     chosen = parser.parse_args(arguments)
     if "pip" in chosen.without:
         parser.error("--without pip: install.sh works with it")
@@ -255,7 +265,6 @@ def bundle(arguments: Sequence[str]) -> None:
     without = frozenset(canonicalize_name(name) for name in chosen.without)
     output = Path(os.path.abspath(chosen.output))
     check_folder(output)
-    output.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".bundle-", dir=output.parent) as folder:
         work, draft = Path(folder), Path(folder) / "bundle"
         draft.mkdir()

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Install simwarp from this folder; nothing is fetched from a network. `sh install.sh --help` lists the options.
 here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd) || exit 1
-wanted=$(sed -n 's/.*"python": *"\([0-9.]*\)".*/\1/p' "$here/bundle.json")
+wanted=$(sed -n 's/.*"python": *"\([0-9.]*\)".*/\1/p' "$here/bundle.json" 2>/dev/null)
 if [ -z "$wanted" ]; then
     echo "install: bundle.json is missing or damaged; bring it again" >&2
     exit 1

@@ -4,12 +4,12 @@ import zipfile
 from pathlib import Path
 
 
-def write_wheel(folder: Path, name: str, version: str, requires: tuple[str, ...] = (), source: str = "") -> Path:
+def write_wheel(folder: Path, name: str, version: str, requires: tuple[str, ...] = (), module: str = "") -> Path:
     """A valid wheel for any machine with one module that knows its version."""
     info = f"{name}-{version}.dist-info"
     metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n"
     files = {
-        f"{name}.py": f"__version__ = {version!r}\n{source}",
+        f"{module or name}.py": f"__version__ = {version!r}\n",
         f"{info}/METADATA": metadata + "".join(f"Requires-Dist: {text}\n" for text in requires),
         f"{info}/WHEEL": "Wheel-Version: 1.0\nGenerator: tests\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
     }
@@ -18,7 +18,7 @@ def write_wheel(folder: Path, name: str, version: str, requires: tuple[str, ...]
     wheel = folder / f"{name}-{version}-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
         for path, text in files.items():
-            archive.writestr(path, text)
+            archive.writestr(zipfile.ZipInfo(path), text)  # the same bytes each time
     return wheel
 
 
