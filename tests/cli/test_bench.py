@@ -70,7 +70,18 @@ def test_rows_have_the_keys_of_the_contract(bench):
     assert "steps/CPU-s" in err
 
 
-@pytest.mark.parametrize("name", [n for n in bench_scenes() if n not in ("pendulum", "linkage")])
+LONG = {"heavy-on-light", "pile", "stack"}
+"""Scenes that settle for seconds before they are timed."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in LONG))
+        for name in bench_scenes()
+        if name not in ("pendulum", "linkage")
+    ],
+)
 def test_every_scene_runs_and_is_sound(bench, name):
     code, result, err = bench(name, "--worlds", "2")
     assert code == 0, err
@@ -414,7 +425,7 @@ def test_the_ant_of_mujoco_is_ours_in_the_air():
     np.testing.assert_allclose(theirs.now[:, 16:], mine.qvel, atol=0.05)
 
 
-@pytest.mark.parametrize("name", ["ant", "stack"])
+@pytest.mark.parametrize("name", ["ant", pytest.param("stack", marks=pytest.mark.slow)])
 def test_mujoco_stands_beside_scenes_with_contacts(bench, name):
     pytest.importorskip("mujoco")
     code, result, err = bench(name, "--worlds", "2", "--peers")
@@ -546,6 +557,7 @@ def test_every_sensor_is_timed_on_frames_that_show_something(bench, name):
     assert row["bytes_per_world"] > 0
 
 
+@pytest.mark.slow
 def test_rays_are_timed_beside_embree_on_the_same_hits(bench):
     pytest.importorskip("embreex")
     code, result, err = bench("rays", "--worlds", "2", "--peers")

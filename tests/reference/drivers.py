@@ -24,11 +24,9 @@ class Place(NamedTuple):
 
 def distances(path: Path, x: np.ndarray) -> np.ndarray:
     """Of a place from every segment, ends included."""
-    found = []
-    for a, b in zip(path.points[:-1], path.points[1:], strict=True):
-        part = min(1.0, max(0.0, float((x - a) @ (b - a) / ((b - a) @ (b - a)))))
-        found.append(math.dist(x, a + part * (b - a)))
-    return np.array(found)
+    a, along = path.points[:-1], np.diff(path.points, axis=0)
+    part = np.clip(((x - a) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+    return np.linalg.norm(x - a - part[:, None] * along, axis=1)
 
 
 def nearest(path: Path, hint: int, x: np.ndarray) -> Place:

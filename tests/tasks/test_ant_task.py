@@ -13,7 +13,8 @@ from simwarp.tasks.frames import euler_123, heading_quaternion, rotate_back
 from simwarp.train.config import default_config
 from simwarp.train.evaluation import evaluate
 from simwarp.train.policies import find_policy, network_policy
-from simwarp.train.run_folder import RunFolder, read_progress
+from simwarp.train.progress_table import read_progress
+from simwarp.train.run_folder import RunFolder
 from simwarp.train.training import train
 
 from simwarp.interop import to_torch
@@ -209,6 +210,7 @@ def test_state_dict_continues_exactly():
     assert all(torch.equal(a, b) for a, b in zip(expected, got, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reward", list(AntReward))
 def test_every_reward_can_be_learnt_from(reward, tmp_path):
     config = dataclasses.replace(default_config(AntTask), iterations=16, num_envs=128, device="cpu")

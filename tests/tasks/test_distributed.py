@@ -10,7 +10,8 @@ import torch
 from simwarp.tasks import InputError
 from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.distributed import Processes, processes
-from simwarp.train.run_folder import RunFolder, latest_run, read_progress
+from simwarp.train.progress_table import read_progress
+from simwarp.train.run_folder import RunFolder, latest_run
 
 WORKER = """
 import sys, torch, warp as wp
@@ -59,6 +60,7 @@ def torchrun(*arguments, cwd, count=2):
     return subprocess.run([*command, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120, env=environment)
 
 
+@pytest.mark.slow
 def test_both_ranks_have_the_same_parameters_and_go_on_exactly(tmp_path):
     (tmp_path / "worker.py").write_text(WORKER, encoding="utf-8")
     phases = ["whole:clip:4", "part:clip:2", "part:clip:4", "kl:kl-penalty:3"]
@@ -129,7 +131,7 @@ def test_what_torchrun_says(monkeypatch):
 def test_files_that_a_killed_process_left_are_swept(tmp_path):
     folder = RunFolder(Path(tmp_path))
     folder.checkpoints.mkdir()
-    for path in (tmp_path / ".config.json.ab12.tmp", folder.checkpoints / ".iteration_000002.pt.x.tmp"):
+    for path in (tmp_path / ".config.json.ab12.tmp", folder.checkpoints / ".simwarp-x.pt"):
         path.write_text("half")
     (tmp_path / "config.json").write_text("{}")
     folder.sweep()

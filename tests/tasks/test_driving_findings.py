@@ -112,6 +112,7 @@ def stand_in(monkeypatch, script, name):
     monkeypatch.setitem(script.FINDINGS, name, dataclasses.replace(finding, **quick))
 
 
+@pytest.mark.slow
 def test_runs_are_done_once_reported_and_drawn(script, monkeypatch, capsys, tmp_path):
     for name in ("curriculum", "minibatch"):
         stand_in(monkeypatch, script, name)

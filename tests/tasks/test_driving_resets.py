@@ -25,7 +25,9 @@ from tests.tasks.driving_checks import (
 
 WORLDS = 64
 RESTARTS = {"obstacle-avoidance": 160, "off-road": 40, "convoy": 54, "hallway": 160, "barrier-track": 160}
-"""Of 64 worlds, for each of a task's variants: more than 10 000 episodes of every task."""
+"""Of 64 worlds, for each of a task's variants: more than 10 000 episodes of every task; a few where time is short."""
+SOME = pytest.param(4, id="some")
+TEN_THOUSAND = pytest.param(None, id="ten-thousand", marks=pytest.mark.slow)
 
 FIELDS: dict[str, tuple[str, dict]] = {
     "obstacle-avoidance": ("obstacle-avoidance", {}),
@@ -45,18 +47,19 @@ def field(request):
     return driving(name, WORLDS, seed=5, **options)
 
 
-def test_ten_thousand_vehicles_start_clear_of_all_obstacles(field):
+@pytest.mark.parametrize("restarts", [SOME, TEN_THOUSAND])
+def test_vehicles_start_clear_of_all_obstacles(field, restarts):
     # what the tasks promise: 15 m from the vehicle's middle, paths that stay free, a road whose first pillar is far
     clear = {"convoy": 0.5, "off-road": 12.5, "obstacle-avoidance": 20.0}[field.name]
     directions = 24 if field.name == "convoy" else 12
-    seen = 0
-    for _ in range(RESTARTS[field.name]):
+    seen, restarts = 0, restarts or RESTARTS[field.name]
+    for _ in range(restarts):
         field.restart()
         corners, there = obstacle_corners(field)
         seen += int(there.sum())
         assert gaps(vehicle_corners(field), corners, there, directions).min() > clear
     wanted = {"convoy": 7.5, "off-road": getattr(field.config, "obstacles", 0) - 0.1, "obstacle-avoidance": 3}
-    assert seen >= wanted[field.name] * WORLDS * RESTARTS[field.name]  # and nearly all that were asked for are there
+    assert seen >= wanted[field.name] * WORLDS * restarts  # and nearly all that were asked for are there
 
 
 def test_the_check_sees_an_obstacle_that_is_hit(field):
@@ -82,11 +85,12 @@ def test_the_check_sees_an_obstacle_that_is_hit(field):
     field.restart()
 
 
+@pytest.mark.parametrize("restarts", [SOME, TEN_THOUSAND])
 @pytest.mark.parametrize("name", ["hallway", "barrier-track"])
-def test_ten_thousand_vehicles_start_within_the_lane(name):
+def test_vehicles_start_within_the_lane(name, restarts):
     task = driving(name, WORLDS, seed=5, tracks=3, start="anywhere")
     places: dict[tuple[int, float], np.ndarray] = {}
-    for _ in range(RESTARTS[name]):
+    for _ in range(restarts or RESTARTS[name]):
         task.restart()
         corners = vehicle_corners(task)[:, ::2, :2].numpy()  # those above them are at nearly the same places
         places |= dict(zip(zip(task.route.tolist(), task.begun.tolist(), strict=True), corners, strict=True))

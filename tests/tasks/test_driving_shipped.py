@@ -48,7 +48,11 @@ def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
 
 
 @pytest.mark.parametrize(
-    "title", [pytest.param(title, marks=[pytest.mark.slow] * title.startswith(LONG)) for title in POLICIES]
+    "title",
+    [
+        pytest.param(title, marks=[pytest.mark.slow] * (title.startswith(LONG) or title.endswith("camera")))
+        for title in POLICIES
+    ],
 )
 def test_it_still_drives(title):
     name, _ = title.split(".")

@@ -21,6 +21,8 @@ KINDS = [
     (NetworkKind.EARLY_FUSION, "gru"), (NetworkKind.LATE_FUSION, "gru"), (NetworkKind.RECURRENT, "gru"),
     (NetworkKind.RECURRENT, "lstm"),
 ]  # fmt: skip
+LONG = KINDS[1:2] + KINDS[3:4] + KINDS[5:6]
+"""What is made of the same layers as the others; each takes seconds to export."""
 
 
 def trained(path, name, kind, cell="gru"):
@@ -37,7 +39,11 @@ def trained(path, name, kind, cell="gru"):
 
 
 @pytest.mark.parametrize("form", list(ExportFormat), ids=lambda form: form.value)
-@pytest.mark.parametrize(("kind", "cell"), KINDS, ids=lambda value: getattr(value, "value", value))
+@pytest.mark.parametrize(
+    ("kind", "cell"),
+    [pytest.param(*case, marks=[pytest.mark.slow] * (case in LONG)) for case in KINDS],
+    ids=lambda value: getattr(value, "value", value),
+)
 def test_every_network_exports_and_agrees(tmp_path, camera_task, kind, cell, form):
     images = kind in (NetworkKind.NATURE_CNN, NetworkKind.EARLY_FUSION, NetworkKind.LATE_FUSION)
     trainer = trained(tmp_path / "a.pt", camera_task if images else "fast", kind, cell)

@@ -9,7 +9,8 @@ from simwarp.tasks import make, replace_fields, task_class
 from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.config import Objective, default_config
 from simwarp.train.kl_penalty import KLPenaltyPPO, Penalty
-from simwarp.train.run_folder import RunFolder, read_progress
+from simwarp.train.progress_table import read_progress
+from simwarp.train.run_folder import RunFolder
 from simwarp.train.trainer import Trainer
 from simwarp.train.training import train
 
@@ -77,6 +78,7 @@ def test_the_policy_stops_once_it_has_moved_too_far_and_the_critic_goes_on():
     assert values["loss/kl_beta"] == 1.5
 
 
+@pytest.mark.slow
 def test_it_learns(tmp_path):
     result = train("fast", config(), task_class("fast").config_type(), root=tmp_path, console=QUIET)
     # Standing still earns 14 of 64

@@ -96,6 +96,7 @@ def test_it_is_a_vec_env_that_wrappers_take():
     assert normalised.step(still(env))[0].shape == (4, 2)
 
 
+@pytest.mark.slow
 def test_ppo_learns():
     env = SB3VecEnv("fast", 32)
     model = PPO("MlpPolicy", env, n_steps=16, batch_size=128, learning_rate=1e-3, seed=0, device="cpu")

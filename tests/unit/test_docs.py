@@ -74,7 +74,12 @@ def test_the_code_of_a_page_runs(page, tmp_path):
     run([str(script)], [], tmp_path)
 
 
-@pytest.mark.parametrize("name", sorted(EXAMPLES))
+LONG = {"train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py", "randomise.py"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in sorted(EXAMPLES)]
+)
 def test_an_example_runs(name, tmp_path):
     if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None:
         pytest.skip(f"the extra with {NEEDS[name]} is not installed")

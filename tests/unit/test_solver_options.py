@@ -33,7 +33,7 @@ def test_every_solver_moves_a_sliding_stack_alike(solver: str, law: str) -> None
     assert difference < 1e-3
 
 
-@pytest.mark.parametrize("scene", ["stack", "wall", "ant"])
+@pytest.mark.parametrize("scene", ["stack", pytest.param("wall", marks=pytest.mark.slow), "ant"])
 def test_the_matrix_free_operator_gives_the_same_motion(scene: str) -> None:
     build = getattr(scenes, scene)
     dense = stepped(build(), 20, tolerance=1e-7, max_iterations=20000, dense_rows=1000)

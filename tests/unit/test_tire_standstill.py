@@ -64,6 +64,7 @@ def test_a_parked_wheel_does_not_creep(template, dt):
     assert np.abs(path[-1] - settled)[:, :2].max() < 1e-5
 
 
+@pytest.mark.slow
 def test_the_twin_parks_at_the_same_place():
     row = row_of("tmeasy", **damped("tmeasy"))
     angle = math.atan(0.2)

@@ -239,6 +239,7 @@ def test_a_step_of_the_steering():
     assert math.isnan(value(results(straight, Maneuver(name="step-steer", duration=25.0)), "steady_radius"))
 
 
+@pytest.mark.slow
 def test_gain_and_lag_of_a_sweep():
     what = maneuver("sine-sweep", HMMWV)
     t = np.arange(-1.0, 50.0, 0.01)

@@ -88,6 +88,7 @@ def test_free_body_orientation_converges():
     assert fine < 0.4 * coarse  # squared angle: a quarter
 
 
+@pytest.mark.slow
 def test_double_pendulum_converges_to_the_recorded_run():
     recorded = np.genfromtxt(DATA / "double_pendulum_rk4.csv", delimiter=",", names=True)
     row = recorded[recorded["t_s"] == 1.0][0]
@@ -121,6 +122,7 @@ def andrews_angles(dt: float) -> np.ndarray:
     return twin.joint_q[:7] + scenes.ANDREWS_INITIAL
 
 
+@pytest.mark.slow
 def test_andrews_converges_to_the_published_angles():
     coarse, fine = andrews_angles(5e-5), andrews_angles(2.5e-5)
     reference = np.array(scenes.ANDREWS_REFERENCE)
@@ -145,6 +147,7 @@ def test_four_bar_follows_its_energy_and_stays_assembled():
     assert abs(errors[1]) < 0.6 * abs(errors[0])
 
 
+@pytest.mark.slow
 def test_bricard_moves_with_one_degree_of_freedom():
     twin = Twin(scenes.bricard(), 2e-3)
     assert twin.mobility == 1
