@@ -30,7 +30,9 @@ from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.config import LoggerKind, TrainConfig, default_config
 from simwarp.train.evaluation import Evaluation, evaluate
 from simwarp.train.policies import network_policy
-from simwarp.train.run_folder import RunFolder, git_revision, latest_run, read_progress, write_json
+from simwarp.train.progress_table import read_progress
+from simwarp.train.run_files import write_json
+from simwarp.train.run_folder import RunFolder, git_revision, latest_run
 from simwarp.train.training import train
 
 from simwarp.cli.bench.machine import describe

@@ -7,6 +7,7 @@ still exists, and then keeps that world's part: once per run.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from simwarp.files import FileError, OutputError
+
+from .config import require
+from .npz import write_arrays
 from .plain import config_to_plain
 from .simulation_access import copy_snapshot, pack_snapshot
 
@@ -22,6 +27,44 @@ if TYPE_CHECKING:
     from .task import Task
 
 FORMAT = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class DumpAbout:
+    """What a dump says about itself, as JSON in its array ``meta``.
+
+    Attributes:
+        format: of the file.
+        task: name of the task.
+        config: the task's configuration, as plain values.
+        seed, world, episode: which episode of which world broke down.
+        episode_steps: control step of the episode in which it broke, the first is 1.
+        replay_steps: control steps to be repeated.
+        from_reset: from the beginning of the episode; else from the snapshot within it.
+        level: the curriculum's.
+        iteration: of the training.
+        device: where it happened.
+    """
+
+    format: int
+    task: str
+    config: Mapping[str, Any]
+    seed: int
+    world: int
+    episode: int
+    episode_steps: int
+    replay_steps: int
+    from_reset: bool
+    level: float
+    iteration: int
+    device: str
+
+    def __post_init__(self) -> None:
+        for name in ("world", "episode", "iteration"):
+            require(0 <= getattr(self, name) < 2**53, self, name, "zero or positive, and below 2**53")
+        require(1 <= self.replay_steps <= self.episode_steps, self, "replay_steps", "from 1 to episode_steps")
+        require(not self.from_reset or self.replay_steps == self.episode_steps, self, "from_reset", "of all steps")
+        require(0.0 <= self.level <= 1.0, self, "level", "in [0, 1]")
 
 
 class _Keep:
@@ -100,26 +143,35 @@ class Guard:
         self._count += 1
 
     def look(self) -> None:
-        """Keep the part of the first broken world, and write it where ``path`` says. This waits for the device."""
+        """Keep the part of the first broken world, and write it where ``path`` says. This waits for the device.
+
+        Raises:
+            OutputError: the disk did not take it.
+        """
         if self.dump is None:
             world, count, episode, steps = self._first.tolist()
             if world < 0:
                 return
             self.dump = self._cut_out(world, count, episode, steps)
-        if self.path is not None and not self.path.exists():
+        if self.path is None or self.path.exists():
+            return
+        try:
             self.write(self.path)
+        except FileError as error:
+            # It could be written to when the work began
+            raise OutputError(str(error)) from None
 
     def write(self, path: Path) -> Path:
         """Write the dump, whole or not at all, and return its path.
 
         Raises:
             ValueError: no world has broken down.
+            FileError: ``path`` cannot be written to.
+            OutputError: the disk did not take it.
         """
         if self.dump is None:
             raise ValueError(f"task '{self._task.name}': no world has broken down, there is nothing to dump")
-        part = path.with_name(f".{path.name}.part.npz")
-        np.savez_compressed(part, **self.dump)  # type: ignore[arg-type]
-        part.replace(path)
+        write_arrays(path, self.dump)
         return path
 
     def _cut_out(self, world: int, count: int, episode: int, steps: int) -> dict[str, np.ndarray[Any, Any]]:
@@ -130,22 +182,22 @@ class Guard:
         from_reset = steps <= since
         kept = min(count + 1, self._steps)
         rows = [number % self._steps for number in range(count + 1 - kept, count + 1)]
-        meta = {
-            "format": FORMAT,
-            "task": task.name,
-            "config": config_to_plain(task.config),
-            "seed": task.random.seed,
-            "world": task.first_world + world,
-            "episode": episode,
-            "episode_steps": steps,
-            "replay_steps": steps if from_reset else since,
-            "from_reset": from_reset,
-            "level": float(self._level),
-            "iteration": task.iteration,
-            "device": str(task.device),
-        }
+        about = DumpAbout(
+            format=FORMAT,
+            task=task.name,
+            config=config_to_plain(task.config),
+            seed=task.random.seed,
+            world=task.first_world + world,
+            episode=episode,
+            episode_steps=steps,
+            replay_steps=steps if from_reset else since,
+            from_reset=from_reset,
+            level=float(self._level),
+            iteration=task.iteration,
+            device=str(task.device),
+        )
         arrays = {
-            "meta": np.array(json.dumps(meta)),
+            "meta": np.array(json.dumps(dataclasses.asdict(about))),
             "actions": self._requests[rows, world].cpu().numpy(),
             "joint_q": self._joint_q[rows, world].cpu().numpy(),
             "joint_qd": self._joint_qd[rows, world].cpu().numpy(),

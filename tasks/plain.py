@@ -19,8 +19,6 @@ KindT = TypeVar("KindT")
 
 LONGEST_TEXT: Final = 1000
 """Letters of the longest text of a configuration."""
-LONGEST_LIST: Final = 10_000
-"""Entries of the longest list of a configuration."""
 
 
 def config_to_plain(config: Any) -> dict[str, Any]:
@@ -150,7 +148,7 @@ def _has_no_default(field: dataclasses.Field[Any]) -> bool:
 def _entries(hint: Any, value: object, name: str) -> Any:
     """Return a list or a tuple, each entry of its type."""
     kind, kinds = typing.get_origin(hint) or hint, typing.get_args(hint)
-    if not isinstance(value, list | tuple) or len(value) > LONGEST_LIST:
+    if not isinstance(value, list | tuple):
         raise _refuse(hint, value, name)
     fixed = kind is tuple and kinds and kinds[-1] is not Ellipsis
     if fixed and len(value) != len(kinds):
@@ -167,7 +165,7 @@ def _entries(hint: Any, value: object, name: str) -> Any:
 
 def _members(hint: Any, value: object, name: str) -> dict[str, Any]:
     """Return a mapping, each value of its type."""
-    if not isinstance(value, Mapping) or len(value) > LONGEST_LIST or not all(isinstance(key, str) for key in value):
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise _refuse(hint, value, name)
     inner = typing.get_args(hint)[1] if typing.get_args(hint) else Any
     if not (dataclasses.is_dataclass(inner) and isinstance(inner, type)):

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
+from simwarp.files import parse_json
+from simwarp.types import shown
+
 from .errors import InputError
-from .guard import FORMAT
+from .guard import FORMAT, DumpAbout
+from .npz import Arrays, read_arrays, text_of
 from .plain import config_from_plain
 from .registry import make, task_class
+from .saved_state import check_like
 from .simulation_access import pack_snapshot, unpack_snapshot
 from .task import Task
 
@@ -56,15 +60,17 @@ def replay(path: str | Path, *, device: str = "cpu") -> ReplayReport:
     """Repeat the recorded steps of a dump that the guard of a task wrote.
 
     Raises:
-        InputError: the file is no such dump, or its task is not installed.
+        FileError: there is no such file, or it is damaged.
+        InputError: it is no such dump, or its task is not installed.
     """
     path = Path(path)
-    arrays = _read(path)
-    meta: dict[str, Any] = json.loads(str(arrays["meta"]))
-    task = _task_of(meta, device)
-    if not meta["from_reset"]:
-        _restore(task, arrays, meta)
-    count = int(meta["replay_steps"])
+    arrays, about = _read(path)
+    where = f"'{path}'"
+    task = _task_of(about, device, where)
+    _check_columns(task, arrays, about, where)
+    if not about.from_reset:
+        _restore(task, arrays, about, where)
+    count = about.replay_steps
     actions, recorded_q, recorded_qd = (arrays[name][-count:] for name in ("actions", "joint_q", "joint_qd"))
     difference, broke_at = 0.0, None
     for step in range(count):
@@ -77,13 +83,13 @@ def replay(path: str | Path, *, device: str = "cpu") -> ReplayReport:
             gaps = [np.abs(q - recorded_q[step]).max(initial=0.0), np.abs(qd - recorded_qd[step]).max(initial=0.0)]
             difference = max(difference, *(float(gap) for gap in gaps))
     return ReplayReport(
-        task=str(meta["task"]),
-        seed=int(meta["seed"]),
-        world=int(meta["world"]),
-        episode=int(meta["episode"]),
-        episode_step=int(meta["episode_steps"]),
+        task=about.task,
+        seed=about.seed,
+        world=about.world,
+        episode=about.episode,
+        episode_step=about.episode_steps,
         steps=count,
-        from_reset=bool(meta["from_reset"]),
+        from_reset=about.from_reset,
         reproduced=broke_at == count,
         broke_at=broke_at,
         largest_difference=difference,
@@ -93,56 +99,77 @@ def replay(path: str | Path, *, device: str = "cpu") -> ReplayReport:
     )
 
 
-def _read(path: Path) -> dict[str, np.ndarray[Any, Any]]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"cannot read '{path}': {error}") from None
-    if "meta" not in arrays:
+def _read(path: Path) -> tuple[Arrays, DumpAbout]:
+    arrays = read_arrays(path, "dump")
+    text = text_of(arrays, "meta")
+    plain = parse_json(text, f"dump '{path}': meta") if text else None
+    if not isinstance(plain, dict):
         raise InputError(f"'{path}' is no dump of a broken world")
-    found = json.loads(str(arrays["meta"])).get("format")
-    if found != FORMAT:
-        raise InputError(f"'{path}' has format {found}, this version of simwarp reads {FORMAT}")
-    return arrays
+    if plain.get("format") != FORMAT:
+        raise InputError(f"'{path}' has format {shown(plain.get('format'))}, this version of simwarp reads {FORMAT}")
+    return arrays, config_from_plain(DumpAbout, plain, f"dump '{path}': meta")
 
 
-def _task_of(meta: dict[str, Any], device: str) -> Task[Any]:
+def _task_of(about: DumpAbout, device: str, where: str) -> Task[Any]:
     """Return the task with the one world of the dump, at the beginning of the episode that broke."""
-    cls = task_class(str(meta["task"]))
-    config = config_from_plain(cls.config_type, meta["config"] | {"guard_steps": 0})
-    task = make(
-        str(meta["task"]), 1, device=device, seed=int(meta["seed"]), config=config, first_world=int(meta["world"])
-    )
-    task.iteration = int(meta["iteration"])
-    task.level.fill_(float(meta["level"]))
-    task.episode_index.fill_(int(meta["episode"]) - 1)
+    cls = task_class(about.task)
+    if not cls.physics:
+        raise InputError(f"{where}: task '{about.task}' has no physics that could break down")
+    config = config_from_plain(cls.config_type, {**about.config, "guard_steps": 0}, f"dump {where}: config")
+    task = make(about.task, 1, device=device, seed=about.seed, config=config, first_world=about.world)
+    task.iteration = about.iteration
+    task.level.fill_(about.level)
+    task.episode_index.fill_(about.episode - 1)
     task.restart()
     return task
 
 
-def _restore(task: Task[Any], arrays: dict[str, np.ndarray[Any, Any]], meta: dict[str, Any]) -> None:
+def _check_columns(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str) -> None:
+    """Hold what was recorded of every control step to the task.
+
+    Raises:
+        InputError: a column is missing, too short, or of other actions or joints.
+    """
+    views = task.views
+    likes = {"actions": task.action, "joint_q": views.joint_q, "joint_qd": views.joint_qd}
+    for name, like in likes.items():
+        rows = len(arrays[name]) if name in arrays and arrays[name].ndim else 0
+        if rows < about.replay_steps:
+            raise InputError(f"{where} has {rows} rows of '{name}', {about.replay_steps} are to be repeated")
+        check_like(like.expand(rows, -1), _tensor(arrays[name]), f"{where}: {name}")
+
+
+def _restore(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str) -> None:
     """Put the task into the snapshot of the dump."""
     packed = pack_snapshot(task.simulation.snapshot())
     saved = _nest(packed, arrays, "start/")
+    start_action = _tensor(arrays.get("start_action"))
+    extra = {name: value.clone() for name, value in task.extra_state().items()}
+    found = {name: _tensor(arrays[key]) for name in extra if (key := f"extra/{name}") in arrays}
+    check_like(packed, saved, f"{where}: start")
+    check_like(task.action[0], start_action, f"{where}: start_action")
+    check_like({name: extra[name][0] for name in found}, found, f"{where}: extra")
     task.simulation.restore(unpack_snapshot(saved, task.simulation.snapshot()))
-    task.action.copy_(torch.as_tensor(arrays["start_action"]).to(task.device))
-    done = int(meta["episode_steps"]) - int(meta["replay_steps"])
+    task.action.copy_(start_action.to(task.device))
+    done = about.episode_steps - about.replay_steps
     task.episode_steps.fill_(done)
     task.episode_clock.fill_(done)
-    extra = {name: value.clone() for name, value in task.extra_state().items()}
-    for name, value in extra.items():
-        if f"extra/{name}" in arrays:
-            value[0] = torch.as_tensor(arrays[f"extra/{name}"]).to(value.device)
+    for name, value in found.items():
+        extra[name][0] = value.to(extra[name].device)
     task.load_extra_state(extra)
 
 
-def _nest(like: dict[str, Any], arrays: dict[str, np.ndarray[Any, Any]], prefix: str) -> dict[str, Any]:
+def _nest(like: dict[str, Any], arrays: Arrays, prefix: str) -> dict[str, Any]:
     """Return arrays with slashes in their names as the nested dictionary of a one-world snapshot."""
     nested: dict[str, Any] = {}
     for name, part in like.items():
         if not isinstance(part, torch.Tensor):
             nested[name] = _nest(part, arrays, f"{prefix}{name}/")
         elif prefix + name in arrays:
-            nested[name] = torch.as_tensor(arrays[prefix + name][None])
+            nested[name] = _tensor(arrays[prefix + name][None])
     return nested
+
+
+def _tensor(array: npt.NDArray[Any] | None) -> Any:
+    """Return an array as a tensor; text, which torch does not have, as it is."""
+    return array if array is None or array.dtype.kind == "U" else torch.from_numpy(array)

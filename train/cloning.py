@@ -14,6 +14,8 @@ from simwarp.tasks.config import require_finite
 from tensordict import TensorDict
 from torch import nn
 
+from simwarp.types import shown
+
 from .config import NetworkKind, TrainConfig, rsl_rl_config
 from .networks import check_groups
 from .policies import build_actor
@@ -69,18 +71,16 @@ class CloneResult:
 
 def _groups(task: Task[Any], data: Trajectories) -> TensorDict:
     """Return the recorded observations, held to what the task observes."""
-    wanted = {name: (shape, task.observation_dtypes[name]) for name, shape in task.observation_shapes.items()}
-    tensors = {name: torch.from_numpy(array) for name, array in data.observations.items()}
-    found = {name: (tuple(tensor.shape[1:]), tensor.dtype) for name, tensor in tensors.items()}
+    shapes, dtypes = task.observation_shapes, task.observation_dtypes
+    wanted = {name: f"{shapes[name]} {str(dtypes[name]).removeprefix('torch.')}" for name in shapes}
+    found = {name: f"{array.shape[1:]} {array.dtype}" for name, array in data.observations.items()}
     if found != wanted:
-        raise InputError(f"the trajectories hold observations {found}; task '{task.name}' has {wanted}")
+        raise InputError(f"the trajectories hold observations {shown(found)}; task '{task.name}' has {shown(wanted)}")
+    tensors = {name: torch.from_numpy(array) for name, array in data.observations.items()}
     if data.actions.shape[1:] != (task.action_size,):
         raise InputError(
             f"the trajectories hold {data.actions.shape[1:]} actions; task '{task.name}' {task.action_size}"
         )
-    for name, tensor in (*tensors.items(), ("actions", torch.from_numpy(data.actions))):
-        if tensor.is_floating_point() and not bool(tensor.isfinite().all()):
-            raise InputError(f"the trajectories hold NaN or infinity in '{name}'")
     return TensorDict({name: tensors[name] for name in wanted}, batch_size=[data.steps])
 
 

@@ -11,6 +11,7 @@ from simwarp.tasks.config import require_finite
 
 CRITIC = "critic"
 """Observation group of a privileged critic."""
+_MOST_LAYERS, _MOST_UNITS, _MOST_THREADS = 64, 16_384, 1024
 
 
 class Activation(enum.Enum):
@@ -96,8 +97,10 @@ class NetworkConfig:
     def __post_init__(self) -> None:
         require_finite(self)
         require(len(self.hidden) > 0 and min(self.hidden) > 0, self, "hidden", "at least one layer of positive size")
+        small = len(self.hidden) <= _MOST_LAYERS and max(self.hidden) <= _MOST_UNITS
+        require(small, self, "hidden", f"at most {_MOST_LAYERS} layers of at most {_MOST_UNITS} units")
         require(self.init_std > 0.0, self, "init_std", "positive")
-        require(self.memory >= 1, self, "memory", "at least 1")
+        require(1 <= self.memory <= _MOST_UNITS, self, "memory", f"from 1 to {_MOST_UNITS}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,7 +192,7 @@ class TrainConfig:
         require(self.steps_per_iteration >= 1, self, "steps_per_iteration", "at least 1")
         require(self.save_interval >= 1, self, "save_interval", "at least 1")
         require(self.keep_checkpoints >= 0, self, "keep_checkpoints", "zero or positive")
-        require(self.threads >= 1, self, "threads", "at least 1")
+        require(1 <= self.threads <= _MOST_THREADS, self, "threads", f"from 1 to {_MOST_THREADS}")
         require(self.critic_warmup >= 0, self, "critic_warmup", "zero or positive")
         if self.network.kind is NetworkKind.RECURRENT:
             same = self.network.critic is CriticSees.SAME

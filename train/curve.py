@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.ticker import EngFormatter
 
 from .pictures import new_figure, save_figure
-from .run_folder import read_progress
+from .progress_table import read_progress
 
 _PANELS = (("mean_reward", "mean return"), ("mean_episode_length", "mean episode length [steps]"))
 
@@ -20,8 +20,8 @@ def draw_learning_curve(progress: Path, picture: Path, title: str) -> None:
     figure.suptitle(title)
     for column, (key, label) in enumerate(_PANELS):
         axes = figure.add_subplot(1, len(_PANELS), column + 1)
-        points = [(int(row["env_steps"]), float(row[key])) for row in rows if row.get(key)]
-        points = [(steps, value) for steps, value in points if math.isfinite(value)]
+        points = [(float(row["env_steps"]), float(row[key])) for row in rows if row.get("env_steps") and row.get(key)]
+        points = [(steps, value) for steps, value in points if math.isfinite(steps) and math.isfinite(value)]
         axes.plot([steps for steps, _ in points], [value for _, value in points], color="tab:blue")
         axes.set_xlabel("environment steps")
         axes.set_ylabel(label)

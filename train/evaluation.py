@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import torch
-from simwarp.tasks import InputError, StepResult, Task, TaskConfig, make
+import warp as wp
+from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
 
-from .policies import Policy, forget, random_policy, zero_policy
+from simwarp.memory import check_fits
+
+from .policies import Policy, bad_actions, forget, random_policy, zero_policy
 
 _MAX_WORLDS = 4096
 CHECK_INTERVAL = 25
+_RECORD_BYTES = 64
+"""What is kept of an episode, about."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +36,7 @@ class Evaluation:
         success_ci95: Wilson interval of that share at 95 %.
         end_reasons: how many episodes ended for each reason that occurred.
         metrics: means of the task's own metrics at the end of the episodes.
+        bad_actions: how often the policy returned NaN or infinity.
     """
 
     episodes: int
@@ -41,6 +48,16 @@ class Evaluation:
     success_ci95: tuple[float, float]
     end_reasons: dict[str, int]
     metrics: dict[str, float]
+    bad_actions: int = 0
+
+    @property
+    def problem(self) -> str:
+        """Why these numbers say nothing about the task; empty if they do."""
+        if self.bad_actions:
+            return f"the policy returned NaN or infinity {self.bad_actions} times"
+        if self.end_reasons.get(NON_FINITE) == self.episodes:
+            return f"the physics of all {self.episodes} episodes broke down"
+        return ""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values; the task's own metrics stand beside the others."""
@@ -69,6 +86,8 @@ class Tally:
     def __init__(self, task: Task[Any], episodes: int) -> None:
         worlds, device = task.num_worlds, task.device
         rounds = -(-episodes // worlds)
+        needed = _RECORD_BYTES * worlds * rounds
+        check_fits(f"records of {episodes} episodes", needed, wp.get_device(str(device)), "evaluate fewer")
         extra = episodes - (rounds - 1) * worlds
         self.quota = torch.full((worlds,), rounds - 1, device=device)
         self.quota[:extra] += 1
@@ -161,6 +180,9 @@ class Watcher:
     def step(self, step: int, tally: Tally) -> None:
         """Hear that so many control steps are done. An exception stops the evaluation."""
 
+    def warn(self, text: str) -> None:
+        """Hear that something is wrong with the policy."""
+
     def end(self, tally: Tally) -> None:
         """Hear that all episodes are over."""
 
@@ -176,18 +198,29 @@ def evaluate(
     tally = Tally(task, episodes)
     watcher = watcher or Watcher()
     watcher.begin(task)
-    step = 0
+    step, warned = 0, False
+    bad = torch.zeros((), dtype=torch.int64, device=task.device)
     # Waiting for the device in every step would slow it down; a few steps too many change nothing
     while step % CHECK_INTERVAL or not tally.finished():
-        result = task.step(policy(observations))
+        actions = policy(observations)
+        bad += bad_actions(actions)
+        result = task.step(actions)
         observations = result.observations
         forget(policy, result.terminated | result.truncated)
         tally.add(result)
         step += 1
         watcher.step(step, tally)
+        if step % CHECK_INTERVAL == 0 and not warned and int(bad):
+            warned = True
+            watcher.warn(f"the policy returns NaN or infinity, since step {step} or before")
     watcher.end(tally)
-    task.drain_statistics()
-    return tally.evaluation(task.end_reasons)
+    # What follows from such actions is not the task's fault
+    with contextlib.suppress(*((TaskError,) if int(bad) else ())):
+        task.drain_statistics()
+    evaluation = dataclasses.replace(tally.evaluation(task.end_reasons), bad_actions=int(bad))
+    if evaluation.problem and not warned:
+        watcher.warn(evaluation.problem)
+    return evaluation
 
 
 def _check_episodes(episodes: int) -> None:

@@ -15,8 +15,6 @@ import importlib.util
 import io
 import json
 import logging
-import os
-import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,10 +26,11 @@ from rsl_rl.models import MLPModel, RNNModel
 from simwarp.tasks import InputError, Task, make, task_class
 from torch import nn
 
-from .checkpoint import load_checkpoint, write_atomically
+from simwarp.files import check_output, output_error, replacing
+
 from .config import task_config_from_plain
 from .policies import NetworkPolicy, network_policy
-from .run_folder import resolve_checkpoint
+from .run_folder import read_policy
 from .trainer import TrainingError
 
 TOLERANCE = 1e-5
@@ -244,16 +243,19 @@ def export_policy(checkpoint: Path, form: ExportFormat, output: Path | None = No
         output: file to write; by default ``TASK.onnx`` or ``TASK.ts`` in the working folder.
 
     Raises:
-        InputError: the checkpoint cannot be read or does not fit its task, or the file cannot be written.
+        InputError: the checkpoint cannot be read or does not fit its task.
+        FileError: ``output`` cannot be written to.
+        OutputError: the disk did not take the file.
         TrainingError: the exported policy differs from the trained one; no file is left.
     """
-    path = resolve_checkpoint(checkpoint)
-    content = load_checkpoint(path)
+    if output is not None:
+        check_output(output, "--output")
+    path, content = read_policy(checkpoint)
     name = content["task"]
-    target = output or Path(f"{name}{SUFFIXES[form]}")
-    if not target.parent.is_dir():
-        raise InputError(f"cannot write '{target}': folder {target.parent} does not exist")
-    task = make(name, _WORLDS, seed=0, config=task_config_from_plain(task_class(name), content["task_config"]))
+    cls = task_class(name)
+    target = check_output(output or Path(f"{name}{SUFFIXES[form]}"), "--output")
+    config = task_config_from_plain(cls, content["task_config"], f"checkpoint {path}: task_config")
+    task = make(name, _WORLDS, seed=0, config=config)
     policy = network_policy(content, task)
     exported = ExportedPolicy(policy)
     steps = _rollout(task, policy)
@@ -261,22 +263,17 @@ def export_policy(checkpoint: Path, form: ExportFormat, output: Path | None = No
     meta = {"task": name, "iteration": content["iteration"], "inputs": exported.inputs, "outputs": exported.outputs}
     data = (_to_onnx if form is ExportFormat.ONNX else _to_torchscript)(exported, example, meta)
     # The file itself is what is checked, under another name until it has passed
-    handle, draft = tempfile.mkstemp(suffix=SUFFIXES[form])
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        difference = _difference(load_exported(Path(draft), form), exported, steps)
-    finally:
-        Path(draft).unlink(missing_ok=True)
-    if not difference <= TOLERANCE:
-        raise TrainingError(
-            f"the exported policy differs from the trained one by {difference:.2g}, more than {TOLERANCE:g}; nothing"
-            " was written"
-        )
-    try:
-        write_atomically(target, data)
-    except OSError as error:
-        raise InputError(f"cannot write '{target}': {error.strerror}") from error
+    with replacing(target) as draft:
+        try:
+            draft.write_bytes(data)
+        except OSError as error:
+            raise output_error(target, error, draft, len(data)) from error
+        difference = _difference(load_exported(draft, form), exported, steps)
+        if not difference <= TOLERANCE:
+            raise TrainingError(
+                f"the exported policy differs from the trained one by {difference:.2g}, more than {TOLERANCE:g};"
+                " nothing was written"
+            )
     return Export(
         task=name,
         checkpoint=str(path),

@@ -199,6 +199,10 @@ class _Watch(Watcher):
         if step % CHECK_INTERVAL == 0:
             self._display.running(self._point.label, self._policy, tally.ended(), step / self._longest)
 
+    def warn(self, text: str) -> None:
+        where = f"{self._point.label}: " if self._point.label else ""
+        self._display.say(f"{where}{POLICY_NAMES[self._policy]}: {text}")
+
     def end(self, tally: Tally) -> None:
         if self._recorder is not None:
             self._recorder.end(tally)

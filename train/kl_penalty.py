@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
+from simwarp.tasks import config_from_plain
 from torch import nn
 
 _BETA_BOUND = 35.0
@@ -161,5 +162,5 @@ class KLPenaltyPPO(PPO):
         """Take back what :meth:`save` returned; a checkpoint of a clipped run has no penalty, which then starts."""
         done: bool = super().load(loaded_dict, load_cfg, strict)
         if load_cfg is None and "kl_penalty" in loaded_dict:
-            self.penalty = Penalty(**loaded_dict["kl_penalty"])
+            self.penalty = config_from_plain(Penalty, loaded_dict["kl_penalty"], "kl_penalty")
         return done

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import importlib
+import io
 import math
 import os
+import socket
+import time
 from pathlib import Path
 from typing import Any, Protocol
 
 from simwarp.tasks import InputError
 
 from .config import LoggerKind
-from .run_folder import ProgressTable, RunFolder
+from .progress_table import ProgressTable
+from .run_files import append_whole
+from .run_folder import RunFolder
 from .trainer import IterationReport
 
 _COLUMNS = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "env_steps_per_s")
@@ -28,26 +33,47 @@ class Sink(Protocol):
 
 
 class TensorBoard:
-    """TensorBoard events in the run folder.
+    """TensorBoard events in the run folder, written at once.
+
+    Torch's own writer has a thread that a full disk ends, with a traceback, and that the training then waits for.
 
     Args:
         folder: the run folder.
         first: first iteration to come; events of it and of later ones, of a run that was killed, are dropped.
+
+    Raises:
+        OutputError: the disk did not take them.
     """
 
     def __init__(self, folder: Path, first: int) -> None:
-        from torch.utils.tensorboard import SummaryWriter
+        from tensorboard.compat.proto.event_pb2 import SessionLog
 
-        self._events = SummaryWriter(log_dir=str(folder), purge_step=first)
+        name = f"events.out.tfevents.{int(time.time()):010d}.{socket.gethostname()}.{os.getpid()}.0"
+        self._path = folder / name
+        self._add(first, file_version="brain.Event:2")
+        self._add(first, session_log=SessionLog(status=SessionLog.START))
+
+    def _add(self, step: int, **content: Any) -> None:
+        from tensorboard.compat.proto.event_pb2 import Event
+        from tensorboard.summary.writer.record_writer import RecordWriter
+
+        record = io.BytesIO()
+        RecordWriter(record).write(Event(wall_time=time.time(), step=step, **content).SerializeToString())
+        append_whole(self._path, record.getvalue())
 
     def write(self, values: dict[str, float], iteration: int) -> None:
-        """Take the scalars of one iteration."""
-        for name, value in values.items():
-            self._events.add_scalar(name, value, iteration)
+        """Take the scalars of one iteration.
+
+        Raises:
+            OutputError: the disk did not take them.
+        """
+        from tensorboard.compat.proto.summary_pb2 import Summary
+
+        scalars = [Summary.Value(tag=name, simple_value=value) for name, value in values.items()]
+        self._add(iteration, summary=Summary(value=scalars))
 
     def close(self) -> None:
-        """Flush and close."""
-        self._events.close()
+        """Nothing is left to be written."""
 
 
 class WeightsAndBiases:
@@ -102,6 +128,12 @@ class RunLog:
         first: report of the first iteration; its values are the columns.
         kind: where scalars go beside the table.
         description: task and configurations.
+
+    Attributes:
+        lost: lines of an earlier table that could not be read.
+
+    Raises:
+        OutputError: the disk did not take them.
     """
 
     def __init__(
@@ -109,6 +141,7 @@ class RunLog:
     ) -> None:
         done = first.iteration - 1
         self._table = ProgressTable(folder.progress, [*_COLUMNS, *sorted(first.values)], keep_below=done)
+        self.lost = self._table.lost
         self._sink: Sink | None = None
         if kind is LoggerKind.TENSORBOARD:
             self._sink = TensorBoard(folder.path, first.iteration)
@@ -116,7 +149,11 @@ class RunLog:
             self._sink = WeightsAndBiases(folder.path, description)
 
     def add(self, report: IterationReport, wall: float) -> None:
-        """Record one iteration, ``wall`` seconds after the start."""
+        """Record one iteration, ``wall`` seconds after the start.
+
+        Raises:
+            OutputError: the disk did not take it.
+        """
         row: dict[str, float | int] = {
             "iteration": report.iteration,
             "env_steps": report.env_steps,

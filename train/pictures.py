@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import textwrap
 from collections.abc import Sequence
@@ -11,6 +12,8 @@ from typing import Any
 from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from .run_files import write_run_file
 
 INK = "#1f2933"
 GREY = "#9aa5b1"
@@ -64,11 +67,11 @@ def dress(axes: Any) -> None:
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 120) -> None:
-    """Write a picture all at once."""
-    # The suffix tells matplotlib the format: a temporary name must keep it
-    temporary = path.with_name(f".{path.stem}.new{path.suffix}")
-    try:
-        figure.savefig(temporary, dpi=dpi)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    """Write a picture all at once.
+
+    Raises:
+        OutputError: the disk did not take it, or its folder is gone.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=dpi, format=path.suffix[1:] or "png")
+    write_run_file(path, buffer.getvalue())

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import importlib.util
+import io
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,19 @@ from matplotlib.figure import Figure
 from PIL import Image
 from simwarp.tasks import Drawing, InputError, Task
 
+from simwarp.files import check_output, write_file
+
 from .filming import Film, film_still, film_strip
-from .policies import Policy, forget
+from .mp4 import write_mp4
+from .policies import Policy, bad_actions, forget, refuse_bad_actions
 
 PICTURE_SUFFIXES = (".png",)
 VIDEO_SUFFIXES = (".gif", ".mp4")
 _FRAMES_PER_SECOND = 25
 _GHOSTS = 8
 _PALETTE_FRAMES = 8
+_LONGEST = 3600.0
+"""Time that is shown at most [s]: all images are kept until they are written."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,13 +53,13 @@ def check_video_path(path: Path) -> None:
     """Refuse what cannot be written, before any work is done.
 
     Raises:
-        InputError: unknown kind of file, no such folder, or an encoder that is not installed.
+        InputError: unknown kind of file, or an encoder that is not installed.
+        FileError: it cannot be written to.
     """
     suffix = path.suffix.lower()
     if suffix not in PICTURE_SUFFIXES + VIDEO_SUFFIXES:
         raise InputError(f"cannot write '{path}': the name must end in .png, .gif or .mp4")
-    if not path.parent.is_dir():
-        raise InputError(f"cannot write '{path}': folder {path.parent} does not exist")
+    check_output(path, "--video")
     if suffix == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise InputError("mp4 needs the package imageio-ffmpeg: pip install 'simwarp[viewer]', or give a .gif instead")
 
@@ -80,9 +85,12 @@ def record(
 
     Returns:
         Frames some 25 per second apart, the drawing they follow, and the mean return of the first episodes so far.
+
+    Raises:
+        TrainingError: the policy returned NaN or infinity.
     """
-    if not (math.isfinite(seconds) and seconds > 0.0):
-        raise InputError(f"seconds must be positive, got {seconds}")
+    if not 0.0 < seconds <= _LONGEST:
+        raise InputError(f"seconds must be positive and at most {_LONGEST:g}, got {seconds:g}")
     task.keep_final_observations = False
     observations = task.restart(seed=seed)
     forget(policy)
@@ -97,8 +105,11 @@ def record(
     frames = [_frame(drawing, 0.0, image(0, 0.0))]
     total = torch.zeros(task.num_worlds, dtype=torch.float64, device=task.device)
     running = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
+    bad = torch.zeros((), dtype=torch.int64, device=task.device)
     for step in range(1, steps + 1):
-        result = task.step(policy(observations))
+        actions = policy(observations)
+        bad += bad_actions(actions)
+        result = task.step(actions)
         observations = result.observations
         total += torch.where(running, result.rewards, 0.0)
         ended = result.terminated | result.truncated
@@ -109,6 +120,7 @@ def record(
             frames.append(_frame(task.drawing(), time, image(step // every, time)))
         if watch is not None:
             watch(step, steps)
+    refuse_bad_actions(bad, steps * task.num_worlds)
     return frames, drawing, float(total.mean())
 
 
@@ -183,16 +195,24 @@ class _Canvas:
 
 
 def write_picture(path: Path, task: Task[Any], drawing: Drawing, frames: list[Frame], title: str) -> None:
-    """Write a PNG: rendered moments of every world, or lines of the last one with earlier ones pale behind it."""
+    """Write a PNG: rendered moments of every world, or lines of the last one with earlier ones pale behind it.
+
+    Raises:
+        OutputError: the disk did not take it.
+    """
     taken = [(frame.time, frame.images) for frame in frames if frame.images is not None]
-    if taken:
-        Image.fromarray(film_strip(taken, title)).save(path)
-        return
-    Image.fromarray(_Canvas(task, drawing, frames, title).draw_trail(frames)).save(path)
+    image = film_strip(taken, title) if taken else _Canvas(task, drawing, frames, title).draw_trail(frames)
+    picture = io.BytesIO()
+    Image.fromarray(image).save(picture, format="png")
+    write_file(path, picture.getvalue())
 
 
 def write_video(path: Path, task: Task[Any], drawing: Drawing, frames: list[Frame], title: str) -> None:
-    """Write a GIF or an MP4."""
+    """Write a GIF or an MP4.
+
+    Raises:
+        OutputError: the disk did not take it.
+    """
     canvas = _Canvas(task, drawing, frames, title)
     rate = (len(frames) - 1) / frames[-1].time if len(frames) > 1 else _FRAMES_PER_SECOND
 
@@ -200,7 +220,8 @@ def write_video(path: Path, task: Task[Any], drawing: Drawing, frames: list[Fram
         return canvas.draw(frame) if frame.images is None else film_still(frame.images, frame.time, title)
 
     if path.suffix.lower() == ".mp4":
-        _write_mp4(path, map(image_of, frames), rate)
+        height, width, _ = image_of(frames[0]).shape
+        write_mp4(path, map(image_of, frames), (width, height), rate)
         return
     # One palette for all images keeps a GIF of flat colours small; what comes into sight later has its colours in it
     some = np.unique(np.linspace(0, len(frames) - 1, _PALETTE_FRAMES).round().astype(int))
@@ -209,18 +230,6 @@ def write_video(path: Path, task: Task[Any], drawing: Drawing, frames: list[Fram
     first, *rest = [
         Image.fromarray(image_of(frame)).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
     ]
-    first.save(path, save_all=True, append_images=rest, duration=round(1000.0 / rate), loop=0)
-
-
-def _write_mp4(path: Path, images: Iterator[npt.NDArray[np.uint8]], rate: float) -> None:
-    imageio_ffmpeg: Any = importlib.import_module("imageio_ffmpeg")
-
-    first = next(images)
-    writer = imageio_ffmpeg.write_frames(str(path), (first.shape[1], first.shape[0]), fps=rate, macro_block_size=2)
-    writer.send(None)
-    try:
-        writer.send(first.tobytes())
-        for image in images:
-            writer.send(image.tobytes())
-    finally:
-        writer.close()
+    video = io.BytesIO()
+    first.save(video, format="gif", save_all=True, append_images=rest, duration=round(1000.0 / rate), loop=0)
+    write_file(path, video.getvalue())

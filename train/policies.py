@@ -11,12 +11,16 @@ import torch
 from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_class
 from simwarp.tasks import InputError, Task, task_class
+from simwarp.tasks.saved_state import check_like
 from tensordict import TensorDict
+
+from simwarp.types import shown
 
 from .checkpoint import SUFFIX, load_checkpoint
 from .config import obs_of, rsl_rl_config, train_config_from_plain
 from .networks import check_groups
-from .run_folder import RUNS, latest_run, resolve_checkpoint
+from .run_folder import RUNS, latest_run, read_policy
+from .trainer import TrainingError
 
 Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
 """Observation groups -> (W, A) actions. One with a memory has a method ``forget`` too; see :func:`forget`."""
@@ -60,28 +64,27 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
         InputError: there is none, it cannot be read, or it is of another task.
     """
     if checkpoint is not None and str(checkpoint) != SHIPPED.name:
-        path = resolve_checkpoint(checkpoint)
+        path, content = read_policy(checkpoint)
         origin = f"checkpoint {path}"
     else:
         run = latest_run(root, task_name, obs) if checkpoint is None else None
         shipped = shipped_policy(task_name, obs)
         if run is not None:
-            path = run.latest_checkpoint()
+            path, content = run.load_latest()
             origin = f"newest run, {path}"
         elif shipped is not None:
-            path, origin = shipped, "policy shipped with simwarp"
+            path, content, origin = shipped, load_checkpoint(shipped), "policy shipped with simwarp"
         else:
             of, option = (f" with {obs} observations", f" --obs {obs}") if obs else ("", "")
             raise InputError(
                 f"no policy for task '{task_name}'{of}: train one with `simwarp train {task_name}{option}` or give"
                 " --checkpoint"
             )
-    content = load_checkpoint(path)
     if content["task"] != task_name:
-        raise InputError(f"checkpoint {path} is of task '{content['task']}', not '{task_name}'")
+        raise InputError(f"checkpoint {path} is of task {shown(content['task'])}, not '{task_name}'")
     trained = content["task_config"].get("obs")
     if obs not in (None, trained):
-        raise InputError(f"checkpoint {path} was trained on {trained} observations, not {obs}: leave --obs away")
+        raise InputError(f"checkpoint {path} was trained on {shown(trained)} observations, not {obs}: leave --obs away")
     return PolicySource(path, content, origin if trained is None else f"{origin} (--obs {trained})")
 
 
@@ -118,6 +121,23 @@ def forget(policy: Policy, ended: torch.Tensor | None = None) -> None:
         clear(ended)
 
 
+def bad_actions(actions: torch.Tensor) -> torch.Tensor:
+    """Return how many of (W, A) actions are not finite, on the device."""
+    return (~actions.isfinite()).any(dim=1).sum()
+
+
+def refuse_bad_actions(count: torch.Tensor, total: int) -> None:
+    """Refuse what came of a policy that returned NaN; reads the device.
+
+    Raises:
+        TrainingError: it did.
+    """
+    if int(count):
+        raise TrainingError(
+            f"the policy returned NaN or infinity in {int(count)} of {total} actions; nothing was written"
+        )
+
+
 def build_actor(settings: dict[str, Any], task: Task[Any]) -> MLPModel:
     """Return a new actor for a task, as ``rsl_rl_config`` describes it."""
     model_class, options = resolve_class(settings["actor"])
@@ -133,18 +153,19 @@ def network_policy(content: dict[str, Any], task: Task[Any]) -> NetworkPolicy:
     Raises:
         InputError: its network does not fit the task's observations or actions.
     """
-    config = train_config_from_plain(content["train_config"])
+    config = train_config_from_plain(content["train_config"], "train_config of the checkpoint")
     groups = list(task.observation_shapes)
     check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
     actor = build_actor(rsl_rl_config(config, groups, task.action_size), task)
     try:
-        actor.load_state_dict(content["actor_state_dict"], strict=True)
-    except RuntimeError as error:
+        check_like(actor.state_dict(), content["actor_state_dict"], "actor_state_dict")
+    except InputError as error:
         shapes = ", ".join(f"'{name}' {shape}" for name, shape in task.observation_shapes.items())
         raise InputError(
             f"the checkpoint's network does not fit task '{task.name}' (observations {shapes}, {task.action_size}"
-            " actions)"
+            f" actions): {error}"
         ) from error
+    actor.load_state_dict(content["actor_state_dict"], strict=True)
     actor.eval()
     return NetworkPolicy(actor, groups)
 

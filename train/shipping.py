@@ -13,11 +13,14 @@ from typing import Any
 
 from simwarp.tasks import task_class
 
-from .checkpoint import SUFFIX, load_checkpoint, save_checkpoint, slim
+from simwarp.files import read_json
+
+from .checkpoint import SUFFIX, save_checkpoint, slim
 from .config import task_config_from_plain
 from .evaluation import evaluate_with_baselines
 from .policies import SHIPPED, network_policy
-from .run_folder import PROVENANCE, open_run, write_json
+from .run_files import write_json
+from .run_folder import PROVENANCE, open_run
 
 _EPISODES = 256
 _SEED = 1_000_003
@@ -26,7 +29,7 @@ _SEED = 1_000_003
 def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
     """Evaluate the newest checkpoint of a run and write it, with its provenance, to ``target``."""
     folder = open_run(run)
-    content = slim(load_checkpoint(folder.latest_checkpoint()))
+    content = slim(folder.load_latest()[1])
     name = content["task"]
     results = evaluate_with_baselines(
         name,
@@ -35,7 +38,7 @@ def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
         episodes=_EPISODES,
         seed=_SEED,
     )
-    made = json.loads((folder.path / PROVENANCE).read_text(encoding="utf-8"))
+    made = read_json(folder.path / PROVENANCE, PROVENANCE)
     record = {
         "task": name,
         "iterations": content["iteration"],

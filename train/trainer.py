@@ -8,22 +8,39 @@ import io
 import math
 import time
 from collections import deque
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Final
 
 import torch
+import warp as wp
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 from rsl_rl.utils import resolve_callable
-from simwarp.tasks import EpisodeSummary, InputError, Task, config_to_plain
+from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, config_to_plain
+from simwarp.tasks.plain import typed
+from simwarp.tasks.saved_state import check_like
 from torch import nn
 
+from simwarp.memory import check_fits
+
+from .checkpoint import check_members
 from .config import CriticSees, TrainConfig, rsl_rl_config
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
 from .networks import check_groups
+from .saved_state import check_memories, check_optimizer
 from .vec_env import TaskVecEnv
 
 _WINDOW_EPISODES = 100
+_FLOAT_BYTES = 4
+_SAVED: Final[Mapping[str, Any]] = {"critic_state_dict": dict, "optimizer_state_dict": dict, "window": list}
+"""What a checkpoint that can be resumed holds beside the policy, and of which types."""
+_SAVED_BY_EACH: Final[Mapping[str, Any]] = {
+    "torch_rng": torch.Tensor,
+    "cuda_rng": torch.Tensor | None,
+    "worlds": dict,
+}
+"""What it holds of each process."""
 
 
 class TrainingError(RuntimeError):
@@ -43,6 +60,7 @@ class IterationReport:
         collect_s: time in the worlds and the policy [s].
         learn_s: time in the optimiser [s].
         values: further scalars by name: losses, reward terms, end reasons.
+        all_broken: the physics of every world broke down, in all of its episodes that ended.
     """
 
     iteration: int
@@ -53,6 +71,7 @@ class IterationReport:
     collect_s: float
     learn_s: float
     values: dict[str, float]
+    all_broken: bool = False
 
 
 class Trainer:
@@ -78,6 +97,7 @@ class Trainer:
         self.env = TaskVecEnv(task, privileged=config.network.critic is CriticSees.PRIVILEGED)
         settings = rsl_rl_config(config, list(task.observation_shapes), task.action_size)
         settings["multi_gpu"] = self.group.rsl_rl()
+        self._check_rollout()
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])
         with contextlib.redirect_stdout(io.StringIO()):  # rsl-rl prints both networks
             self.algorithm: PPO = kind.construct_algorithm(self.env.get_observations(), self.env, settings, self.device)
@@ -90,6 +110,19 @@ class Trainer:
             chance = torch.rand(task.num_worlds, device=self.device)
             self.env.episode_length_buf = (chance * task.step_limit()).long()
         self.algorithm.train_mode()
+
+    def _check_rollout(self) -> None:
+        """Refuse a rollout that does not fit into memory, before it is allocated.
+
+        Raises:
+            ModelError: it does not.
+        """
+        groups = self.env.get_observations()
+        step = sum(group[0].numel() * group.element_size() for group in groups.values())
+        steps, worlds = self.config.steps_per_iteration, self.config.num_envs
+        needed = steps * worlds * (step + _FLOAT_BYTES * (4 * self.task.action_size + 6))
+        what = f"{steps} control steps of {worlds} worlds per iteration"
+        check_fits(what, needed, wp.get_device(self.device), "take a smaller --steps-per-iteration or --num-envs")
 
     @property
     def storage(self) -> RolloutStorage:
@@ -128,6 +161,7 @@ class Trainer:
         values["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         values["episodes"] = summary.episodes
         ended = max(summary.episodes, 1)
+        broken = summary.end_reasons.get(NON_FINITE, 0)
         values |= {f"reward/{name}": value / ended for name, value in summary.terms.items()}
         values |= {f"end/{name}": count for name, count in summary.end_reasons.items()}
         return IterationReport(
@@ -139,6 +173,7 @@ class Trainer:
             collect_s=collected - started,
             learn_s=finished - collected,
             values=values,
+            all_broken=summary.episodes == broken >= self.config.num_envs * self.group.count,
         )
 
     def collect(self) -> None:
@@ -215,13 +250,15 @@ class Trainer:
         Raises:
             InputError: its network does not fit this task and configuration.
         """
+        policy = self.algorithm.get_policy()
         try:
-            self.algorithm.get_policy().load_state_dict(content["actor_state_dict"], strict=True)
-        except RuntimeError as error:
+            check_like(policy.state_dict(), content["actor_state_dict"], "actor_state_dict")
+        except InputError as error:
             raise InputError(
                 f"the policy to start from, of task '{content['task']}', has another network than this configuration:"
-                " give the same --network options"
+                f" give the same --network options ({error})"
             ) from error
+        policy.load_state_dict(content["actor_state_dict"], strict=True)
 
     def _remember(self, episodes: int, returns: float, lengths: float) -> None:
         self._window.append((episodes, returns, lengths))
@@ -255,39 +292,68 @@ class Trainer:
             "memories": [_cells(memory) for memory in memories],
         }
 
-    def load(self, content: dict[str, Any]) -> bool:
+    def load(self, content: dict[str, Any], where: str = "checkpoint") -> bool:
         """Go on from a checkpoint; False where its worlds could not be taken over (another number of them).
 
+        Args:
+            content: what :meth:`checkpoint` returned, once; it may hold anything.
+            where: the errors begin with it.
+
         Raises:
-            InputError: the checkpoint's networks do not fit this task and configuration.
+            InputError: it is damaged, or its networks do not fit this task and configuration.
         """
-        try:
-            self.algorithm.load(content, None, strict=True)
-        except (RuntimeError, ValueError, KeyError) as error:
-            raise InputError(
-                f"checkpoint of task '{content['task']}' has other networks than this configuration: resume with"
-                " the same --network options and observations"
-            ) from error
-        self.iteration = int(content["iteration"])
-        self._window = deque((int(entry[0]), float(entry[1]), float(entry[2])) for entry in content["window"])
-        owns = [content, *content.get("other_processes", [])]
+        check_members(content, _SAVED, where)
+        self._load_networks(content, where)
+        self.iteration = content["iteration"]
+        self._window = deque(typed(list[tuple[int, float, float]], content["window"], f"{where}: window"))
+        owns = [content, *typed(list[dict], content.get("other_processes", []), f"{where}: other_processes")]
         if len(owns) != self.group.count:
             return False
         own = owns[self.group.rank]
-        same_worlds = len(own["worlds"]["episode_index"]) == self.task.num_worlds
-        if same_worlds:
-            self.task.load_state_dict(own["worlds"])
-            self.env.refresh()
-            for model, cells in zip(
-                (self.algorithm.actor, self.algorithm.critic), own.get("memories", ()), strict=False
-            ):
-                if cells:
-                    copies = tuple(cell.to(self.device) for cell in cells)
-                    model.reset(hidden_state=copies if len(copies) > 1 else copies[0])
-        torch.set_rng_state(own["torch_rng"].cpu())
-        if own["cuda_rng"] is not None and self.device.startswith("cuda"):
-            torch.cuda.set_rng_state(own["cuda_rng"].cpu(), self.device)
+        check_members(own, _SAVED_BY_EACH, where)
+        same_worlds = self._load_worlds(own, where)
+        self._load_generators(own, where)
         return same_worlds
+
+    def _load_networks(self, content: dict[str, Any], where: str) -> None:
+        """Take over actor, critic and optimiser."""
+        try:
+            for name, module in (("actor", self.algorithm.actor), ("critic", self.algorithm.critic)):
+                check_like(module.state_dict(), content[f"{name}_state_dict"], f"{name}_state_dict")
+            check_optimizer(self.algorithm.optimizer, content["optimizer_state_dict"], "optimizer_state_dict")
+            self.algorithm.load(content, None, strict=True)
+        except (RuntimeError, ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{where} of task '{self.task.name}' has other networks than this configuration: resume with the same"
+                f" --network options and observations ({error})"
+            ) from error
+
+    def _load_worlds(self, own: dict[str, Any], where: str) -> bool:
+        """Take over the worlds and what recurrent networks remember of them; False if there are more or fewer."""
+        saved, models = own["worlds"], (self.algorithm.actor, self.algorithm.critic)
+        check_members(saved, {"episode_index": torch.Tensor}, f"{where}: worlds")
+        if saved["episode_index"].dim() == 1 and len(saved["episode_index"]) != self.task.num_worlds:
+            return False
+        check_like(self.task.state_dict(), saved, f"{where}: worlds")
+        memories = own.get("memories", [[] for _ in models])
+        check_memories(models, memories, self.task.num_worlds, f"{where}: memories")
+        self.task.load_state_dict(saved)
+        self.env.refresh()
+        for model, cells in zip(models, memories, strict=True):
+            if cells:
+                copies = tuple(cell.to(self.device) for cell in cells)
+                model.reset(hidden_state=copies if len(copies) > 1 else copies[0])
+        return True
+
+    def _load_generators(self, own: dict[str, Any], where: str) -> None:
+        """Take over the state of torch's random numbers."""
+        check_like(torch.get_rng_state(), own["torch_rng"], f"{where}: torch_rng")
+        try:
+            torch.set_rng_state(own["torch_rng"].cpu())
+            if own["cuda_rng"] is not None and self.device.startswith("cuda"):
+                torch.cuda.set_rng_state(own["cuda_rng"].cpu(), self.device)
+        except (RuntimeError, TypeError) as error:
+            raise InputError(f"{where}: its state of random numbers is none: {error}") from error
 
 
 def _cells(memory: torch.Tensor | tuple[torch.Tensor, ...] | None) -> list[torch.Tensor]:

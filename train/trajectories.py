@@ -8,23 +8,32 @@ row of an episode; ``about`` is JSON: task, its configuration, the policy, mean 
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
-import zipfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from simwarp.tasks import InputError, Task, config_to_plain
+from simwarp.tasks.npz import Arrays, read_arrays, text_of, write_arrays
 
-from .checkpoint import write_atomically
-from .policies import Policy, forget
+from simwarp.files import parse_json
+from simwarp.types import shown
+
+from .policies import Policy, bad_actions, forget, refuse_bad_actions
 
 FORMAT = 1
 _PREFIX = "observations/"
-_COLUMNS = ("actions", "rewards", "episode", "terminated", "truncated")
+_COLUMNS: Final[Mapping[str, tuple[type[np.generic], int]]] = {
+    "actions": (np.float32, 2),
+    "rewards": (np.float32, 1),
+    "episode": (np.int64, 1),
+    "terminated": (np.bool_, 1),
+    "truncated": (np.bool_, 1),
+}
+"""Column -> its dtype and number of axes."""
 _CHECK_INTERVAL = 25
 
 
@@ -75,6 +84,9 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
         episodes: how many episodes.
         seed: seed of the worlds.
         about: what to remember beside the task and the returns.
+
+    Raises:
+        TrainingError: the policy returned NaN or infinity.
     """
     if episodes < 1:
         raise InputError(f"episodes must be at least 1, got {episodes}")
@@ -86,8 +98,11 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
     observations = task.restart(seed=seed)
     forget(policy)
     rows: list[dict[str, torch.Tensor]] = []
+    bad = torch.zeros((), dtype=torch.int64, device=task.device)
     while len(rows) % _CHECK_INTERVAL or not bool((done >= quota).all()):
-        actions = policy(observations).clamp(-1.0, 1.0)
+        actions = policy(observations)
+        bad += bad_actions(actions)
+        actions = actions.clamp(-1.0, 1.0)
         # A task may hand out its own buffers, which the step overwrites
         row = {f"{_PREFIX}{name}": group.to("cpu", copy=True) for name, group in observations.items()}
         row |= {"actions": actions.to("cpu", copy=True), "episode": done.to("cpu", copy=True)}
@@ -98,6 +113,7 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
         done += ended
         row |= {"rewards": result.rewards.cpu(), "terminated": result.terminated.cpu()}
         rows.append(row | {"truncated": result.truncated.cpu()})
+    refuse_bad_actions(bad, len(rows) * worlds)
     task.drain_statistics()
     return _in_order(task, rows, quota.cpu(), about)
 
@@ -122,39 +138,70 @@ def _in_order(
 
 
 def save_trajectories(path: Path, trajectories: Trajectories) -> None:
-    """Write a compressed ``.npz``, all at once."""
+    """Write a compressed ``.npz``, all at once.
+
+    Raises:
+        FileError: ``path`` cannot be written to.
+        OutputError: the disk did not take it.
+    """
     arrays: dict[str, Any] = {f"{_PREFIX}{name}": group for name, group in trajectories.observations.items()}
     arrays |= {name: getattr(trajectories, name) for name in _COLUMNS}
     arrays["about"] = np.array(json.dumps(trajectories.about, default=str))
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    try:
-        write_atomically(path, buffer.getvalue())
-    except OSError as error:
-        raise InputError(f"cannot write '{path}': {error.strerror}") from error
+    write_arrays(path, arrays)
 
 
 def load_trajectories(path: Path, task_name: str) -> Trajectories:
     """Read trajectories of a task; runs no code from the file.
 
     Raises:
-        InputError: the file is missing, damaged, of another kind or of another task.
+        FileError: the file is missing, damaged, or no file of arrays.
+        InputError: it is of another kind or of another task, or its columns are not what they should be.
     """
-    if not path.is_file():
-        raise InputError(f"trajectories {path} do not exist: write some with `simwarp record {task_name}`")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        about = json.loads(str(arrays["about"]))
-        columns: dict[str, Any] = {name: arrays[name] for name in _COLUMNS}
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path} is no file of trajectories, or a damaged one") from error
-    groups = {name.removeprefix(_PREFIX): array for name, array in arrays.items() if name.startswith(_PREFIX)}
-    if not isinstance(about, dict) or about.get("format") != FORMAT or not groups:
-        raise InputError(f"{path} holds no trajectories that this simwarp reads")
+    where = f"trajectories '{path}'"
+    arrays = read_arrays(path, "file of trajectories")
+    about = parse_json(text_of(arrays, "about") or "null", f"{where}: about")
+    if not isinstance(about, dict) or about.get("format") != FORMAT:
+        raise InputError(f"{where}: 'about' names no format {FORMAT}; write some with `simwarp record {task_name}`")
     if about.get("task") != task_name:
-        raise InputError(f"trajectories {path} are of task '{about.get('task')}', not '{task_name}'")
-    lengths = {len(array) for array in (*groups.values(), *columns.values())}
-    if len(lengths) != 1 or lengths == {0}:
-        raise InputError(f"{path} is damaged: its columns have {sorted(lengths)} rows")
+        raise InputError(f"{where} are of task {shown(about.get('task'))}, not '{task_name}'")
+    if not isinstance(about.get("task_config"), dict):
+        raise InputError(f"{where}: 'about' names no task_config, the configuration of the task")
+    groups = {name.removeprefix(_PREFIX): array for name, array in arrays.items() if name.startswith(_PREFIX)}
+    if not groups:
+        raise InputError(f"{where} hold no '{_PREFIX}GROUP'")
+    columns = {name: _column(arrays, name, where) for name in _COLUMNS}
+    lengths = {name: len(array) if array.ndim else 0 for name, array in (columns | groups).items()}
+    if set(lengths.values()) != {len(columns["actions"])} or not len(columns["actions"]):
+        raise InputError(f"{where}: all columns must have as many rows, at least one, got {shown(lengths)}")
+    for name, array in (columns | groups).items():
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise InputError(f"{where} hold NaN or infinity in '{name}'; leave such episodes away")
+    _check_values(columns, where)
     return Trajectories(observations=groups, about=about, **columns)
+
+
+def _column(arrays: Arrays, name: str, where: str) -> npt.NDArray[Any]:
+    """Return a column, held to its number of axes and its dtype."""
+    dtype, axes = _COLUMNS[name]
+    found = arrays.get(name)
+    if found is None:
+        raise InputError(f"{where} have no column '{name}'")
+    if found.ndim != axes or found.dtype != dtype:
+        raise InputError(
+            f"{where}: '{name}' must be {np.dtype(dtype)} with {axes} axes, got {found.dtype} of shape {found.shape}"
+        )
+    return found
+
+
+def _check_values(columns: dict[str, npt.NDArray[Any]], where: str) -> None:
+    """Hold actions to their range, and numbers of episodes to their order."""
+    actions, episode = columns["actions"], columns["episode"]
+    if actions.size and float(np.abs(actions).max()) > 1.0:
+        raise InputError(f"{where}: actions must lie in [-1, 1], got {float(np.abs(actions).max()):g}")
+    steps = np.diff(episode, prepend=episode[:1])
+    wrong = np.flatnonzero((steps != 0) & (steps != 1)) if episode[0] == 0 else np.zeros(1, np.int64)
+    if len(wrong):
+        row = int(wrong[0])
+        raise InputError(
+            f"{where}: episodes must be numbered 0, 1, 2, ... in order, got {int(episode[row])} in row {row}"
+        )

@@ -35,16 +35,16 @@ def run(arguments: list[str]) -> int:
     torch.set_num_threads(1)
     source = option_value(arguments, "--data")
     data = None if source is None or HELP & set(arguments) else load_trajectories(Path(source), name)
-    task_config = cls.config_type() if data is None else task_config_from_plain(cls, data.about["task_config"])
+    task_config = cls.config_type()
+    if data is not None:
+        task_config = task_config_from_plain(cls, data.about["task_config"], f"trajectories '{source}': task_config")
     train_config = default_config(cls, task_config)
     kind = task_options("CloneCommand", CloneOptions, flat_clone=CloneConfig(), network=train_config.network)
     options: Any = parse_options(kind, arguments, f"simwarp clone {name}")
-    options.check()
+    target = options.output or Path(f"{name}_clone.pt")
+    options.check(options.data, output=target)
     if data is None:
         raise UsageError(f"which trajectories? usage: simwarp clone {name} --data FILE.npz")
-    target = options.output or Path(f"{name}_clone.pt")
-    if not target.parent.is_dir():
-        raise UsageError(f"cannot write '{target}': folder {target.parent} does not exist")
     task = make(name, 1, config=task_config)
     console = options.console()
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from simwarp.cli import UsageError
+from simwarp.files import check_output, output_error
 from simwarp.tasks import config_to_plain
 from simwarp.train.evaluation import Evaluation
 from simwarp.train.grid import (
@@ -26,9 +29,10 @@ from simwarp.train.grid import (
     words,
 )
 from simwarp.train.policies import PolicySource
-from simwarp.train.run_folder import write_json
+from simwarp.train.run_files import write_json
 
 RESULTS = "results.json"
+_FOLDER_BYTES = 4096
 
 
 @dataclasses.dataclass
@@ -56,6 +60,12 @@ class Report:
     written: list[Path] = dataclasses.field(default_factory=list)
 
     @property
+    def problem(self) -> str:
+        """Why the results of the policy say nothing about the task; empty if they do."""
+        found = [(result.point.label, result.evaluation.problem) for result in self.results]
+        return "; ".join(": ".join(filter(None, parts)) for parts in found if parts[1])
+
+    @property
     def is_grid(self) -> bool:
         """Whether there are keys."""
         return bool(self.points[0].values)
@@ -81,17 +91,15 @@ class Report:
         """Print the tables, write the files; return whether there is anything to tell.
 
         Raises:
-            UsageError: a file cannot be written.
+            OutputError: a file could not be written.
         """
-        if not self.results and self.folder is not None and not any(self.folder.iterdir()):
-            self.folder.rmdir()
+        if not self.results and self.folder is not None:
+            with contextlib.suppress(OSError):  # it holds something, or is gone
+                self.folder.rmdir()
         if not self.results and self.stopped is None:
             return False
         self.show(console)
-        try:
-            self.draw()
-        except OSError as error:
-            raise UsageError(f"cannot write to '{self.folder}': {error.strerror}") from error
+        self.draw()
         console.print(f"policy: {self.source.origin}", highlight=False, markup=False, soft_wrap=True)
         if self.written:
             names = ", ".join(path.name for path in self.written)
@@ -168,6 +176,8 @@ def open_folder(wanted: Path | None, task: str, is_grid: bool) -> Path | None:
 
     Raises:
         UsageError: it cannot be made.
+        FileError: nothing can be written to it.
+        OutputError: the disk did not take it.
     """
     path = wanted
     if path is None:
@@ -175,12 +185,15 @@ def open_folder(wanted: Path | None, task: str, is_grid: bool) -> Path | None:
             return None
         names = (f"{task}-eval{number}" for number in ("", *(f"-{count}" for count in range(2, 10_000))))
         path = next(Path(name) for name in names if not Path(name).exists())
-    if not path.parent.is_dir():
-        raise UsageError(f"cannot write to '{path}': folder {path.parent} does not exist")
+    if not os.path.isdir(path.parent):
+        raise UsageError(f"--plot: cannot write to '{path}': folder {path.parent} does not exist; make it first")
     try:
         path.mkdir(exist_ok=True)
+    except FileExistsError:
+        raise UsageError(f"--plot must name a folder, '{path}' is none") from None
     except OSError as error:
-        raise UsageError(f"--plot must name a folder, got '{path}': {error.strerror}") from error
+        raise output_error(path, error, needed=_FOLDER_BYTES) from error
+    check_output(path / RESULTS, "--plot")
     return path
 
 

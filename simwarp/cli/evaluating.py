@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+from rich.console import Console
 
-from simwarp.cli import DONE, INTERRUPTED, UsageError
+from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.grids import grid_points
 from simwarp.cli.options import (
     HELP,
@@ -20,7 +22,11 @@ from simwarp.cli.options import (
     take_task,
     task_options,
 )
+from simwarp.files import OutputError
 from simwarp.tasks import TaskConfig, resolve_device, task_class, task_names
+
+if TYPE_CHECKING:
+    from simwarp.cli.eval_report import Report
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +83,7 @@ def run(arguments: list[str]) -> int:
         return parse_options(kind, [*arguments, *words], f"simwarp eval {name}")
 
     options = parse([])
-    options.check()
+    options.check(None if source is None else source.path)
     _check_counts(options)
     # All points are checked before the first one is evaluated
     points = grid_points(options.grid, options.task, lambda words: _task_of(parse(words)))
@@ -102,9 +108,24 @@ def run(arguments: list[str]) -> int:
         except EvaluationStoppedError as stopped:
             report.stopped = stopped
         finally:
-            if report.finish(console):
-                options.emit(report.content())
-    return DONE if report.stopped is None else INTERRUPTED
+            _tell(report, console, options)
+    if report.stopped is not None:
+        return INTERRUPTED
+    if report.problem:
+        print(f"simwarp: {report.problem}", file=sys.stderr)
+        return FELL_SHORT
+    return DONE
+
+
+def _tell(report: Report, console: Console, options: Any) -> None:
+    """Print the tables and write the files; the JSON also where the pictures cannot be written."""
+    try:
+        told = report.finish(console)
+    except OutputError:
+        options.emit(report.content())
+        raise
+    if told:
+        options.emit(report.content())
 
 
 def _task_of(options: Any) -> TaskConfig:
@@ -122,7 +143,8 @@ def policy_defaults(name: str, arguments: list[str], find: Any, from_plain: Any)
     checkpoint = option_value(arguments, "--checkpoint")
     runs = Path(option_value(arguments, "--runs") or "runs")
     source = find(name, None if checkpoint is None else Path(checkpoint), runs, chosen_obs(arguments))
-    return source, from_plain(task_class(name), source.content["task_config"])
+    where = f"checkpoint {source.path}: task_config"
+    return source, from_plain(task_class(name), source.content["task_config"], where)
 
 
 def _check_counts(options: Any) -> None:

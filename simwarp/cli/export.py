@@ -24,7 +24,7 @@ def run(arguments: list[str]) -> int:
     """Export as the arguments say."""
     source, arguments = take_path(arguments, "export", "RUN_OR_CHECKPOINT")
     options = parse_options(ExportOptions, arguments, "simwarp export RUN_OR_CHECKPOINT")
-    options.check()
+    options.check(source, output=options.output)
     import torch
 
     from simwarp.train.export import ExportFormat, export_policy

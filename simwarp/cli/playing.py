@@ -50,11 +50,11 @@ def run(arguments: list[str]) -> int:
     options: Any = parse_options(
         task_options("PlayCommand", PlayOptions, task=config or cls.config_type()), arguments, f"simwarp play {name}"
     )
-    options.check()
-    if not 1 <= options.num_envs <= 64:
-        raise UsageError(f"num-envs must be from 1 to 64, got {options.num_envs}")
     target = options.video or Path(f"{name}.png")
     check_video_path(target)
+    options.check(source.path, video=target)
+    if not 1 <= options.num_envs <= 64:
+        raise UsageError(f"num-envs must be from 1 to 64, got {options.num_envs}")
     console = options.console()
     console.print(f"building worlds of '{name}' ...", highlight=False)
     task = make(name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task)

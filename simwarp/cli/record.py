@@ -50,14 +50,14 @@ def run(arguments: list[str]) -> int:
         arguments,
         f"simwarp record {name}",
     )
-    options.check()
+    target = options.output or Path(f"{name}.npz")
+    options.check(source.path, output=target)
+    if target.suffix != ".npz":
+        raise UsageError(f"--output must end in .npz, got '{target}'")
     for field in ("episodes", "num_envs"):
         value = getattr(options, field)
         if value is not None and value < 1:
             raise UsageError(f"{field.replace('_', '-')} must be at least 1, got {value}")
-    target = options.output or Path(f"{name}.npz")
-    if target.suffix != ".npz" or not target.parent.is_dir():
-        raise UsageError(f"cannot write '{target}': the name must end in .npz, in a folder that exists")
     worlds = min(options.episodes, options.num_envs or 256)
     task = make(name, worlds, device=resolve_device(options.device), seed=options.seed, config=options.task)
     about = {"policy": str(source.path), "seed": options.seed}

@@ -24,7 +24,7 @@ def run(arguments: list[str]) -> int:
     """Replay as the arguments say."""
     path, arguments = take_path(arguments, "replay", "FILE")
     options = parse_options(ReplayOptions, arguments, "simwarp replay FILE")
-    options.check()
+    options.check(path)
     from simwarp.tasks.replay import replay
 
     report: dict[str, Any] = dataclasses.asdict(replay(path, device=options.device))

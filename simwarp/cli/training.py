@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from pathlib import Path
 from typing import Any
 
-from simwarp.cli import DONE, INTERRUPTED
+import tyro
+
+from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED
 from simwarp.cli.options import (
     CommonOptions,
     expand_shorthands,
@@ -27,6 +30,8 @@ class TrainOptions(CommonOptions):
     """Run folder to go on with; its configuration is the default of all other options."""
     warm_start: Path | None = None
     """Checkpoint or run whose policy a new run starts from; its networks are the default of the network options."""
+    take_over: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Resume a run that a process on another machine has locked, and that you know to be written no more."""
     runs: Path = Path("runs")
     """Folder in which run folders are made, as TASK/TIME."""
 
@@ -37,10 +42,9 @@ def run(arguments: list[str]) -> int:
     cls = task_class(name)
     arguments = expand_shorthands(arguments, name, cls.config_type())
     # Only now what takes seconds to import: an unknown task is known at once
-    from simwarp.train.checkpoint import load_checkpoint
     from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
     from simwarp.train.distributed import processes
-    from simwarp.train.run_folder import open_run, resolve_checkpoint
+    from simwarp.train.run_folder import CONFIG, open_run, read_policy
     from simwarp.train.training import train
 
     task_config = with_chosen_obs(arguments, cls.config_type())
@@ -49,17 +53,18 @@ def run(arguments: list[str]) -> int:
     if resume is not None:
         saved = open_run(Path(resume)).load_config()
         if saved["task"] == name:
-            config = train_config_from_plain(saved["train_config"])
-            task_config = task_config_from_plain(cls, saved["task_config"])
+            where = str(Path(resume) / CONFIG)
+            config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
+            task_config = task_config_from_plain(cls, saved["task_config"], f"{where}: task_config")
     start = option_value(arguments, "--warm-start")
     if start is not None:
-        content = load_checkpoint(resolve_checkpoint(Path(start)))
+        path, content = read_policy(Path(start))
         if content["task"] == name:
-            network = train_config_from_plain(content["train_config"]).network
+            network = train_config_from_plain(content["train_config"], f"checkpoint {path}: train_config").network
             config = dataclasses.replace(config, network=network)
     kind = task_options("TrainCommand", TrainOptions, flat_train=config, task=task_config)
     options: Any = parse_options(kind, arguments, f"simwarp train {name}")
-    options.check()
+    options.check(options.warm_start)
     console = options.console()
     result = train(
         name,
@@ -68,6 +73,7 @@ def run(arguments: list[str]) -> int:
         root=options.runs,
         resume=options.resume,
         warm_start=options.warm_start,
+        take_over=options.take_over,
         console=console,
     )
     if not processes().first:
@@ -83,5 +89,12 @@ def run(arguments: list[str]) -> int:
     if result.interrupted:
         console.print(f"go on with      simwarp train {name} --resume {result.run}", highlight=False, soft_wrap=True)
         return INTERRUPTED
+    if result.broken_iterations:
+        print(
+            f"simwarp: the physics of all worlds broke down in {result.broken_iterations} iterations: from them"
+            f" nothing was learnt; `simwarp replay {result.run}/broken.npz` repeats the first break",
+            file=sys.stderr,
+        )
+        return FELL_SHORT
     console.print(f"next            simwarp eval {name}  or  simwarp play {name}", highlight=False, soft_wrap=True)
     return DONE

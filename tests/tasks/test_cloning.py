@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from rich.console import Console
-from simwarp.tasks import InputError, make, replace_fields, task_class
+from simwarp.tasks import make, replace_fields, task_class
 from simwarp.train.checkpoint import load_checkpoint, save_checkpoint
 from simwarp.train.cloning import CloneConfig, clone
 from simwarp.train.config import NetworkKind, Objective, default_config
@@ -18,6 +18,7 @@ from simwarp.train.training import train
 from simwarp.train.trajectories import load_trajectories, record, save_trajectories
 
 from simwarp import cli
+from simwarp.files import FileError
 from tests.tasks.camera_task import camera_task
 from tests.tasks.samples import counter
 
@@ -157,15 +158,15 @@ def test_the_commands(folder, capfd):
         (["record", "fast", "--checkpoint", "clone.pt", "--episodes", "0"], "episodes must be at least 1"),
         (["record", "fast", "--checkpoint", "clone.pt", "--output", "a.csv"], "must end in .npz"),
         (["clone", "fast"], "which trajectories?"),
-        (["clone", "fast", "--data", "none.npz"], "trajectories none.npz do not exist"),
-        (["clone", "fast", "--data", "clone.pt"], "no file of trajectories"),
-        (["clone", "fast", "--data", "short.npz"], "no file of trajectories"),
+        (["clone", "fast", "--data", "none.npz"], "file of trajectories 'none.npz' does not exist"),
+        (["clone", "fast", "--data", "clone.pt"], "is no .npz file of arrays"),
+        (["clone", "fast", "--data", "short.npz"], "is no .npz file of arrays"),
         (["clone", "pendulum", "--data", "fast.npz"], "are of task 'fast', not 'pendulum'"),
         (["clone", "fast", "--data", "wide.npz"], "the trajectories hold observations"),
         (["clone", "fast", "--data", "nan.npz"], "NaN or infinity in 'policy'"),
         (["clone", "fast", "--data", "fast.npz", "--network.kind", "recurrent"], "recurrent networks cannot be cloned"),
         (["clone", "fast", "--data", "fast.npz", "--epochs", "0"], "epochs must be at least 1"),
-        (["train", "fast", "--warm-start", "none.pt"], "checkpoint none.pt does not exist"),
+        (["train", "fast", "--warm-start", "none.pt"], "checkpoint 'none.pt' does not exist"),
         (["train", "pendulum", "--warm-start", "clone.pt", "--num-envs", "2"], "is of task 'fast', not 'pendulum'"),
         (["train", "fast", "--warm-start", "clone.pt", "--network.hidden", "5"], "has another network"),
         (["train", "fast", "--critic-warmup", "-1"], "critic-warmup must be zero or positive"),
@@ -186,5 +187,5 @@ def test_mistakes_get_one_line(folder, data, capfd, arguments, message):
 
 def test_a_file_cannot_run_code(tmp_path):
     np.savez(tmp_path / "evil.npz", about=np.array([print], dtype=object), actions=np.zeros(1))
-    with pytest.raises(InputError, match="no file of trajectories"):
+    with pytest.raises(FileError, match=r"is no .npz file of arrays"):
         load_trajectories(tmp_path / "evil.npz", "fast")

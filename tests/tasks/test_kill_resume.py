@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 import torch
 from simwarp.train.checkpoint import load_checkpoint
-from simwarp.train.run_folder import latest_run, read_progress
+from simwarp.train.progress_table import read_progress
+from simwarp.train.run_folder import latest_run
+
+from simwarp.files import DRAFT_PREFIX
 
 INTERVAL = 3
 OPTIONS = ["--device", "cpu", "--num-envs", "16", "--steps-per-iteration", "4", "--save-interval", str(INTERVAL)]
@@ -123,11 +126,11 @@ def _go_on_two_ways(folder):
 def test_a_process_killed_while_it_writes_leaves_the_old_file(tmp_path):
     # A child that stops for ever between the temporary file and its new name, where a kill would hurt most
     script = (
-        "import os, sys, time\n"
+        "import sys, time\n"
         "from pathlib import Path\n"
-        "from simwarp.train import checkpoint\n"
-        "checkpoint.os.replace = lambda *_: (print('here', flush=True), time.sleep(60))\n"
-        "checkpoint.write_atomically(Path(sys.argv[1]), b'new')\n"
+        "from simwarp.train.run_files import write_run_file\n"
+        "Path.replace = lambda *_: (print('here', flush=True), time.sleep(60))\n"
+        "write_run_file(Path(sys.argv[1]), b'new')\n"
     )
     path = tmp_path / "iteration_000001.pt"
     path.write_bytes(b"old")
@@ -139,4 +142,4 @@ def test_a_process_killed_while_it_writes_leaves_the_old_file(tmp_path):
     assert path.read_bytes() == b"old"
     left = [name for name in os.listdir(tmp_path) if name != path.name]
     assert len(left) == 1
-    assert left[0].endswith(".tmp")
+    assert left[0].startswith(DRAFT_PREFIX)

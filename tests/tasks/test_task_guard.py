@@ -8,6 +8,8 @@ import torch
 from simwarp.tasks import InputError, Range, make
 from simwarp.tasks.replay import replay
 
+from simwarp.files import FileError
+
 
 def guard_of(task):
     assert task.guard is not None
@@ -92,10 +94,10 @@ def test_the_break_of_an_ant_is_repeated(tmp_path):
 
 
 def test_other_files_are_refused(tmp_path):
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(FileError, match="does not exist"):
         replay(tmp_path / "missing.npz")
     (tmp_path / "text.npz").write_text("hello")
-    with pytest.raises(InputError, match="cannot read"):
+    with pytest.raises(FileError, match=r"is no \.npz file of arrays"):
         replay(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     with pytest.raises(InputError, match="no dump of a broken world"):

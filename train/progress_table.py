@@ -1,0 +1,86 @@
+"""``progress.csv``: one line per iteration. It is a log: what cannot be read of it stops nothing."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from .run_files import append_whole, write_run_file
+
+_ITERATION = "iteration"
+
+
+class ProgressTable:
+    """``progress.csv``, appended to and flushed at once.
+
+    Args:
+        path: the file.
+        columns: names of the columns.
+        keep_below: of an existing file, keep the lines up to this iteration.
+
+    Attributes:
+        lost: lines of the existing file that could not be read, and are no longer there.
+
+    Raises:
+        OutputError: the disk did not take it.
+    """
+
+    def __init__(self, path: Path, columns: list[str], keep_below: int = 0) -> None:
+        self.path = path
+        self.columns = columns
+        rows, self.lost = _read(path)
+        kept = [row for row in rows if int(row[_ITERATION]) <= keep_below]
+        header = {name: name for name in columns}
+        write_run_file(path, self._lines([header, *kept]))
+
+    def append(self, row: Mapping[str, float | int]) -> None:
+        """Add one line.
+
+        Raises:
+            OutputError: the disk did not take it.
+        """
+        append_whole(self.path, self._lines([row]))
+
+    def _lines(self, rows: Iterable[Mapping[str, Any]]) -> bytes:
+        buffer = io.StringIO()
+        csv.DictWriter(buffer, self.columns, extrasaction="ignore", restval="").writerows(rows)
+        return buffer.getvalue().encode()
+
+
+def read_progress(path: Path) -> list[dict[str, str]]:
+    """Return the lines of ``progress.csv`` that are whole; none where there is no file."""
+    return _read(path)[0]
+
+
+def _read(path: Path) -> tuple[list[dict[str, str]], int]:
+    """Return the lines that are whole, and how many are not: a killed process leaves half of one, a disk does worse."""
+    try:
+        text = path.read_bytes().decode("utf-8", errors="replace") if path.is_file() else ""
+    except OSError:
+        return [], 1
+    header, *lines = text.splitlines() or [""]
+    names = _words(header)
+    rows = [dict(zip(names, words, strict=True)) for line in lines if len(words := _words(line)) == len(names)]
+    whole = [row for row in rows if _is_whole(row)]
+    return whole, len(lines) - len(whole)
+
+
+def _words(line: str) -> list[str]:
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error:
+        return []
+
+
+def _is_whole(row: Mapping[str, str]) -> bool:
+    """Whether a line counts an iteration and has only numbers; a column that came later is empty in lines before."""
+    iteration = row.get(_ITERATION, "")
+    try:
+        for word in row.values():
+            float(word or "0")
+        return len(iteration) < 19 and int(iteration) > 0
+    except ValueError:
+        return False

@@ -1,0 +1,66 @@
+"""How the files of a run folder are written: whole or not at all, and a disk that does not take them is told.
+
+The folder could be written to when the run began: whatever is wrong later is not the user's input.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from simwarp.files import FileError, OutputError, output_error, write_file
+
+
+def write_run_file(path: Path, data: bytes) -> None:
+    """Write a whole file.
+
+    Raises:
+        OutputError: the disk did not take it, or the folder is gone; what stood there is unharmed.
+    """
+    try:
+        write_file(path, data)
+    except FileError as error:
+        if not path.parent.is_dir():
+            gone = OSError(errno.ENOENT, os.strerror(errno.ENOENT))
+            raise output_error(path, gone, needed=len(data)) from None
+        raise OutputError(str(error)) from None
+
+
+def append_whole(path: Path, data: bytes) -> None:
+    """Add to the end of a file, which is made if it is not there: all of the data or nothing.
+
+    Raises:
+        OutputError: the disk did not take it, or the folder is gone.
+    """
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
+        try:
+            _append(handle, data)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        raise output_error(path, error, needed=len(data)) from error
+
+
+def _append(handle: int, data: bytes) -> None:
+    end = os.fstat(handle).st_size
+    rest = data
+    try:
+        while rest:
+            # A disk with room for a part takes that, and says why not more when it gets the rest
+            rest = rest[os.write(handle, rest) :]
+    except OSError:
+        os.ftruncate(handle, end)
+        raise
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write readable JSON, all at once.
+
+    Raises:
+        OutputError: see :func:`write_run_file`.
+    """
+    write_run_file(path, (json.dumps(content, indent=2, default=str) + "\n").encode())
