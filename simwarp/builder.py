@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +14,14 @@ from simwarp.checks import (
     check_perpendicular,
     checked_dofs,
     checked_inertia,
+    checked_name,
     checked_pose,
     distance_between,
     dof_from_options,
     finite_number,
     positive_number,
 )
+from simwarp.couplings import CouplingList
 from simwarp.elements import ELEMENTS
 from simwarp.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
 from simwarp.shapes import ShapeList
@@ -31,9 +32,10 @@ from simwarp.types import (
     ModelError,
     Pose,
     Quat,
-    RowKind,
     Vec3,
+    checked_rotation,
     finite_vector,
+    shown,
 )
 from simwarp.types import (
     pose as make_pose,
@@ -85,22 +87,7 @@ class JointSpec:
     initial_qd: float = 0.0
 
 
-@dataclasses.dataclass(frozen=True)
-class CouplingSpec:
-    """sum of coefficient x coordinate = offset, over up to three degrees of freedom (public dof indices); with
-    `damping`, effort = -damping x sum of coefficient x rate instead.
-    """
-
-    name: str
-    terms: tuple[tuple[int, float], ...]
-    offset: float | None
-    damping: float = 0.0
-
-
-MAX_COUPLING_TERMS = 6
-
-
-class ModelBuilder(ShapeList):
+class ModelBuilder(ShapeList, CouplingList):
     """Collects the bodies and joints of one world; every world of a Model shares this topology.
 
     Poses, anchors and axes are given in world coordinates of the initial configuration [m, rad]. The frames of a
@@ -116,8 +103,6 @@ class ModelBuilder(ShapeList):
         super().__init__()
         self.gravity = finite_vector("ModelBuilder", "gravity", gravity, 3)
         self.bodies: list[BodySpec] = []
-        self.joints: list[JointSpec] = []
-        self.couplings: list[CouplingSpec] = []
 
     # ---- nodes -------------------------------------------------------------------------------------------------
 
@@ -164,7 +149,7 @@ class ModelBuilder(ShapeList):
             speed: initial speed [rad/s].
             options: the fields of `Dof`.
         """
-        thing = f"shaft '{name}'"
+        thing = checked_name("shaft", name)
         origin = Frame(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
         return self._append(
             JointSpec(
@@ -213,7 +198,7 @@ class ModelBuilder(ShapeList):
         self, name: str, parent: int, child: int, *, anchor: Vec3, axis0: Vec3, axis1: Vec3, dofs: Sequence[Dof] = ()
     ) -> int:
         """A Cardan joint: `axis0` is fixed in the parent, `axis1` (perpendicular to it) in the child; q [rad, rad]."""
-        frame = frame_from_axes(f"joint '{name}'", axis0, axis1)
+        frame = frame_from_axes(checked_name("joint", name), axis0, axis1)
         return self._add(JointType.UNIVERSAL, name, parent, child, anchor, None, dofs, rotation=frame)
 
     def add_joint_planar(
@@ -232,7 +217,7 @@ class ModelBuilder(ShapeList):
         Raises:
             ModelError: the body is tied to the world by joints already added, or floats under another FREE joint.
         """
-        thing = f"joint '{name}'"
+        thing = checked_name("joint", name)
         body = self._body(thing, "child", child)
         self._check_floats(thing, child)
         offset = np.zeros(3)
@@ -260,7 +245,7 @@ class ModelBuilder(ShapeList):
 
     def add_joint_perpendicular(self, name: str, parent: int, child: int, *, axis0: Vec3, axis1: Vec3) -> int:
         """`axis1` of the child stays perpendicular to `axis0` of the parent."""
-        thing = f"joint '{name}'"
+        thing = checked_name("joint", name)
         frame_from_axes(thing, axis0, axis1)
         return self._add(
             JointType.PERPENDICULAR, name, parent, child, None, None, (),
@@ -289,7 +274,7 @@ class ModelBuilder(ShapeList):
             anchor1: the point of the child, world frame.
             length: [m]; the initial distance when None.
         """
-        thing = f"joint '{name}'"
+        thing = checked_name("joint", name)
         if limit is not None and length is not None:
             raise ModelError(f"{thing}: give length (a rod) or limit (min, max), got both; drop one")
         if limit is not None:
@@ -305,7 +290,7 @@ class ModelBuilder(ShapeList):
         """A massless link: hinged to the parent at `anchor0` about `axis`, a ball at `anchor1` of the child.
         The link is perpendicular to the axis.
         """
-        thing = f"joint '{name}'"
+        thing = checked_name("joint", name)
         offset = distance_between(thing, anchor0, anchor1)
         check_link_across_axis(thing, anchor0, anchor1, axis)
         return self._add(
@@ -319,12 +304,13 @@ class ModelBuilder(ShapeList):
         perpendicular to both `axis` and `direction`, at the initial distance along `direction`. `axis` is
         perpendicular to `direction` and to anchor1 - anchor0.
         """
-        thing = f"joint '{name}'"
+        thing = checked_name("joint", name)
         check_perpendicular(thing, "axis", axis, "direction", direction)
         check_link_across_axis(thing, anchor0, anchor1, axis)
         x1 = unit_vector(thing, "direction", direction)
         rotation1 = frame_from_axes(thing, x1, np.cross(unit_vector(thing, "axis", axis), x1))
-        offset = float(np.subtract(anchor1, anchor0) @ x1)
+        ends = finite_vector(thing, "anchor0", anchor0, 3), finite_vector(thing, "anchor1", anchor1, 3)
+        offset = float((ends[1] - ends[0]) @ x1)
         return self._add(
             JointType.REVOLUTE_TRANSLATIONAL, name, parent, child, anchor0, axis, (),
             anchor1=anchor1, rotation1=rotation1, offset=offset,
@@ -337,8 +323,9 @@ class ModelBuilder(ShapeList):
         Args:
             options: the fields of `Dof`.
         """
-        options.setdefault("rest", distance_between(f"spring '{name}'", anchor0, anchor1))
-        return self._add_line(name, parent, child, anchor0, anchor1, (dof_from_options(f"spring '{name}'", options),))
+        thing = checked_name("spring", name)
+        options.setdefault("rest", distance_between(thing, anchor0, anchor1))
+        return self._add_line(name, parent, child, anchor0, anchor1, (dof_from_options(thing, options),))
 
     def add_bushing(
         self,
@@ -352,11 +339,11 @@ class ModelBuilder(ShapeList):
         damping: Sequence[float] = (0.0,) * 6,
     ) -> int:
         """Six compliant rows: stiffness [N/m x3, N·m/rad x3] and damping along and about the frame's axes."""
-        thing = f"bushing '{name}'"
+        thing = checked_name("bushing", name)
         k = finite_vector(thing, "stiffness", stiffness, 6)
         d = finite_vector(thing, "damping", damping, 6)
         dofs = tuple(Dof(stiffness=float(a), damping=float(b)) for a, b in zip(k, d, strict=True))
-        frame = make_pose(rotation=rotation).rotation
+        frame = checked_rotation(thing, "rotation", rotation)
         return self._add(JointType.BUSHING, name, parent, child, anchor, None, dofs, rotation=frame)
 
     def add_turn(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
@@ -371,68 +358,12 @@ class ModelBuilder(ShapeList):
         """
         return self._add_single(JointType.TURN, name, parent, child, None, axis, {})
 
-    def add_coupling(
-        self, name: str, terms: Iterable[tuple[int, float] | tuple[int, int, float]], *, offset: float | None = None,
-        damping: float = 0.0,
-    ) -> int:  # fmt: skip
-        """One bilateral row on coordinates: sum of coefficient x q = offset (the initial value when None).
-
-        Gears, racks, screws, belts and planetary sets are couplings: see `add_gear`, `add_rack`, `add_screw`.
-
-        Args:
-            terms: (joint, coefficient) or (joint, local dof, coefficient), at most six.
-            damping: of a viscous coupling, whose sum may slip [N·m·s/rad or N·s/m]; 0 holds it rigidly.
-        """
-        thing = self._new_name("coupling", name, (coupling.name for coupling in self.couplings))
-        if not isinstance(terms, Iterable):
-            raise ModelError(f"{thing}: terms must be a list, got {terms!r}; write [(joint, coefficient), ...]")
-        resolved = tuple(self._term(thing, term) for term in terms)
-        if not 1 <= len(resolved) <= MAX_COUPLING_TERMS:
-            raise ModelError(f"{thing}: needs 1 to {MAX_COUPLING_TERMS} terms, got {len(resolved)}; chain couplings")
-        constant = None if offset is None else finite_number(thing, "offset", offset, "None keeps the initial value")
-        viscous = finite_number(thing, "damping", damping)
-        if viscous < 0.0:
-            raise ModelError(f"{thing}: damping must be >= 0 N·m·s/rad, got {damping!r}; 0 holds it rigidly")
-        self.couplings.append(CouplingSpec(name, resolved, constant, viscous))
-        return len(self.couplings) - 1
-
-    def add_gear(self, name: str, joint0: int, joint1: int, *, ratio: float) -> int:
-        """q1 = ratio · q0 (negative for external teeth)."""
-        return self.add_coupling(name, [(joint0, ratio), (joint1, -1.0)])
-
-    def add_rack(self, name: str, pinion: int, rack: int, *, radius: float) -> int:
-        """q_rack = radius · q_pinion [m per rad]."""
-        self._check_kind(f"rack '{name}'", "pinion", pinion, 0, lengths=False)
-        self._check_kind(f"rack '{name}'", "rack", rack, 0, lengths=True)
-        return self.add_coupling(name, [(pinion, radius), (rack, -1.0)])
-
-    def add_screw(self, name: str, cylindrical: int, *, lead: float) -> int:
-        """The slide of a cylindrical joint advances `lead` [m] per turn."""
-        thing = f"screw '{name}'"
-        spec, _ = self._coordinate(thing, cylindrical, 0)
-        if spec.type != JointType.CYLINDRICAL:
-            raise ModelError(
-                f"{thing}: joint must be CYLINDRICAL, got {spec.type.name} joint '{spec.name}'; "
-                "use add_coupling for two joints"
-            )
-        rate = finite_number(thing, "lead", lead) / (2.0 * math.pi)
-        return self.add_coupling(name, [(cylindrical, 0, -1.0), (cylindrical, 1, rate)])
-
     # ---- finish --------------------------------------------------------------------------------------------------
 
     @property
     def body_total(self) -> int:
         """Bodies added so far."""
         return len(self.bodies)
-
-    @property
-    def dof_count(self) -> int:
-        """Number of joint coordinates: the second axis of `joint_q`."""
-        return sum(len(ELEMENTS[joint.type].dofs) for joint in self.joints)
-
-    def dof_start(self, joint: int) -> int:
-        """First column of `joint_q` that belongs to `joint`."""
-        return sum(len(ELEMENTS[spec.type].dofs) for spec in self.joints[:joint])
 
     def finalize(
         self, world_count: int, device: str | None = None, *, per_world: Iterable[str] = (),
@@ -454,22 +385,22 @@ class ModelBuilder(ShapeList):
     # ---- checks --------------------------------------------------------------------------------------------------
 
     def _new_name(self, kind: str, name: str, taken: Iterable[str]) -> str:
-        if not isinstance(name, str) or not name:
-            raise ModelError(f"{kind}: name must be a non-empty string, got {name!r}; give it one")
+        thing = checked_name(kind, name)
         if name in set(taken):
-            raise ModelError(f"{kind} '{name}': the name is taken by another {kind}; choose one of its own")
-        return f"{kind} '{name}'"
+            raise ModelError(f"{thing}: the name is taken by another {kind}; choose one of its own")
+        return thing
 
     def _body(self, thing: str, role: str, index: int) -> BodySpec:
         if not isinstance(index, (int, np.integer)) or isinstance(index, bool) or not 0 <= index < len(self.bodies):
             raise ModelError(
-                f"{thing}: {role} must be a body index in 0..{len(self.bodies) - 1} or WORLD, got {index!r}; "
+                f"{thing}: {role} must be a body index in 0..{len(self.bodies) - 1} or WORLD, got {shown(index)}; "
                 "pass what add_body returned"
             )
         return self.bodies[index]
 
     def _pose_of(self, thing: str, role: str, index: int) -> Pose:
-        return make_pose() if index == WORLD else self._body(thing, role, index).pose
+        world = isinstance(index, (int, np.integer)) and index == WORLD
+        return make_pose() if world else self._body(thing, role, index).pose
 
     def _frame(self, thing: str, role: str, body: int, anchor: Array, rotation: Array) -> Frame:
         body_pose = self._pose_of(thing, role, body)
@@ -480,10 +411,12 @@ class ModelBuilder(ShapeList):
         self, kind: JointType, name: str, parent: int, child: int, anchor: Vec3 | None, axis: Vec3,
         options: Mapping[str, Any],
     ) -> int:  # fmt: skip
-        return self._add(kind, name, parent, child, anchor, axis, (dof_from_options(f"joint '{name}'", options),))
+        return self._add(
+            kind, name, parent, child, anchor, axis, (dof_from_options(checked_name("joint", name), options),)
+        )
 
     def _add_line(self, name: str, parent: int, child: int, anchor0: Vec3, anchor1: Vec3, dofs: Sequence[Dof]) -> int:
-        distance_between(f"joint '{name}'", anchor0, anchor1)
+        distance_between(checked_name("joint", name), anchor0, anchor1)
         return self._add(JointType.LINE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
 
     def _add(
@@ -491,11 +424,11 @@ class ModelBuilder(ShapeList):
         dofs: Sequence[Dof], *, anchor1: Vec3 | None = None, rotation: Array | None = None,
         rotation1: Array | None = None, offset: float = 0.0,
     ) -> int:  # fmt: skip
-        thing = f"joint '{name}'"
+        thing = checked_name("joint", name)
         child_pose = self._pose_of(thing, "child", child)
         self._pose_of(thing, "parent", parent)
         if parent == child:
-            raise ModelError(f"{thing}: parent and child must differ, got {parent} for both; name two bodies")
+            raise ModelError(f"{thing}: parent and child must differ, got {shown(parent)} for both; name two bodies")
         point = child_pose.position if anchor is None else finite_vector(thing, "anchor", anchor, 3)
         point1 = point if anchor1 is None else finite_vector(thing, "anchor1", anchor1, 3)
         if rotation is None:
@@ -533,42 +466,3 @@ class ModelBuilder(ShapeList):
                     )
                 fresh = fresh or not ends <= tied
                 tied |= ends
-
-    def _coordinate(self, thing: str, joint: Any, local: Any) -> tuple[JointSpec, int]:
-        """A joint of this builder and an index of one of its coordinates."""
-        integers = (int, np.integer)
-        if not isinstance(joint, integers) or isinstance(joint, bool) or not 0 <= joint < len(self.joints):
-            raise ModelError(
-                f"{thing}: joint must be in 0..{len(self.joints) - 1}, got {joint!r}; pass what add_joint_... returned"
-            )
-        spec = self.joints[joint]
-        count = len(ELEMENTS[spec.type].dofs)
-        if not isinstance(local, integers) or isinstance(local, bool) or not 0 <= local < count:
-            raise ModelError(
-                f"{thing}: joint '{spec.name}' has {count} coordinates, got index {local!r}; "
-                "couple joints that have coordinates"
-            )
-        return spec, int(local)
-
-    def _term(self, thing: str, term: Any) -> tuple[int, float]:
-        if not isinstance(term, Sequence) or isinstance(term, str) or len(term) not in (2, 3):
-            raise ModelError(
-                f"{thing}: a term must be (joint, coefficient) or (joint, local dof, coefficient), got {term!r}; "
-                "pass a list of such tuples"
-            )
-        joint, local, coefficient = (term[0], 0, term[1]) if len(term) == 2 else term
-        self._coordinate(thing, joint, local)
-        factor = finite_number(thing, "coefficient (or ratio, radius, lead)", coefficient)
-        if factor == 0.0:
-            raise ModelError(f"{thing}: coefficient must not be 0, got {coefficient!r}; leave the term out")
-        return self.dof_start(joint) + int(local), factor
-
-    def _check_kind(self, thing: str, role: str, joint: int, local: int, lengths: bool) -> None:
-        spec, index = self._coordinate(thing, joint, local)
-        kind = ELEMENTS[spec.type].dofs[index].kind
-        if (kind in (RowKind.POINT_AXIS0, RowKind.POINT_AXIS1, RowKind.DISTANCE)) != lengths:
-            wanted = "a length (a prismatic joint)" if lengths else "an angle (a revolute joint or a shaft)"
-            raise ModelError(
-                f"{thing}: {role} must have {wanted} as coordinate, got {spec.type.name} joint '{spec.name}'; "
-                "use add_coupling for anything else"
-            )

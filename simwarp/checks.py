@@ -111,13 +111,17 @@ def checked_names(thing: str, field: str, given: Any, known: Iterable[str]) -> s
     """The names in a collection, all of them known ones, or a ModelError."""
     if isinstance(given, str):
         raise ModelError(f"{thing}: {field} must be a list of names, got {shown(given)}; write [{shown(given)}]")
-    if not isinstance(given, Iterable):
-        raise ModelError(f"{thing}: {field} must be a list of names, got {shown(given)}; leave it out for none")
-    listed = [*known]
-    for name in (names := [*given]):
+    try:
+        names = list(given)
+    except TypeError:
+        raise ModelError(
+            f"{thing}: {field} must be a list of names, got {shown(given)}; leave it out for none"
+        ) from None
+    listed = list(known)
+    for name in names:
         if not isinstance(name, str) or name not in listed:
             near = difflib.get_close_matches(name[:LONGEST_NAME], listed, n=1) if isinstance(name, str) else []
-            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(listed)}"
+            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(listed[:8])}, ..."
             raise ModelError(f"{thing}: {field} names an unknown parameter {shown(name)}; {hint}")
     return set(names)
 
@@ -271,7 +275,7 @@ def _check_limit(thing: str, limit: Any) -> None:
 
 
 def _check_map(thing: str, table: Any) -> None:
-    parts = [numbers(part) for part in table] if isinstance(table, (Sequence, np.ndarray)) and len(table) == 3 else []
+    parts = _arrays(table, 3)
     if [part.ndim for part in parts] != [1, 1, 2]:
         raise ModelError(
             f"{thing} must be (coordinates, rates, forces[rate][coordinate]), got {shown(table)}; give three of them"
@@ -285,6 +289,12 @@ def _check_map(thing: str, table: Any) -> None:
     for row in forces:
         _check_table(thing, (places, row))
     _check_table(thing, (rates, forces[:, 0] if len(places) else rates))
+
+
+def _arrays(table: Any, count: int) -> list[Array]:
+    """The arrays of a table; none where it has another number of them."""
+    some = isinstance(table, Sequence) or (isinstance(table, np.ndarray) and table.ndim > 0)
+    return [numbers(part) for part in table] if some and len(table) == count else []
 
 
 def _check_drive(thing: str, drive: Any) -> None:
@@ -321,7 +331,7 @@ def _check_table(thing: str, table: Any) -> None:
         return
     rule = "must be two equally long sequences of finite numbers with increasing abscissae"
     remedy = "write ((x0, x1, ...), (y0, y1, ...)) with at least two points"
-    parts = [numbers(part) for part in table] if isinstance(table, (Sequence, np.ndarray)) and len(table) == 2 else []
+    parts = _arrays(table, 2)
     usable = [part.ndim for part in parts] == [1, 1] and parts[0].shape == parts[1].shape and len(parts[0]) >= 2
     if usable:
         usable = all(bool((np.abs(part) <= FLOAT32_MAX).all()) for part in parts) and (np.diff(parts[0]) > 0.0).all()

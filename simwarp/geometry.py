@@ -14,7 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
-from simwarp.types import ModelError, ShapeType, shown
+from simwarp.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, ShapeType, numbers, shown
 from simwarp.wide_tree import tree_tables
 
 Array = npt.NDArray[np.float64]
@@ -88,9 +88,11 @@ def convex_hull(points: npt.ArrayLike) -> Hull:
     Raises:
         ModelError: fewer than four points, a value that is not finite, or all points in one plane.
     """
-    p = np.asarray(points, dtype=np.float64)
-    if p.ndim != 2 or p.shape[1] != 3 or len(p) < 4 or not np.isfinite(p).all():
-        raise ModelError(f"convex hull: points must be (N >= 4, 3) finite numbers, got shape {p.shape}; pass vertices")
+    p = numbers(points)
+    if p.ndim != 2 or p.shape[1] != 3 or len(p) < 4 or not _in_float32(p):
+        raise ModelError(
+            f"convex hull: points must be (N >= 4, 3) finite numbers, got {_shape_of(points, p)}; pass vertices"
+        )
     extent = float(np.ptp(p, axis=0).max())
     triangles = _quick_hull(p, extent)
     faces, normals = _merged_faces(p, triangles, COPLANAR * extent)
@@ -119,7 +121,7 @@ def _first_tetrahedron(p: Array, extent: float) -> tuple[int, int, int, int]:
     length = float(np.linalg.norm(normal))
     heights = (p - p[i]) @ (normal / max(length, 1e-300))
     m = int(np.abs(heights).argmax())
-    if extent <= 0.0 or length < 1e-9 * extent**2 or abs(heights[m]) < 1e-6 * extent:
+    if extent < FLOAT32_LEAST or length < 1e-9 * extent**2 or abs(heights[m]) < 1e-6 * extent:
         raise ModelError("convex hull: the points lie in one plane, got no volume; give the body a thickness")
     return (i, j, k, m) if heights[m] < 0.0 else (i, k, j, m)
 
@@ -257,33 +259,41 @@ def height_field(heights: npt.ArrayLike, size: Sequence[float]) -> HeightField:
     Raises:
         ModelError: fewer than two rows or columns, a value that is not finite, or a size that is not positive.
     """
-    values = np.asarray(heights, dtype=np.float32)
-    if values.ndim != 2 or min(values.shape) < 2 or not np.isfinite(values).all():
+    values = numbers(heights)
+    if values.ndim != 2 or min(values.shape) < 2 or not _in_float32(values):
         raise ModelError(
-            f"height field: heights must be (rows >= 2, columns >= 2) finite numbers, got shape {values.shape}; "
-            "columns run along x"
+            "height field: heights must be (rows >= 2, columns >= 2) finite numbers, got "
+            f"{_shape_of(heights, values)}; columns run along x"
         )
-    span = np.asarray(size, dtype=np.float64).reshape(-1)
-    if span.shape != (2,) or not np.isfinite(span).all() or span.min() <= 0.0:
-        raise ModelError(f"height field: size must be two lengths > 0 m, got {size!r}; pass its extents along x and y")
     rows, columns = values.shape
-    return HeightField(values, (float(span[0]) / (columns - 1), float(span[1]) / (rows - 1)))
+    span = numbers(size).reshape(-1)
+    least = FLOAT32_LEAST * max(rows, columns)
+    if span.shape != (2,) or not _in_float32(span) or span.min() < least:
+        raise ModelError(
+            f"height field: size must be two lengths > 0 m, got {shown(size)}; pass its extents along x and y"
+        )
+    return HeightField(values.astype(np.float32), (float(span[0]) / (columns - 1), float(span[1]) / (rows - 1)))
 
 
 def _indices(triangles: npt.ArrayLike) -> npt.NDArray[np.int64]:
     """Whole numbers, or a ModelError."""
-    try:
-        given = np.asarray(triangles)
-        with np.errstate(invalid="ignore"):  # NaN is told below
-            whole = given.astype(np.int64)
-        same = given.dtype.kind != "b" and bool((whole == given).all())
-    except (TypeError, ValueError, OverflowError):
-        same = False
-    if not same:
+    given = numbers(triangles)
+    whole = np.abs(given) < 2.0**31
+    if not whole.all() or (given != np.rint(given)).any():
         raise ModelError(
             f"mesh: triangles must be (T >= 1, 3) whole numbers, got {shown(triangles)}; pass indices of vertices"
         )
-    return whole
+    return given.astype(np.int64)
+
+
+def _in_float32(values: Array) -> bool:
+    """Whether all numbers are finite, and stay so in float32."""
+    return bool((np.abs(values) <= FLOAT32_MAX).all())
+
+
+def _shape_of(given: Any, values: Array) -> str:
+    """What was given in the place of an array of numbers, for errors."""
+    return f"shape {values.shape}" if values.ndim else shown(given)
 
 
 def triangle_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> TriangleMesh:
@@ -293,10 +303,11 @@ def triangle_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> Triangle
     Raises:
         ModelError: wrong shapes, values that are not finite, indices without vertices, or no triangle left.
     """
-    points = np.asarray(vertices, dtype=np.float32)
+    given = numbers(vertices)
     corners = _indices(triangles)
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise ModelError(f"mesh: vertices must be (V, 3) finite numbers, got shape {points.shape}; pass metres")
+    if given.ndim != 2 or given.shape[1] != 3 or not _in_float32(given):
+        raise ModelError(f"mesh: vertices must be (V, 3) finite numbers, got {_shape_of(vertices, given)}; pass metres")
+    points = given.astype(np.float32)
     if corners.ndim != 2 or corners.shape[1] != 3 or corners.size == 0:
         raise ModelError(f"mesh: triangles must be (T >= 1, 3) indices, got shape {corners.shape}; split polygons")
     if corners.min() < 0 or corners.max() >= len(points):

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +15,7 @@ import numpy.typing as npt
 import PIL.Image
 import trimesh
 
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 from simwarp.visual_mesh import VisualMesh, joined, linear_from_srgb
 
 Vertices = npt.NDArray[np.float64]
@@ -63,8 +64,8 @@ def load_visual_mesh(path: str | Path) -> VisualMesh:
 
 def _checked_file(path: str | Path) -> Path:
     file = Path(path)
-    if not file.is_file():
-        raise ModelError(f"mesh file: there must be a file, got '{file}'; check the path")
+    if not os.path.isfile(file):  # false, too, for names that no file can have
+        raise ModelError(f"mesh file: there must be a file, got {shown(str(file))}; check the path")
     if file.suffix.lower() not in FORMATS:
         raise ModelError(f"mesh file: the format must be one of {', '.join(FORMATS)}, got '{file.name}'; convert it")
     return file

@@ -207,8 +207,7 @@ def resolve_device(device: str | None) -> Any:
         return wp.get_device(device)
     except Exception as error:  # warp raises several kinds for unknown names and absent drivers
         known = ", ".join(str(each) for each in wp.get_devices())
-        name = f"'{device}'" if isinstance(device, str) and len(device) < LONGEST_NAME else shown(device)
-        raise ModelError(f"device {name} is not available; use one of: {known}") from error
+        raise ModelError(f"device {shown(device)} is not available; use one of: {known}") from error
 
 
 def _index(name: str, names: tuple[str, ...], kind: str) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.types import ModelError, Vec3, finite_vector
+from simwarp.types import ModelError, Vec3, finite_vector, shown
 
 Array = npt.NDArray[np.float64]
 
@@ -54,7 +54,9 @@ def unit_vector(thing: str, field: str, value: Vec3) -> Array:
     vector = finite_vector(thing, field, value, 3)
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
-        raise ModelError(f"{thing}: {field} must have a length, got zeros; give a direction")
+        raise ModelError(
+            f"{thing}: {field} must have a length, got {'zeros' if norm == 0.0 else shown(value)}; give a direction"
+        )
     return vector / norm
 
 

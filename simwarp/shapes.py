@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.checks import checked_pose, finite_number, positive_number
+from simwarp.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
 from simwarp.geometry import HeightField, Hull, TriangleMesh, convex_hull, height_field, shape_mass, triangle_mesh
 from simwarp.rotation import rotate
-from simwarp.types import WORLD, Material, ModelError, Pose, ShapeType, Vec3, finite_vector
+from simwarp.types import WORLD, Material, ModelError, Pose, ShapeType, Vec3, finite_vector, numbers, shown
 from simwarp.types import pose as make_pose
 
 Array = npt.NDArray[np.float64]
@@ -51,6 +51,7 @@ class ShapeList:
     """
 
     def __init__(self) -> None:
+        super().__init__()
         self.shapes: list[ShapeSpec] = []
         self.hulls: list[Hull] = []
         self.height_fields: list[HeightField] = []
@@ -117,6 +118,11 @@ class ShapeList:
         Returns:
             The index of the shape slot; with `decompose` a list of them.
         """
+        checked_flag("add_shape_mesh", "convex", convex)
+        if not isinstance(decompose, (bool, dict)):
+            raise ModelError(
+                f"add_shape_mesh: decompose must be True, False or a dict of options, got {shown(decompose)}; choose"
+            )
         if convex and decompose is not False:
             raise ModelError("add_shape_mesh: give convex or decompose, got both; drop one")
         points, corners = loaded_mesh(vertices, triangles)
@@ -127,7 +133,11 @@ class ShapeList:
             return self._add_shape(ShapeType.MESH, body, scale, options, asset)
         from simwarp.mesh import convex_parts  # trimesh takes a while to import
 
-        parts = convex_parts(points, corners, **(decompose if isinstance(decompose, dict) else {}))
+        mesh = triangle_mesh(points, corners)
+        try:
+            parts = convex_parts(mesh.vertices, mesh.triangles, **(decompose if isinstance(decompose, dict) else {}))
+        except TypeError as error:
+            raise ModelError(f"add_shape_mesh: decompose has options that there are not: {error}; drop them") from None
         name = options.pop("name", f"mesh{len(self.shapes)}")
         return [
             self.add_shape_hull(body, part, scale=scale, name=f"{name}_{index}", **options)
@@ -175,18 +185,24 @@ class ShapeList:
             omega: [rad/s], world frame.
             options: `material`, `margin`, `group`, `mask` of the shape.
         """
-        thing = f"solid '{name}'"
+        thing = checked_name("solid", name)
         shape_type = checked_kind(thing, kind)
         asset = self._hull_asset(points) if shape_type == ShapeType.HULL and points is not None else -1
         if size is None:
             size = (1.0, 1.0, 1.0) if shape_type == ShapeType.HULL else ()
-        values = (float(size),) * 3 if isinstance(size, (int, float)) else tuple(size)
-        extent = checked_size(thing, shape_type, (values[0], values[1], values[0]) if len(values) == 2 else values)
+        values = numbers(size)
+        if values.shape in ((), (2,)):
+            values = values.reshape(-1)[[0, -1, 0]]
+        extent = checked_size(thing, shape_type, values)
         if (mass is None) == (density is None):
-            raise ModelError(f"{thing}: give mass or density, got mass={mass!r}, density={density!r}; drop one")
+            raise ModelError(
+                f"{thing}: give mass or density, got mass={shown(mass)}, density={shown(density)}; drop one"
+            )
         solid = shape_mass(shape_type, extent.tolist(), 1.0, self.hulls[asset] if asset >= 0 else None)
-        given = positive_number(thing, "mass" if density is None else "density", mass or density, "kg or kg/m³", "")
-        weight = given if density is None else given * solid.mass
+        if density is None:
+            weight = positive_number(thing, "mass", mass, "kg", "give density instead")
+        else:
+            weight = positive_number(thing, "density", density, "kg/m³", "give mass instead") * solid.mass
         frame = checked_pose(thing, pose)
         offset = {"name": name, "pose": make_pose(-solid.centre)}
         shape = self._shape_spec(shape_type, self.body_total, extent, {**offset, **options}, asset)
@@ -227,13 +243,14 @@ class ShapeList:
     def _check_body(self, thing: str, body: int) -> None:
         if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not WORLD <= body < self.body_total:
             raise ModelError(
-                f"{thing}: body must be WORLD or in 0..{self.body_total - 1}, got {body!r}; pass what add_body returned"
+                f"{thing}: body must be WORLD or in 0..{self.body_total - 1}, got {shown(body)}; "
+                "pass what add_body returned"
             )
 
     def _add_shape(
         self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: dict[str, Any], asset: int = -1
     ) -> int:
-        self._check_body(f"shape '{options.get('name', f'{kind.name.lower()}{len(self.shapes)}')}'", body)
+        self._check_body(checked_name("shape", options.get("name", f"{kind.name.lower()}{len(self.shapes)}")), body)
         self.shapes.append(self._shape_spec(kind, body, size, options, asset))
         return len(self.shapes) - 1
 
@@ -242,25 +259,23 @@ class ShapeList:
     ) -> ShapeSpec:
         """The shape, checked but not added."""
         values = dict(options)
-        name = str(values.pop("name", f"{kind.name.lower()}{len(self.shapes)}"))
-        thing = f"shape '{name}'"
+        name = values.pop("name", f"{kind.name.lower()}{len(self.shapes)}")
+        thing = checked_name("shape", name)
         if any(shape.name == name for shape in self.shapes):
             raise ModelError(f"{thing}: the name must be unique, got it twice; choose another")
         pose = checked_pose(thing, values.pop("pose", None))
         material = values.pop("material", None)
-        margin = finite_number(thing, "margin", values.pop("margin", 0.0), "0 or more metres")
+        margin = not_negative(thing, "margin", values.pop("margin", 0.0), "m", "make the shape smaller instead")
         group, mask = values.pop("group", 1), values.pop("mask", ALL_GROUPS)
         if values:
             raise ModelError(
-                f"{thing}: unknown option '{next(iter(values))}'; known: name, pose, material, margin, group, mask"
+                f"{thing}: unknown option {shown(next(iter(values)))}; known: name, pose, material, margin, group, mask"
             )
         if material is not None and not isinstance(material, Material):
-            raise ModelError(f"{thing}: material must be a Material, got {material!r}; write simwarp.Material(...)")
+            raise ModelError(f"{thing}: material must be a Material, got {shown(material)}; write Material(...)")
         for field, bits in (("group", group), ("mask", mask)):
-            if not isinstance(bits, int) or not 0 <= bits <= ALL_GROUPS:
-                raise ModelError(f"{thing}: {field} must be 31 bits, got {bits!r}; 1 is the default group")
-        if margin < 0.0:
-            raise ModelError(f"{thing}: margin must be >= 0 m, got {margin!r}; make the shape smaller instead")
+            if isinstance(bits, bool) or not isinstance(bits, (int, np.integer)) or not 0 <= bits <= ALL_GROUPS:
+                raise ModelError(f"{thing}: {field} must be 31 bits, got {shown(bits)}; 1 is the default group")
         return ShapeSpec(
             name, int(body), kind, pose, checked_size(thing, kind, size),
             checked_material(thing, material or Material()), margin, group, mask, asset,
@@ -285,12 +300,14 @@ def loaded_mesh(
 def checked_kind(thing: str, kind: ShapeType | str) -> ShapeType:
     """A convex shape type, from itself or its name."""
     convex = [member for member in ShapeType if member not in NOT_CONVEX]
+    if isinstance(kind, ShapeType) and kind in convex:
+        return kind
     for member in convex:
-        if kind == member or (isinstance(kind, str) and kind.upper() == member.name):
+        if isinstance(kind, str) and kind.upper() == member.name:
             return member
     names = ", ".join(member.name.lower() for member in convex)
     raise ModelError(
-        f"{thing}: kind must be one of {names}, got {kind!r}; other shapes go on a body with add_shape_..."
+        f"{thing}: kind must be one of {names}, got {shown(kind)}; other shapes go on a body with add_shape_..."
     )
 
 
@@ -313,7 +330,7 @@ def checked_material(thing: str, material: Material) -> Material:
         highest = {"restitution": 1.0, "poisson_ratio": 0.5}.get(field.name, float("inf"))
         if not 0.0 <= value <= highest:
             limits = f"between 0 and {highest:g}" if highest < 10.0 else ">= 0"
-            raise ModelError(f"{thing}: material.{field.name} must be {limits}, got {value!r}; see Material")
+            raise ModelError(f"{thing}: material.{field.name} must be {limits}, got {shown(value)}; see Material")
     return material
 
 

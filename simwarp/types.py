@@ -183,12 +183,19 @@ def pose(position: Vec3 = (0.0, 0.0, 0.0), rotation: Quat = (0.0, 0.0, 0.0, 1.0)
     Raises:
         ModelError: the quaternion has zero length or a component is not finite.
     """
-    p = finite_vector("pose", "position", position, 3)
-    q = finite_vector("pose", "rotation", rotation, 4)
+    return Pose(finite_vector("pose", "position", position, 3), checked_rotation("pose", "rotation", rotation))
+
+
+def checked_rotation(thing: str, field: str, rotation: Quat) -> npt.NDArray[np.float64]:
+    """`rotation` as a unit quaternion (xyzw), or a ModelError."""
+    q = finite_vector(thing, field, rotation, 4)
     norm = float(np.linalg.norm(q))
     if norm < 1e-12:
-        raise ModelError("pose: rotation must be a quaternion of non-zero length (xyzw), got zeros; use (0, 0, 0, 1)")
-    return Pose(p, q / norm)
+        raise ModelError(
+            f"{thing}: {field} must be a quaternion of non-zero length (xyzw), got zeros; use (0, 0, 0, 1)"
+        )
+    unit: npt.NDArray[np.float64] = q / norm
+    return unit
 
 
 class ArrayLayout(NamedTuple):
