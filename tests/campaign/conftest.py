@@ -2,11 +2,9 @@
 
 import pytest
 
-from simwarp.cli import main
 from tests.campaign import strategies_builder
 from tests.campaign.fronts import Place
-from tests.campaign.material import make_material
-from tests.campaign.oracle import run_in_process
+from tests.campaign.material import command, make_material
 from tests.campaign.sandbox import Sandbox
 
 
@@ -16,7 +14,7 @@ def place(tmp_path_factory):
     material = make_material(tmp_path_factory.mktemp("material"))
     sandbox = Sandbox(tmp_path_factory.mktemp("sandbox"), material)
     with sandbox.inside():
-        run_in_process(("bench", "pendulum", "--worlds=1", "--seconds=0.01"), main)
+        command("bench", "pendulum", "--worlds=1", "--seconds=0.01")
     strategies_builder.warm_up()
     sandbox.restore()
     return Place(material, sandbox, tmp_path_factory.mktemp("files"))

@@ -9,6 +9,9 @@ from simwarp.tasks import make
 from simwarp.cli import main
 from tests.campaign.oracle import run_in_process
 
+LOADING = 300.0
+"""For loading torch and compiling kernels [s]."""
+
 SCRIPT = "t_s,steering,throttle,braking\n0,0,0.1,0\n0.02,0.1,0.2,0\n"
 
 
@@ -16,7 +19,7 @@ def make_material(folder: Path) -> Path:
     """Make the files below `folder/good`; returns `folder`."""
     good = folder / "good"
     good.mkdir(parents=True)
-    _command(
+    command(
         "train",
         "fast",
         "--num-envs=4",
@@ -30,7 +33,7 @@ def make_material(folder: Path) -> Path:
     shutil.move(run, good / "run")
     shutil.rmtree(folder / "runs")
     shutil.copy(sorted((good / "run" / "checkpoints").glob("*.pt"))[-1], good / "fast.pt")
-    _command(
+    command(
         "record",
         "fast",
         f"--checkpoint={good / 'fast.pt'}",
@@ -43,8 +46,8 @@ def make_material(folder: Path) -> Path:
     return folder
 
 
-def _command(*words: str) -> None:
-    run = run_in_process(words, main)
+def command(*words: str) -> None:
+    run = run_in_process(words, main, LOADING)
     assert run.code == 0, (words, run)
 
 

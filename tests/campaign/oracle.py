@@ -147,14 +147,14 @@ class Run:
     warned: tuple[str, ...] = ()
 
 
-def run_in_process(words: tuple[str, ...], main: Callable[[list[str]], Any]) -> Run:
+def run_in_process(words: tuple[str, ...], main: Callable[[list[str]], Any], seconds: float | None = None) -> Run:
     """Run a command line in this process."""
     code: Any = None
     error, hung = "", False
     with captured() as (out, err), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            with alarm(HANG):
+            with alarm(HANG if seconds is None else seconds):
                 code = main(list(words))
         except HangError as place:
             error, hung = str(place), True
@@ -255,6 +255,12 @@ def _plain(text: str) -> str:
     return " ".join(printed.split()).lower().replace("_", "-")
 
 
+def _is_meant(error: TypeError) -> bool:
+    """Whether somebody raised it on purpose, or Python did for a call that does not fit its signature."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return (frames[-1].line or "").startswith("raise ") or "keyword argument" in str(error)
+
+
 # ---- calls of Python -------------------------------------------------------------------------------------------------
 
 
@@ -278,9 +284,8 @@ def attack_call(attack: CallAttack) -> Outcome:
         except documented() as error:
             result, checks = "refused", wrong_message(attack, str(error))
         except TypeError as error:
-            # of a signature: Python's own words, which name the argument
-            ours = not wrong_message(attack, str(error)) and "argument" in str(error)
-            result, checks = ("refused", []) if ours else ("crashed", [("traceback", _where(error))])
+            told = not wrong_message(attack, str(error)) and _is_meant(error)
+            result, checks = ("refused", []) if told else ("crashed", [("traceback", _where(error))])
         except BaseException as error:  # noqa: BLE001 - that nothing else escapes is what is tested
             result, checks = "crashed", [("traceback", _where(error))]
         native = (_text(out) + _text(err)).strip()

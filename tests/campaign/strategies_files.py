@@ -155,7 +155,7 @@ USES = (
 )
 """What reads a checkpoint and is quick about it."""
 
-READ_BY_ALL = {"task", "task_config", "train_config", "actor_state_dict", "format"}
+READ_BY_ALL = {"task", "task_config", "train_config", "actor_state_dict"}
 
 
 def _hostile_tensor(old: torch.Tensor) -> st.SearchStrategy[Value]:
@@ -184,8 +184,6 @@ def spoiled_checkpoints(draw: st.DrawFn, content: dict[str, Any], save: Callable
     old = owner[key]
     new, verdict = draw(_hostile_tensor(old) if isinstance(old, torch.Tensor) else hostile_like(old))
     owner[key] = new
-    if path[0] == "format":
-        verdict = EITHER
     return Changed(save(value), f"{words} = {shorten(new)}", verdict)
 
 
@@ -194,8 +192,10 @@ def checkpoint_commands(
     draw: st.DrawFn, content: dict[str, Any], save: Callable[[dict[str, Any]], bytes]
 ) -> CommandAttack:
     """Something that reads a checkpoint, given one that is wrong inside."""
-    made = draw(spoiled_checkpoints(content, save))
-    return _command(draw(st.sampled_from(USES)), "attacked.pt", made)
+    made, words = draw(spoiled_checkpoints(content, save)), draw(st.sampled_from(USES))
+    if words[0] == "train" and made.how.startswith("task_config"):
+        made = made._replace(verdict=EITHER)  # a warm start takes the networks alone
+    return _command(words, "attacked.pt", made)
 
 
 def _command(words: tuple[str, ...], name: str, made: Changed) -> CommandAttack:
@@ -206,7 +206,7 @@ def _command(words: tuple[str, ...], name: str, made: Changed) -> CommandAttack:
 def _fields(how: str) -> tuple[str, ...]:
     """The names of a place such as task_config.curriculum.up: an error may name the last ones."""
     place = how.partition(" ")[0]
-    return tuple(part for part in place.split(".") if not part.isdigit() and len(part) > 1)
+    return tuple(part for part in place.replace("/", ".").split(".") if not part.isdigit() and len(part) > 1)
 
 
 # ---- arrays ----------------------------------------------------------------------------------------------------------
@@ -295,11 +295,15 @@ def dump_commands(draw: st.DrawFn, arrays: dict[str, np.ndarray]) -> CommandAtta
     changed = dict(arrays)
     if name == "meta":
         made = draw(_spoiled_words(arrays, name, META))
+        if made.how.startswith("config.guard_steps"):
+            made = made._replace(verdict=EITHER)  # a replay keeps none
     elif draw(st.integers(0, 5)) == 0:
         del changed[name]
         made = Changed(save_arrays(changed), f"{name} left out", REFUSE)
     else:
         value, verdict = draw(st.sampled_from(_spoil_array(arrays[name])))
+        if value.shape[1:] == arrays[name].shape[1:] and len(value) > len(arrays[name]):
+            verdict = EITHER  # the last rows count
         made = Changed(save_arrays(changed | {name: value}), f"{name} = {shorten(value)} of {value.shape}", verdict)
     return _command(("replay", "attacked.npz"), "attacked.npz", made)
 
@@ -343,9 +347,9 @@ def run_commands(draw: st.DrawFn, run: Path) -> CommandAttack:
     if what in ("config", "provenance"):
         name = f"run/{what}.json"
         made = draw(spoiled(json.loads(files[name])))
-        needed = what == "config" and not (made.how.startswith("processes"))
         files[name] = made.data
-        verdict, how = (made.verdict if needed else EITHER), made.how
+        added = made.how.startswith("a key beside") and "." not in made.how
+        verdict, how = (made.verdict if what == "config" and not added else EITHER), made.how
     elif what == "progress":
         name, verdict = "run/progress.csv", ACCEPT
         files[name] = draw(st.sampled_from(LOGS))

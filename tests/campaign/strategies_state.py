@@ -133,8 +133,9 @@ def writes(draw: st.DrawFn) -> CallAttack:
     array = getattr(getattr(_simulation(), owner), name)
     shape = tuple(array.numpy().shape)
     value, verdict = draw(st.sampled_from(_row_values(shape) if len(shape) > 1 else refused("x", {}, object())))
-    if verdict is not REFUSE and not is_control:
-        verdict = EITHER  # zero is no mass
+    if isinstance(value, np.ndarray) and value.shape == shape and value.dtype == float:
+        # a broken policy writes NaN into controls, and its world is marked; zero is no mass
+        verdict = EITHER if is_control or verdict is not REFUSE else verdict
     if isinstance(value, np.ndarray) and array.dtype in (wp.float64, wp.vec3d, wp.mat33d) and np.isfinite(value).all():
         verdict = EITHER if verdict is REFUSE and value.shape == shape else verdict  # float64 holds 1e39
     by_assign = draw(st.booleans())
