@@ -10,9 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.kernels.cones.batch import BatchInput, make_batch_scratch, solve_batch
+from simwarp.checks import LONGEST_NAME, checked_flag, whole_number
+from simwarp.kernels.cones.batch import BatchInput, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
-from simwarp.types import BlockKind, ConeSolver, FrictionLaw
+from simwarp.memory import check_layouts
+from simwarp.model import resolve_device
+from simwarp.solver_options import MOST_ITERATIONS
+from simwarp.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
 
 Array = npt.NDArray[np.float64]
 
@@ -105,14 +109,19 @@ def solve_cone_problems(
     chosen = _choice("solver", solver, SOLVERS)
     config.solver = int(chosen)
     config.law = int(_choice("friction_law", friction_law, LAWS))
-    if not (np.isfinite(tolerance) and tolerance >= 0.0):
-        raise ValueError(f"tolerance must be finite and >= 0 m/s, got {tolerance!r}; pass 0 to use all iterations")
-    if max_iterations is not None and (isinstance(max_iterations, bool) or int(max_iterations) < 1):
-        raise ValueError(f"max_iterations must be an integer >= 1, got {max_iterations!r}; leave it out or pass one")
-    config.tolerance = tolerance / AIM
-    config.max_iterations = ITERATIONS[chosen] if max_iterations is None else int(max_iterations)
-    batch_rescue = 1 if rescue and chosen == ConeSolver.APGD else 0
-    outputs = _launch(given, bilateral_count, limit_count, config, batch_rescue, wp.get_device(device))
+    aim = number(tolerance)
+    if not 0.0 <= aim <= FLOAT32_MAX:
+        raise ValueError(f"tolerance must be finite and >= 0 m/s, got {shown(tolerance)}; pass 0 to use all iterations")
+    config.tolerance = aim / AIM
+    config.max_iterations = ITERATIONS[chosen]
+    if max_iterations is not None:
+        remedy = "leave it out or pass one"
+        config.max_iterations = whole_number(
+            "solve_cone_problems", "max_iterations", max_iterations, 1, MOST_ITERATIONS, remedy
+        )
+    rescued = checked_flag("solve_cone_problems", "rescue", rescue)
+    batch_rescue = 1 if rescued and chosen == ConeSolver.APGD else 0
+    outputs = _launch(given, int(bilateral_count), int(limit_count), config, batch_rescue, resolve_device(device))
     return _wrapped(outputs, given)
 
 
@@ -188,7 +197,7 @@ class _Given:
         rows = self.r.shape[1]
         for name, value in (("bilateral_count", bilateral), ("limit_count", limits)):
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
-                raise ValueError(f"{name} must be an integer >= 0, got {value!r}; pass the number of such rows")
+                raise ValueError(f"{name} must be an integer >= 0, got {shown(value)}; pass the number of such rows")
         contacts = self.mu.shape[1]
         if bilateral + limits + 3 * contacts != rows:
             raise ValueError(
@@ -199,6 +208,8 @@ class _Given:
             raise ValueError(f"mu must be >= 0, got {self.mu.min():g}; pass 0 for contacts without friction")
         if self.n.size == 0:
             return
+        for name, array in (("N", self.n), ("r", self.r)):  # formed from the mechanics, maybe
+            _check_float32(name, array)
         diagonal = np.einsum("pii->pi", self.n)
         if (diagonal < 0.0).any():
             raise ValueError(
@@ -228,13 +239,24 @@ def _numbers(name: str, value: Any) -> Array:
             value = value.numpy()
         elif hasattr(value, "data_ptr"):
             value = value.detach().cpu().numpy()
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}; pass NumPy's") from error
-    if not np.isfinite(array).all():
-        bad = array[~np.isfinite(array)][0]
-        raise ValueError(f"{name} must be finite, got {bad} among {array.size} values; remove or mask such problems")
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
+        raise ValueError(f"{name} must be an array of numbers, got {shown(value)}; pass NumPy's") from error
+    if array.dtype.kind not in "iuf" and array.size:
+        raise ValueError(f"{name} must be an array of numbers, got {shown(value)}; pass NumPy's")
+    array = array.astype(np.float64)
+    _check_float32(name, array)
     return array
+
+
+def _check_float32(name: str, array: Array) -> None:
+    """A ValueError where kernels would see NaN or infinity."""
+    bad = array[~(np.abs(array) <= FLOAT32_MAX)]
+    if bad.size:
+        beyond = " and at most 3.4e38" if np.isfinite(bad[0]) else ""
+        raise ValueError(
+            f"{name} must be finite{beyond}, got {bad[0]} among {array.size} values; remove or mask such problems"
+        )
 
 
 def _batched(name: str, value: Any, axes: int, single: bool) -> Array:
@@ -278,9 +300,9 @@ def _choice(name: str, value: Any, choices: dict[str, Any]) -> Any:
     """The enum member of a name."""
     if isinstance(value, str) and value in choices:
         return choices[value]
-    near = difflib.get_close_matches(str(value), choices, n=1)
+    near = difflib.get_close_matches(value[:LONGEST_NAME], choices, n=1) if isinstance(value, str) else []
     hint = f"did you mean {near[0]!r}?" if near else "choose one of them"
-    raise ValueError(f"{name} must be one of {', '.join(choices)}, got {value!r}; {hint}")
+    raise ValueError(f"{name} must be one of {', '.join(choices)}, got {shown(value)}; {hint}")
 
 
 def _floats(array: Array, device: wp.Device) -> wp.array:
@@ -319,6 +341,8 @@ def _launch(
     batch.zeros = wp.zeros(max(limits + contacts, 1), dtype=float, device=device)
     # A CPU takes the problems in turn: one lane stays in its cache.
     lanes = 1 if device.is_cpu else max(problems, 1)
+    layouts = batch_layouts(lanes, rows, bilateral, velocities)
+    check_layouts("solve_cone_problems: its arrays", layouts, device, "solve fewer or smaller problems at a time")
     scratch = make_batch_scratch(device, lanes, rows, bilateral, velocities)
     impulse = wp.zeros((problems, rows), dtype=float, device=device)
     velocity = wp.zeros((problems, velocities), dtype=float, device=device)

@@ -240,6 +240,20 @@ def test_results_come_in_the_kind_of_array_that_was_given():
     np.testing.assert_array_equal(done.impulse.numpy()[0], expected.impulse)
 
 
+def test_every_solver_takes_problems_of_any_size():
+    """From none to many rows, all of one kind: no array is shorter than what the solvers write."""
+    random = np.random.default_rng(0)
+    for solver in ("apgd", "psor", "spg", "padmm", "interior_point"):
+        for bilateral, limits, contacts in ((0, 1, 0), (1, 0, 0), (0, 0, 1), (3, 2, 5), (0, 0, 17), (0, 33, 0)):
+            rows = bilateral + limits + 3 * contacts
+            factor = random.normal(size=(rows, rows))
+            n, r = factor @ factor.T + np.eye(rows), random.normal(size=rows)
+            done = solve_cone_problems(
+                n, r, np.full(contacts, 0.5), bilateral_count=bilateral, limit_count=limits, solver=solver
+            )
+            assert done.residual < 1e-3, (solver, rows)
+
+
 def test_empty_problems():
     done = solve_cone_problems(np.zeros((0, 0)), np.zeros(0), np.zeros(0))
     assert done.impulse.shape == (0,)
@@ -260,7 +274,7 @@ GOOD: dict[str, Any] = {"N": np.eye(4), "r": np.zeros(4), "mu": [0.5], "limit_co
         ({"N": np.eye(4)[None]}, r"N must have 2 axes.*without a batch axis"),
         ({"r": np.zeros((1, 1, 4))}, "r must have 1 or 2 axes"),
         ({"r": np.array([0.0, np.nan, 0.0, 0.0])}, "r must be finite, got nan"),
-        ({"N": "matrix"}, "N must be an array of numbers, got str"),
+        ({"N": "matrix"}, "N must be an array of numbers, got 'matrix'"),
         ({"N": None}, "N must be an array when the mechanics are not given"),
         ({"N": np.triu(np.ones((4, 4)))}, r"N must be symmetric.*pass 0.5 \(N \+ N\^T\)"),
         ({"N": -np.eye(4)}, "N must be positive semidefinite, got -1"),
@@ -274,6 +288,20 @@ GOOD: dict[str, Any] = {"N": np.eye(4), "r": np.zeros(4), "mu": [0.5], "limit_co
         ({"max_iterations": 0}, "max_iterations must be an integer >= 1, got 0"),
         ({"warm_start": np.zeros(3)}, r"warm_start must have shape \(4,\), got \(3,\)"),
         ({"jacobian": np.zeros((6, 4))}, "must be given together, got none for inverse_mass"),
+        ({"N": 1e39 * np.eye(4)}, r"N must be finite and at most 3.4e38, got 1e\+39"),
+        ({"r": [0.0, 0.0, 0.0, 10**400]}, "r must be an array of numbers, got"),
+        ({"mu": [None]}, "mu must be an array of numbers, got"),
+        ({"mu": "half"}, "mu must be an array of numbers, got 'half'"),
+        ({"max_iterations": 2**33}, "max_iterations must be an integer >= 1 and <= 10000000, got 8589934592"),
+        ({"max_iterations": 1.5}, "max_iterations must be an integer >= 1, got 1.5"),
+        ({"max_iterations": "many"}, "max_iterations must be an integer >= 1, got 'many'"),
+        ({"tolerance": None}, "tolerance must be finite and >= 0 m/s, got None"),
+        ({"tolerance": 10**400}, "tolerance must be finite"),
+        ({"rescue": "no"}, "rescue must be True or False, got 'no'"),
+        ({"solver": None}, "solver must be one of apgd, .* got None"),
+        ({"limit_count": 2**40}, "mu must have one entry per contact"),
+        ({"limit_count": 1.0}, "limit_count must be an integer >= 0, got 1.0"),
+        ({"device": "tpu"}, "device 'tpu' is not available"),
     ],
 )
 def test_errors_name_the_argument_the_rule_the_value_and_the_remedy(change, words):

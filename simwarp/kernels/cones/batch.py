@@ -17,6 +17,7 @@ from simwarp.kernels.cones.operator import refresh
 from simwarp.kernels.cones.problem import AX, LOW, SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.solve import solve_surely
 from simwarp.kernels.world import CPU_FLAGS
+from simwarp.types import ArrayLayout
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
 
@@ -71,28 +72,36 @@ class BatchScratch:
     gamma: wp.array3d[float]
 
 
+def batch_layouts(lanes: int, rows: int, bilateral: int, velocities: int) -> dict[str, ArrayLayout]:
+    """The arrays of the scratch of problems of one size."""
+    cones = rows - bilateral
+    shapes: dict[str, tuple[int, ...]] = {
+        "s": (cones, cones),
+        "factor": (cones, cones),
+        "wide": (WIDE_VECTORS, cones),
+        "cone_rows": (5, cones),
+        "vectors": (SOLVER_VECTORS, cones),
+        "n_bb": (bilateral, bilateral),
+        "c": (cones, bilateral),
+        "root": (velocities, velocities),
+        "a": (rows, velocities),
+        "y": (cones, velocities),
+        "change": (1, velocities),
+        "compliance": (rows,),
+        "work": (2, rows),
+        "gamma": (2, rows),
+    }
+    return {
+        name: ArrayLayout((lanes, *(max(length, 1) for length in shape)), wp.float64 if name == "wide" else wp.float32)
+        for name, shape in shapes.items()
+    }
+
+
 def make_batch_scratch(device: wp.Device, lanes: int, rows: int, bilateral: int, velocities: int) -> BatchScratch:
     """Allocates the scratch of problems of one size."""
-
-    def zeros(*shape: int) -> wp.array:
-        return wp.zeros((lanes, *(max(size, 1) for size in shape)), dtype=float, device=device)
-
-    cones = rows - bilateral
     scratch = BatchScratch()
-    scratch.s = zeros(cones, cones)
-    scratch.factor = zeros(cones, cones)
-    scratch.wide = wp.zeros((lanes, WIDE_VECTORS, max(cones, 1)), dtype=wp.float64, device=device)
-    scratch.cone_rows = zeros(5, cones)
-    scratch.vectors = zeros(SOLVER_VECTORS, cones)
-    scratch.n_bb = zeros(bilateral, bilateral)
-    scratch.c = zeros(cones, bilateral)
-    scratch.root = zeros(velocities, velocities)
-    scratch.a = zeros(rows, velocities)
-    scratch.y = zeros(cones, velocities)
-    scratch.change = zeros(1, velocities)
-    scratch.compliance = zeros(rows)
-    scratch.work = zeros(2, rows)
-    scratch.gamma = zeros(2, rows)
+    for name, layout in batch_layouts(lanes, rows, bilateral, velocities).items():
+        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
     return scratch
 
 
