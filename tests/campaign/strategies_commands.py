@@ -1,5 +1,6 @@
 """Command lines: every option of every command, found by asking, with hostile values; and lines that are odd."""
 
+import dataclasses
 import enum
 import functools
 import typing
@@ -360,7 +361,9 @@ def odd_lines(draw: st.DrawFn) -> CommandAttack:
     if kind == "command":
         line = (text or "-", *base.words()[1:])
         known = text in COMMANDS or text.startswith("-")
-        return CommandAttack(f"simwarp {' '.join(map(shorten, line))}", EITHER if known else REFUSE, ("command",), line)
+        return CommandAttack(
+            f"simwarp {' '.join(map(shorten, line))}", EITHER if known else REFUSE, ("command", text), line
+        )
     if kind == "option":
         name = draw(
             st.sampled_from(["--no-such-option", "--seeed=1", "--task.zzz", "--ppo.zzz=1", "-z", "---", "--task="])
@@ -373,7 +376,8 @@ def odd_lines(draw: st.DrawFn) -> CommandAttack:
     if kind == "first" and base.first:
         changed = base._replace(first=(text.lstrip("-") or "x",))
         names = (base.first[0], "task", "scene", "vehicle", "name", "run", "file", "checkpoint", *changed.first)
-        return _odd(changed, names=names)
+        attack = _odd(changed, names=names)
+        return dataclasses.replace(attack, verdict=EITHER) if base.command == "new-task" else attack
     return _odd(base, "surplus", names=("surplus",))
 
 
