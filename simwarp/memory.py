@@ -17,6 +17,8 @@ from simwarp.types import ArrayLayout, ModelError, shown
 MOST_ROWS: Final = 2**31 - 1
 """Longest axis of an array, and most bytes behind its first axis: kernels index with 32 bits."""
 
+MEMINFO: Final = Path("/proc/meminfo")
+OWN_GROUPS: Final = Path("/proc/self/cgroup")
 CGROUPS: Final = Path("/sys/fs/cgroup")
 UNLIMITED: Final = 2**60
 """Control groups of the first version write such a number of bytes where there is no limit."""
@@ -76,7 +78,8 @@ def check_layouts(what: str, layouts: Mapping[str, ArrayLayout], device: Any, re
                 f"{what} need an array '{name}' of shape {shown(layout.shape)}, whose rows of {_amount(row)} or whose "
                 f"length is beyond 32 bits; {remedy}"
             )
-    check_fits(what, layout_bytes(layouts.values()) + more, device, remedy)
+    passing = max(layout_bytes([layout]) for layout in layouts.values())  # on the host, on its way into an array
+    check_fits(what, layout_bytes(layouts.values()) + passing + more, device, remedy)
 
 
 def layout_bytes(layouts: Iterable[ArrayLayout]) -> int:
@@ -101,7 +104,7 @@ def _amount(count: int) -> str:
 def _meminfo() -> list[int]:
     """What Linux counts as available: free memory, and caches that it can drop."""
     try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        lines = MEMINFO.read_text(encoding="ascii").splitlines()
     except OSError:
         return []  # another system
     return [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
@@ -110,7 +113,7 @@ def _meminfo() -> list[int]:
 def _control_groups() -> list[int]:
     """What the control groups of this process leave: containers and batch systems set limits below the machine's."""
     try:
-        lines = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()
+        lines = OWN_GROUPS.read_text(encoding="utf-8").splitlines()
     except OSError:
         return []
     room = []

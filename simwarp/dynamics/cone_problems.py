@@ -320,6 +320,11 @@ def _launch(
     problems, rows = given.r.shape
     contacts = given.mu.shape[1]
     velocities = 0 if given.jacobian is None else given.jacobian.shape[1]
+    # A CPU takes the problems in turn: one lane stays in its cache.
+    lanes = 1 if device.is_cpu else max(problems, 1)
+    layouts = batch_layouts(lanes, rows, bilateral, velocities)
+    more = 4 * problems * (rows * (rows + velocities + 4) + velocities * (velocities + 2))
+    check_layouts("solve_cone_problems: its arrays", layouts, device, "solve fewer or smaller problems at a time", more)
     batch: Any = BatchInput()
     batch.rows, batch.bilateral, batch.blocks = rows, bilateral, limits + contacts
     batch.velocities, batch.rescue = velocities, rescue
@@ -339,10 +344,6 @@ def _launch(
     batch.lower = wp.zeros(cones, dtype=float, device=device)
     batch.upper = wp.full(cones, float("inf"), dtype=float, device=device)
     batch.zeros = wp.zeros(max(limits + contacts, 1), dtype=float, device=device)
-    # A CPU takes the problems in turn: one lane stays in its cache.
-    lanes = 1 if device.is_cpu else max(problems, 1)
-    layouts = batch_layouts(lanes, rows, bilateral, velocities)
-    check_layouts("solve_cone_problems: its arrays", layouts, device, "solve fewer or smaller problems at a time")
     scratch = make_batch_scratch(device, lanes, rows, bilateral, velocities)
     impulse = wp.zeros((problems, rows), dtype=float, device=device)
     velocity = wp.zeros((problems, velocities), dtype=float, device=device)
