@@ -8,11 +8,11 @@ PYTHON ?= $(shell for p in python3 python3.12 python3.11 python3.13; do \
 
 TASK ?= pendulum
 ARGS ?=
-# Two workers share the kernel cache; a file stays on one worker, so that its kernels compile once.
+# Two workers share the kernel cache and compile its large kernels side by side (tests/compiled.py).
 WORKERS ?= 2
 # One numerical thread per worker, or the workers fight over the cores.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
-PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 CODE := $(wildcard setup.py simwarp tasks train tests scripts benchmarks examples)
 
 # The mark names the checkout. It does not count after the folder was moved, or where its Python no longer runs.

@@ -15,6 +15,15 @@ wp.config.log_level = wp.LOG_WARNING
 torch.set_num_threads(1)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _kernels() -> None:
+    """Test workers share the compilation of the large kernels instead of doing it twice."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        from tests.compiled import compile_together
+
+        compile_together()
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip tests marked `cuda` where Warp finds no CUDA device."""
     marked = [item for item in items if item.get_closest_marker("cuda")]

@@ -1,0 +1,38 @@
+"""The kernels that take longest to compile, compiled once for all test workers and by all of them side by side."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib
+from pathlib import Path
+
+import warp as wp
+
+from simwarp.kernels.world import run_worlds_kernel
+
+LONG = (
+    "simwarp.kernels.cones.batch", "simwarp.kernels.collision.world", "simwarp.kernels.sensors.image",
+    "simwarp.kernels.tires.wheels", "simwarp.kernels.sensors.radar", "simwarp.kernels.sensors.lidar",
+)  # fmt: skip
+
+
+def compile_together() -> None:
+    """Compile what Warp's cache does not hold: each unit in one worker, while the others take the next ones."""
+    wp.init()
+    units = [run_worlds_kernel(all_solvers).module for all_solvers in (True, False)]
+    units += [wp.get_module(importlib.import_module(name).__name__) for name in LONG]
+    # First what nobody is at, then what the others have made
+    for lock in (fcntl.LOCK_EX | fcntl.LOCK_NB, fcntl.LOCK_EX):
+        for unit in units:
+            _load(unit, lock)
+
+
+def _load(unit: wp.Module, lock: int) -> None:
+    """Load a unit under a lock; without waiting, leave one that another worker has."""
+    path = Path(str(wp.config.kernel_cache_dir)) / f"{unit.name[-60:]}.lock"
+    with path.open("w") as file:
+        try:
+            fcntl.flock(file, lock)
+        except BlockingIOError:
+            return
+        unit.load(wp.get_device("cpu"))
