@@ -41,6 +41,7 @@ class Domain:
             within |= ~np.eye(3, dtype=bool)
         good = within & (np.abs(values) <= FLOAT32_MAX)  # neither is true of NaN
         if not good.all():
+            values, good = np.broadcast_arrays(values, good)
             worst = values[~good].reshape(-1)[0].item()
             raise ModelError(f"{label}: values must be {self._rule()}, got {worst!r}; {self.remedy}")
 
@@ -201,7 +202,7 @@ class WritableArray(wp.array):
             return given
         if given.dtype.kind == "O":
             given = numbers(value)
-            if np.isnan(given).all():
+            if not np.isfinite(given).all():
                 raise ModelError(f"{self.label}: values must be numbers, got {shown(value)}; pass an array")
         if given.dtype.kind not in "iufb":
             raise ModelError(f"{self.label}: values must be numbers, got {shown(value)}; pass an array")

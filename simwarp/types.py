@@ -225,7 +225,7 @@ def _shown(value: Any, depth: int) -> str:
         return f"the class {value.__name__}"
     kind = type(value)
     if hasattr(value, "shape") and hasattr(value, "dtype"):
-        small = isinstance(value, np.ndarray) and value.size <= 6
+        small = isinstance(value, np.ndarray) and value.size <= 6 and value.dtype.kind in "iufb"
         return repr(value.tolist()) if small else f"an array of shape {tuple(value.shape)}"
     if kind in (tuple, list) and len(value) <= 12 and depth > 0:
         parts = [_shown(part, depth - 1) for part in value]
