@@ -48,7 +48,8 @@ def checked_files(bundle: Path) -> list[str]:
     Raises:
         InstallError: If files are missing or damaged.
     """
-    wanted = dict(reversed(line.split("  ", 1)) for line in (bundle / "SHA256SUMS").read_text().splitlines())
+    lines = (bundle / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    wanted = {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
     missing = [name for name in wanted if not (bundle / name).is_file()]
     if missing:
         raise InstallError(f"of {len(wanted)} files {len(missing)} are missing: {', '.join(missing)}; bring them too")

@@ -35,6 +35,8 @@ WHEELS = {
     "newer": "1.0",
     "unneeded": "1.0",
 }
+BELOW = getattr(sys, "_base_executable", sys.executable)
+"""The Python that this environment was made with."""
 DEFAULT = bundle.options([]).platform
 PINS = {"numpy": "2.0", "warp-lang": "1.19.0", "helper": "1.0"}
 
@@ -57,8 +59,7 @@ def market(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def at_home(monkeypatch, tmp_path, market):
+def work_at(tmp_path, monkeypatch, market):
     """The market is all that pip finds, the cache is empty, and simwarp's own wheel is quickly built."""
     for name in [name for name in os.environ if name.startswith("PIP_")]:
         monkeypatch.delenv(name)
@@ -73,12 +74,18 @@ def at_home(monkeypatch, tmp_path, market):
     return tmp_path
 
 
+@pytest.fixture
+def at_home(tmp_path, monkeypatch, market):
+    """A folder to write bundles in."""
+    return work_at(tmp_path, monkeypatch, market)
+
+
 @pytest.fixture(scope="module")
 def made(market, tmp_path_factory):
     """A bundle for this machine."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("made")
-        at_home.__wrapped__(patch, folder, market)
+        work_at(folder, patch, market)
         bundle.bundle(["--output", str(folder / "bundle")])
     return folder / "bundle"
 
@@ -323,7 +330,7 @@ def test_a_bundle_for_another_machine_is_refused(made, tmp_path, key, value, exp
 @pytest.mark.slow
 def test_a_machine_that_lacks_what_was_left_out_is_told(at_home, tmp_path):
     bundle.bundle(["--without", "torch", "--output", str(at_home / "bundle")])
-    done = install(at_home / "bundle", "--site", "site", cwd=tmp_path, python=sys._base_executable)
+    done = install(at_home / "bundle", "--site", "site", cwd=tmp_path, python=BELOW)
     if done.returncode == 0:
         pytest.skip("the Python below this environment has torch")
     assert "it does not start: ModuleNotFoundError: No module named 'torch'; the bundle was written" in done.stderr
