@@ -15,6 +15,7 @@ import shutil
 import stat
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -31,6 +32,9 @@ FLOAT32_MAX: Final = 3.4028234663852886e38
 DRAFT_PREFIX: Final = ".simwarp-"
 """Beginning of the names of files that are not complete yet."""
 
+DEEPEST: Final = 100
+"""Lists and objects within one another that a JSON text may have."""
+
 LONGEST_INTEGER: Final = 19
 """Digits of the largest whole number of 64 bits."""
 
@@ -39,7 +43,15 @@ WAIT_FOR_READER: Final = 5.0
 
 
 class FileError(ValueError):
-    """A file that cannot be read, or a path that cannot be written to: the user's to mend."""
+    """A file that cannot be read, or a path that cannot be written to: the user's to mend.
+
+    Attributes:
+        reason: why it cannot be read, without its name; empty for other errors.
+    """
+
+    def __init__(self, message: str, reason: str = "") -> None:
+        super().__init__(message)
+        self.reason = reason
 
 
 class OutputError(RuntimeError):
@@ -232,23 +244,24 @@ def check_input(path: str | Path, what: str = "file", *, largest: int | None = N
     """
     text = os.fspath(path)
     if not text or "\0" in text:
-        raise FileError(f"{what}: the path must name a file, got {text!r}")
+        raise FileError(f"{what}: the path must name a file, got {text!r}", "the path must name a file")
     path = Path(text)
     shown = text if len(text) <= 200 else f"{text[:100]}..."
     try:
         info = path.stat()
-    except FileNotFoundError:
-        raise FileError(f"{what} '{shown}' does not exist") from None
+    except FileNotFoundError as error:
+        raise FileError(f"{what} '{shown}' does not exist", str(error.strerror)) from None
     except OSError as error:
-        raise FileError(f"{what} '{shown}' cannot be read: {error.strerror}") from None
+        raise FileError(f"{what} '{shown}' cannot be read: {error.strerror}", str(error.strerror)) from None
     if stat.S_ISDIR(info.st_mode):
-        raise FileError(f"{what} '{shown}' is a folder; name a file")
+        raise FileError(f"{what} '{shown}' is a folder; name a file", "it is a folder")
     if not stat.S_ISREG(info.st_mode):
-        raise FileError(f"{what} '{shown}' is no regular file; save it to one first")
+        raise FileError(f"{what} '{shown}' is no regular file; save it to one first", "it is no regular file")
     if not os.access(path, os.R_OK):
-        raise FileError(f"{what} '{shown}' cannot be read: no permission")
+        raise FileError(f"{what} '{shown}' cannot be read: no permission", "no permission")
     if largest is not None and info.st_size > largest:
-        raise FileError(f"{what} '{shown}' has {info.st_size / 1e6:.3g} MB, at most {largest / 1e6:.3g} MB are read")
+        size = f"{info.st_size / 1e6:.3g} MB, at most {largest / 1e6:.3g} MB are read"
+        raise FileError(f"{what} '{shown}' has {size}", f"it has {size}")
     return path
 
 
@@ -262,9 +275,10 @@ def read_text(path: str | Path, what: str = "file") -> str:
     try:
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise FileError(f"{what} '{path}' cannot be read: {error.strerror}") from None
+        raise FileError(f"{what} '{path}' cannot be read: {error.strerror}", str(error.strerror)) from None
     except UnicodeDecodeError as error:
-        raise FileError(f"{what} '{path}' is not UTF-8 text at byte {error.start}") from None
+        reason = f"not UTF-8 text at byte {error.start}"
+        raise FileError(f"{what} '{path}' is {reason}", reason) from None
 
 
 def read_json(path: str | Path, what: str = "file") -> Any:
@@ -291,15 +305,27 @@ def parse_json(text: str, name: str) -> Any:
         raise FileError(f"{name}: broken JSON: objects or lists nested too deep") from None
     except ValueError as error:
         raise FileError(f"{name}: {error}") from None
+    if _deeper_than(DEEPEST, value):
+        raise FileError(f"{name}: broken JSON: objects or lists nested too deep: more than {DEEPEST} levels")
     return value
+
+
+def _deeper_than(levels: int, value: Any) -> bool:
+    """Return whether lists and objects lie deeper within one another than that: whoever reads them recurses."""
+    layer = [value] if isinstance(value, dict | list) else []
+    for _ in range(levels):
+        inner = (item for owner in layer for item in (owner.values() if isinstance(owner, dict) else owner))
+        layer = [item for item in inner if isinstance(item, dict | list)]
+        if not layer:
+            return False
+    return bool(layer)
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     members = dict(pairs)
     if len(members) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"{twice}: given twice in one object; give it once")
+        twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
+        raise ValueError(f"{_short(twice, 'characters')}: given twice in one object; give it once")
     return members
 
 
@@ -316,5 +342,5 @@ def _fraction(text: str) -> float:
     return value
 
 
-def _short(text: str) -> str:
-    return text if len(text) <= 24 else f"{text[:12]}... of {len(text)} digits"
+def _short(text: str, unit: str = "digits") -> str:
+    return text if len(text) <= 40 else f"{text[:12]}... of {len(text)} {unit}"

@@ -11,6 +11,8 @@ from typing import Annotated, Any, Final, TypeVar
 
 import tyro
 
+from simwarp.files import parse_json
+
 from .errors import InputError, near_names
 from .plain import choice, plain_value
 from .uncertainty import Curriculum, Range, Sensing, coerce, delay_range
@@ -58,7 +60,7 @@ def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
 
 def _settings_by_name(arguments: list[str]) -> dict[str, Any]:
     """Read one JSON object from the command line."""
-    value = json.loads(arguments[0])
+    value = parse_json(arguments[0], "JSON")
     if not isinstance(value, dict):
         raise ValueError('must be a JSON object: {"name": {"field": value}}')
     return value

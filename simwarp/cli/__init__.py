@@ -6,14 +6,15 @@ traceback); 130 interrupted.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import difflib
 import importlib
 import importlib.util
-import os
 import sys
 from collections.abc import Callable, Sequence
 
+from simwarp.cli.process import ended_by_signals, is_output_broken, prepare_streams, silence_output
 from simwarp.cli.quiet import start_warp
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -102,15 +103,46 @@ def input_errors() -> tuple[type[Exception], ...]:
     return tuple(kinds)
 
 
-def _is_shortfall(error: Exception) -> bool:
+def exit_code_of(error: BaseException) -> int | None:
+    """Return the exit code that goes with one line about an error; None for a mistake of ours."""
+    if isinstance(error, input_errors()) or _is_out_of_memory(error):
+        return WRONG_INPUT
+    # Whatever the operating system refuses is no mistake of ours either: a full disk, a stream that ended
+    return FELL_SHORT if isinstance(error, OSError) or _is_shortfall(error) else None
+
+
+def _is_shortfall(error: BaseException) -> bool:
     """Return whether the work began and could not be brought to its end: learning diverged, or a disk is full."""
     kinds = (("simwarp.train.trainer", "TrainingError"), ("simwarp.files", "OutputError"))
     return any(name in sys.modules and isinstance(error, getattr(sys.modules[name], kind)) for name, kind in kinds)
 
 
+def _is_out_of_memory(error: BaseException) -> bool:
+    """Return whether an allocation failed; Warp and torch tell it in words."""
+    words = ("Failed to allocate", "can't allocate memory", "out of memory")
+    return isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and any(word in str(error) for word in words)
+    )
+
+
+LONGEST_MESSAGE = 2000
+"""Characters of an error that are printed: a file may hold a key of a megabyte."""
+
+
 def one_line(text: str) -> str:
-    """Return a message without line breaks."""
-    return " ".join(text.split())
+    """Return a message without line breaks, and not longer than people read."""
+    line = " ".join(text[: 4 * LONGEST_MESSAGE].split())
+    return line if len(line) <= LONGEST_MESSAGE else f"{line[:LONGEST_MESSAGE]} ..."
+
+
+def explanation(error: BaseException) -> str:
+    """Return one line about an error that has an exit code."""
+    if _is_out_of_memory(error):
+        return f"not enough memory: {one_line(str(error)) or 'an allocation failed'}; use fewer worlds or less data"
+    if isinstance(error, OSError) and error.strerror and not isinstance(error, input_errors()):
+        place = "standard output" if error.filename is None and is_output_broken() else error.filename
+        return f"cannot write or read{f' {place}' if place else ''}: {error.strerror}"
+    return one_line(str(error))
 
 
 def _find(name: str) -> Command:
@@ -118,42 +150,90 @@ def _find(name: str) -> Command:
         return COMMANDS[name]
     close = difflib.get_close_matches(name, COMMANDS, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else f"commands: {', '.join(COMMANDS)}"
-    raise UsageError(f"unknown command '{name}'; {hint}")
+    raise UsageError(f"unknown command '{shortened(name)}'; {hint}")
+
+
+def shortened(text: str) -> str:
+    """Return a received text as an error shows it."""
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:40]}... ({len(text)} characters)"
+
+
+LONGEST_SHOWN = 100
+
+
+def check_words(arguments: Sequence[str]) -> None:
+    """Refuse arguments that are no text: empty ones, and those that no file name or number could be.
+
+    Raises:
+        UsageError: names the argument.
+    """
+    for index, word in enumerate(arguments):
+        option = arguments[index - 1] if index and arguments[index - 1].startswith("--") else f"argument {index + 1}"
+        if word.startswith("--") and word.endswith("=") and word.count("=") == 1:
+            option, word = word[:-1], ""
+        if not word:
+            raise UsageError(f"{shortened(option)} must not be empty; give a value, or leave it away")
+        if "\0" in word:
+            raise UsageError(f"{shortened(option)} must not hold a NUL byte, got {shortened(word)!r}")
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            raise UsageError(f"{shortened(option)} must be UTF-8 text, got {shortened(word)!r}") from None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    debug = "--debug" in arguments
-    try:
-        if not arguments or arguments[0] in ("-h", "--help"):
-            print(overview())
-            return DONE if arguments else WRONG_INPUT
-        if arguments[0] == "--version":
-            from importlib.metadata import version
+    """Run one command and return its exit code.
 
-            print(f"simwarp {version('simwarp')}")
-            return DONE
-        run = _find(arguments[0]).load()
-        if not {"-h", "--help"} & set(arguments):
-            start_warp()
-        return run(arguments[1:])
+    Args:
+        argv: its words; those of this process by default.
+    """
+    if argv is None:
+        prepare_streams()
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        with ended_by_signals():
+            code = _run(arguments)
+            if sys.stdout is not None:
+                sys.stdout.flush()
+            return code
     except SystemExit as stop:
         # Argument parsers leave this way; their message is out already
         if isinstance(stop.code, str):
-            print(f"simwarp: {one_line(stop.code)}", file=sys.stderr)
-            return WRONG_INPUT
+            return _tell(stop.code, WRONG_INPUT)
         return stop.code or DONE
     except KeyboardInterrupt:
-        print("simwarp: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return _tell("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # The reader of a pipe went away, as `simwarp list | head` does; Python would complain while it exits
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of a pipe went away, as `simwarp list | head` does
+        silence_output()
         return DONE
     except Exception as error:
-        wrong_input = isinstance(error, input_errors())
-        if debug or not (wrong_input or _is_shortfall(error)):
+        code_of = exit_code_of(error)
+        if code_of is None or "--debug" in arguments:
             raise
-        print(f"simwarp: {one_line(str(error))}", file=sys.stderr)
-        return WRONG_INPUT if wrong_input else FELL_SHORT
+        return _tell(explanation(error), code_of)
+
+
+def _tell(text: str, code: int) -> int:
+    """Print the one line of a command that did not do what was asked, and return its exit code."""
+    with contextlib.suppress(OSError):
+        print(f"simwarp: {one_line(text)}", file=sys.stderr, flush=True)
+    silence_output()
+    return code
+
+
+def _run(arguments: list[str]) -> int:
+    """Run the command that the arguments name."""
+    if not arguments or arguments[0] in ("-h", "--help"):
+        print(overview())
+        return DONE if arguments else WRONG_INPUT
+    check_words(arguments)
+    if arguments[0] == "--version":
+        from importlib.metadata import version
+
+        print(f"simwarp {version('simwarp')}")
+        return DONE
+    run = _find(arguments[0]).load()
+    if not {"-h", "--help"} & set(arguments):
+        start_warp()
+    return run(arguments[1:])

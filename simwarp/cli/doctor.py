@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import shutil
@@ -77,7 +78,7 @@ def _nvidia_smi() -> list[str]:
         return []
     command = ["nvidia-smi", "--query-gpu=name,driver_version", "--format=csv,noheader"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=20)
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=20)
     except (OSError, subprocess.TimeoutExpired):
         return []
     return [line.strip() for line in done.stdout.splitlines() if line.strip()] if done.returncode == 0 else []
@@ -124,12 +125,21 @@ def examine_cache() -> tuple[dict[str, Any], list[Problem]]:
             Problem(f"kernel cache {path} cannot be written", "set WARP_CACHE_PATH to a folder of your own")
         )
     else:
-        size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+        size = _folder_bytes(path)
         free = shutil.disk_usage(path).free
         facts |= {"size_gib": round(size / _GIB, 3), "free_gib": round(free / _GIB, 1)}
         if free < _MIN_FREE_BYTES:
             problems.append(Problem(f"less than 1 GiB free at {path}", "free some space, or set WARP_CACHE_PATH"))
     return facts, problems
+
+
+def _folder_bytes(folder: Path) -> int:
+    """Return the bytes of all files in a folder; other processes may be at work in it."""
+    total = 0
+    for file in folder.rglob("*"):
+        with contextlib.suppress(OSError):
+            total += file.lstat().st_size
+    return total
 
 
 def examine_versions(packages: dict[str, str | None]) -> list[Problem]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import time
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import tyro
+import warp as wp
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -17,6 +17,9 @@ from rich.table import Table
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.files import FileError, parse_json, read_text
+from simwarp.importers.chrono_json import without_comments
+from simwarp.memory import check_fits
 from simwarp.model import resolve_device
 from simwarp.vehicle.channels import Run
 from simwarp.vehicle.drive_plot import draw_run
@@ -24,12 +27,16 @@ from simwarp.vehicle.maneuvers import MANEUVERS, Maneuver, maneuver
 from simwarp.vehicle.options import with_options
 from simwarp.vehicle.reading import load_vehicle, vehicle_names
 from simwarp.vehicle.results import Result, results
-from simwarp.vehicle.runs import REFERENCE_DT, REFERENCE_FRICTION, Drive, set_up
+from simwarp.vehicle.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, row_steps, set_up
 from simwarp.vehicle.spec import VehicleSpec
 
 PICTURES = (".png", ".pdf", ".svg")
 TOLD_EVERY = 10.0
 """Between lines of progress where there is no terminal [s]."""
+MOST_STEPS: Final = 10**9
+"""Of one run: days of driving."""
+ROW_BYTES: Final = 1000
+"""That a row of the record takes, with what is made of it in the end."""
 
 MANEUVER_HELP: Final = (
     f"What to do: {', '.join(MANEUVERS)} (docs/vehicles.md tells what each does); or a .csv file with a column t_s (or"
@@ -110,9 +117,12 @@ def run(arguments: list[str]) -> int:
     """Drive as the arguments say; 1 where the vehicle broke down, 130 after an interruption."""
     name, rest = _take_vehicle(arguments)
     options = parse_options(DriveOptions, rest, f"simwarp drive {name or 'VEHICLE'}")
-    _check(options)
+    _check(name, options)
     spec = _vehicle(name, options)
+    if options.duration is not None:
+        _check_effort(options, options.duration)  # a table of a manoeuvre is as long as it lasts
     what = maneuver(options.maneuver, spec, **options.chosen)
+    _check_effort(options, what.start + what.duration)
     console = options.console()
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
@@ -140,23 +150,34 @@ def _take_vehicle(arguments: list[str]) -> tuple[str, list[str]]:
     raise UsageError(f"which vehicle? {usage}; vehicles: {', '.join(known)}; maneuvers: {', '.join(MANEUVERS)}")
 
 
-def _check(options: DriveOptions) -> None:
+def _check(name: str, options: DriveOptions) -> None:
     """Refuse what cannot work, before any work is done."""
-    options.check()
+    words = [name, options.maneuver, options.tire, options.driveline, *(options.powertrain or "").split(",")]
+    files = [word for word in words if word is not None and word.endswith((".json", ".csv"))]
+    options.check(*files, csv=options.csv, plot=options.plot)
     resolve_device(None if options.device == "auto" else options.device)
-    for name in ("dt", "friction"):
-        value = getattr(options, name)
+    for key in ("dt", "friction"):
+        value = getattr(options, key)
         if not (math.isfinite(value) and value > 0.0):
-            raise UsageError(f"{name} must be a positive number, got {value}")
+            raise UsageError(f"{key} must be a positive number, got {value}")
     if options.dt > 0.05:
         raise UsageError(f"dt must be at most 0.05 s for a vehicle, got {options.dt:g}")
     if options.worlds < 1:
         raise UsageError(f"worlds must be at least 1, got {options.worlds}")
-    for file in (options.csv, options.plot):
-        if file is not None and (file.is_dir() or not file.parent.is_dir()):
-            raise UsageError(f"cannot write '{file}': it must be a file in a folder that exists")
     if options.plot is not None and options.plot.suffix not in PICTURES:
         raise UsageError(f"cannot write '{options.plot}': the name must end in {', '.join(PICTURES)}")
+
+
+def _check_effort(options: DriveOptions, time: float) -> None:
+    """Refuse runs that would take weeks, or whose record no memory holds."""
+    steps = time / options.dt
+    if steps > MOST_STEPS:
+        raise UsageError(
+            f"{time:.4g} s in steps of {options.dt:g} s are {steps:.3g} steps, at most {MOST_STEPS:.0e} are made; "
+            "raise --dt or shorten --duration"
+        )
+    rows = steps if row_steps(options.dt) == 0 else time / SAMPLE_TIME
+    check_fits("the rows of the record", round(ROW_BYTES * rows), wp.get_device("cpu"), "shorten --duration")
 
 
 def _vehicle(name: str, options: DriveOptions) -> VehicleSpec:
@@ -178,8 +199,8 @@ def _is_chrono(path: Path) -> bool:
     if path.suffix != ".json":
         return False
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = parse_json(without_comments(read_text(path)), path.name)
+    except FileError:
         return False
     return isinstance(content, dict) and content.get("Type") == "Vehicle"
 
@@ -196,6 +217,8 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
         try:
             drive.run(bar.advance)
         except KeyboardInterrupt:
+            if not drive.recorder.rows:
+                raise
             outcome.interrupted = True
     outcome.wall = time.perf_counter() - begin
     outcome.run = drive.result()
@@ -270,16 +293,13 @@ def _title(spec: VehicleSpec, options: DriveOptions, what: Maneuver) -> str:
 def _write(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> None:
     """The files that were asked for."""
     what = outcome.maneuver
-    try:
-        if options.csv is not None:
-            outcome.run.write(options.csv)
-            console.print(f"wrote {options.csv}", highlight=False, markup=False, soft_wrap=True)
-        if options.plot is not None:
-            path = None if what.follow is None else what.follow.paths[0]
-            draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
-            console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
-    except OSError as error:
-        raise UsageError(f"cannot write '{error.filename}': {error.strerror}") from error
+    if options.csv is not None:
+        outcome.run.write(options.csv)
+        console.print(f"wrote {options.csv}", highlight=False, markup=False, soft_wrap=True)
+    if options.plot is not None:
+        path = None if what.follow is None else what.follow.paths[0]
+        draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
+        console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:

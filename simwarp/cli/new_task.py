@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import errno
 import keyword
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
-from simwarp.cli import DONE, UsageError
+from simwarp.cli import DONE, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options, take_path
+from simwarp.files import output_error
+
+LONGEST: Final = 64
+"""Characters of a name: it stands in names of files and of classes."""
+
+FOLDERS: Final = ("tests",)
+"""That the package has beside its module."""
 
 _PYPROJECT = """[build-system]
 requires = ["setuptools>=77"]
@@ -221,7 +232,10 @@ def check_name(name: str) -> None:
         UsageError: it is none, or another thing has it already.
     """
     if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name):
-        raise UsageError(f"a task's name is lower-case letters, digits and single hyphens, as my-task; got '{name}'")
+        rule = "a task's name is lower-case letters, digits and single hyphens, as my-task"
+        raise UsageError(f"{rule}; got '{shortened(name)}'")
+    if len(name) > LONGEST:
+        raise UsageError(f"a task's name has at most {LONGEST} characters, got '{shortened(name)}'")
     module = name.replace("-", "_")
     from importlib.util import find_spec
 
@@ -229,28 +243,61 @@ def check_name(name: str) -> None:
 
     if name in task_names():
         raise UsageError(f"there is a task '{name}' already; choose another name")
-    if keyword.iskeyword(module) or find_spec(module) is not None:
+    if keyword.iskeyword(module) or module in FOLDERS or find_spec(module) is not None:
         raise UsageError(f"there is a Python module '{module}' already; choose another name")
+
+
+def write_package(target: Path, texts: Mapping[str, str]) -> None:
+    """Write all files below a folder, or none of them.
+
+    Raises:
+        UsageError: no folder can be there.
+        OutputError: the disk did not take it.
+    """
+    made: list[Path] = []
+    try:
+        for relative, text in texts.items():
+            file = target / relative
+            for folder in reversed([folder for folder in file.parents if not folder.exists()]):
+                folder.mkdir()
+                made.append(folder)
+            made.append(file)
+            file.write_text(text, encoding="utf-8")
+    except BaseException as error:
+        for path in reversed(made):
+            with contextlib.suppress(OSError):
+                path.rmdir() if path.is_dir() else path.unlink()
+        if not isinstance(error, OSError):
+            raise
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
+            raise output_error(target, error, needed=sum(map(len, texts.values()))) from error
+        raise UsageError(f"cannot write '{target}': {error.strerror}") from error
+
+
+def _is_empty(target: Path) -> bool:
+    """Return whether nothing is there, or an empty folder.
+
+    Raises:
+        UsageError: it cannot be looked at.
+    """
+    try:
+        return not (target.exists() or target.is_symlink()) or (target.is_dir() and not any(target.iterdir()))
+    except OSError as error:
+        raise UsageError(f"cannot write '{target}': {error.strerror}") from None
 
 
 def run(arguments: list[str]) -> int:
     """Write the package."""
     path, arguments = take_path(arguments, "new-task", "NAME")
     options = parse_options(NewTaskOptions, arguments, "simwarp new-task NAME")
-    options.check()
     name = str(path)
     check_name(name)
     target = options.output or Path(name)
-    try:
-        if target.exists() and (not target.is_dir() or any(target.iterdir())):
-            raise UsageError(f"cannot write '{target}': it exists and is not an empty folder")
-        written = files(name)
-        for relative, text in written.items():
-            file = target / relative
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"cannot write '{target}': {error.strerror}") from error
+    options.check()
+    if not _is_empty(target):
+        raise UsageError(f"cannot write '{target}': it exists and is not an empty folder")
+    written = files(name)
+    write_package(target, written)
     console = options.console()
     for relative in written:
         console.print(f"wrote {target / relative}", highlight=False, soft_wrap=True)

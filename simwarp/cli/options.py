@@ -6,9 +6,10 @@ import contextlib
 import dataclasses
 import difflib
 import io
+import itertools
 import json
 import math
-import re
+import os
 import sys
 import typing
 from collections.abc import Iterable, Mapping
@@ -18,7 +19,9 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from rich.console import Console
 
-from simwarp.cli import UsageError, one_line
+from simwarp.cli import UsageError, one_line, shortened
+from simwarp.cli.values import check_option, may_repeat
+from simwarp.files import check_output, is_special, write_file
 
 OptionsT = TypeVar("OptionsT")
 
@@ -40,26 +43,43 @@ class CommonOptions:
         """Return where text for people goes."""
         return Console(stderr=self.json == "-")
 
-    def check(self) -> None:
-        """Refuse a JSON file that cannot be written, before any work is done."""
-        if self.json not in (None, "-"):
-            folder = Path(str(self.json)).parent
-            if not folder.is_dir():
-                raise UsageError(f"cannot write '{self.json}': folder {folder} does not exist")
+    def check(self, *inputs: str | Path | None, **outputs: str | Path | None) -> None:
+        """Refuse files that cannot be written, before any work is done.
+
+        Args:
+            inputs: files that are read: none of them may be written over.
+            outputs: option -> file to be written, beside that of ``--json``; each needs a file of its own.
+
+        Raises:
+            FileError: one cannot be written.
+            UsageError: two are the same, or one is read.
+        """
+        if self.json == "-" and sys.stdout is None:
+            raise UsageError("--json - writes to standard output, which is closed; name a file")
+        taken = {os.path.realpath(path): "an input" for path in inputs if path is not None}
+        files = {"json": None if self.json == "-" else self.json} | outputs
+        for name, path in files.items():
+            option = f"--{name.replace('_', '-')}"
+            if path is None or is_special(check_output(path, option)):
+                continue
+            other = taken.setdefault(os.path.realpath(path), option)
+            if other != option:
+                raise UsageError(f"{option} would overwrite '{path}', which is {other} too; give it another name")
 
     def emit(self, content: Mapping[str, Any]) -> None:
-        """Write the results where ``--json`` asks for them."""
+        """Write the results where ``--json`` asks for them.
+
+        Raises:
+            OutputError: the disk did not take them.
+        """
         if self.json is None:
             return
         text = json.dumps(_finite(content), indent=2) + "\n"
-        if self.json == "-":
+        if self.json != "-":
+            write_file(self.json, text)
+        elif sys.stdout is not None:
             sys.stdout.write(text)
             sys.stdout.flush()
-            return
-        try:
-            Path(self.json).write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise UsageError(f"cannot write '{self.json}': {error.strerror}") from error
 
 
 def _finite(value: Any) -> Any:
@@ -193,9 +213,13 @@ def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> O
     """Parse arguments into a dataclass.
 
     Raises:
-        UsageError: an option is unknown, or its value is wrong.
+        UsageError: an option is unknown or given twice, or its value is wrong.
         SystemExit: help was asked for and printed.
     """
+    if HELP & set(arguments):
+        arguments = ["--help"]
+    else:
+        _check_words(dict(_options(kind)), arguments)
     errors = io.StringIO()
     try:
         with contextlib.redirect_stderr(errors):
@@ -206,6 +230,42 @@ def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> O
         if not stop.code:
             raise
         raise UsageError(_explain(_message(errors.getvalue()), kind)) from None
+
+
+def _check_words(known: Mapping[str, Any], arguments: list[str]) -> None:
+    """Refuse options that are unknown or given twice, and words that no value of their type can be.
+
+    Of flags, the last one counts: ``--full ... --no-full`` turns off what a script turned on.
+
+    Raises:
+        UsageError: names the option, the rule and the word.
+    """
+    seen: set[str] = set()
+    starts = [index for index, word in enumerate(arguments) if word.startswith("--")]
+    for start, end in itertools.pairwise([*starts, len(arguments)]):
+        name, equals, value = arguments[start].partition("=")
+        option = name.replace("_", "-")
+        if option not in known and _positive(option) in known:
+            continue
+        if option not in known:
+            raise UsageError(unknown_option(name, known))
+        if option in seen and not may_repeat(known[option]):
+            raise UsageError(f"{option} is given twice; give it once")
+        seen.add(option)
+        check_option(option, known[option], [value] if equals else arguments[start + 1 : end])
+
+
+def _positive(option: str) -> str:
+    """Return the flag that ``--task.no-full`` turns off."""
+    owner, dot, field = option.removeprefix("--").rpartition(".")
+    return f"--{owner}{dot}{field.removeprefix('no-')}"
+
+
+def unknown_option(name: str, known: Iterable[str]) -> str:
+    """Return what to say about an option that there is not."""
+    close = difflib.get_close_matches(name, known, n=3)
+    hint = f"did you mean {' or '.join(close)}?" if close else "see --help"
+    return f"unknown option {shortened(name)}; {hint}"
 
 
 def _message(box: str) -> str:
@@ -227,32 +287,14 @@ def _explain(message: str, kind: type[Any]) -> str:
     if head == "Error parsing task":
         return f"--task.{rest.strip()}"
     if head.startswith("Error parsing --"):
-        return _explain_value(head.removeprefix("Error parsing "), rest, kind) or message
+        return f"{head.removeprefix('Error parsing ')}: {rest.strip()}"
     if not head.lower().startswith("unrecognized"):
         return message
     words = [word.strip(",") for word in rest.split()]
     unknown = [word.partition("=")[0] for word in words if word.startswith("-")]
-    if not unknown:
-        return f"unexpected argument '{words[0] if words else rest}'; see --help"
-    close = difflib.get_close_matches(unknown[0], option_names(kind), n=3)
-    hint = f"did you mean {' or '.join(close)}?" if close else "see --help"
-    return f"unknown option {unknown[0]}; {hint}"
-
-
-def _explain_value(option: str, reason: str, kind: type[Any]) -> str:
-    """Return which number an option wants and what it got; nothing for other options."""
-    hint = dict(_options(kind)).get(option)
-    inner = typing.get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
-    wanted = [word for number, word in NUMBERS.items() if number is inner or number in typing.get_args(inner)]
-    got = re.search(r"from \['(.*?)'\]|(?:float|base 10): '(.*)'", reason)
-    if len(wanted) != 1 or got is None:
-        return ""
-    metavars = [getattr(item, "metavar", None) for item in getattr(hint, "__metadata__", ())]
-    unit = "".join(f" [{metavar}]" for metavar in metavars if metavar)
-    return f"{option} must be {wanted[0]}{unit}, got '{got[1] or got[2] or ''}'"
-
-
-NUMBERS = {float: "a number", int: "a whole number"}
+    if unknown:
+        return unknown_option(unknown[0], option_names(kind))
+    return f"unexpected argument '{shortened(words[0] if words else rest)}'; see --help"
 
 
 def option_names(kind: type[Any]) -> list[str]:

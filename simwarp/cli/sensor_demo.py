@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.files import replacing
 from simwarp.model import resolve_device
 from simwarp.viewer.demo import LEAST_PANEL, MOST_PANEL, sensor_demo
 
@@ -43,19 +44,18 @@ def run(arguments: list[str]) -> int:
     with _Teller(console) as teller:
         demo = sensor_demo(seed=options.seed, device=device, panel=options.panel, tell=teller.tell)
     wall = time.perf_counter() - begin
-    try:
-        demo.sheet.save(options.out)
-        if options.data is not None:
-            content: Any = {name.replace(" ", "_"): array for name, array in demo.data.items()}
-            np.savez_compressed(options.data, **content)
-    except OSError as error:
-        raise UsageError(f"cannot write '{error.filename}': {error.strerror}") from error
+    with replacing(options.out) as draft:
+        demo.sheet.save(draft)
+    if options.data is not None:
+        content: Any = {name.replace(" ", "_"): array for name, array in demo.data.items()}
+        with replacing(options.data) as draft, draft.open("wb") as file:
+            np.savez_compressed(file, **content)
     for name, value in demo.summary.items():
         shown = f"{value:.4g}" if isinstance(value, float) else f"{value:,}"
         console.print(f"{name.replace('_', ' '):<24} {shown}", highlight=False)
-    for file in (options.out, options.data):
-        if file is not None:
-            console.print(f"wrote {file}", highlight=False, markup=False, soft_wrap=True)
+    for path in (options.out, options.data):
+        if path is not None:
+            console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
     files = {"picture": str(options.out), "data": None if options.data is None else str(options.data)}
     options.emit({**files, "device": device, "seed": options.seed, **demo.summary, "wall_s": wall})
     return DONE
@@ -63,14 +63,10 @@ def run(arguments: list[str]) -> int:
 
 def _check(options: SensorDemoOptions) -> None:
     """Refuse what cannot work, before any work is done."""
-    options.check()
-    for file, suffix in ((options.out, ".png"), (options.data, ".npz")):
-        if file is None:
-            continue
-        if file.suffix.lower() != suffix:
-            raise UsageError(f"cannot write '{file}': the name must end in {suffix}")
-        if file.is_dir() or not file.parent.is_dir():
-            raise UsageError(f"cannot write '{file}': it must be a file in a folder that exists")
+    options.check(out=options.out, data=options.data)
+    for path, suffix in ((options.out, ".png"), (options.data, ".npz")):
+        if path is not None and path.suffix.lower() != suffix:
+            raise UsageError(f"cannot write '{path}': the name must end in {suffix}")
     if options.panel < LEAST_PANEL:
         raise UsageError(f"panel must be at least {LEAST_PANEL} pixels, got {options.panel}")
     if options.panel > MOST_PANEL:

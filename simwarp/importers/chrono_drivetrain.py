@@ -30,6 +30,7 @@ from simwarp.vehicle.spec import (
     Transmission,
     Vec3,
 )
+from simwarp.vehicle.spec_parts import told
 
 RPM = math.pi / 30.0
 
@@ -44,7 +45,7 @@ def unit(node: Node, key: str) -> Vec3:
     direction = np.array(node.vector(key, ""))
     length = float(np.linalg.norm(direction))
     if length == 0.0:
-        raise node.place.at(key).error(f"must be a direction, got {node.value[key]!r}")
+        raise node.place.at(key).error(f"must be a direction, got {told(node.value[key])}")
     x, y, z = (float(v) for v in direction / length)
     return x, y, z
 

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from simwarp.vehicle.reading import Place, nearest, parse_json, read_text
 from simwarp.vehicle.spec import ZERO, Points, RigidPart, Spec, SpecError, Vec3
+from simwarp.vehicle.spec_parts import told
 
 S = TypeVar("S", bound=Spec)
 
@@ -21,7 +22,8 @@ VISUAL = frozenset(
     }
 )  # fmt: skip
 
-STRING_OR_COMMENT = re.compile(r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
+STRING_OR_COMMENT = re.compile(r'"(?:\\.|[^"\\])*(?:"|\Z)|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
+"""What does not end goes on to the end of the text: looking for its end from every place would take for ever."""
 
 
 def without_comments(text: str) -> str:
@@ -39,7 +41,7 @@ class Node:
 
     def __init__(self, value: Any, place: Place) -> None:
         if not isinstance(value, dict):
-            raise place.error(f"must be an object, got {value!r}")
+            raise place.error(f"must be an object, got {told(value)}")
         self.value: dict[str, Any] = value
         self.place = place
         self.known: set[str] = set()
@@ -74,7 +76,7 @@ class Node:
         """The objects of a list."""
         items = self.get(key, "a list of objects")
         if not isinstance(items, list):
-            raise self.place.at(key).error(f"must be a list of objects, got {items!r}")
+            raise self.place.at(key).error(f"must be a list of objects, got {told(items)}")
         for index, item in enumerate(items):
             node = Node(item, self.place.at(key).at(index))
             self.children.append(node)
@@ -84,14 +86,14 @@ class Node:
         """A text."""
         value = self.get(key, "a text")
         if not isinstance(value, str):
-            raise self.place.at(key).error(f"must be a text, got {value!r}")
+            raise self.place.at(key).error(f"must be a text, got {told(value)}")
         return value
 
     def flag(self, key: str, default: bool = False) -> bool:
         """True or false."""
         value = self.value[key] if key in self else default
         if not isinstance(value, bool):
-            raise self.place.at(key).error(f"must be true or false, got {value!r}")
+            raise self.place.at(key).error(f"must be true or false, got {told(value)}")
         return value
 
     def number(self, key: str, unit: str = "", default: float | None = None) -> float:
@@ -106,7 +108,7 @@ class Node:
         """A whole number."""
         value = self.get(key, "a whole number")
         if isinstance(value, bool) or not isinstance(value, int):
-            raise self.place.at(key).error(f"must be a whole number, got {value!r}")
+            raise self.place.at(key).error(f"must be a whole number, got {told(value)}")
         return value
 
     def angle(self, key: str) -> float:
@@ -118,7 +120,7 @@ class Node:
         wanted = f"a list of {count or 'the'} numbers" + (f" [{unit}]" if unit else "")
         value = self.get(key, wanted)
         if not isinstance(value, list) or (count is not None and len(value) != count):
-            raise self.place.at(key).error(f"must be {wanted}, got {value!r}")
+            raise self.place.at(key).error(f"must be {wanted}, got {told(value)}")
         return tuple(finite(v, "a number", self.place.at(key).at(index)) for index, v in enumerate(value))
 
     def vector(self, key: str, unit: str = "m") -> Vec3:
@@ -139,7 +141,7 @@ class Node:
         value = self.get(key, "a list of [x, y] pairs")
         place = self.place.at(key)
         if not isinstance(value, list) or not all(isinstance(v, list) and len(v) == 2 for v in value):
-            raise place.error(f"must be a list of [x, y] pairs, got {value!r}")
+            raise place.error(f"must be a list of [x, y] pairs, got {told(value)}")
         return tuple(
             (scale * finite(x, "a number", place.at(index)), finite(y, "a number", place.at(index)))
             for index, (x, y) in enumerate(value)
@@ -177,5 +179,5 @@ class Node:
 def finite(value: Any, wanted: str, place: Place) -> float:
     """A number that is one."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise place.error(f"must be {wanted}, got {value!r}")
+        raise place.error(f"must be {wanted}, got {told(value)}")
     return float(value)

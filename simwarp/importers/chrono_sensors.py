@@ -31,6 +31,7 @@ from simwarp.sensors.radar import Clusters, RadarConfig
 from simwarp.sensors.reading import nearest
 from simwarp.types import ModelError, shown
 from simwarp.vehicle.spec import SpecError
+from simwarp.vehicle.spec_parts import told
 
 GAUSS: Final = 1.0e-4
 """Chrono's magnetometers tell their field in gauss [T]."""
@@ -248,7 +249,7 @@ def _noise(node: Node, unit: float = 1.0) -> tuple[Noise, ...]:
     bias = unit * model.number("Drift Bias" if "Drift Bias" in model else "Bias Drift")
     tau = model.number("Tau Drift", "s")
     if not tau > 0.0:
-        raise model.place.at("Tau Drift").error(f"must be > 0 s, got {tau!r}")
+        raise model.place.at("Tau Drift").error(f"must be > 0 s, got {told(tau)}")
     return (normal, _made(model, BiasWalk, rate=bias / math.sqrt(tau))) if bias else (normal,)
 
 
@@ -256,7 +257,7 @@ def _expect(node: Node, key: str, known: tuple[str, ...]) -> str:
     """One of some texts."""
     text = node.text(key)
     if text not in known:
-        raise node.place.at(key).error(f"must be one of {', '.join(known)}, got {text!r}{nearest(text, known)}")
+        raise node.place.at(key).error(f"must be one of {', '.join(known)}, got {told(text)}{nearest(text, known)}")
     return text
 
 

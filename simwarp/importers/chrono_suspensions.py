@@ -31,6 +31,7 @@ from simwarp.vehicle.spec import (
     TrailingArm,
     Vec3,
 )
+from simwarp.vehicle.spec_parts import told
 
 DEGRESSIVE_SPEEDS = np.linspace(-2.0, 2.0, 81)
 """Where the law of a degressive damper is sampled [m/s]."""
@@ -92,7 +93,7 @@ def damper_map(node: Node) -> DamperMap:
     lengths = node.numbers("Deformation", unit="m")
     rows = node.get("Map Data", "a list of rows [rate, forces]")
     if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == len(lengths) + 1 for row in rows):
-        raise node.place.at("Map Data").error(f"must be rows of a rate and {len(lengths)} forces, got {rows!r}")
+        raise node.place.at("Map Data").error(f"must be rows of a rate and {len(lengths)} forces, got {told(rows)}")
     table = np.array(rows, dtype=np.float64).tolist()
     return lengths, tuple(row[0] for row in table), tuple(tuple(row[1:]) for row in table)
 

@@ -9,6 +9,7 @@ from typing import Any
 from simwarp.importers.chrono_json import Node
 from simwarp.vehicle.reading import read_text
 from simwarp.vehicle.spec import Tire
+from simwarp.vehicle.spec_parts import told
 from simwarp.vehicle.tire_files import parse_tir
 
 SLOPES = (
@@ -41,7 +42,7 @@ def rated(node: Node) -> dict[str, Any]:
         return found
     kind = node.text("Vehicle Type").lower()
     if kind not in ("truck", "passenger"):
-        raise node.place.at("Vehicle Type").error(f"must be 'Truck' or 'Passenger', got {node.value['Vehicle Type']!r}")
+        raise node.place.at("Vehicle Type").error(f"must be 'Truck' or 'Passenger', got {told(kind)}")
     found["pattern"] = "truck" if kind == "truck" else "car"
     node.skip("Maximum Bearing Capacity [N]")
     if "Load Index" in node:
@@ -178,7 +179,8 @@ def pacejka2002(node: Node, root: Path) -> Tire:
     for key in ("UNLOADED_RADIUS", "WIDTH"):
         value = tir.get(key)
         if not isinstance(value, float):
-            raise node.place.at("TIR Specification File").error(f"{path.name}: {key}: must be a number, got {value!r}")
+            rule = f"{path.name}: {key}: must be a number, got {told(value)}"
+            raise node.place.at("TIR Specification File").error(rule)
         sizes[key] = value
     return node.make(
         Tire,

@@ -39,6 +39,7 @@ from simwarp.vehicle.spec import (
     VehicleSpec,
     Wheel,
 )
+from simwarp.vehicle.spec_parts import told
 
 T = TypeVar("T")
 
@@ -132,11 +133,11 @@ def expect(node: Node, kind: str, templates: Mapping[str, Any] | Sequence[str]) 
     """The template of an object, which must be of a kind and one of those known."""
     found = node.text("Type")
     if found != kind:
-        raise node.place.at("Type").error(f"must be {kind!r}, got {found!r}")
+        raise node.place.at("Type").error(f"must be {kind!r}, got {told(found)}")
     template = node.text("Template")
     if template not in templates:
         near = nearest(template, templates)
-        raise node.place.at("Template").error(f"must be one of {', '.join(templates)}, got {template!r}{near}")
+        raise node.place.at("Template").error(f"must be one of {', '.join(templates)}, got {told(template)}{near}")
     return template
 
 
@@ -200,7 +201,7 @@ def read_driveline(node: Node, files: Files) -> Any:
     indices = drive.get("Suspension Indexes", "a list of the driven axles")
     count = len(node.value["Axles"])
     if not isinstance(indices, list) or not all(isinstance(i, int) and 0 <= i < count for i in indices):
-        raise drive.place.at("Suspension Indexes").error(f"must be a list of axles below {count}, got {indices!r}")
+        raise drive.place.at("Suspension Indexes").error(f"must be a list of axles below {count}, got {told(indices)}")
     axles = tuple(indices)
     return files.part("Driveline", DRIVELINES, drive.text("Input File"), axles)
 

@@ -21,6 +21,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from simwarp.files import FileError, read_text
 from simwarp.model import Model
 from simwarp.sensors.camera import Camera, CameraConfig
 from simwarp.sensors.catalogue import DATA, sensor_names
@@ -96,7 +97,7 @@ def load_config(path_or_name: str | Path, **changes: Any) -> Any:
     if sort is None:
         raise place.at("sensor").error(f"missing; give one of {', '.join(KINDS)}")
     if not isinstance(sort, str) or sort not in KINDS:
-        raise place.at("sensor").error(f"must be one of {', '.join(KINDS)}, got {sort!r}{nearest(str(sort), KINDS)}")
+        raise place.at("sensor").error(f"must be one of {', '.join(KINDS)}, got {shown(sort)}{nearest(sort, KINDS)}")
     for key in FOR_PEOPLE:
         if not isinstance(members.pop(key, ""), str):
             raise place.at(key).error("must be a text")
@@ -159,8 +160,8 @@ def load_sensor(
 def _is_of_chrono(path: Path) -> bool:
     """Whether a file has the keys of Chrono's."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
+        text = read_text(path)
+    except FileError:
         return False  # told by who reads it
     return all(f'"{key}"' in text for key in ("Type", "Template")) and '"sensor"' not in text
 
@@ -177,7 +178,7 @@ def _path_of(path_or_name: str | Path) -> Path:
     names = {_plain(name): name for name in sensor_names()}
     if _plain(text) not in names:
         known = sorted(names.values())
-        raise ModelError(f"sensor {text!r}: not shipped{nearest(text, known)}; known: {', '.join(known)}")
+        raise ModelError(f"sensor {shown(text)}: not shipped{nearest(text, known)}; known: {', '.join(known)}")
     return DATA / f"{names[_plain(text)]}.json"
 
 

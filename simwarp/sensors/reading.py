@@ -6,7 +6,6 @@ import collections.abc
 import dataclasses
 import difflib
 import functools
-import json
 import math
 import types
 import typing
@@ -14,10 +13,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
+from simwarp.files import FileError, parse_json, read_text
 from simwarp.sensors.beams import BeamTable, beam_grid
 from simwarp.sensors.lenses import FishEye, Lens, Pinhole, Radial
 from simwarp.sensors.noise import BiasWalk, BoundedDrift, Noise, NormalNoise, Quantisation, Saturation
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 
 FAMILIES: Final[dict[Any, dict[str, type]]] = {
     Lens: {"pinhole": Pinhole, "fish-eye": FishEye, "radial": Radial},
@@ -48,9 +48,9 @@ class Place(NamedTuple):
         return ModelError(f"{self.file}: {self.keys}: {what}" if self.keys else f"{self.file}: {what}")
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """` (did you mean 'x'?)`, or nothing where no known word is near."""
-    near = difflib.get_close_matches(word, list(known), n=1)
+def nearest(word: object, known: Iterable[str]) -> str:
+    """` (did you mean 'x'?)`, or nothing where no known word is near, or it is none."""
+    near = difflib.get_close_matches(word, list(known), n=1) if isinstance(word, str) else []
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
@@ -60,30 +60,17 @@ def read_object(path: Path) -> dict[str, Any]:
     Raises:
         ModelError: it cannot be read, is broken, or holds something else.
     """
-    place = Place(path.name)
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        members = dict(pairs)
-        if len(members) < len(pairs):
-            keys = [key for key, _ in pairs]
-            raise place.at(next(key for key in keys if keys.count(key) > 1)).error("given twice; give it once")
-        return members
-
     try:
-        value = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=once)
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise ModelError(f"{path}: cannot be read: not UTF-8 text at byte {error.start}") from None
-    except json.JSONDecodeError as error:
-        raise place.error(f"line {error.lineno} column {error.colno}: broken JSON: {error.msg}") from None
-    return check_object(value, place)
+        value = parse_json(read_text(path), path.name)
+    except FileError as error:
+        raise ModelError(f"{path}: cannot be read: {error.reason}" if error.reason else str(error)) from None
+    return check_object(value, Place(path.name))
 
 
 def check_object(value: Any, place: Place) -> dict[str, Any]:
     """An object, or a ModelError."""
     if not isinstance(value, dict):
-        raise place.error(f"must be an object, got {value!r}")
+        raise place.error(f"must be an object, got {shown(value)}")
     return value
 
 
@@ -92,7 +79,7 @@ def check_keys(value: Mapping[str, Any], known: Iterable[str], place: Place) -> 
     names = list(known)
     for key in value:
         if key not in names:
-            raise place.at(key).error(f"unknown key{nearest(key, names)}; known: {', '.join(names)}")
+            raise place.at(key[:60]).error(f"unknown key{nearest(key, names)}; known: {', '.join(names)}")
 
 
 def build(hint: Any, value: Any, place: Place) -> Any:
@@ -112,7 +99,7 @@ def build(hint: Any, value: Any, place: Place) -> Any:
         return _build_union(typing.get_args(hint), value, place)
     if origin is Literal:
         if value not in typing.get_args(hint):
-            raise place.error(f"must be one of {', '.join(map(repr, typing.get_args(hint)))}, got {value!r}")
+            raise place.error(f"must be one of {', '.join(map(repr, typing.get_args(hint)))}, got {shown(value)}")
         return value
     if origin in (tuple, collections.abc.Sequence):
         return _build_list(typing.get_args(hint), value, place)
@@ -153,7 +140,7 @@ def _build_kind(classes: Mapping[str, type], value: Any, place: Place) -> Any:
         raise place.at("kind").error(f"missing; give one of {', '.join(classes)}")
     kind = members.pop("kind")
     if not isinstance(kind, str) or kind not in classes:
-        raise place.at("kind").error(f"must be one of {', '.join(classes)}, got {kind!r}{nearest(str(kind), classes)}")
+        raise place.at("kind").error(f"must be one of {', '.join(classes)}, got {shown(kind)}{nearest(kind, classes)}")
     return build_object(classes[kind], members, place)
 
 
@@ -198,7 +185,7 @@ def _build_list(items: tuple[Any, ...], value: Any, place: Place) -> tuple[Any, 
     """A list as a tuple, of any length or of a fixed one."""
     endless = len(items) == 1 or items[-1] is Ellipsis
     if not isinstance(value, list) or not (endless or len(value) == len(items)):
-        raise place.error(f"must be a list{'' if endless else f' of {len(items)}'}, got {value!r}")
+        raise place.error(f"must be a list{'' if endless else f' of {len(items)}'}, got {shown(value)}")
     hints = items[:1] * len(value) if endless else items
     return tuple(build(hint, v, place.at(index)) for index, (hint, v) in enumerate(zip(hints, value, strict=True)))
 
@@ -207,9 +194,9 @@ def _build_plain(hint: Any, value: Any, place: Place) -> Any:
     """A number, a whole number, a text or a truth value."""
     kinds: dict[Any, Any] = {float: (int, float), int: int, str: str, bool: bool}
     if not isinstance(value, kinds[hint]) or (isinstance(value, bool) and hint is not bool):
-        raise place.error(f"must be {_wanted(hint)}, got {value!r}")
+        raise place.error(f"must be {_wanted(hint)}, got {shown(value)}")
     if hint is float and not math.isfinite(value):
-        raise place.error(f"must be a finite number, got {value!r}")
+        raise place.error(f"must be a finite number, got {shown(value)}")
     return float(value) if hint is float else value
 
 

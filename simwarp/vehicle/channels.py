@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import io
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.files import replacing
 from simwarp.simulation import Simulation
+from simwarp.vehicle.reading import read_text
 from simwarp.vehicle.spec import SpecError
+from simwarp.vehicle.spec_parts import told
 from simwarp.vehicle.vehicle import Vehicle
 
 Array = npt.NDArray[np.float64]
@@ -122,7 +127,7 @@ def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[f
         try:
             found.append(float(cell))
         except ValueError:
-            rule = f"a table of numbers with a header, got {cell!r} in column {name!r}"
+            rule = f"a table of numbers with a header, got {told(cell)} in column {told(name)}"
             raise SpecError(f"{path}: line {line}: must be {rule}") from None
     return found
 
@@ -146,26 +151,29 @@ class Run:
         Raises:
             SpecError: it cannot be read, or is no table of numbers with a header.
         """
+        text = read_text(path)
         try:
-            with path.open(newline="", encoding="utf-8-sig") as file:
-                lines = [(number, row) for number, row in enumerate(csv.reader(file), start=1) if row]
-        except OSError as error:
-            raise SpecError(f"{path}: cannot be read: {error.strerror}") from None
-        except (ValueError, csv.Error) as error:
+            lines = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text, newline="")), 1) if row]
+        except csv.Error as error:
             raise SpecError(f"{path}: must be a table of numbers with a header: {error}") from None
         if len(lines) < 2:
             count = len(lines[0][1]) if lines else 1
             raise SpecError(f"{path}: must have rows of {count} numbers under its header, got none")
         header = [name.strip() for name in lines[0][1]]
-        twice = [name for name in header if header.count(name) > 1]
-        if twice:
-            raise SpecError(f"{path}: column {twice[0]!r}: given twice; give it once")
+        twice = next((name for name, count in Counter(header).items() if count > 1), None)
+        if twice is not None:
+            raise SpecError(f"{path}: column {told(twice)}: given twice; give it once")
         data = np.array([_numbers(path, number, row, header) for number, row in lines[1:]])
         return Run({name: data[:, index] for index, name in enumerate(header)})
 
     def write(self, path: Path) -> None:
-        """Writes a CSV file with a header."""
-        with path.open("w", newline="", encoding="utf-8") as file:
+        """Writes a CSV file with a header.
+
+        Raises:
+            FileError: the path cannot be written to.
+            OutputError: the disk did not take it.
+        """
+        with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(COLUMNS)
             for row in np.stack([self.columns[name] for name in COLUMNS], axis=1):

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from simwarp.files import replacing
 from simwarp.vehicle.channels import Run
 from simwarp.vehicle.paths import Path
 from simwarp.vehicle.results import Result
@@ -32,6 +33,10 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
         title: the heading.
         results: numbers told below it.
         path: that the vehicle should follow.
+
+    Raises:
+        FileError: the target cannot be written to.
+        OutputError: the disk did not take it.
     """
     figure = Figure(figsize=(12.0, 11.0))
     figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
@@ -55,7 +60,8 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     above = figure.add_subplot(grid[5, :])
     _dress(above)
     _draw_way(above, run, path)
-    figure.savefig(target, dpi=120)
+    with replacing(target) as draft:
+        figure.savefig(draft, dpi=120)
 
 
 def joined(told: Iterable[str]) -> list[str]:

@@ -15,7 +15,7 @@ from simwarp.kernels.drivers import Script, run_script
 from simwarp.vehicle.channels import COLUMNS, Run
 from simwarp.vehicle.reading import nearest
 from simwarp.vehicle.spec import Points, SpecError
-from simwarp.vehicle.spec_parts import told
+from simwarp.vehicle.spec_parts import LARGEST, told
 from simwarp.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def read_script(path: Path) -> tuple[ScriptSpec, float]:
     for name in run.columns:
         channel = "time" if name in TIMES else SCRIPT_COLUMNS.get(name)
         if channel in names:
-            raise SpecError(f"{path}: column {name!r}: the same as {names[channel]!r}; leave out one of them")
+            raise SpecError(f"{path}: column {told(name)}: the same as {names[channel]!r}; leave out one of them")
         if channel is not None:
             names[channel] = name
     if "time" not in names:
@@ -88,20 +88,21 @@ def read_script(path: Path) -> tuple[ScriptSpec, float]:
     for name in run.columns:
         if name not in known:
             listed = f"{', '.join((*TIMES, *SCRIPT_COLUMNS))} and those of a record"
-            raise SpecError(f"{path}: column {name!r}: unknown{nearest(name, known)}; known: {listed}")
+            raise SpecError(f"{path}: column {told(name)}: unknown{nearest(name, known)}; known: {listed}")
     time = run[names["time"]]
     _check_times(path, names["time"], time)
     channels: dict[str, Any] = {}
     for channel, name in names.items():
         if channel != "time":
-            _check_values(path, name, run[name], *LIMITS.get(channel, (-np.inf, np.inf)))
+            _check_values(path, name, run[name], *LIMITS.get(channel, (-LARGEST, LARGEST)))
             channels[channel] = tuple(zip((time - time[0]).tolist(), run[name].tolist(), strict=True))
     return ScriptSpec(**channels), float(time[-1] - time[0])
 
 
 def _check_times(path: Path, name: str, time: npt.NDArray[np.float64]) -> None:
-    if not np.isfinite(time).all():
-        raise SpecError(f"{path}: {_row(int(np.argmin(np.isfinite(time))))}: {name}: must be a finite number")
+    good = np.abs(time) <= LARGEST
+    if not good.all():
+        raise SpecError(f"{path}: {_row(int(np.argmin(good)))}: {name}: must be a finite number")
     back = np.flatnonzero(np.diff(time) < 0.0)
     if back.size:
         row = int(back[0]) + 1
@@ -114,7 +115,7 @@ def _check_values(path: Path, name: str, values: npt.NDArray[np.float64], low: f
     good = np.isfinite(values) & (values >= low) & (values <= high)
     if not good.all():
         row = int(np.argmin(good))
-        rule = f"from {low:g} to {high:g}" if np.isfinite(low) else "a finite number"
+        rule = f"from {low:g} to {high:g}" if high < LARGEST else "a finite number"
         raise SpecError(f"{path}: {_row(row)}: {name}: must be {rule}, got {values[row]:g}")
 
 

@@ -103,6 +103,8 @@ def step_steer(
 
 SWEEP: Final = (0.2, 3.0)
 """First and last frequency of the sweep [Hz]."""
+LONGEST_SWEEP: Final = 3600.0
+"""[s]: it is a table with two hundred points a second."""
 
 
 def sine_sweep(
@@ -112,6 +114,8 @@ def sine_sweep(
     target = _usual_speed(spec) if speed is None else speed
     if duration <= STEP:
         raise SpecError(f"duration: must be above {STEP:g} s, where the sweep begins, got {duration!r}")
+    if duration > LONGEST_SWEEP:
+        raise SpecError(f"duration: must be at most {LONGEST_SWEEP:g} s of a sweep, got {duration!r}")
     time = np.arange(0.0, duration - STEP, 0.005)
     growth = math.log(SWEEP[1] / SWEEP[0]) / (duration - STEP)
     # the frequency grows by the same share every second

@@ -13,6 +13,7 @@ from typing import Any
 
 from simwarp.vehicle.reading import DATA, nearest, read_spec, read_value
 from simwarp.vehicle.spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
+from simwarp.vehicle.spec_parts import told
 
 KINDS = ("tire", "powertrain", "driveline")
 
@@ -47,7 +48,7 @@ def find(spec: VehicleSpec, kind: str, option: str, side: str = "") -> Path:
     known = option_names(spec.name, kind)
     if option not in known:
         listed = ", ".join(known) if known else "none shipped; give the path of a .json file"
-        raise SpecError(f"{spec.name}: unknown {kind} {option!r}{nearest(option, known)}; known: {listed}")
+        raise SpecError(f"{spec.name}: unknown {kind} {told(option)}{nearest(option, known)}; known: {listed}")
     folder = folder_of(spec.name, kind)
     return folder / side / f"{option}.json" if (folder / "front").is_dir() else folder / f"{option}.json"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path as FilePath
 from typing import Final
@@ -13,7 +14,9 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.kernels.paths import PathTables
+from simwarp.vehicle.reading import read_text
 from simwarp.vehicle.spec import SpecError
+from simwarp.vehicle.spec_parts import told
 
 Array = npt.NDArray[np.float64]
 
@@ -21,6 +24,12 @@ SPACING: Final = 0.5
 """Between the samples of curves [m]."""
 SIDES: Final = 360
 """Of a circle at least, however small: a driver on it steers at every corner of its polygon."""
+MOST_POINTS: Final = 10**6
+"""Of a curve that is sampled."""
+MOST_CORNERS: Final = 5000
+"""Points of a file: a smooth curve through them is a system of as many equations."""
+FARTHEST: Final = 1.0e9
+"""Largest coordinate of a file [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,6 +95,9 @@ def circle(radius: float, *, start: tuple[float, float] = (0.0, 0.0), spacing: f
     """A circle that leaves `start` along x; to the left, or to the right for a negative radius [m]."""
     if not (math.isfinite(radius) and radius != 0.0):
         raise SpecError(f"radius: must be a number of metres other than zero, got {radius!r}")
+    if 2.0 * math.pi * abs(radius) > MOST_POINTS * spacing:
+        largest = MOST_POINTS * spacing / (2.0 * math.pi)
+        raise SpecError(f"radius: must be at most {largest:.3g} m with points every {spacing:g} m, got {radius!r}")
     count = max(SIDES, math.ceil(2.0 * math.pi * abs(radius) / spacing))
     angle = np.linspace(0.0, 2.0 * math.pi, count + 1)
     points = np.stack([abs(radius) * np.sin(angle), radius * (1.0 - np.cos(angle))], axis=1)
@@ -105,9 +117,13 @@ def bezier(points: Array, incoming: Array, outgoing: Array, *, closed: bool = Fa
     """
     ends = list(range(1, len(points))) + ([0] if closed else [])
     samples = [points[:1]]
+    count = 0.0
     for index, end in enumerate(ends):
         a, b, c, d = points[index], outgoing[index], incoming[end], points[end]
         hull = sum(float(np.linalg.norm(q - p)) for p, q in ((a, b), (b, c), (c, d)))
+        count += hull / spacing
+        if not count <= MOST_POINTS:
+            raise SpecError(f"path: must have at most {MOST_POINTS} points every {spacing:g} m; it is too long")
         t = np.linspace(0.0, 1.0, max(2, math.ceil(hull / spacing)) + 1)[1:, None]
         s = 1.0 - t
         samples.append(s**3 * a + 3.0 * s * s * t * b + 3.0 * s * t * t * c + t**3 * d)
@@ -145,22 +161,24 @@ def read_path(file: str | FilePath, *, closed: bool = False, spacing: float = SP
         SpecError: the file cannot be read, or does not hold that.
     """
     name = FilePath(file)
-    try:
-        lines = [line.split() for line in name.read_text(encoding="utf-8").splitlines() if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
-        raise SpecError(f"{name}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if not lines or len(lines[0]) != 2 or not lines[0][0].isdigit() or lines[0][1] not in ("3", "9"):
+    lines = [line.split() for line in read_text(name).splitlines() if line.strip()]
+    if not lines or len(lines[0]) != 2 or not re.fullmatch("[0-9]{1,9}", lines[0][0]) or lines[0][1] not in ("3", "9"):
         first = " ".join(lines[0]) if lines else ""
-        raise SpecError(f"{name}: line 1 must be the number of points and 3 or 9, got {first!r}")
+        raise SpecError(f"{name}: line 1 must be the number of points and 3 or 9, got {told(first)}")
     count, width = int(lines[0][0]), int(lines[0][1])
     if count < 2 or len(lines) - 1 < count:
         raise SpecError(f"{name}: must hold {count} points (two or more), found {len(lines) - 1}")
+    if count > MOST_CORNERS:
+        raise SpecError(f"{name}: must hold at most {MOST_CORNERS} points, got {count}")
     rows = np.zeros((count, width))
     for index, words in enumerate(lines[1 : count + 1]):
         try:
-            rows[index] = [float(word) for word in words]
+            rows[index] = np.array([float(word) for word in words]).reshape(width)
+            if not np.abs(rows[index]).max() <= FARTHEST:
+                raise ValueError
         except ValueError:
-            raise SpecError(f"{name}: point {index + 1} must be {width} numbers, got {' '.join(words)!r}") from None
+            got = told(" ".join(words))
+            raise SpecError(f"{name}: point {index + 1} must be {width} numbers [m], got {got}") from None
     if width == 3:
         return smooth(rows[:, :2], closed=closed, spacing=spacing)
     return bezier(rows[:, :2], rows[:, 3:5], rows[:, 6:8], closed=closed, spacing=spacing)

@@ -16,30 +16,43 @@ import types
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
+from simwarp import files
 from simwarp.vehicle.spec import Spec, SpecError, Tire, VehicleSpec
-from simwarp.vehicle.spec_parts import told
+from simwarp.vehicle.spec_parts import LARGEST, told
 from simwarp.vehicle.tire_files import TirValues, parse_tir
 
 DATA = Path(__file__).parent / "data"
 """The shipped vehicles: NAME.json, with their options in folders of the same name."""
 
+MOST_FILES: Final = 100
+"""Files that one vehicle may be made of: a few that name each other many times would never come to an end."""
+
 S = TypeVar("S", bound=Spec)
 
 
-class Place(NamedTuple):
-    """Where a value stands: its file and its key path in there; `chain` holds the files that led to it."""
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Where a value stands.
+
+    Attributes:
+        file: its file.
+        keys: its key path in there.
+        chain: files that led to it.
+        opened: all files that the reading has opened so far; its places share them.
+    """
 
     file: Path
     keys: str = ""
     chain: tuple[Path, ...] = ()
+    opened: list[Path] = dataclasses.field(default_factory=list, compare=False)
 
     def at(self, key: str | int) -> Place:
         """The place of a member or an item of the value."""
         if isinstance(key, int):
-            return self._replace(keys=f"{self.keys}[{key}]")
-        return self._replace(keys=f"{self.keys}.{key}" if self.keys else key)
+            return dataclasses.replace(self, keys=f"{self.keys}[{key}]")
+        return dataclasses.replace(self, keys=f"{self.keys}.{key}" if self.keys else key)
 
     def error(self, what: str) -> SpecError:
         """One line: file, key path, what is wrong."""
@@ -62,21 +75,25 @@ def load_vehicle(path_or_name: str | Path) -> VehicleSpec:
     if isinstance(path_or_name, str) and not text.endswith(".json") and "/" not in text and "\\" not in text:
         names = vehicle_names()
         if text not in names:
-            raise SpecError(f"vehicle {text!r}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
+            raise SpecError(f"vehicle {told(text)}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
         path_or_name = DATA / f"{text}.json"
     return read_spec(VehicleSpec, path_or_name)
 
 
 def read_spec(cls: type[S], path: str | Path) -> S:
     """The description of type `cls` in a file."""
-    place = Place(Path(path), chain=(Path(path).resolve(),))
-    return build(cls, read_json(place.file), place)
+    return build(cls, *first_value(path))
 
 
 def read_value(hint: Any, path: str | Path) -> Any:
     """A value of any hint (a union of templates, say) in a file."""
-    place = Place(Path(path), chain=(Path(path).resolve(),))
-    return build(hint, read_json(place.file), place)
+    return build(hint, *first_value(path))
+
+
+def first_value(path: str | Path) -> tuple[Any, Place]:
+    """The value in a file that is read by itself, and its place."""
+    value = read_json(Path(path))
+    return value, Place(Path(path), chain=(Path(path).resolve(),))
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -85,34 +102,28 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
+def told_path(text: str | Path) -> str:
+    """A path or a key in an error: its beginning, if it is long."""
+    return str(text) if len(str(text)) <= 200 else f"{str(text)[:100]}..."
+
+
 # ---- files -----------------------------------------------------------------------------------------------------------
 
 
 def read_text(path: Path) -> str:
     """The text of a file, or an error that says why not."""
     try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise SpecError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise SpecError(f"{path}: cannot be read: not UTF-8 text at byte {error.start}") from None
+        return files.read_text(path)
+    except files.FileError as error:
+        raise SpecError(f"{told_path(path)}: cannot be read: {error.reason}") from None
 
 
 def parse_json(text: str, name: str) -> Any:
     """The value of a JSON text; errors name line and column."""
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        members = dict(pairs)
-        if len(members) < len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
-            raise SpecError(f"{name}: {twice}: given twice in one object; give it once")
-        return members
-
     try:
-        return json.loads(text, object_pairs_hook=once)
-    except json.JSONDecodeError as error:
-        raise SpecError(f"{name}: line {error.lineno} column {error.colno}: broken JSON: {error.msg}") from None
+        return files.parse_json(text, name)
+    except files.FileError as error:
+        raise SpecError(str(error)) from None
 
 
 def read_json(path: Path) -> Any:
@@ -125,14 +136,19 @@ def follow(value: Any, place: Place) -> tuple[Any, Place]:
     """The value that `{"file": ...}` stands for, and its place."""
     while isinstance(value, dict) and set(value) == {"file"}:
         if not isinstance(value["file"], str):
-            raise place.at("file").error(f"must be the path of a file, got {value['file']!r}")
+            raise place.at("file").error(f"must be the path of a file, got {told(value['file'])}")
         path = place.file.parent / value["file"]
-        resolved = path.resolve()
+        try:
+            resolved = files.check_input(path).resolve()
+        except files.FileError as error:
+            rule = f"must be a file beside {place.file.name}, found none at {told(value['file'])}: {error.reason}"
+            raise place.at("file").error(rule) from None
         if resolved in place.chain:
-            raise place.at("file").error(f"must not lead back to a file that led here, got {value['file']!r}")
-        if not path.is_file():
-            raise place.at("file").error(f"must be a file beside {place.file.name}, found none at {value['file']!r}")
-        place = Place(path, chain=(*place.chain, resolved))
+            raise place.at("file").error(f"must not lead back to a file that led here, got {told(value['file'])}")
+        place.opened.append(resolved)
+        if len(place.opened) > MOST_FILES:
+            raise place.at("file").error(f"must not lead to more than {MOST_FILES} files in all; write values out")
+        place = dataclasses.replace(place, file=path, keys="", chain=(*place.chain, resolved))
         value = read_json(path)
     return value, place
 
@@ -161,8 +177,8 @@ def build(hint: Any, value: Any, place: Place) -> Any:
         return build_union(typing.get_args(hint), value, place)
     if origin is Literal:
         options = typing.get_args(hint)
-        if value not in options:
-            near = nearest(str(value), map(str, options))
+        if not isinstance(value, str) or value not in options:
+            near = nearest(value, map(str, options)) if isinstance(value, str) else ""
             raise place.error(f"must be one of {', '.join(map(repr, options))}, got {told(value)}{near}")
         return value
     if origin is tuple:
@@ -181,7 +197,7 @@ def build_spec(cls: type[S], value: Any, place: Place) -> S:
     hints = hints_of(cls)  # type: ignore[arg-type]  # a class is hashable
     for key in value:
         if key not in hints:
-            raise place.at(key).error(f"unknown key{nearest(key, hints)}; known: {', '.join(hints)}")
+            raise place.at(told_path(key)).error(f"unknown key{nearest(key, hints)}; known: {', '.join(hints)}")
     found = {key: build(hints[key], item, place.at(key)) for key, item in value.items()}
     for field in dataclasses.fields(cls):
         needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
@@ -212,9 +228,9 @@ def build_union(options: tuple[Any, ...], value: Any, place: Place) -> Any:
     if "template" not in value:
         raise place.at("template").error(f"missing; give one of {', '.join(classes)}")
     template = value["template"]
-    if template not in classes:
-        near = nearest(str(template), classes)
-        raise place.at("template").error(f"must be one of {', '.join(classes)}, got {template!r}{near}")
+    if not isinstance(template, str) or template not in classes:
+        near = nearest(template, classes) if isinstance(template, str) else ""
+        raise place.at("template").error(f"must be one of {', '.join(classes)}, got {told(template)}{near}")
     return build(classes[template], value, place)
 
 
@@ -258,6 +274,8 @@ def raw(value: Any, place: Place) -> Any:
         return tuple(raw(item, place.at(index)) for index, item in enumerate(value))
     if isinstance(value, float) and not math.isfinite(value):
         raise place.error(f"must be a finite number, got {told(value)}")
+    if isinstance(value, (int, float)) and abs(value) > LARGEST:
+        raise place.error(f"must be below {LARGEST:g}, got {told(value)}")
     return value
 
 
@@ -307,7 +325,7 @@ def wanted(hint: Any, key: str) -> str:
 
 def save_vehicle(spec: VehicleSpec, path: str | Path) -> None:
     """Write a vehicle to one file; `load_vehicle` gives back an equal one."""
-    Path(path).write_text(to_json(spec), encoding="utf-8")
+    files.write_file(path, to_json(spec))
 
 
 def to_json(spec: Spec) -> str:

@@ -85,6 +85,12 @@ def set_up(
     return Setup(Simulation(model, dt, elements=[driver, vehicle], solver=VEHICLE_SOLVER), vehicle, driver, maneuver)
 
 
+def row_steps(dt: float) -> int:
+    """Steps between the rows of a record; 0 where the step [s] does not divide the time between them."""
+    steps = SAMPLE_TIME / dt
+    return round(steps) if steps > 0.5 and abs(steps - round(steps)) < 1e-6 * steps else 0
+
+
 class Drive:
     """Runs a manoeuvre and records one row every 10 ms, from the settling on.
 
@@ -96,8 +102,7 @@ class Drive:
     def __init__(self, setup: Setup, worlds: slice = slice(0, 1)) -> None:
         self.setup = setup
         self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start)
-        steps = SAMPLE_TIME / setup.simulation.dt
-        self._every = round(steps) if steps > 0.5 and abs(steps - round(steps)) < 1e-6 * steps else 0
+        self._every = row_steps(setup.simulation.dt)
         """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
 
     def run(self, progress: Progress | None = None) -> Run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from simwarp.vehicle.spec_parts import SpecError, told
+from simwarp.vehicle.spec_parts import LARGEST, SpecError, told
 
 TEXT_BEGINS = ("'", '"', "{", "(")
 """Of lines in blocks of comments and of the heads of tables."""
@@ -21,7 +21,7 @@ class TirValues(dict[str, "float | str"]):
     def error(self, key: str, rule: str) -> SpecError:
         """The error of a key, which may be missing."""
         line = f"line {self.lines[key]}: " if key in self.lines else ""
-        return SpecError(f"{self.name}: {line}{key}: {rule}")
+        return SpecError(f"{self.name}: {line}{key[:60]}: {rule}")
 
 
 def parse_tir(text: str, name: str) -> TirValues:
@@ -66,5 +66,7 @@ def _number(values: TirValues, key: str, text: str) -> float:
     except ValueError:
         raise values.error(key, f"must be a number or quoted text, got {told(text)}") from None
     if not math.isfinite(number):
-        raise values.error(key, f"must be a finite number, got {text}")
+        raise values.error(key, f"must be a finite number, got {text[:60]}")
+    if abs(number) > LARGEST:
+        raise values.error(key, f"must be below {LARGEST:g}, got {text[:60]}")
     return number

@@ -6,6 +6,7 @@ import numpy as np
 
 from simwarp.kernels.tires.rows import PAC02_SIZE, Common, Pac02
 from simwarp.vehicle.spec import SpecError, Tire
+from simwarp.vehicle.spec_parts import told
 from simwarp.vehicle.tire_common import THIRD, Row, common_row
 from simwarp.vehicle.tire_parameters import CommonParameters, Pacejka2002Parameters
 
@@ -21,17 +22,17 @@ def check_file(tire: Tire, tir: dict[str, object]) -> None:
     """Format, units, the needed keys, and the radius."""
     name = tir.get("PROPERTY_FILE_FORMAT", FORMATS[0])
     if str(name).strip().upper() not in FORMATS:
-        rule = f"must be {FORMATS[0]!r}, got {name!r}"
+        rule = f"must be {FORMATS[0]!r}, got {told(name)}"
         raise SpecError(f"tir.PROPERTY_FILE_FORMAT: {rule}; coefficients of other formulas are not read")
     for key, names in UNITS.items():
         if key in tir and str(tir[key]).strip().lower() not in names:
-            raise SpecError(f"tir.{key}: must be {names[0]!r}, got {tir[key]!r}; convert the file to SI units")
+            raise SpecError(f"tir.{key}: must be {names[0]!r}, got {told(tir[key])}; convert the file to SI units")
     for key in NEEDED:
         if key not in tir:
             raise SpecError(f"tir.{key}: missing; a Pacejka 2002 tire needs {', '.join(NEEDED)}")
     for key in POSITIVE:
         if not number(tir, key, 1.0) > 0.0:
-            raise SpecError(f"tir.{key}: must be positive, got {tir[key]!r}")
+            raise SpecError(f"tir.{key}: must be positive, got {told(tir[key])}")
     radius = number(tir, "UNLOADED_RADIUS", tire.radius)
     if abs(radius - tire.radius) > 0.02 * radius:
         raise SpecError(f"tir.UNLOADED_RADIUS: must be the tire's radius {tire.radius} m within 2 %, got {radius!r}")
@@ -41,7 +42,7 @@ def number(tir: dict[str, object], key: str, default: float) -> float:
     """The value of a key."""
     value = tir.get(key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SpecError(f"tir.{key}: must be a number, got {value!r}")
+        raise SpecError(f"tir.{key}: must be a number, got {told(value)}")
     return float(value)
 
 

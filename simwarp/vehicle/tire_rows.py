@@ -29,6 +29,7 @@ from simwarp.vehicle.reading import Place, build, nearest
 from simwarp.vehicle.rigid_tires import TEMPLATE as RIGID
 from simwarp.vehicle.rigid_tires import rigid_parameters
 from simwarp.vehicle.spec import Spec, SpecError, Tire
+from simwarp.vehicle.spec_parts import told
 from simwarp.vehicle.tire_common import THIRD, Row, common_row, missing
 from simwarp.vehicle.tire_files import TirValues
 from simwarp.vehicle.tire_parameters import (
@@ -255,7 +256,7 @@ def tire_row(tire: Tire, place: str | Place = "tire") -> TireRow:
     if tire.template not in MODELS:
         names = (*MODELS, RIGID)
         near = nearest(tire.template, names)
-        raise where.at("template").error(f"must be one of {', '.join(names)}, got {tire.template!r}{near}")
+        raise where.at("template").error(f"must be one of {', '.join(names)}, got {told(tire.template)}{near}")
     model = MODELS[tire.template]
     where = where.at("parameters")
     parts: tuple[type[Spec], ...] = (CommonParameters, *model.parts)

@@ -114,7 +114,7 @@ def devices_world():
     ("arguments", "told"),
     [
         (["--out", "a.jpg"], "must end in .png"),
-        (["--out", "nowhere/a.png"], "in a folder that exists"),
+        (["--out", "nowhere/a.png"], "folder nowhere does not exist"),
         (["--data", "a.txt"], "must end in .npz"),
         (["--panel", "10"], "panel must be at least 128 pixels, got 10"),
         (["--panel", "100000"], "panel must be at most 2048 pixels, got 100000"),

@@ -217,7 +217,7 @@ LIDAR = {
         ({"sensor": "imu", "gyroscope_noise": [{"kind": "normal", "std": -1}]},
          "gyroscope_noise[0]: NormalNoise: std must be a finite number or one per channel, >= 0, got -1.0"),
         ([1, 2], "must be an object, got [1, 2]"),
-        ('{"sensor": "imu", "sensor": "gps"}', "sensor: given twice; give it once"),
+        ('{"sensor": "imu", "sensor": "gps"}', "sensor: given twice in one object; give it once"),
         ('{"sensor": }', "line 1 column 12: broken JSON: Expecting value"),
     ],
 )  # fmt: skip

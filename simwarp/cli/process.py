@@ -1,0 +1,86 @@
+"""The process around a command: signals that end it, and standard streams that are closed, full or not UTF-8."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import Any, Final
+
+ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a command as Ctrl-C does: what it began is tidied up."""
+
+
+@contextlib.contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """Let the signals that end a process raise KeyboardInterrupt inside the block.
+
+    A handler that somebody has set stays, as does a signal that is ignored (`nohup`); threads cannot set handlers.
+    """
+    changed: list[signal.Signals] = []
+    if threading.current_thread() is threading.main_thread():
+        changed = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
+    for number in changed:
+        signal.signal(number, _interrupt)
+    try:
+        yield
+    finally:
+        for number in changed:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def prepare_streams() -> None:
+    """Take the numbers of closed standard streams, and let the others print any text.
+
+    Otherwise the next file that is opened would become the standard output, and get all that is printed.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
+    if sys.stderr is None:
+        # print() would send to standard output what is meant for it
+        sys.stderr = os.fdopen(2, "w", encoding="utf-8", closefd=False)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def is_output_broken() -> bool:
+    """Return whether standard output does not take what was printed."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        return True
+    return False
+
+
+def silence_output() -> None:
+    """Send what is still to be printed nowhere: Python would complain about it while it exits."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stream is not None:
+                stream.flush()
+        except OSError:
+            _redirect(stream)
+
+
+def _redirect(stream: Any) -> None:
+    """Point a stream at the null device; one that only looks like a file has none to point."""
+    with contextlib.suppress(OSError):
+        number = stream.fileno()
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, number)
+        os.close(null)
+        stream.flush()
