@@ -248,7 +248,7 @@ def method_calls(draw: st.DrawFn) -> CallAttack:
         value, verdict = draw(values_for(method, name, good[name]))
     arguments = good | {name: value}
     own = ("size",) if "shape" in method else ("coefficient",) if method in COUPLINGS else ()
-    names = (name, method.removeprefix("add_"), *own, str(arguments.get("name", "")))
+    names = (name, method.removeprefix("add_").removesuffix("_asset"), *own, str(arguments.get("name", "")))
     return CallAttack(f"{method}({_words(arguments)})", verdict, names, _call(method, arguments))
 
 

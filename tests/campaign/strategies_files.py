@@ -200,7 +200,7 @@ def checkpoint_commands(
 
 def _command(words: tuple[str, ...], name: str, made: Changed) -> CommandAttack:
     what = f"simwarp {' '.join(words)}  where {name} has {made.how}"
-    return CommandAttack(what, made.verdict, (name, *_fields(made.how)), words, ((name, made.data),))
+    return CommandAttack(what, made.verdict, (name, "task", *_fields(made.how)), words, ((name, made.data),))
 
 
 def _fields(how: str) -> tuple[str, ...]:
@@ -273,8 +273,8 @@ def _spoiled_words(draw: st.DrawFn, arrays: dict[str, np.ndarray], name: str, ne
     kept = made.verdict if place in needed or made.anywhere else EITHER
     how = f"{name}: {made.how}"
     if "byte order mark" in how or "\udcff" in text or "\ue000" in text:
-        text = text.encode("utf-8", "replace").decode()
-        kept = REFUSE if "byte order mark" not in how else EITHER
+        # such bytes have no place in an array of text: what takes it may stand in any string
+        text, kept = text.encode("utf-8", "replace").decode(), EITHER
     return Changed(save_arrays({**arrays, name: np.array(text)}), how.replace(f"{name}: ", ""), kept)
 
 

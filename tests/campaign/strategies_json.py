@@ -55,7 +55,7 @@ NUMBERS = st.one_of(
     st.integers(40, 400).map(lambda digits: Value(int("3" * digits), REFUSE)),
     st.floats(3.41e38, 1.7e308).map(lambda number: Value(number, REFUSE)),
     odd_texts.map(lambda text: Value(text, REFUSE)),
-    st.sampled_from(either(0, -1, 1e-320, 1e30, None, True, 0.5, 2**31, 2**63 - 1)),
+    st.sampled_from(either(0, -1, 1e-320, 1e30, None, True, 0.5, 2**63 - 1)),
 )
 TEXTS = st.one_of(
     st.sampled_from(refused(3, 1.5, float("nan"), [], {}, True, DEEP)),
@@ -129,6 +129,8 @@ def spoiled_values(draw: st.DrawFn, content: Any) -> Spoiled:
     new, verdict = draw(hostile_like(owner[key]))
     owner[key] = new
     beyond = new == DEEP or (isinstance(new, (int, float)) and abs(new) > 3.41e38)
+    if "tir" in path and not beyond:
+        verdict = EITHER
     return Spoiled(encode(value), f"{words} = {shorten(new)}", verdict, beyond)
 
 
