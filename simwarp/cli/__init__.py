@@ -70,6 +70,10 @@ class UsageError(ValueError):
     """The command line itself is wrong; the message is one line."""
 
 
+class ShortfallError(RuntimeError):
+    """The command ran and could not be brought to its end; the message is one line."""
+
+
 def overview() -> str:
     """Return the help text of ``simwarp`` alone."""
     width = max(len(f"{command.name} {command.usage}") for command in COMMANDS.values())
@@ -113,7 +117,7 @@ def exit_code_of(error: BaseException) -> int | None:
 
 def _is_shortfall(error: BaseException) -> bool:
     """Return whether the work began and could not be brought to its end: learning diverged, or a disk is full."""
-    kinds = (("simwarp.train.trainer", "TrainingError"), ("simwarp.files", "OutputError"))
+    kinds = (("simwarp.train.trainer", "TrainingError"), ("simwarp.files", "OutputError"), (__name__, "ShortfallError"))
     return any(name in sys.modules and isinstance(error, getattr(sys.modules[name], kind)) for name, kind in kinds)
 
 

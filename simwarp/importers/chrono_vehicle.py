@@ -16,6 +16,7 @@ use are left out; any other unknown key is an error that names the file.
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -27,7 +28,7 @@ from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STE
 from simwarp.importers.chrono_json import Node
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
-from simwarp.vehicle.reading import nearest
+from simwarp.vehicle.reading import nearest, told_path
 from simwarp.vehicle.spec import (
     AntirollBar,
     Axle,
@@ -101,10 +102,10 @@ def load_chrono_vehicle(
 def find_root(path: Path, file: str) -> Path:
     """The nearest folder above a vehicle's file that holds another file by its name."""
     for folder in path.resolve().parents:
-        if (folder / file).is_file():
+        if os.path.isfile(folder / file):  # of a path that no file can have it says no
             return folder
     raise SpecError(
-        f"{path.name}: Chassis.Input File: {file!r} is in no folder above it; give root=, Chrono's data/vehicle"
+        f"{path.name}: Chassis.Input File: {told(file)} is in no folder above it; give root=, Chrono's data/vehicle"
     )
 
 
@@ -117,9 +118,9 @@ class Files:
     def node(self, file: str | Path) -> Node:
         """The object of a file: relative to the root, or a path from here."""
         inside = self.root / file
-        if not inside.is_file() and not Path(file).is_file():
-            raise SpecError(f"{file}: cannot be read: no such file, neither here nor in {self.root}")
-        return Node.of_file(inside if inside.is_file() else Path(file))
+        if not os.path.isfile(inside) and not os.path.isfile(file):
+            raise SpecError(f"{told_path(file)}: cannot be read: no such file, neither here nor in {self.root}")
+        return Node.of_file(inside if os.path.isfile(inside) else Path(file))
 
     def part(self, kind: str, readers: Mapping[str, Callable[..., T]], file: str | Path, *more: Any) -> T:
         """The description of a file by the reader of its template."""

@@ -526,7 +526,7 @@ def test_the_script_writes_tables_and_what_the_time_goes_to(tmp_path):
         (["pendulum", "--worlds", "99999999999"], "use fewer worlds"),
         (["pendulum", "--device", "tpu"], "device 'tpu' is not available"),
         (["pendulum", "--dt", "0"], "dt must be a positive number"),
-        (["pendulum", "--dt", "nan"], "dt must be a positive number"),
+        (["pendulum", "--dt", "nan"], "dt must be a finite number"),
         (["pendulum", "--seconds", "-1"], "seconds must be a positive number"),
         (["pendulum", "--world", "1"], "did you mean --worlds?"),
         (["pendulum", "--json", "/no/such/folder/x.json"], "does not exist"),

@@ -7,7 +7,7 @@ import pytest
 from simwarp.cli import main, verify
 from simwarp.cli.verify.rows import near
 
-KEYS = {"scene", "quantity", "expected", "got", "tolerance", "pass"}
+KEYS = {"scene", "quantity", "expected", "got", "tolerance", "pass", "known"}
 
 
 def test_one_scene_prints_a_table_and_passes(capsys):
@@ -39,7 +39,7 @@ def test_a_missed_answer_ends_with_one_and_is_still_written(monkeypatch, tmp_pat
     content = json.loads(file.read_text())
     assert [row["pass"] for row in content["rows"]] == [False, False]
     assert content["rows"][1]["got"] is None  # JSON has no word for NaN
-    assert (content["passed"], content["failed"]) == (0, 2)
+    assert (content["passed"], content["known"], content["failed"]) == (0, 0, 2)
 
 
 @pytest.mark.parametrize(

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Annotated, Any
+import re
+from typing import Annotated, Any, Final
 
 import tyro
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from simwarp.cli import DONE, FELL_SHORT, UsageError
+from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.bench.compiling import cold_and_warm
 from simwarp.cli.bench.machine import describe
 from simwarp.cli.bench.measure import Row
 from simwarp.cli.bench.subjects import find_subject
 from simwarp.cli.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, names_for_people
 from simwarp.cli.options import CommonOptions, option_value, parse_options
+from simwarp.cli.values import LARGEST_COUNT
 from simwarp.model import resolve_device
 
 _SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
+
+MOST_ROWS: Final = 64
+"""Numbers of worlds of one table."""
+LONGEST: Final = 3600
+"""Time to step for, per row [s]."""
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 
@@ -59,6 +66,8 @@ def run(arguments: list[str]) -> int:
     worlds = _world_counts(options.worlds)
     _require_positive("dt", options.dt)
     _require_positive("seconds", options.seconds)
+    if options.seconds > LONGEST:
+        raise UsageError(f"seconds must be at most {LONGEST}, got {options.seconds:g}")
     device = resolve_device(None if options.device == "auto" else options.device)
     machine = describe(device)
     console = options.console()
@@ -109,14 +118,17 @@ def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
 
 
 def _world_counts(text: str) -> list[int]:
-    try:
-        counts = [int(word) for word in text.split(",")]
-    except ValueError:
-        raise UsageError(
-            f"worlds must be whole numbers with commas between, such as 1,256,1024, got '{text}'"
-        ) from None
+    words = [word.strip() for word in text.split(",")]
+    if not all(re.fullmatch("-?[0-9]{1,20}", word) for word in words):
+        rule = "worlds must be whole numbers with commas between, such as 1,256,1024"
+        raise UsageError(f"{rule}, got '{shortened(text)}'")
+    counts = [int(word) for word in words]
     if min(counts) < 1:
-        raise UsageError(f"worlds must each be at least 1, got '{text}'")
+        raise UsageError(f"worlds must each be at least 1, got '{shortened(text)}'")
+    if max(counts) > LARGEST_COUNT:
+        raise UsageError(f"worlds must each be at most {LARGEST_COUNT}, got '{shortened(text)}'; use fewer worlds")
+    if len(counts) > MOST_ROWS:
+        raise UsageError(f"worlds must be at most {MOST_ROWS} numbers, got {len(counts)}")
     return counts
 
 

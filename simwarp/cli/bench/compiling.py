@@ -13,6 +13,7 @@ import tempfile
 import time
 from typing import NamedTuple
 
+from simwarp.cli import ShortfallError
 from simwarp.cli.bench.workloads import bench_scenes
 from simwarp.vehicle.reading import vehicle_names
 
@@ -30,7 +31,7 @@ def cold_and_warm(name: str, device: str) -> tuple[Start, Start]:
     """The start of a new process with an empty kernel cache, and of one with the cache that this left.
 
     Raises:
-        RuntimeError: the process failed; the message is its last line.
+        ShortfallError: the process failed, or took too long; the message is its last line.
     """
     with tempfile.TemporaryDirectory(prefix="simwarp-bench-") as cache:
         first, second = _probe(name, device, cache), _probe(name, device, cache)
@@ -38,12 +39,16 @@ def cold_and_warm(name: str, device: str) -> tuple[Start, Start]:
 
 
 def _probe(name: str, device: str, cache: str) -> Start:
-    done = subprocess.run(
-        [sys.executable, "-m", "simwarp.cli.bench.compiling", name, device], capture_output=True, text=True,
-        env=os.environ | {"WARP_CACHE_PATH": cache}, timeout=_PATIENCE_S,
-    )  # fmt: skip
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "simwarp.cli.bench.compiling", name, device], capture_output=True, text=True,
+            env=os.environ | {"WARP_CACHE_PATH": cache}, timeout=_PATIENCE_S,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise ShortfallError(f"cold start of '{name}' took more than {_PATIENCE_S} s") from None
     if done.returncode != 0:
-        raise RuntimeError(f"cold start of '{name}' failed: {(done.stderr.strip().splitlines() or ['no message'])[-1]}")
+        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        raise ShortfallError(f"cold start of '{name}' failed: {last}")
     return Start(*json.loads(done.stdout.splitlines()[-1]))
 
 

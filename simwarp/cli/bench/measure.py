@@ -14,13 +14,15 @@ import warp as wp
 from simwarp.cli.bench.health import Examiner, Health, Judge
 from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.cli.bench.workloads import BenchScene
-from simwarp.memory import device_memory
+from simwarp.memory import check_fits
 from simwarp.simulation import Simulation
 from simwarp.types import ModelError
 
 _MIN_HORIZON_STEPS = 50
 _GRAPH_STEPS = 10
 _SEED = 2024
+MOST_STEPS = 10**6
+"""Before the timing."""
 
 
 @dataclasses.dataclass
@@ -194,7 +196,7 @@ class SceneRun(TimedRun):
     def settle(self) -> dict[str, Any]:
         """Runs the motion for as long as it settles: everything that a step reads, by name."""
         self._draw()
-        for _ in range(round(self.scene.settle / self.dt)):
+        for _ in range(steps_before(self.scene.settle, self.dt)):
             self.single_step()
         return {name: array.numpy().copy() for name, array in self._arrays().items()}
 
@@ -216,6 +218,21 @@ class SceneRun(TimedRun):
 def _settled(scene: BenchScene, device: str, dt: float) -> dict[str, Any]:
     """All variants of a scene, settled; the same for every number of worlds."""
     return SceneRun(scene, scene.variants, device, dt).settle()
+
+
+def steps_before(time: float, dt: float) -> int:
+    """Steps that bring worlds to where the timing begins [s].
+
+    Raises:
+        ModelError: they would take hours.
+    """
+    steps = time / dt
+    if steps > MOST_STEPS:
+        raise ModelError(
+            f"dt {dt:g} s: the {time:g} s of motion before the timing are {steps:.3g} steps, at most {MOST_STEPS:.0e} "
+            "are made; use a larger dt"
+        )
+    return round(steps)
 
 
 def measure_scene(scene: BenchScene, worlds: int, device: str | None, dt: float | None, seconds: float) -> Row:
@@ -301,10 +318,4 @@ def check_memory(name: str, worlds: int, per_world: int, device: Any) -> None:
     Raises:
         ModelError: they do not fit.
     """
-    there = device_memory(device)
-    needed = 2 * per_world * worlds
-    if needed > there:
-        raise ModelError(
-            f"{worlds} worlds of '{name}' need {needed / 2**30:.0f} GiB, device {device} has {there / 2**30:.0f} GiB; "
-            "use fewer worlds"
-        )
+    check_fits(f"{worlds} worlds of '{name}'", 2 * per_world * worlds, device, "use fewer worlds")

@@ -15,6 +15,7 @@ from simwarp.cli.bench.health import Health
 from simwarp.cli.bench.measure import Row, judge
 from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.kernels.rays.cast import cast_rays
+from simwarp.memory import check_fits
 from simwarp.sensors.scene import Visuals
 from simwarp.simulation import Simulation
 
@@ -24,6 +25,9 @@ VIEW: Final = (80, 45)
 """Rays of a world: columns and rows of a picture."""
 TRIANGLES: Final = {"rays-10k": 10_000, "rays-200k": 200_000}
 _SEED: Final = 5
+RAY_BYTES: Final = 250
+"""That a ray takes while its start and direction are computed."""
+FEWER: Final = "use fewer worlds"
 REACH: Final = 1000.0
 """Of a ray [m]."""
 
@@ -64,6 +68,7 @@ class RayRun:
     horizon_steps = 1 << 30
 
     def __init__(self, triangles: int, worlds: int, device: str) -> None:
+        check_fits(f"rays of {worlds} worlds", RAY_BYTES * VIEW[0] * VIEW[1] * worlds, wp.get_device(device), FEWER)
         self.mesh = bumpy_ball(triangles)
         builder = ModelBuilder()
         body = builder.add_body("ball", mass=1.0, inertia=(1.0, 1.0, 1.0))

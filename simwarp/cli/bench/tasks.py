@@ -7,10 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
+import warp as wp
 
 from simwarp.cli.bench.health import Health
 from simwarp.cli.bench.measure import Row, bytes_of, check_memory, judge
 from simwarp.cli.bench.timing import counted_launches, measure_speed
+from simwarp.memory import check_fits
 from simwarp.tasks import TaskError, make, replace_fields, resolve_device, task_class
 from simwarp.tasks.task import NON_FINITE
 
@@ -26,6 +28,9 @@ class TaskRun:
 
     def __init__(self, name: str, worlds: int, device: str, config: Any) -> None:
         self.task = make(name, worlds, device=device, config=config)
+        # drawn in double precision, scaled, and kept
+        draws = 3 * 8 * _ACTIONS * worlds * self.task.action_size
+        check_fits(f"actions of {worlds} worlds", draws, wp.get_device("cpu"), "use fewer worlds")
         self.task.keep_final_observations = False
         generator = torch.Generator().manual_seed(0)
         shape = (_ACTIONS, worlds, self.task.action_size)

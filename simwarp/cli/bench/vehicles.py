@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from simwarp.cli.bench.health import RESIDUAL_SHARE, Health
-from simwarp.cli.bench.measure import Row, TimedRun, measure_run
+from simwarp.cli.bench.measure import Row, TimedRun, measure_run, steps_before
 from simwarp.types import WorldStatus
 from simwarp.vehicle.maneuvers import maneuver
 from simwarp.vehicle.reading import load_vehicle
@@ -102,9 +102,10 @@ class VehicleRun(TimedRun):
     def places(self) -> dict[str, Any]:
         """Drives the whole run: everything that a step reads, every `HORIZON` from t = 0 on, by name."""
         shots: list[dict[str, Any]] = []
-        before = round(self.setup.maneuver.start / self.dt)
+        before, between = round(self.setup.maneuver.start / self.dt), round(HORIZON / self.dt)
+        steps_before(self.setup.maneuver.start + VARIANTS * HORIZON, self.dt)
         for place in range(VARIANTS):
-            for _ in range(before if place == 0 else round(HORIZON / self.dt)):
+            for _ in range(before if place == 0 else between):
                 self.single_step()
             # the first place is after the settling, with the brakes just released
             shots.append({name: array.numpy().copy() for name, array in self._arrays().items()})

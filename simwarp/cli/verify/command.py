@@ -16,17 +16,19 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from simwarp.cli import DONE, FELL_SHORT, UsageError
+from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.cli.verify import SCENES
+from simwarp.cli.verify.known import EXPLAINED, Verdict, reason, verdict
 from simwarp.cli.verify.rows import Row
-from simwarp.cli.verify.vehicle_cases import EXPLAINED, is_known
 from simwarp.model import resolve_device
+
+_STYLES = {Verdict.KNOWN: "yellow", Verdict.FAILED: "red"}
 
 
 @dataclasses.dataclass(frozen=True)
 class VerifyOptions(CommonOptions):
-    """Physics against known answers: exit code 1 if one of them is missed."""
+    """Physics against known answers: exit code 1 if one of them is missed by more than is known."""
 
     scenes: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENE ...]")] = ()
     """What to check; everything when none is named."""
@@ -48,7 +50,7 @@ def chosen(names: tuple[str, ...]) -> list[str]:
         if name not in SCENES:
             close = difflib.get_close_matches(name, SCENES, n=3, cutoff=0.5)
             hint = f"did you mean {' or '.join(close)}?" if close else f"scenes: {', '.join(SCENES)}"
-            raise UsageError(f"unknown scene '{name}'; {hint}")
+            raise UsageError(f"unknown scene '{shortened(name)}'; {hint}")
     return list(dict.fromkeys(names)) or list(SCENES)
 
 
@@ -66,23 +68,53 @@ def run(arguments: list[str]) -> int:
         )
     elif options.reference is not None or options.plots is not None:
         raise UsageError("--reference and --plots belong to the scene 'vehicles'")
+    if options.plots is not None:
+        _make_folder(options.plots)
     rows: list[Row] = []
     for name in names:
         started = time.perf_counter()
         found = checks[name](options.device)
         _print(console, name, found, time.perf_counter() - started)
         rows += found
-    missed = sum(not row.passed for row in rows)
-    known = sum(is_known(row) for row in rows if not row.passed)
-    counts = {"passed": len(rows) - missed, "failed": missed, "failed_known": known}
-    options.emit({"rows": [row.as_dict() for row in rows], **counts})
-    verdict = "all within tolerance" if missed == 0 else f"{missed} of {len(rows)} missed"
-    scenes = f"{len(names)} scene{'s' if len(names) > 1 else ''}"
-    console.print(f"{len(rows)} quantities in {scenes}: {verdict}", style="bold", highlight=False)
+    verdicts = [verdict(row) for row in rows]
+    counts = {
+        "passed": sum(found.good for found in verdicts),
+        "known": verdicts.count(Verdict.KNOWN),
+        "failed": verdicts.count(Verdict.FAILED),
+    }
+    options.emit({"rows": [row.as_dict() | {"known": reason(row)} for row in rows], **counts})
+    _summarise(console, len(names), rows, counts)
+    return DONE if counts["failed"] == 0 else FELL_SHORT
+
+
+def _summarise(console: Console, scenes: int, rows: list[Row], counts: dict[str, int]) -> None:
+    """Print how many quantities there are of each verdict, and what is to be done about the list of known ones."""
+    passed, known, failed = counts["passed"], counts["known"], counts["failed"]
+    heading = f"{len(rows)} quantities in {scenes} scene{'s' if scenes > 1 else ''}"
+    words = f"{passed} passed, {known} known deviation{'s' if known != 1 else ''}, {failed} failed"
+    console.print(f"{heading}: {words}", style="bold", highlight=False, soft_wrap=True)
     if known:
-        which = "All of these misses are" if known == missed else f"{known} of these {missed} misses are"
-        console.print(f"{which} known: {EXPLAINED}.", highlight=False, soft_wrap=True)
-    return DONE if missed == 0 else FELL_SHORT
+        console.print(f"Known deviations are explained in {EXPLAINED}.", highlight=False, soft_wrap=True)
+    for row in rows:
+        name = f"{row.scene}: {row.quantity}"
+        if verdict(row) is Verdict.MENDED:
+            text = f"{name} is within its tolerance now: take it off the list of known deviations"
+            console.print(text, highlight=False, markup=False, soft_wrap=True)
+        elif verdict(row) is Verdict.FAILED and reason(row) is not None:
+            text = f"{name} is a known deviation that has got worse"
+            console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder of pictures before any work is done.
+
+    Raises:
+        UsageError: there can be none.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--plots: cannot make folder '{folder}': {error.strerror}") from None
 
 
 def _reporter(console: Console) -> Callable[[str], None] | None:
@@ -90,12 +122,6 @@ def _reporter(console: Console) -> Callable[[str], None] | None:
     if not console.is_terminal:
         return None
     return lambda title: console.print(f"  {title} ...", style="dim", highlight=False)
-
-
-def _verdict(row: Row) -> str:
-    if row.passed:
-        return "pass"
-    return "FAIL (known)" if is_known(row) else "FAIL"
 
 
 def _print(console: Console, name: str, rows: list[Row], seconds: float) -> None:
@@ -114,6 +140,6 @@ def _print(console: Console, name: str, rows: list[Row], seconds: float) -> None
             table.add_row(escape(scene.removeprefix(f"{name}: ")), style="bold")
         table.add_row(
             escape(row.quantity), f"{row.expected:.7g}", f"{row.got:.7g}", f"{row.tolerance:.2g}",
-            _verdict(row), style=None if row.passed else "red",
+            verdict(row).value, style=_STYLES.get(verdict(row)),
         )  # fmt: skip
     console.print(table, highlight=False)

@@ -15,7 +15,6 @@ from typing import Final
 
 import numpy as np
 
-from simwarp.cli.verify.rows import Row
 from simwarp.vehicle.channels import Run
 from simwarp.vehicle.spec import SpecError
 
@@ -35,23 +34,6 @@ _NAME: Final = re.compile(
     r"f_(?P<vehicle>full|reduced|gator|artcar)_(?P<tire>[A-Z][A-Z0-9]+)(?:_(?P<powertrain>[a-z]+))??"
     r"_(?P<maneuver>accel|steer|brake)(?:_dt(?P<dt>\d+)us)?(?:_it(?P<iterations>\d+))?"
 )
-
-KNOWN_MISSES: Final = frozenset(
-    {
-        ("artcar tmeasy accel", "speed, RMS"), ("artcar tmeasy accel", "distance"),
-        ("hmmwv fiala steer", "yaw rate, RMS"), ("hmmwv fiala steer", "v x yaw rate, RMS"),
-        ("hmmwv fiala steer", "load RL, RMS"), ("hmmwv fiala steer", "load RR, RMS"),
-        ("hmmwv tmeasy brake", "load FL, RMS"), ("hmmwv tmeasy steer 2 ms", "gear change 2 at"),
-        ("gator tmeasy accel", "yaw rate, RMS"), ("gator tmeasy accel", "v x yaw rate, RMS"),
-    }
-)  # fmt: skip
-"""(Run, quantity) of which docs/results.md tells that they miss their bounds."""
-EXPLAINED: Final = "docs/results.md lists them under 'Vehicles: against recorded runs', docs/decisions.md says why"
-
-
-def is_known(row: Row) -> bool:
-    """Whether the documentation explains that this quantity misses its bound."""
-    return (row.scene.removeprefix("vehicles: "), row.quantity.partition(" [")[0]) in KNOWN_MISSES
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +102,25 @@ def read_folder(folder: Path) -> dict[Case, Run]:
         missing = [name for name in COLUMNS if name not in run.columns]
         if missing:
             raise SpecError(f"{case.name}.csv: lacks the column {missing[0]}")
+        _check_run(case, run)
     return runs
+
+
+def _check_run(case: Case, run: Run) -> None:
+    """Refuse a record that nothing can be compared with.
+
+    Raises:
+        SpecError: it is not finite, not in order, too short, or stands still.
+    """
+    time = run["t_s"]
+    if not all(np.isfinite(run[name]).all() for name in COLUMNS):
+        raise SpecError(f"{case.name}.csv: must hold finite numbers")
+    if not (np.diff(time) > 0.0).all() or not (time[0] < -0.1 and time[-1] > 0.5):
+        raise SpecError(
+            f"{case.name}.csv: t_s: must increase from before -0.1 s, where the car stands, to beyond 0.5 s"
+        )
+    if not np.ptp(run["speed_mps"][time >= 0.0]) > 0.0:
+        raise SpecError(f"{case.name}.csv: speed_mps: must change after t = 0")
 
 
 def read_shipped() -> dict[Case, Run]:

@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from simwarp.cli.verify.vehicle_cases import LOADS, Case
+from simwarp.files import replacing
 from simwarp.vehicle.channels import Run
 
 REFERENCE, OURS = "#b8bfc6", "#c8102e"
@@ -44,4 +45,5 @@ def draw(case: Case, known: Run, ours: Run, target: Path) -> None:
         axis.set_xlabel("time [s]", fontsize=9)
     axes[0].legend(frameon=False, fontsize=8)
     axes[0].set_xlim(known["t_s"][0], known["t_s"][-1])
-    figure.savefig(target, dpi=110)
+    with replacing(target) as draft:
+        figure.savefig(draft, dpi=110)
