@@ -116,6 +116,7 @@ class TaskConfig:
         require(self.dt > 0.0, self, "dt", "positive")
         require(self.substeps >= 1, self, "substeps", "at least 1")
         require(self.decimation >= 1, self, "decimation", "at least 1")
+        require(self.decimation <= 100_000, self, "decimation", "at most 100000 physics steps per action")
         require(self.max_episode_steps >= 1, self, "max_episode_steps", "at least 1")
         require(self.max_episode_steps <= 10**9, self, "max_episode_steps", "at most 1000000000")
         times = self.action_rise_time if isinstance(self.action_rise_time, tuple) else (self.action_rise_time,)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from collections.abc import Mapping
 from typing import Any
 
-from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require
+from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require, task_class
 from simwarp.tasks.config import require_finite
 
 CRITIC = "critic"
 """Observation group of a privileged critic."""
-_MOST_LAYERS, _MOST_UNITS, _MOST_THREADS = 64, 16_384, 1024
+_MOST_LAYERS, _MOST_UNITS, _MOST_THREADS, _MOST_EPOCHS = 64, 16_384, 1024, 10_000
+_MOST_COUNTED = 2**31 - 1
+"""Longest axis of an array."""
 
 
 class Activation(enum.Enum):
@@ -144,7 +147,7 @@ class PPOConfig:
         require(self.desired_kl > 0.0, self, "desired_kl", "positive")
         require(self.kl_beta > 0.0, self, "kl_beta", "positive")
         require(self.kl_hinge >= 0.0, self, "kl_hinge", "zero or positive")
-        require(self.epochs >= 1, self, "epochs", "at least 1")
+        require(1 <= self.epochs <= _MOST_EPOCHS, self, "epochs", f"from 1 to {_MOST_EPOCHS}")
         require(self.mini_batches >= 1, self, "mini_batches", "at least 1")
         require(self.clip > 0.0, self, "clip", "positive")
         require(0.0 < self.gamma <= 1.0, self, "gamma", "in (0, 1]")
@@ -186,10 +189,11 @@ class TrainConfig:
     """The networks."""
 
     def __post_init__(self) -> None:
-        require(self.num_envs >= 1, self, "num_envs", "at least 1")
+        for field in ("num_envs", "steps_per_iteration"):
+            require(getattr(self, field) >= 1, self, field, "at least 1")
+            require(getattr(self, field) <= _MOST_COUNTED, self, field, f"at most {_MOST_COUNTED}")
         require(self.seed >= 0, self, "seed", "zero or positive")
         require(self.iterations >= 1, self, "iterations", "at least 1")
-        require(self.steps_per_iteration >= 1, self, "steps_per_iteration", "at least 1")
         require(self.save_interval >= 1, self, "save_interval", "at least 1")
         require(self.keep_checkpoints >= 0, self, "keep_checkpoints", "zero or positive")
         require(1 <= self.threads <= _MOST_THREADS, self, "threads", f"from 1 to {_MOST_THREADS}")
@@ -307,6 +311,16 @@ def train_config_from_plain(plain: object, where: str = "") -> TrainConfig:
         InputError: a name is unknown, or a value is of a wrong type or breaks its rule.
     """
     return config_from_plain(TrainConfig, plain, where)
+
+
+def check_configs(content: Mapping[str, Any], where: str) -> None:
+    """Hold the configurations in a checkpoint to their types and rules, also where none of their values is used.
+
+    Raises:
+        InputError: one does not hold.
+    """
+    train_config_from_plain(content["train_config"], f"{where}: train_config")
+    task_config_from_plain(task_class(content["task"]), content["task_config"], f"{where}: task_config")
 
 
 def task_config_from_plain(task: type[Task[Any]], plain: object, where: str = "") -> TaskConfig:

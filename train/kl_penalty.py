@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
-from simwarp.tasks import config_from_plain
+from simwarp.tasks import config_from_plain, require
 from torch import nn
 
 _BETA_BOUND = 35.0
@@ -31,6 +31,10 @@ class Penalty:
 
     beta: float
     multiplier: float = 1.0
+
+    def __post_init__(self) -> None:
+        require(self.beta > 0.0, self, "beta", "positive")
+        require(self.multiplier > 0.0, self, "multiplier", "positive")
 
     def after(self, divergence: float, target: float) -> Penalty:
         """Return what follows an update that moved the policy by ``divergence``."""

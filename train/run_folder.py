@@ -20,6 +20,7 @@ from typing import Any, Final
 from simwarp.tasks import InputError
 
 from simwarp.files import DRAFT_PREFIX, FileError, check_output, output_error, read_json
+from simwarp.types import shown
 
 from .checkpoint import SUFFIX, check_members, checkpoint_bytes, checkpoint_name, load_checkpoint
 from .run_files import write_json, write_run_file
@@ -37,6 +38,8 @@ _STAMP = "%Y-%m-%d_%H-%M-%S"
 _RUN_NAME = re.compile(r"([0-9]{4}-[0-9]{2}-[0-9]{2}_[0-9]{2}-[0-9]{2}-[0-9]{2})(?:-([0-9]{1,9}))?")
 _FOLDER_BYTES = 8192
 """What two empty folders take."""
+_LONGEST_SHOWN = 300
+"""Characters of a path that an error shows as it is."""
 _SAME_SECOND = 1000
 """Runs of a task that may begin within one second."""
 
@@ -224,7 +227,7 @@ def open_run(path: Path) -> RunFolder:
     """
     if not os.path.isdir(path):
         what = "is no folder" if os.path.lexists(path) else "does not exist"
-        raise InputError(f"run folder {path} {what}")
+        raise InputError(f"run folder {path if len(str(path)) <= _LONGEST_SHOWN else shown(str(path))} {what}")
     folder = RunFolder(path)
     folder.load_config()
     return folder

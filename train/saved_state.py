@@ -27,8 +27,11 @@ def check_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) ->
         if not isinstance(groups, list) or len(groups) != len(present["param_groups"]):
             raise unlike(f"{where}.param_groups", f"a list of {len(present['param_groups'])}", groups)
         check_like(group, groups[index], f"{where}.param_groups[{index}]")
-        if groups[index]["params"] != group["params"]:
-            raise unlike(f"{where}.param_groups[{index}].params", shown(group["params"]), groups[index]["params"])
+        for name, value in group.items():
+            right = groups[index][name] > 0.0 if name == "lr" else groups[index][name] == value
+            if not right:
+                rule = "positive" if name == "lr" else shown(value)
+                raise unlike(f"{where}.param_groups[{index}].{name}", rule, groups[index][name])
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     if not isinstance(saved["state"], Mapping):
         raise unlike(f"{where}.state", "an object of named values", saved["state"])

@@ -8,7 +8,7 @@ import io
 import math
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import torch
@@ -21,6 +21,7 @@ from simwarp.tasks.plain import typed
 from simwarp.tasks.saved_state import check_like
 from torch import nn
 
+from simwarp.files import OutputError
 from simwarp.memory import check_fits
 
 from .checkpoint import check_members
@@ -148,10 +149,11 @@ class Trainer:
         """
         started = time.perf_counter()
         self.task.on_iteration(self.iteration)
-        self.collect()
-        collected = time.perf_counter()
-        summary = self._totals(self.task.drain_statistics())  # complains about NaN before the optimiser meets it
-        losses = self._learn()
+        with self._watched():
+            self.collect()
+            collected = time.perf_counter()
+            summary = self._totals(self.task.drain_statistics())  # complains about NaN before the optimiser meets it
+            losses = self._learn()
         finished = time.perf_counter()
         self.iteration += 1
         self._remember(summary.episodes, summary.return_sum, summary.length_sum)
@@ -186,21 +188,33 @@ class Trainer:
                 self.algorithm.process_env_step(observations, rewards, dones, extras)
             self.algorithm.compute_returns(observations)
 
-    def _learn(self) -> dict[str, float]:
-        diverged = TrainingError(
-            f"learning diverged in iteration {self.iteration + 1}; try a lower --ppo.learning-rate"
-        )
+    @contextlib.contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Tell what comes of a policy of NaN, or one of no deviation, from mistakes of a task or of ours."""
         try:
-            warming = self.iteration < self.config.critic_warmup
-            losses: dict[str, float] = self._warm_critic() if warming else self.algorithm.update()
+            yield
+        except OutputError:
+            raise
         except (RuntimeError, ValueError) as error:
-            # Sampling from a distribution of NaN fails inside the update, with words about its deviation only
-            sound = all(bool(tensor.isfinite().all()) for tensor in self.algorithm.get_policy().parameters())
-            if sound:
+            # Sampling from such a distribution fails with words about its deviation only, a task with its own
+            if self._is_sound():
                 raise
-            raise diverged from error
+            raise self._diverged() from error
+
+    def _is_sound(self) -> bool:
+        """Whether the policy is made of finite numbers, and its deviation is positive."""
+        named = dict(self.algorithm.get_policy().named_parameters())
+        sure = all(bool((value > 0.0).all()) for name, value in named.items() if name.endswith("std_param"))
+        return sure and all(bool(value.isfinite().all()) for value in named.values())
+
+    def _diverged(self) -> TrainingError:
+        return TrainingError(f"learning diverged in iteration {self.iteration + 1}; try a lower --ppo.learning-rate")
+
+    def _learn(self) -> dict[str, float]:
+        warming = self.iteration < self.config.critic_warmup
+        losses: dict[str, float] = self._warm_critic() if warming else self.algorithm.update()
         if not all(math.isfinite(value) for value in losses.values()):
-            raise diverged
+            raise self._diverged()
         return losses
 
     def _totals(self, summary: EpisodeSummary) -> EpisodeSummary:

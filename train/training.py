@@ -16,7 +16,7 @@ from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
 from simwarp.files import OutputError
 from simwarp.types import shown
 
-from .config import LoggerKind, TrainConfig
+from .config import LoggerKind, TrainConfig, check_configs
 from .curve import draw_learning_curve
 from .distributed import Processes, connect, processes
 from .loggers import RunLog, check_logger
@@ -175,6 +175,7 @@ def _start_policy(path: Path, task_name: str) -> dict[str, Any]:
     path, content = read_policy(path)
     if content["task"] != task_name:
         raise InputError(f"the policy to start from, {path}, is of task {shown(content['task'])}, not '{task_name}'")
+    check_configs(content, f"checkpoint {path}")
     return content
 
 
@@ -184,6 +185,7 @@ def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path,
         raise InputError(f"run {resume} is of task {shown(content['task'])}, not '{task_name}'")
     if "worlds" not in content:
         raise InputError(f"checkpoint {path} holds only a policy: it cannot be resumed")
+    check_configs(content, f"checkpoint {path}")
     if content["iteration"] >= config.iterations:
         raise InputError(f"run {resume} already has {content['iteration']} iterations; ask for more with --iterations")
     return path, content
