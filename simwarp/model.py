@@ -13,6 +13,7 @@ import warp as wp
 from simwarp.arrays import FixedAttributes, WritableArray, writable_from
 from simwarp.checks import LONGEST_NAME, checked_names, whole_number
 from simwarp.dynamics.topology import (
+    BuiltLaw,
     Tables,
     build_tables,
     collect_tables,
@@ -63,6 +64,9 @@ class Model(FixedAttributes):
         has_loops: whether joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
+        joint_types, shape_types: in index order.
+        dof_laws: what of each coordinate's law is fixed.
+        shapes_that_meet: which shapes may touch another one.
         identity: what of it a snapshot must have in common.
     """
 
@@ -124,12 +128,17 @@ class Model(FixedAttributes):
         self.has_rolling_friction = any(
             shape.material.rolling_friction > 0.0 or shape.material.spinning_friction > 0.0 for shape in builder.shapes
         )
-        self.contact_capacity = default_capacity(builder) if contact_capacity is None else contact_capacity
+        pairs = shape_pairs(builder.shapes, _never_meet(builder))
+        self.contact_capacity = default_capacity(builder, pairs) if contact_capacity is None else contact_capacity
+        self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
+        self.shape_types = tuple(shape.type for shape in builder.shapes)
+        self.joint_types = tuple(joint.type for joint in builder.joints)
+        self.dof_laws = tuple(BuiltLaw.of(dof) for joint in builder.joints for dof in joint.dofs)
         self.path_length = longest_path(tables)
         self.turn_count = len(turn_terms(builder))
         self.tables = tables
         self.initial = _initial_state(builder)
-        self.topology = _device_topology(builder, tables, device)
+        self.topology = _device_topology(builder, tables, pairs, device)
         self.parameters = Parameters()
         self.assets = hull_assets(builder.hulls, device)
         # the assets hold their ids only
@@ -242,9 +251,11 @@ def _initial_state(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
     }
 
 
-def _pair_topology(t: Topology, builder: ModelBuilder, ints: Callable[[Any], Any]) -> None:
+def _pair_topology(
+    t: Topology, builder: ModelBuilder, pairs: npt.NDArray[np.int32], ints: Callable[[Any], Any]
+) -> None:
     """Shapes, and which of them can meet."""
-    shapes, pairs = builder.shapes, pairs_of(builder)
+    shapes = builder.shapes
     t.shape_count, t.pair_count = len(shapes), len(pairs)
     t.grid_buckets = 1 << (2 * len(shapes)).bit_length() if len(pairs) > LISTED_PAIRS else 0
     t.shape_body = ints([shape.body for shape in shapes])
@@ -268,15 +279,10 @@ def _never_meet(builder: ModelBuilder) -> set[tuple[int, int]]:
     return builder.excluded_bodies | {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
 
 
-def pairs_of(builder: ModelBuilder) -> npt.NDArray[np.int32]:
-    """(pairs, 2) shapes that can meet."""
-    return shape_pairs(builder.shapes, _never_meet(builder))
-
-
-def default_capacity(builder: ModelBuilder) -> int:
+def default_capacity(builder: ModelBuilder, pairs: npt.NDArray[np.int32]) -> int:
     """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
     shapes = builder.shapes
-    total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs_of(builder))
+    total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
     return min(total, max(24, CONTACTS_PER_BODY * len(builder.bodies)))
 
 
@@ -301,7 +307,7 @@ def _joined(curves: Sequence[Sequence[float]], device: Any) -> Any:
     return wp.array(np.concatenate(curves or [[0.0]]).astype(np.float64), dtype=wp.float64, device=device)
 
 
-def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topology:
+def _device_topology(builder: ModelBuilder, tables: Tables, pairs: npt.NDArray[np.int32], device: Any) -> Topology:
     def ints(values: Any) -> Any:
         data = np.asarray(values, np.int32)
         return wp.array(data if data.size else np.full((1, *data.shape[1:]), -1, np.int32), dtype=int, device=device)
@@ -364,5 +370,5 @@ def _device_topology(builder: ModelBuilder, tables: Tables, device: Any) -> Topo
     t.slot_line = ints(np.array(tables.slot_line, np.int32).reshape(-1, 2))
     t.bounded_dof = ints([dof for dof, _ in tables.bounded])
     t.bounded_kind = ints([kind for _, kind in tables.bounded])
-    _pair_topology(t, builder, ints)
+    _pair_topology(t, builder, pairs, ints)
     return t

@@ -19,8 +19,10 @@ import torch
 from simwarp.files import FileError, OutputError
 
 from .config import require
+from .limits import check_room
 from .npz import write_arrays
 from .plain import config_to_plain
+from .randomising import drawn_parameters
 from .simulation_access import copy_snapshot, pack_snapshot
 
 if TYPE_CHECKING:
@@ -103,12 +105,14 @@ class Guard:
         self._steps = 2 * self._half
         views, worlds, device = task.views, task.num_worlds, task.device
 
+        widths = (task.action_size, views.joint_q.shape[1], views.joint_qd.shape[1])
+        what = f"guard-steps: the last {self._steps} steps of {worlds} worlds"
+        check_room(what, (self._steps, worlds, sum(widths)), torch.float32, device, "keep fewer steps, or none with 0")
+
         def ring(width: int) -> torch.Tensor:
             return torch.zeros(self._steps, worlds, width, device=device)
 
-        self._requests = ring(task.action_size)
-        self._joint_q = ring(views.joint_q.shape[1])
-        self._joint_qd = ring(views.joint_qd.shape[1])
+        self._requests, self._joint_q, self._joint_qd = (ring(width) for width in widths)
         self._keeps = (_Keep(task), _Keep(task))
         self._count = 0
         # world, step count, episode and step in it of the first break; -1 without one
@@ -208,7 +212,7 @@ class Guard:
         arrays |= {f"start/{name}": part[world % len(part)] for name, part in packed}
         extra = {name: value for name, value in keep.extra.items() if value.shape[:1] == (task.num_worlds,)}
         arrays |= {f"extra/{name}": value[world].cpu().numpy() for name, value in extra.items()}
-        for name in sorted({*task.per_world, *task.config.randomise}):
+        for name in sorted({*task.per_world, *drawn_parameters(task.config.randomise)}):
             arrays[f"model/{name}"] = getattr(task.simulation.model, name).numpy()[world]
         return arrays
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
 from .errors import InputError, near_names
 from .randomness import WorldRandom
 from .uncertainty import Mode, Range, When
+
+if TYPE_CHECKING:
+    from simwarp.effects import Effect
 
 
 class _Parameter:
@@ -22,7 +25,7 @@ class _Parameter:
         self.spec = spec
         self.view = to_torch(getattr(model, name))
         self.built = self.view.clone()
-        self.chosen = _chosen(name, spec, model, self.view)
+        self.chosen = _spread(_chosen(name, spec, model, self.view), self.view)
         trailing = self.view.dim() - (1 if name == "gravity" else 2)
         if not self.view.is_floating_point():
             raise InputError(f"randomise '{name}': it holds whole numbers, which no range describes")
@@ -51,25 +54,90 @@ class _Parameter:
         self.view.copy_(torch.where(where, value, self.view))
 
 
+class _Inertia:
+    """The inertia of bodies whose mass is scaled: it grows with it, as that of a denser body does."""
+
+    def __init__(self, mass: _Parameter, model: Any) -> None:
+        from simwarp.interop import to_torch
+
+        self.mass = mass
+        self.view = to_torch(model.body_inertia_b)
+        self.built = self.view.clone()
+
+    def follow(self, mask: torch.Tensor) -> None:
+        """Write the inertias of the present masses into the worlds of the mask."""
+        factor = (self.mass.view / self.mass.built)[..., None, None]
+        where = mask.view(-1, 1, 1, 1) & self.mass.chosen[..., None, None]
+        self.view.copy_(torch.where(where, self.built * factor, self.view))
+
+
+def _parts_of(name: str, model: Any) -> tuple[str, ...] | None:
+    """Return the names of the parts that a parameter has an entry for; None where they have none."""
+    names: dict[str, tuple[str, ...]] = {
+        "body": model.body_names, "joint": model.joint_names, "drive": model.joint_names, "shape": model.shape_names,
+    }  # fmt: skip
+    return names.get(name.partition("_")[0])
+
+
+def _entries(name: str, part: str, model: Any) -> slice:
+    """Return the entries of a parameter that belong to a part."""
+    index = model.shape_names.index(part) if name.startswith("shape") else -1
+    if name.startswith("body"):
+        index = model.body(part)
+    if name.startswith(("joint", "drive")):
+        index = model.joint(part)
+        if not name.startswith(_PER_JOINT):
+            return slice(model.joint_dof_start[index], model.joint_dof_start[index + 1])
+    return slice(index, index + 1)
+
+
+_PER_JOINT = ("joint_anchor", "joint_frame", "joint_offset")
+"""Parameters with an entry for each joint; others of joints have one for each coordinate."""
+
+
 def _chosen(name: str, spec: Range, model: Any, view: torch.Tensor) -> torch.Tensor:
-    """Return a mask over the entries of a parameter that broadcasts to it: those that ``only`` names."""
+    """Return a mask over the entries of a parameter: those that ``only`` names."""
+    count = 1 if name == "gravity" else view.shape[1]
     if not spec.only:
-        return torch.ones((1,) * view.dim(), dtype=torch.bool, device=view.device)
-    head = name.partition("_")[0]
-    names = {"body": model.body_names, "joint": model.joint_names, "drive": model.joint_names}.get(head)
-    names = model.shape_names if head == "shape" else names
+        return torch.ones(count, dtype=torch.bool)
+    names = _parts_of(name, model)
     if names is None:
         raise InputError(f"randomise '{name}': it has no parts that `only` could name")
-    mask = torch.zeros(view.shape[1], dtype=torch.bool)
+    mask = torch.zeros(count, dtype=torch.bool)
     for part in spec.only:
         if part not in names:
             raise InputError(f"randomise '{name}': there is no '{part}'{near_names(part, names)}")
-        index = names.index(part)
-        if head in ("joint", "drive") and view.shape[1] == model.dof_count:
-            mask[model.joint_dof_start[index] : model.joint_dof_start[index + 1]] = True
-        else:
-            mask[index] = True
+        mask[_entries(name, part, model)] = True
+    return mask
+
+
+def _spread(mask: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
+    """Return a mask over entries in a shape that broadcasts to the parameter."""
+    if view.dim() == 1 or len(mask) != view.shape[1]:
+        return mask.to(view.device).view((1,) * view.dim())
     return mask.to(view.device).view(1, -1, *(1,) * (view.dim() - 2))
+
+
+def _check_acts(parameter: _Parameter, effect: Effect, model: Any, owner: str) -> None:
+    """Refuse a range that changes nothing, on the whole or on a part that ``only`` names.
+
+    Raises:
+        InputError: kernels read none of the entries, or a factor meets nothing but zeros.
+    """
+    name, spec = parameter.name, parameter.spec
+    built = parameter.built[0].reshape(effect.entries.shape[0], -1) if effect.entries.shape[0] else parameter.built
+    nonzero = (built != 0).any(dim=1).cpu().numpy() if effect.entries.shape[0] else effect.entries
+    parts = [(f"'{part}'", _entries(name, part, model)) for part in spec.only]
+    for part, entries in parts or [("any part", slice(None))]:
+        where = f"on {part} of {owner}" if spec.only else f"in {owner}"
+        if not effect.entries[entries].any():
+            remedy = "build it so, or leave it out" if effect.rule else "leave it out"
+            raise InputError(f"randomise '{name}': it cannot act {where}: {effect.rule}; {remedy}")
+        if spec.mode is Mode.SCALE and not (effect.entries & nonzero)[entries].any():
+            raise InputError(
+                f"randomise '{name}': a factor cannot act {where}: it is 0 as built; use mode='add' or 'set', or build "
+                "it with a value"
+            )
 
 
 class Randomiser:
@@ -77,22 +145,56 @@ class Randomiser:
 
     Args:
         ranges: parameter name -> range.
-        model: a model whose named parameters have a copy per world.
+        simulation: of a model whose named parameters have a copy per world (:func:`drawn_parameters`).
+        owner: whose simulation it is: the errors name it.
+
+    Raises:
+        InputError: a range cannot act on the model.
     """
 
-    def __init__(self, ranges: Mapping[str, Range], model: Any) -> None:
+    def __init__(self, ranges: Mapping[str, Range], simulation: Any, owner: str) -> None:
+        from simwarp.effects import effect_of
+
+        model = simulation.model
         self._parameters = [_Parameter(name, spec, model) for name, spec in ranges.items()]
         self._by_step = [item for item in self._parameters if item.spec.when is When.STEP]
+        self._inertias = [_Inertia(item, model) for item in self._parameters if _takes_inertia(item.name, ranges)]
+        for item in self._parameters:
+            contact_model = simulation.solver.contact_model
+            effect = effect_of(model, item.name, contact_model=contact_model, also=ranges.keys())
+            _check_acts(item, effect, model, owner)
 
     def begin_episodes(self, random: WorldRandom, mask: torch.Tensor, level: torch.Tensor) -> None:
         """Draw everything in the worlds of the mask ((W,) bool)."""
         for item in self._parameters:
             item.draw(random, mask, level)
+        for inertia in self._inertias:
+            inertia.follow(mask)
 
     def begin_step(self, random: WorldRandom, every: torch.Tensor, level: torch.Tensor) -> None:
         """Draw what changes in every control step."""
         for item in self._by_step:
             item.draw(random, every, level)
+        for inertia in self._inertias:
+            if inertia.mass in self._by_step:
+                inertia.follow(every)
+
+
+def _takes_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
+    """Return whether the inertia follows this parameter: a scaled mass, unless it has a range of its own."""
+    scaled = name == "body_mass" and ranges[name].mode is Mode.SCALE
+    return scaled and ranges[name].inertia and "body_inertia_b" not in ranges
+
+
+def drawn_parameters(ranges: Mapping[str, Range]) -> set[str]:
+    """Return the model parameters that ranges change: those that they name, and the inertia of scaled masses."""
+    following = {"body_inertia_b" for name in ranges if _takes_inertia(name, ranges)}
+    return {*ranges, *following}
+
+
+def randomiser_of(ranges: Mapping[str, Range], simulation: Any, owner: str) -> Randomiser | None:
+    """Return what draws the ranges; None where there are none."""
+    return Randomiser(ranges, simulation, owner) if ranges else None
 
 
 def check_ranges(ranges: Mapping[str, Range]) -> None:

@@ -7,7 +7,10 @@ from typing import Any
 
 import torch
 
+from simwarp.types import shown
+
 from .errors import InputError, near_names
+from .limits import check_room
 from .randomness import WorldRandom
 from .uncertainty import Sensing
 
@@ -19,12 +22,19 @@ class DelayLine:
         like: a tensor of that shape, dtype and device.
         bounds: least and largest delay [control steps].
         purpose: the name of its random draws.
+
+    Raises:
+        InputError: so many values do not fit into memory.
     """
 
     def __init__(self, like: torch.Tensor, bounds: tuple[int, int], purpose: str) -> None:
         self.least, self.largest = bounds
         self.purpose = purpose
-        self.values = torch.zeros(self.largest + 1, *like.shape, dtype=like.dtype, device=like.device)
+        shape = (self.largest + 1, *like.shape)
+        # twice: moving them on takes a copy
+        what = f"{purpose} up to {shown(self.largest)} steps: the last values of {like.shape[0]} worlds"
+        check_room(what, (2, *shape), like.dtype, like.device, "shorten the delay or take fewer worlds")
+        self.values = torch.zeros(shape, dtype=like.dtype, device=like.device)
         """(D + 1, W, ...): the newest first."""
         self.delay = torch.zeros(like.shape[0], dtype=torch.int64, device=like.device)
         """(W,) int64 control steps."""

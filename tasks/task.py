@@ -23,7 +23,8 @@ from .contract import check_action, check_flags, check_observations, check_terms
 from .drawing import Drawing, Line
 from .errors import InputError, TaskError
 from .guard import Guard
-from .randomising import Randomiser, check_ranges
+from .limits import check_room, whole
+from .randomising import check_ranges, drawn_parameters, randomiser_of
 from .randomness import WorldRandom
 from .sensing import DelayLine, Sensors
 from .simulation_access import Equipment, PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
@@ -108,8 +109,8 @@ class Task(ABC, Generic[ConfigT]):
     def __init__(
         self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0
     ) -> None:
-        if num_worlds < 1:
-            raise InputError(f"number of worlds must be at least 1, got {num_worlds}")
+        num_worlds = whole("number of worlds", num_worlds, 1, 2**31 - 1)
+        seed, first_world = whole("seed", seed, -(2**63), 2**63 - 1), whole("first world", first_world, 0, 2**53)
         self.config: ConfigT = config
         self.num_worlds = num_worlds
         self.device = torch.device(device)
@@ -122,7 +123,7 @@ class Task(ABC, Generic[ConfigT]):
         with self._acting():
             self._allocate(seed, first_world)
             self.simulation, self._views, self.builder = self._make_physics(device)
-            self._randomiser = Randomiser(config.randomise, self.simulation.model) if config.randomise else None
+            self._randomiser = randomiser_of(config.randomise, self.simulation, f"task '{self.name}'")
             self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
             """Remembers the last steps, for the dump of a world whose physics breaks down."""
             self.setup()
@@ -423,6 +424,8 @@ class Task(ABC, Generic[ConfigT]):
 
     def _allocate(self, seed: int, first_world: int) -> None:
         worlds, device = self.num_worlds, self.device
+        words = 8 + 2 * self.action_size  # of what follows, at least
+        check_room(f"task '{self.name}': {worlds} worlds", (worlds, words), torch.float32, device, "take fewer worlds")
         self.episode_index = torch.zeros(worlds, dtype=torch.int64, device=device)
         """(W,) int64: number of the running episode of each world."""
         self.episode_steps = torch.zeros(worlds, dtype=torch.int64, device=device)
@@ -465,10 +468,12 @@ class Task(ABC, Generic[ConfigT]):
             if self.config.randomise:
                 raise InputError(f"randomise: task '{self.name}' has no physics whose parameters could differ")
             return None, None, None
-        own = sorted({*self.per_world} & {*self.config.randomise})
+        drawn = drawn_parameters(self.config.randomise)
+        own = sorted({*self.per_world} & drawn)
         if own:
-            raise InputError(f"randomise '{own[0]}': task '{self.name}' writes it itself; leave it away")
-        drawn = {*self.per_world, *self.config.randomise}
+            hint = "leave it away" if own[0] in self.config.randomise else "give body_mass inertia=False"
+            raise InputError(f"randomise '{own[0]}': task '{self.name}' writes it itself; {hint}")
+        drawn |= {*self.per_world}
         return build_physics(
             self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),
             equip=self.equip,

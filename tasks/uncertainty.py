@@ -8,13 +8,19 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-import math
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
+
+from simwarp.types import FLOAT32_MAX, number, shown
 
 from .errors import InputError, near_names
 
 ItemT = TypeVar("ItemT")
+
+LATEST: Final = 2**63
+"""An iteration that no training reaches."""
+LONGEST_DELAY: Final = 2**31 - 1
+"""Control steps of the longest delay: draws of whole numbers have 31 bits."""
 
 
 class Mode(enum.Enum):
@@ -33,7 +39,20 @@ class When(enum.Enum):
 
 
 def _refuse(kind: str, rule: str, value: object) -> InputError:
-    return InputError(f"{kind} must be {rule}, got {value!r}")
+    return InputError(f"{kind} must be {rule}, got {shown(value)}")
+
+
+def _finite(kind: str, rule: str, value: object, least: float = -FLOAT32_MAX, most: float = FLOAT32_MAX) -> float:
+    """Return a number within bounds that float32 holds."""
+    if not least <= number(value) <= most:
+        raise _refuse(kind, rule, value)
+    return number(value)
+
+
+def _flag(kind: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise _refuse(kind, "true or false", value)
+    return value
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +67,9 @@ class Range:
         shared: one number for all of them, instead of one for each.
         draw: ranges with the same word use the same random numbers: a body whose mass and inertia grow together.
         grows: at level 0 of the curriculum there is no randomisation, at level 1 the whole range.
+        inertia: of ``body_mass``, where it is scaled: the inertia is scaled by the same factor, as that of a denser
+            body. Not where ``body_inertia_b`` has a range of its own, nor with ``inertia=False``: then the mass alone
+            changes, as if it sat in the centre of mass.
     """
 
     low: float
@@ -58,12 +80,22 @@ class Range:
     shared: bool = False
     draw: str = ""
     grows: bool = False
+    inertia: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", _member("mode of a Range", Mode, self.mode))
         object.__setattr__(self, "when", _member("when of a Range", When, self.when))
-        object.__setattr__(self, "only", (self.only,) if isinstance(self.only, str) else tuple(self.only))
-        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low <= self.high):
+        only = (self.only,) if isinstance(self.only, str) else self.only
+        if not isinstance(only, list | tuple) or not all(isinstance(name, str) and name for name in only):
+            raise _refuse("only of a Range", "names of bodies, joints or shapes", self.only)
+        object.__setattr__(self, "only", tuple(only))
+        if not isinstance(self.draw, str) or not self.draw.isprintable():
+            raise _refuse("draw of a Range", "a word", self.draw)
+        for field in ("shared", "grows", "inertia"):
+            _flag(f"{field} of a Range", getattr(self, field))
+        for field in ("low", "high"):
+            object.__setattr__(self, field, _finite("bounds of a Range", "finite, low <= high", getattr(self, field)))
+        if self.low > self.high:
             raise _refuse("bounds of a Range", "finite, low <= high", (self.low, self.high))
         if self.mode is Mode.SCALE and self.low < 0.0:
             raise _refuse("factor of a Range", "zero or positive", self.low)
@@ -86,11 +118,10 @@ class Sensing:
     def __post_init__(self) -> None:
         for field in ("noise", "bias"):
             value = getattr(self, field)
-            if isinstance(value, list | tuple):
-                object.__setattr__(self, field, tuple(float(item) for item in value))
-            items = getattr(self, field) if isinstance(value, list | tuple) else (value,)
-            if not all(math.isfinite(item) and item >= 0.0 for item in items):
-                raise _refuse(f"{field} of a Sensing", "zero or positive", value)
+            listed = isinstance(value, list | tuple)
+            kind, rule = f"{field} of a Sensing", "zero or positive"
+            items = tuple(_finite(kind, rule, item, 0.0) for item in (value if listed else (value,)))
+            object.__setattr__(self, field, items if listed else items[0])
         object.__setattr__(self, "delay", delay_range("delay of a Sensing", self.delay))
 
 
@@ -123,10 +154,13 @@ class Curriculum:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "driver", _member("driver of a Curriculum", Driver, self.driver))
-        if not 0 <= self.first < self.last:
-            raise _refuse("iterations of a Curriculum", "0 <= first < last", (self.first, self.last))
-        if not (0.0 <= self.up <= 1.0 and 0.0 <= self.down <= 1.0):
-            raise _refuse("steps of a Curriculum", "in [0, 1]", (self.up, self.down))
+        whole = all(isinstance(item, int) and not isinstance(item, bool) for item in (self.first, self.last))
+        if not whole or not 0 <= self.first < self.last < LATEST:
+            raise _refuse("iterations of a Curriculum", "whole numbers, 0 <= first < last", (self.first, self.last))
+        for field in ("up", "down"):
+            object.__setattr__(
+                self, field, _finite("steps of a Curriculum", "in [0, 1]", getattr(self, field), 0.0, 1.0)
+            )
 
     def at_iteration(self, iteration: int) -> float:
         """Return the level of a training iteration."""
@@ -137,15 +171,18 @@ def _member(what: str, kind: type[enum.Enum], value: Any) -> enum.Enum:
     """Return the member that a value or a member names."""
     try:
         return kind(value)
-    except ValueError:
+    except (TypeError, ValueError):
         raise _refuse(what, f"one of {', '.join(str(item.value) for item in kind)}", value) from None
 
 
 def delay_range(what: str, value: Any) -> tuple[int, int]:
     """Return a checked (least, largest) delay [control steps]."""
     bounds = tuple(value) if isinstance(value, list | tuple) else (value,)
-    if len(bounds) != 2 or not all(isinstance(item, int) for item in bounds) or not 0 <= bounds[0] <= bounds[1]:
+    whole = all(isinstance(item, int) and not isinstance(item, bool) for item in bounds)
+    if len(bounds) != 2 or not whole or not 0 <= bounds[0] <= bounds[1]:
         raise _refuse(what, "two whole numbers, 0 <= least <= largest", value)
+    if bounds[1] > LONGEST_DELAY:
+        raise _refuse(what, f"below {LONGEST_DELAY + 1} control steps", value)
     return (bounds[0], bounds[1])
 
 
@@ -167,10 +204,12 @@ def coerce(field: str, kind: Callable[..., ItemT], values: Any) -> dict[str, Ite
         raise _refuse(field, "a dictionary", values)
     made = {}
     for name, value in values.items():
+        if not isinstance(name, str):
+            raise _refuse(f"a name in {field}", "a string", name)
         try:
             made[name] = _from_fields(kind, value) if isinstance(value, Mapping) else value
         except InputError as error:
             raise InputError(f"{field} '{name}': {error}") from None
         if not isinstance(kind, type) or not isinstance(made[name], kind):
-            raise InputError(f"{field} '{name}' must be a {getattr(kind, '__name__', kind)}, got {value!r}")
+            raise InputError(f"{field} '{name}' must be a {getattr(kind, '__name__', kind)}, got {shown(value)}")
     return made

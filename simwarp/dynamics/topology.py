@@ -131,6 +131,22 @@ def drive_mode(dof: Dof) -> DriveMode:
             return DriveMode.PRESCRIBED_SPEED
 
 
+@dataclasses.dataclass(frozen=True)
+class BuiltLaw:
+    """What of a coordinate's law is fixed when the model is made: kind of drive, tables, whether it has a spring."""
+
+    mode: DriveMode
+    spring_table: bool
+    damper_table: bool
+    stiff: bool
+
+    @classmethod
+    def of(cls, dof: Dof) -> BuiltLaw:
+        """That of a degree of freedom."""
+        damper = dof.damper_table is not None or dof.damper_map is not None
+        return cls(drive_mode(dof), dof.spring_table is not None, damper, dof.stiffness > 0.0)
+
+
 def has_law(dof: Dof) -> bool:
     """Whether the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
     mode = drive_mode(dof)

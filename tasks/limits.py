@@ -1,0 +1,38 @@
+"""Limits of what a task is asked for: whole numbers, and memory for what it keeps, before it is taken."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+import warp as wp
+
+from simwarp.memory import check_fits
+from simwarp.types import ModelError, shown
+
+from .errors import InputError
+
+
+def whole(what: str, value: Any, least: int, most: int) -> int:
+    """Return an argument as a whole number, or raise an :class:`InputError` that names it."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool):
+        raise InputError(f"{what} must be a whole number, got {shown(value)}")
+    if not least <= value <= most:
+        rule = f"at least {least}" if value < least else f"at most {most}"
+        raise InputError(f"{what} must be {rule}, got {shown(value)}")
+    return int(value)
+
+
+def check_room(what: str, shape: tuple[int, ...], dtype: torch.dtype, device: torch.device, remedy: str) -> None:
+    """Refuse a tensor that does not fit into the free memory of a device; the message says how much there is.
+
+    Raises:
+        InputError: it does not fit.
+    """
+    needed = math.prod(shape) * dtype.itemsize
+    try:
+        check_fits(what, needed, wp.get_device(str(device)), remedy)
+    except ModelError as error:
+        raise InputError(str(error)) from None
