@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 
 import pytest
 import torch
@@ -18,7 +19,9 @@ from simwarp.tasks import (
     replace_fields,
 )
 
+from simwarp import memory
 from simwarp.interop import to_torch
+from simwarp.types import WORLD, PositionDrive, pose
 from tests.tasks.samples import Counter, SampleConfig, counter
 
 
@@ -128,6 +131,216 @@ def test_a_resumed_task_has_the_same_parameters():
 def test_a_wrong_range_is_named(spec, message):
     with pytest.raises(InputError, match=message):
         make("pendulum", randomise=spec)
+
+
+class Rows(Counter):
+    """A hinge with friction, a stop and a motor; one with springs of a table; a box on the ground."""
+
+    physics = True
+    config_type = SampleConfig
+
+    def build(self, builder):
+        for index in range(2):
+            builder.add_body(f"b{index}", mass=2.0, inertia=(0.1, 0.2, 0.3), pose=pose((index, 0, 0.1)))
+        builder.add_joint_revolute(
+            "motor", WORLD, 0, axis=(0, 1, 0), friction=0.1, limit=(-1, 1),
+            drive=PositionDrive(stiffness=1.0, effort_limit=2.0),
+        )  # fmt: skip
+        builder.add_joint_revolute("table", 0, 1, axis=(0, 1, 0), spring_table=((0, 1), (0, 1)), damping=0.1)
+        builder.add_shape_box(1, half=(0.1, 0.1, 0.1), name="box")
+        builder.add_shape_plane(name="ground")
+
+
+def rows(**changes):
+    return Rows(SampleConfig(**changes), 4)
+
+
+ACTS = [
+    "joint_friction", "joint_limit_lower", "joint_limit_upper", "drive_effort_limit", "drive_stiffness",
+    "joint_damping", "gravity", "body_mass", "body_inertia_b", "shape_friction", "shape_size", "joint_anchor0",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ACTS)
+def test_ranges_that_act(name):
+    task = rows(randomise={name: Range(0.5, 0.9)})
+    view = to_torch(getattr(task.simulation.model, name))
+    assert not torch.equal(view[0], view[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "rule"),
+    [
+        ("joint_friction", "built with friction > 0"), ("joint_limit_lower", "built with a limit"),
+        ("joint_limit_upper", "built with a limit"), ("drive_effort_limit", "PositionDrive with a finite effort_limit"),
+        ("drive_stiffness", "built with a PositionDrive"), ("drive_damping", "built with a PositionDrive"),
+        ("joint_rest", "built with a spring"), ("joint_offset", "massless links have a length"),
+        ("coupling_damping", "the model has no couplings"), ("coupling_offset", "built without damping"),
+        ("shape_friction", "the model has no shapes"), ("shape_rolling_friction", "the model has no shapes"),
+        ("shape_young_modulus", "the model has no shapes"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("mode", ["scale", "set"])
+def test_a_range_that_cannot_act_on_a_cart_with_a_pole(name, rule, mode):
+    """It would be drawn, written and read by nobody."""
+    with pytest.raises(InputError) as caught:
+        make("pendulum", 2, randomise={name: Range(0.5, 1.5, mode=mode)})
+    message = str(caught.value)
+    assert message.startswith(f"randomise '{name}': it cannot act in task 'pendulum': ")
+    assert rule in message
+    assert "; build it so, or leave it out" in message
+    assert message.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("name", "spec", "message"),
+    [
+        ("joint_friction", Range(0.5, 1.5, only="table"), "cannot act on 'table' of task"),
+        ("joint_friction", Range(0.5, 1.5, only=("motor", "table")), "cannot act on 'table' of task"),
+        ("joint_stiffness", Range(0.5, 1.5, mode="set", only="table"), "no spring_table"),
+        ("joint_stiffness", Range(0.5, 1.5, only="motor"), "a factor cannot act on 'motor'.*it is 0 as built"),
+        ("drive_damping", Range(0.5, 1.5), "a factor cannot act in task.*0 as built; use mode='add' or 'set'"),
+        ("shape_size", Range(0.5, 1.5, only="ground"), "planes have no size"),
+        ("shape_rolling_friction", Range(0.1, 0.2, mode="set"), "no shape was built with rolling"),
+        ("shape_young_modulus", Range(0.5, 1.5), "contact_model='smooth'"),
+        ("shape_damping", Range(0.1, 0.2, mode="set"), "no shape was built with compliance"),
+        ("shape_cohesion", Range(0.5, 1.5), "a factor cannot act"),
+    ],
+)
+def test_a_range_that_cannot_act_on_a_part(name, spec, message):
+    with pytest.raises(InputError, match=f"randomise '{name}': .*{message}"):
+        rows(randomise={name: spec})
+
+
+def test_what_becomes_something_beside_it_may_be_scaled():
+    rows(randomise={"drive_damping": Range(0.1, 0.2, mode="set"), "joint_friction": Range(0.1, 0.2, mode="add")})
+    rows(randomise={"shape_damping": Range(0.1, 0.2, mode="set"), "shape_compliance": Range(0.0, 1e-4, mode="set")})
+
+
+def inertias(task):
+    return to_torch(task.simulation.model.body_inertia_b).clone()
+
+
+def test_a_scaled_mass_scales_the_inertia():
+    plain = rows()
+    task = rows(randomise={"body_mass": Range(0.5, 2.0)})
+    for _ in range(3):
+        factor = masses(task) / masses(plain)
+        assert torch.allclose(inertias(task), inertias(plain) * factor[..., None, None])
+        task.restart()
+    assert not torch.allclose(factor, torch.ones(()))
+
+
+def test_in_every_step_and_by_the_level_too():
+    task = rows(randomise={"body_mass": Range(0.5, 2.0, when="step", grows=True, only="b1")})
+    plain = rows()
+    for level in (1.0, 0.3):
+        task.level.fill_(level)
+        task.step(idle(task))
+        factor = masses(task) / masses(plain)
+        assert torch.allclose(inertias(task), inertias(plain) * factor[..., None, None])
+        assert torch.equal(factor[:, 0], torch.ones(4))
+        assert not torch.equal(factor[:, 1], torch.ones(4))
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        {"body_mass": Range(0.5, 2.0, inertia=False)},
+        {"body_mass": Range(0.5, 2.0, mode="add")},
+        {"body_mass": Range(0.5, 2.0, mode="set")},
+    ],
+)
+def test_a_mass_alone(spec):
+    task = rows(randomise=spec)
+    assert torch.equal(inertias(task), inertias(rows()).expand(len(inertias(task)), -1, -1, -1))
+    assert not torch.equal(masses(task)[0], masses(task)[1])
+
+
+def test_an_inertia_with_a_range_of_its_own_follows_that():
+    task = rows(randomise={"body_mass": Range(0.5, 0.5), "body_inertia_b": Range(3.0, 3.0)})
+    assert torch.allclose(inertias(task), 3.0 * inertias(rows()))
+
+
+def test_an_inertia_that_the_task_writes_itself():
+    class Writes(Rows):
+        per_world = ("body_inertia_b",)
+
+    with pytest.raises(InputError, match=r"'body_inertia_b': task .* writes it itself; give body_mass inertia=False"):
+        Writes(SampleConfig(randomise={"body_mass": Range(0.5, 2.0)}), 2)
+    Writes(SampleConfig(randomise={"body_mass": Range(0.5, 2.0, inertia=False)}), 2)
+
+
+# ---- wrong values ------------------------------------------------------------------------------------------------
+
+ODD = [None, "", "abc", b"1", math.nan, math.inf, 10**400, 1e39, [], [1], {}, object(), 1j, (1, 2, 3), [None], True]
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "wrong"),
+    [
+        (Range, {"low": 0.5, "high": 2.0}, {
+            "low": [*ODD, -1.0, 3.0], "high": [*ODD, 0.1], "mode": [None, "", "x", 3, [], {}],
+            "when": [None, "", "x", 3, [], {}], "only": [None, 3, {}, [3], [None], [""], b"x"],
+            "shared": [None, 1, "yes"], "draw": [None, 3, [], "\ud800", "a\nb"], "grows": [None, 0, "no"],
+            "inertia": [None, 0, "no", []],
+        }),
+        (Sensing, {}, {
+            "noise": [*(value for value in ODD if value not in ([], [1], (1, 2, 3))), -1.0, ["x"], [math.nan]],
+            "bias": [*(value for value in ODD if value not in ([], [1], (1, 2, 3))), -1.0, ["x"], [10**400]],
+            "delay": [None, "", 3, [1], [1, 2, 3], (2, 1), (-1, 2), (0.0, 1.0), (0, True), (0, 2**31), (0, 10**400),
+                      "ab"],
+        }),
+        (Curriculum, {}, {
+            "driver": [None, "", "x", 3, [], {}], "first": [None, -1, 1.5, "x", 100, True, math.nan],
+            "last": [None, 0, 1.5, "x", 10**400, math.inf], "up": [*ODD[:-1], -0.1, 1.1], "down": [*ODD[:-1], 2.0],
+        }),
+    ],
+)  # fmt: skip
+def test_odd_values_of_every_field(kind, fields, wrong):
+    assert set(wrong) == {field.name for field in dataclasses.fields(kind)}
+    for field, values in wrong.items():
+        for value in values:
+            with pytest.raises(InputError) as caught:
+                kind(**(fields | {field: value}))
+            message = str(caught.value)
+            assert f"of a {kind.__name__} must be " in message, (field, value)
+            assert message.isprintable()
+            assert len(message) < 300
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"action_delay": (0, 10**9)}, "delay of actions up to 1000000000 steps: the last values of 3 worlds"),
+        ({"sensing": {"policy": Sensing(delay=(0, 10**9))}}, "delay of policy up to 1000000000 steps"),
+        ({"sensing": {"camera": Sensing(delay=(0, 2**31 - 1))}}, "delay of camera up to 2147483647 steps"),
+    ],
+)
+def test_delays_that_ask_for_too_much_memory(change, message, monkeypatch):
+    monkeypatch.setattr(memory, "free_memory", lambda device: 10**9)
+    with pytest.raises(InputError, match=f"{message}.* need .* GiB, device cpu has .*; shorten the delay"):
+        counter(**change)
+
+
+def test_worlds_and_guards_that_ask_for_too_much_memory(monkeypatch):
+    with pytest.raises(InputError, match=r"task 'fast': 2147483647 worlds need .* free; take fewer worlds"):
+        make("fast", 2**31 - 1)
+    monkeypatch.setattr(memory, "free_memory", lambda device: 10**6)
+    with pytest.raises(InputError, match="guard-steps: the last 10000 steps of 40 worlds need"):
+        make("pendulum", 40, guard_steps=10000)
+
+
+@pytest.mark.parametrize("value", [0, -1, 1.5, "3", None, True, 2**31, 10**400, [3]])
+def test_numbers_of_worlds_that_are_none(value):
+    with pytest.raises(InputError, match="number of worlds must be"):
+        make("fast", value)
+
+
+@pytest.mark.parametrize("value", [1.5, "3", None, True, 10**400, [3]])
+def test_seeds_that_are_none(value):
+    with pytest.raises(InputError, match="seed must be"):
+        make("fast", 2, seed=value)
 
 
 @pytest.mark.parametrize(
