@@ -48,8 +48,7 @@ class Tally:
 
     def content(self) -> dict:
         """What the report keeps."""
-        plain = dataclasses.asdict(self)
-        return plain | {name: dict(plain[name]) for name in ("results", "verdicts", "failures")}
+        return {name: dict(value) if isinstance(value, dict) else value for name, value in vars(self).items()}
 
     def write(self) -> None:
         """Add the figures to the report that the environment asks for."""

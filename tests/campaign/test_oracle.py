@@ -1,5 +1,6 @@
 """The oracle can fail: every class of failure is seen where it is made on purpose, and nothing else is."""
 
+import json
 import sys
 import time
 import warnings
@@ -10,8 +11,9 @@ import pytest
 from simwarp.files import FileError
 from tests.campaign import oracle
 from tests.campaign.hostile import ACCEPT, EITHER, REFUSE
-from tests.campaign.oracle import CallAttack, CommandAttack, attack_call, attack_command
+from tests.campaign.oracle import CallAttack, CommandAttack, Outcome, attack_call, attack_command
 from tests.campaign.sandbox import Sandbox
+from tests.campaign.tally import Tally
 
 ERROR = "simwarp: --seed must be a whole number, got 'x'\n"
 
@@ -138,3 +140,17 @@ def raises(error):
 )
 def test_calls(call, verdict, failure):
     assert attack_call(CallAttack("a try", verdict, ("mass",), call)).failure == failure
+
+
+def test_figures_are_written(tmp_path, monkeypatch):
+    monkeypatch.setenv("SIMWARP_CAMPAIGN_REPORT", str(tmp_path / "report.json"))
+    for name in ("one", "two", "one"):
+        tally = Tally(name, 3)
+        tally.add(CallAttack("a try", REFUSE), Outcome("refused"))
+        tally.check()
+    tally.add(CallAttack("another", REFUSE), Outcome("accepted", "silent acceptance"))
+    with pytest.raises(AssertionError, match="1 of 2 failed"):
+        tally.check()
+    two, one = json.loads((tmp_path / "report.json").read_text())["fronts"]
+    assert (two["front"], two["examples"], two["results"], two["seed"]) == ("two", 1, {"refused": 1}, 3)
+    assert (one["examples"], one["failures"]) == (2, {"silent acceptance": 1})
