@@ -62,8 +62,10 @@ def _read(path: Path) -> tuple[list[dict[str, str]], int]:
     except OSError:
         return [], 1
     header, *lines = text.splitlines() or [""]
+    # Without its end, a line may have lost digits of its last number
+    ended = lines if text.endswith("\n") else lines[:-1]
     names = _words(header)
-    rows = [dict(zip(names, words, strict=True)) for line in lines if len(words := _words(line)) == len(names)]
+    rows = [dict(zip(names, words, strict=True)) for line in ended if len(words := _words(line)) == len(names)]
     whole = [row for row in rows if _is_whole(row)]
     return whole, len(lines) - len(whole)
 

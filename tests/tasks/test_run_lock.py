@@ -10,7 +10,7 @@ import sys
 import pytest
 from rich.console import Console
 from simwarp.tasks import InputError
-from simwarp.train import training
+from simwarp.train import run_lock, training
 from simwarp.train.run_lock import LOCK, Writer, started, writing
 from simwarp.train.trainer import TrainingError
 
@@ -136,6 +136,21 @@ def test_of_processes_that_find_the_same_lock_one_at_a_time_is_inside(tmp_path, 
     assert [process.exitcode for process in processes] == [0, 0, 0]
     assert [held.value for held in counts] == [10, 10, 10]
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_lock_that_another_process_replaced_at_the_last_moment_is_looked_at_anew(tmp_path, dead, monkeypatch):
+    leave(tmp_path, pid=dead, started="1")
+    flock = run_lock.fcntl.flock
+
+    def slow_flock(handle, how):
+        if json.loads((tmp_path / LOCK).read_text(encoding="utf-8"))["pid"] == dead:
+            (tmp_path / LOCK).unlink()
+            leave(tmp_path)  # of a living process
+        flock(handle, how)
+
+    monkeypatch.setattr(run_lock.fcntl, "flock", slow_flock)
+    with pytest.raises(InputError, match=f"is being written by process {os.getpid()} on"):
+        writing(tmp_path).__enter__()
 
 
 # ---- in training -----------------------------------------------------------------------------------------------------
