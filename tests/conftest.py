@@ -24,16 +24,6 @@ def _kernels() -> None:
         compile_together()
 
 
-def pytest_make_parametrize_id(val: object) -> str | None:
-    """Name a parameter alike in every worker: objects by their class, not by their address; long values shortly."""
-    if isinstance(val, int | float | None) or callable(val):
-        return None
-    text = repr(val)
-    if " at 0x" in text:
-        return type(val).__name__
-    return f"{text[:40]}..." if len(text) > 80 else None
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip tests marked `cuda` where Warp finds no CUDA device."""
     marked = [item for item in items if item.get_closest_marker("cuda")]
