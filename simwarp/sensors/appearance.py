@@ -176,11 +176,13 @@ def _entry(texture: Texture) -> _Entry:
         return _Entry(TextureKind.IMAGE, _image(texture.image), extent, (white, white))
     name = type(texture).__name__
     if len(texture.colors) != 2:
-        raise ModelError(f"{name}: colors must be two colours, got {texture.colors!r}; pass ((r, g, b), (r, g, b))")
+        raise ModelError(
+            f"{name}: colors must be two colours, got {shown(texture.colors)}; pass ((r, g, b), (r, g, b))"
+        )
     for color in texture.colors:
         values = finite_vector(name, "colors", color, 3)
         if values.min() < 0.0 or values.max() > 1.0:
-            raise ModelError(f"{name}: colors must be between 0 and 1, got {color!r}; they are linear albedos")
+            raise ModelError(f"{name}: colors must be between 0 and 1, got {shown(color)}; they are linear albedos")
     side = positive_number(name, "metres", texture.metres, "m", "give the side of a square or patch")
     kind = TextureKind.CHECKER if isinstance(texture, CheckerTexture) else TextureKind.NOISE
     return _Entry(kind, None, (side, side), texture.colors)
@@ -189,7 +191,9 @@ def _entry(texture: Texture) -> _Entry:
 def _extent(metres: Extent) -> tuple[float, float]:
     values = (metres, metres) if isinstance(metres, (int, float)) else tuple(metres)
     if len(values) != 2:
-        raise ModelError(f"ImageTexture: metres must be one or two lengths, got {metres!r}; pass (along x, along y)")
+        raise ModelError(
+            f"ImageTexture: metres must be one or two lengths, got {shown(metres)}; pass (along x, along y)"
+        )
     x, y = (positive_number("ImageTexture", "metres", value, "m", "pass what one repeat covers") for value in values)
     return x, y
 

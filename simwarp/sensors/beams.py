@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.types import ModelError, shown
+from simwarp.types import FLOAT32_MAX, ModelError, numbers, shown
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Angles: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
@@ -84,7 +84,8 @@ def check_beam_count(thing: str, columns: int, rows: int) -> None:
     """Refuses more beams than `MOST_BEAMS`, before they are made."""
     if int(columns) * int(rows) > MOST_BEAMS:
         raise ModelError(
-            f"{thing}: columns x rows must be at most {MOST_BEAMS} beams, got {columns} x {rows}; use fewer"
+            f"{thing}: columns x rows must be at most {MOST_BEAMS} beams, got {shown(columns)} x {shown(rows)}; "
+            "use fewer"
         )
 
 
@@ -109,7 +110,7 @@ def beam_grid(
     """
     for name, count in (("columns", columns), ("rows", rows)):
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-            raise ModelError(f"beam_grid: {name} must be an integer >= 1, got {count!r}; pass the number of beams")
+            raise ModelError(f"beam_grid: {name} must be an integer >= 1, got {shown(count)}; pass the number of beams")
     check_beam_count("beam_grid", columns, rows)
     ends = _angles("azimuth", azimuth)
     heights = _angles("elevation", elevation)
@@ -145,25 +146,25 @@ class Beam:
     shape: str = "elliptic"
 
     def __post_init__(self) -> None:
-        try:
-            pair = np.broadcast_to(np.asarray(self.divergence, dtype=np.float64), (2,))
-        except (TypeError, ValueError) as error:
+        given = numbers(self.divergence)
+        if given.shape not in ((), (1,), (2,)):
             raise ModelError(
-                f"Beam: divergence must be one angle or (horizontal, vertical), got {self.divergence!r}"
-            ) from error
+                f"Beam: divergence must be one angle or (horizontal, vertical), got {shown(self.divergence)}"
+            )
+        pair = np.broadcast_to(given, (2,))
         if not (np.isfinite(pair).all() and (pair >= 0.0).all() and (pair <= 0.5 * math.pi).all()):
             remedy = "use 0 for one ray" if not (pair > 0.0).all() else "it is in radians: math.radians(...) of degrees"
             raise ModelError(
                 f"Beam: divergence must be >= 0 and at most pi/2 rad, got {shown(self.divergence)}; {remedy}"
             )
         if isinstance(self.radius, bool) or not isinstance(self.radius, (int, np.integer)):
-            raise ModelError(f"Beam: radius must be an integer, got {self.radius!r}; use 2 for 9 rays")
+            raise ModelError(f"Beam: radius must be an integer, got {shown(self.radius)}; use 2 for 9 rays")
         if not 1 <= self.radius <= MAX_RADIUS:
             raise ModelError(
-                f"Beam: radius must be 1 to {MAX_RADIUS}, got {self.radius}; (2 radius - 1)² rays are cast"
+                f"Beam: radius must be 1 to {MAX_RADIUS}, got {shown(self.radius)}; (2 radius - 1)² rays are cast"
             )
-        if self.shape not in ("elliptic", "rectangular"):
-            raise ModelError(f"Beam: shape must be 'elliptic' or 'rectangular', got {self.shape!r}")
+        if not isinstance(self.shape, str) or self.shape not in ("elliptic", "rectangular"):
+            raise ModelError(f"Beam: shape must be 'elliptic' or 'rectangular', got {shown(self.shape)}")
 
     def offsets(self) -> Array:
         """Angles of the rays from the beam's axis, to the left and upwards, (rays, 2) float64 [rad]; the first is 0."""
@@ -195,18 +196,15 @@ def _even(ends: Array, count: int) -> Array:
 
 def _angles(name: str, values: Any) -> Array:
     """A table of angles as float64, or a ModelError."""
-    try:
-        table = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ModelError(
-            f"BeamTable: {name} must be a table of angles [rad], got {shown(values)}; pass numbers"
-        ) from error
+    table = numbers(values)
+    if table.ndim == 0 and not np.isfinite(table):
+        raise ModelError(f"BeamTable: {name} must be a table of angles [rad], got {shown(values)}; pass numbers")
     if table.ndim not in (1, 2) or table.size == 0:
         raise ModelError(
             f"BeamTable: {name} must hold at least one angle in one or two dimensions, got shape {table.shape}; "
             "pass (columns,) azimuths and (rows,) elevations"
         )
-    if not np.isfinite(table).all():
+    if not np.isfinite(table).all() or np.abs(table).max() > FLOAT32_MAX:
         raise ModelError(f"BeamTable: {name} must be finite [rad], got {shown(values)}; check the angles")
     table.setflags(write=False)
     return table

@@ -199,7 +199,7 @@ def look_at(eye: Vec3, target: Vec3, up: Vec3 = (0.0, 0.0, 1.0)) -> Pose:
     place = finite_vector("look_at", "eye", eye, 3)
     way = finite_vector("look_at", "target", target, 3) - place
     if float(np.linalg.norm(way)) < 1e-9:
-        raise ModelError(f"look_at: eye and target must be apart, got {eye!r} for both; move one")
+        raise ModelError(f"look_at: eye and target must be apart, got {shown(eye)} for both; move one")
     forward = way / np.linalg.norm(way)
     left = np.cross(finite_vector("look_at", "up", up, 3), forward)
     if float(np.linalg.norm(left)) < 1e-9:  # straight up or down: the image's upper side is X
@@ -220,17 +220,20 @@ def camera_numbers(config: CameraConfig) -> CameraNumbers:
         if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
             raise ModelError(f"{thing}: {field} must be an integer >= {least}, got {shown(value)}")
         if field == "groups" and value > ALL_GROUPS:
-            raise ModelError(f"{thing}: groups must be bits below 2^31, got {value}; leave out the higher ones")
+            raise ModelError(f"{thing}: groups must be bits below 2^31, got {shown(value)}; leave out the higher ones")
         if field in ("width", "height") and value > MOST_PIXELS:
             raise ModelError(
-                f"{thing}: {field} must be an integer from 1 to {MOST_PIXELS}, got {value}; use fewer pixels"
+                f"{thing}: {field} must be an integer from 1 to {MOST_PIXELS}, got {shown(value)}; use fewer pixels"
             )
     if config.samples > MOST_SAMPLES:
-        raise ModelError(f"{thing}: samples must be at most {MOST_SAMPLES}, got {config.samples}: s x s rays are cast")
-    names = tuple(config.outputs) if isinstance(config.outputs, (tuple, list)) else ()
-    if not names or len(set(names)) < len(names) or set(names) - OUTPUTS.keys():
         raise ModelError(
-            f"{thing}: outputs must be different ones of {', '.join(OUTPUTS)}, got {config.outputs!r}; "
+            f"{thing}: samples must be at most {MOST_SAMPLES}, got {shown(config.samples)}: s x s rays are cast"
+        )
+    names = tuple(config.outputs) if isinstance(config.outputs, (tuple, list)) else ()
+    known = all(isinstance(name, str) and name in OUTPUTS for name in names)
+    if not names or not known or len(set(names)) < len(names):
+        raise ModelError(
+            f"{thing}: outputs must be different ones of {', '.join(OUTPUTS)}, got {shown(config.outputs)}; "
             'write for example ("rgb", "depth")'
         )
     near = finite_number(thing, "near", config.near, "0 sees everything")

@@ -73,7 +73,7 @@ def stream_of(seed: int, name: str) -> int:
         ModelError: the seed is no integer.
     """
     if not isinstance(seed, (int, np.integer)) or isinstance(seed, bool):
-        raise ModelError(f"sensor '{name}': seed must be an integer, got {seed!r}; pass for example 0")
+        raise ModelError(f"sensor '{name}': seed must be an integer, got {shown(seed)}; pass for example 0")
     digest = hashlib.blake2b(f"{int(seed)}/{name}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little")
 

@@ -61,10 +61,10 @@ class Schedule:
         if self.window > (1.0 + 1.0e-9) / self.rate:
             raise ModelError(
                 f"Schedule: window must not be longer than a period (1 / rate = {1.0 / self.rate:.6g} s), "
-                f"got {self.window!r} s; shorten it or lower the rate"
+                f"got {shown(self.window)} s; shorten it or lower the rate"
             )
-        if self.phase not in ("zero", "random"):
-            raise ModelError(f"Schedule: phase must be 'zero' or 'random', got {self.phase!r}; choose one of them")
+        if not isinstance(self.phase, str) or self.phase not in ("zero", "random"):
+            raise ModelError(f"Schedule: phase must be 'zero' or 'random', got {shown(self.phase)}; choose one of them")
 
     def steps(self, dt: float) -> Steps:
         """The schedule in sub-steps of `dt` seconds: the nearest whole numbers (halves up), a period of at least 1."""
@@ -161,6 +161,9 @@ def checked_outputs(thing: str, outputs: Sequence[str], known: Sequence[str]) ->
         ModelError: one is unknown or named twice, or there is none.
     """
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, (tuple, list)) else ()
-    if not names or len(set(names)) < len(names) or any(name not in known for name in names):
-        raise ModelError(f"{thing}: outputs must be some of {', '.join(known)}, each once, got {outputs!r}; choose")
+    strange = any(not isinstance(name, str) or name not in known for name in names)
+    if not names or strange or len(set(names)) < len(names):
+        raise ModelError(
+            f"{thing}: outputs must be some of {', '.join(known)}, each once, got {shown(outputs)}; choose"
+        )
     return names

@@ -19,7 +19,7 @@ from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.contract import Mount, Schedule, checked_config, checked_model
 from simwarp.sensors.instrument import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain, Numbers
-from simwarp.types import JointType, ModelError, RowKind, Vec3, shown
+from simwarp.types import FLOAT32_MAX, JointType, ModelError, RowKind, Vec3, numbers, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
@@ -59,8 +59,8 @@ class EncoderConfig:
     noise: tuple[Noise, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.reading not in READINGS:
-            raise ModelError(f"EncoderConfig: reading must be one of {', '.join(READINGS)}, got {self.reading!r}")
+        if not isinstance(self.reading, str) or self.reading not in READINGS:
+            raise ModelError(f"EncoderConfig: reading must be one of {', '.join(READINGS)}, got {shown(self.reading)}")
         for name in ("counts_per_turn", "step"):
             if getattr(self, name) is not None:
                 _check_numbers(name, getattr(self, name), "> 0")
@@ -179,8 +179,10 @@ class TachometerConfig:
     noise: tuple[Noise, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.unit not in ("rpm", "rad/s"):
-            raise ModelError(f"TachometerConfig: unit must be 'rpm' or 'rad/s', got {self.unit!r}; choose one of them")
+        if not isinstance(self.unit, str) or self.unit not in ("rpm", "rad/s"):
+            raise ModelError(
+                f"TachometerConfig: unit must be 'rpm' or 'rad/s', got {shown(self.unit)}; choose one of them"
+            )
         unit_vector("TachometerConfig", "axis", self.axis)
 
 
@@ -350,20 +352,17 @@ def _turns(dof: int, model: Model) -> bool:
 
 def _per_coordinate(sensor: str, field: str, values: Any, count: int) -> Any:
     """(count,) of one number, or one per coordinate."""
-    numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    if len(numbers) not in (1, count):
-        raise ModelError(f"sensor '{sensor}': {field} must be one number or {count}, got {len(numbers)}")
-    return np.broadcast_to(numbers, count)
+    given = np.atleast_1d(numbers(values))
+    if len(given) not in (1, count):
+        raise ModelError(f"sensor '{sensor}': {field} must be one number or {count}, got {len(given)}")
+    return np.broadcast_to(given, count)
 
 
 def _check_numbers(field: str, value: Any, rule: Literal["> 0", "not 0"]) -> None:
     """One number or one per coordinate that keep a rule, or a ModelError."""
-    try:
-        numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
-        usable = numbers.ndim == 1 and numbers.size > 0 and bool(np.isfinite(numbers).all())
-    except (TypeError, ValueError):
-        usable = False
-    if not usable or isinstance(value, (str, bool)) or (numbers == 0.0 if rule == "not 0" else numbers <= 0.0).any():
+    given = np.atleast_1d(numbers(value))
+    usable = given.ndim == 1 and given.size > 0 and bool((np.abs(given) <= FLOAT32_MAX).all())
+    if not usable or (given == 0.0 if rule == "not 0" else given <= 0.0).any():
         raise ModelError(
-            f"EncoderConfig: {field} must be finite and {rule}, one number or one per joint, got {value!r}"
+            f"EncoderConfig: {field} must be finite and {rule}, one number or one per joint, got {shown(value)}"
         )

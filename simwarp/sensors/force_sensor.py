@@ -37,7 +37,9 @@ class ContactSensorConfig:
 
     def __post_init__(self) -> None:
         if finite_number("ContactSensorConfig", "threshold", self.threshold) < 0.0:
-            raise ModelError(f"ContactSensorConfig: threshold must be >= 0 N, got {self.threshold!r}; use 0 for any")
+            raise ModelError(
+                f"ContactSensorConfig: threshold must be >= 0 N, got {shown(self.threshold)}; use 0 for any"
+            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -91,7 +93,9 @@ class ContactSensor(Instrument):
         self.mount: Any = mount_arrays(name, mount, model, self.copies)
         self._body = body_index(name, mount.body, model)
         if self._body == WORLD or not (model.topology.shape_body.numpy() == self._body).any():
-            raise ModelError(f"sensor '{name}': body must have a shape, got {mount.body!r}; add one with add_shape_...")
+            raise ModelError(
+                f"sensor '{name}': body must have a shape, got {shown(mount.body)}; add one with add_shape_..."
+            )
 
     @property
     def touch(self) -> wp.array:

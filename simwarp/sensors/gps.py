@@ -18,7 +18,7 @@ from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.contract import Mount, Schedule, checked_config
 from simwarp.sensors.instrument import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.types import ModelError
+from simwarp.types import ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation import Simulation
@@ -52,7 +52,8 @@ class GeoOrigin:
             value = finite_number("GeoOrigin", name, getattr(self, name))
             if abs(value) > limit:
                 raise ModelError(
-                    f"GeoOrigin: {name} must be within ±{limit:g}, got {value!r}; angles on the Earth are in degrees"
+                    f"GeoOrigin: {name} must be within ±{limit:g}, got {shown(value)}; "
+                    "angles on the Earth are in degrees"
                 )
 
 
@@ -75,12 +76,20 @@ class GpsConfig:
     velocity_noise: tuple[Noise, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.earth not in ("wgs84", "sphere"):
-            raise ModelError(f"GpsConfig: earth must be 'wgs84' or 'sphere', got {self.earth!r}; choose one of them")
+        if not isinstance(self.earth, str) or self.earth not in ("wgs84", "sphere"):
+            raise ModelError(
+                f"GpsConfig: earth must be 'wgs84' or 'sphere', got {shown(self.earth)}; choose one of them"
+            )
 
 
 def geo_frame(origin: GeoOrigin, spherical: bool = False) -> GeoFrame:
-    """The origin as kernels read it."""
+    """The origin as kernels read it.
+
+    Raises:
+        ModelError: it is none.
+    """
+    if not isinstance(origin, GeoOrigin):
+        raise ModelError(f"origin must be a GeoOrigin, got {shown(origin)}; write GeoOrigin(latitude=..., ...)")
     frame = GeoFrame()
     frame.spherical = int(spherical)
     latitude, longitude = math.radians(origin.latitude), math.radians(origin.longitude)

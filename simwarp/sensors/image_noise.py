@@ -97,5 +97,5 @@ def _value(imaging: Imaging, name: str) -> tuple[Any, Any]:
     if value < 0.0:
         raise ModelError(f"Imaging: {name} must be >= 0, got {shown(given)}; use 0 for none")
     if name == "vignetting" and value > 1.0:
-        raise ModelError(f"Imaging: vignetting must be between 0 and 1, got {given!r}; 1 is the cos⁴ law")
+        raise ModelError(f"Imaging: vignetting must be between 0 and 1, got {shown(given)}; 1 is the cos⁴ law")
     return np.float32(value), wp.float32

@@ -19,6 +19,7 @@ from simwarp.sensors.scanning import (
     PerWorld,
     check_choice,
     check_reach,
+    check_scan,
     check_shares,
     lane_count,
     noise_arrays,
@@ -107,11 +108,12 @@ class LidarConfig:
         check_choice("LidarConfig", "mode", self.mode, MODES)
         check_choice("LidarConfig", "miss", self.miss, MISSES)
         check_reach("LidarConfig", self.near, self.far)
+        check_scan("LidarConfig", self.sweep, self.groups)
         names = (self.outputs,) if not isinstance(self.outputs, (tuple, list)) else tuple(self.outputs)
         for name in names or ("",):
             check_choice("LidarConfig", "outputs", name, OUTPUTS)
         if len(set(names)) < len(names):
-            raise ModelError(f"LidarConfig: outputs must be different, got {names!r}; name each once")
+            raise ModelError(f"LidarConfig: outputs must be different, got {shown(names)}; name each once")
         object.__setattr__(self, "outputs", names)
 
 
@@ -239,7 +241,7 @@ class Lidar:
     def _output(self, name: str) -> wp.array:
         if name not in self.config.outputs:
             raise ModelError(
-                f"lidar '{self.name}': '{name}' is not among its outputs {self.config.outputs!r}; "
+                f"lidar '{self.name}': '{name}' is not among its outputs {shown(self.config.outputs)}; "
                 "add it to LidarConfig.outputs"
             )
         return self.frames.data[name]

@@ -26,7 +26,7 @@ from simwarp.kernels.sensors.noise import (
     NoiseArrays,
 )
 from simwarp.model import Model
-from simwarp.types import ModelError
+from simwarp.types import FLOAT32_MAX, ModelError, numbers, shown
 
 Numbers: TypeAlias = float | tuple[float, ...]
 """One for all channels, or one per channel."""
@@ -119,7 +119,9 @@ class Saturation:
         lower, upper = np.atleast_1d(self.lower), np.atleast_1d(self.upper)
         fits = len({1, len(lower), len(upper)}) <= 2
         if fits and not (lower < upper).all():
-            raise ModelError(f"Saturation: lower must be below upper, got {self.lower!r} and {self.upper!r}; swap them")
+            raise ModelError(
+                f"Saturation: lower must be below upper, got {shown(self.lower)} and {shown(self.upper)}; swap them"
+            )
 
 
 Noise: TypeAlias = NormalNoise | BiasWalk | BoundedDrift | Quantisation | Saturation
@@ -158,7 +160,7 @@ class NoiseChain:
         for index, stage in enumerate(self.stages):
             if type(stage) not in _STAGES:
                 known = ", ".join(cls.__name__ for cls in _STAGES)
-                raise ModelError(f"{thing}: must be a sequence of {known}, got {stage!r}; construct one of them")
+                raise ModelError(f"{thing}: must be a sequence of {known}, got {shown(stage)}; construct one of them")
             for column, name in enumerate(_STAGES[type(stage)][1]):
                 values[index, :, column] = self._spread(stage, name)
         worlds, device = model.world_count, model.device
@@ -190,7 +192,7 @@ class NoiseChain:
         names = _STAGES[type(self.stages[stage])][1] if 0 <= stage < len(self.stages) else ()
         if name not in names:
             known = "; ".join(f"{k}: {', '.join(_STAGES[type(s)][1])}" for k, s in enumerate(self.stages)) or "none"
-            raise ModelError(f"{self.thing}: no stage {stage!r} with a number '{name}'; there are {known}")
+            raise ModelError(f"{self.thing}: no stage {shown(stage)} with a number '{name}'; there are {known}")
         view: WritableArray = self.arrays.parameter[:, stage, :, names.index(name)]
         return view
 
@@ -200,7 +202,8 @@ class NoiseChain:
         numbers = np.clip(np.atleast_1d(np.asarray(value, np.float64)), -LARGEST, LARGEST)
         if len(numbers) not in (1, self.channels):
             raise ModelError(
-                f"{self.thing}: {name} of {type(stage).__name__} must be one number or {self.channels}, got {value!r}"
+                f"{self.thing}: "
+                f"{name} of {type(stage).__name__} must be one number or {self.channels}, got {shown(value)}"
             )
         return numbers
 
@@ -210,18 +213,15 @@ def _check(
 ) -> None:
     """The numbers of a stage, as floats, or a ModelError."""
     value = getattr(stage, name)
-    try:
-        numbers = np.atleast_1d(np.asarray(value, dtype=np.float64))
-        usable = numbers.ndim == 1 and numbers.size > 0 and not isinstance(value, (str, bool))
-        usable = usable and bool((np.isfinite(numbers) | (infinite & ~np.isnan(numbers))).all())
-    except (TypeError, ValueError):
-        usable = False
+    given = np.atleast_1d(numbers(value))
+    usable = given.ndim == 1 and given.size > 0
+    usable = usable and bool(((np.abs(given) <= FLOAT32_MAX) | (infinite & np.isinf(given))).all())
     rule = "a number or one per channel" if infinite else "a finite number or one per channel"
     if usable and least > -math.inf:
-        usable, rule = bool((numbers >= least).all()), f"{rule}, >= {least:g}"
+        usable, rule = bool((given >= least).all()), f"{rule}, >= {least:g}"
     elif usable and above > -math.inf:
-        usable, rule = bool((numbers > above).all()), f"{rule}, > {above:g}"
+        usable, rule = bool((given > above).all()), f"{rule}, > {above:g}"
     if not usable:
-        raise ModelError(f"{type(stage).__name__}: {name} must be {rule}, got {value!r}")
-    plain = tuple(float(number) for number in numbers)
+        raise ModelError(f"{type(stage).__name__}: {name} must be {rule}, got {shown(value)}")
+    plain = tuple(given.tolist())
     object.__setattr__(stage, name, plain[0] if np.ndim(value) == 0 else plain)

@@ -19,6 +19,7 @@ from simwarp.sensors.contract import Mount, Schedule, checked_config, wanted_arr
 from simwarp.sensors.scanning import (
     PerWorld,
     check_reach,
+    check_scan,
     check_shares,
     lane_count,
     noise_arrays,
@@ -85,7 +86,7 @@ class Clusters:
         for field in ("least", "capacity"):
             value = getattr(self, field)
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-                raise ModelError(f"Clusters: {field} must be an integer >= 1, got {value!r}")
+                raise ModelError(f"Clusters: {field} must be an integer >= 1, got {shown(value)}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -122,10 +123,13 @@ class RadarConfig:
                 value = getattr(self, field)
                 raise ModelError(f"RadarConfig: {field} must be a {kind.__name__}, got {shown(value)}; construct one")
         if not (self.clusters is None or isinstance(self.clusters, Clusters)):
-            raise ModelError(f"RadarConfig: clusters must be None or Clusters, got {self.clusters!r}")
+            raise ModelError(f"RadarConfig: clusters must be None or Clusters, got {shown(self.clusters)}")
         check_reach("RadarConfig", self.near, self.far)
+        check_scan("RadarConfig", self.sweep, self.groups)
         if not finite_number("RadarConfig", "falloff", self.falloff) >= 0.0:
-            raise ModelError(f"RadarConfig: falloff must be >= 0, got {self.falloff!r}; use 4 for the radar equation")
+            raise ModelError(
+                f"RadarConfig: falloff must be >= 0, got {shown(self.falloff)}; use 4 for the radar equation"
+            )
 
 
 class Radar:

@@ -12,14 +12,14 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.arrays import WritableArray, writable_from
-from simwarp.checks import finite_number, positive_number
+from simwarp.checks import checked_flag, finite_number, positive_number, whole_number
 from simwarp.kernels.sensors.beams import Scan
 from simwarp.kernels.sensors.motion import MountArrays
 from simwarp.model import Model
 from simwarp.sensors.beams import BeamTable
 from simwarp.sensors.clock import Frames
-from simwarp.sensors.scene import Scene
-from simwarp.types import ModelError, shown
+from simwarp.sensors.scene import ALL_GROUPS, Scene
+from simwarp.types import FLOAT32_MAX, ModelError, numbers, shown
 
 PerWorld: TypeAlias = float | Sequence[float] | npt.NDArray[np.floating]
 """A number for all worlds, or one for each."""
@@ -27,8 +27,14 @@ PerWorld: TypeAlias = float | Sequence[float] | npt.NDArray[np.floating]
 
 def check_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> None:
     """A ModelError where `value` is none of the names."""
-    if value not in known:
-        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {value!r}")
+    if not isinstance(value, str) or value not in known:
+        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {shown(value)}")
+
+
+def check_scan(thing: str, sweep: Any, groups: Any) -> None:
+    """A flag and the bits of groups that are seen, or a ModelError."""
+    checked_flag(thing, "sweep", sweep)
+    whole_number(thing, "groups", groups, 0, ALL_GROUPS, "leave out the higher bits")
 
 
 def check_reach(thing: str, near: Any, far: Any) -> None:
@@ -42,14 +48,11 @@ def check_reach(thing: str, near: Any, far: Any) -> None:
 
 def check_shares(thing: str, field: str, value: Any, limit: float | None) -> None:
     """Numbers >= 0, up to `limit`, or a ModelError."""
-    try:
-        numbers = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"{thing}: {field} must be a number or one per world, got {value!r}") from error
+    given = numbers(value)
     top = math.inf if limit is None else limit
     rule = ">= 0" if limit is None else f"between 0 and {limit:g}"
-    good = numbers.size > 0 and np.isfinite(numbers).all() and (numbers >= 0.0).all() and (numbers <= top).all()
-    if not good or numbers.ndim > 1:
+    good = given.size > 0 and (given >= 0.0).all() and (given <= min(top, FLOAT32_MAX)).all()
+    if not good or given.ndim > 1:
         raise ModelError(
             f"{thing}: {field} must be {rule}, a number or one per world, got {shown(value)}; use 0 for none"
         )

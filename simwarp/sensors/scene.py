@@ -137,7 +137,9 @@ class Visuals:
     ) -> int:  # fmt: skip
         """One more thing that shows a mesh of `add_mesh_asset`; returns the instance."""
         if isinstance(asset, bool) or not 0 <= asset < len(self.meshes):
-            raise ModelError(f"visuals: asset must be in 0..{len(self.meshes) - 1}, got {asset!r}; see add_mesh_asset")
+            raise ModelError(
+                f"visuals: asset must be in 0..{len(self.meshes) - 1}, got {shown(asset)}; see add_mesh_asset"
+            )
         if self.mesh_looks[asset] is not None:
             look.setdefault("color", (1.0, 1.0, 1.0))
         return self._add(ShapeType.MESH, body, scale, name, pose, look, asset)
@@ -201,7 +203,7 @@ class Visuals:
         for index, instance in enumerate(self.instances):
             if instance.shape == shape and shape >= 0:
                 return index
-        raise ModelError(f"visuals: there must be a shape {shape!r} in sight; pass what add_shape_... returned")
+        raise ModelError(f"visuals: there must be a shape {shown(shape)} in sight; pass what add_shape_... returned")
 
     def _follow(self) -> None:
         """Takes in the shapes that the builder got since the last look."""
@@ -247,7 +249,9 @@ class Visuals:
             raise ModelError(f"{thing}: the name must be unique, got it twice; choose another")
         count = len(self.builder.bodies)
         if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not WORLD <= body < count:
-            raise ModelError(f"{thing}: body must be WORLD or in 0..{count - 1}, got {body!r}; pass add_body's index")
+            raise ModelError(
+                f"{thing}: body must be WORLD or in 0..{count - 1}, got {shown(body)}; pass add_body's index"
+            )
         instance = Instance(
             title, kind, int(body), -1, checked_pose(thing, pose), checked_size(thing, kind, size), asset,
             Look(**_checked_look(title, look)),
