@@ -34,8 +34,8 @@ CACHE = ROOT / ".cache" / "bundle"
 PART_BYTES = 45_000_000
 CHECKSUMS = "SHA256SUMS"
 PYTHONS = ("3.11", "3.12", "3.13")
-# torch's own wheels ask for these.
-PLATFORMS = {"Linux": "manylinux_2_28_{}", "Darwin": "macosx_14_0_{}"}
+# The oldest systems that the wheels of torch and Warp run on, by processor.
+PLATFORMS = {"x86_64": "manylinux_2_28_x86_64", "aarch64": "manylinux_2_34_aarch64", "arm64": "macosx_14_0_arm64"}
 SOURCES = ("simwarp", "tasks", "train", "pyproject.toml", "setup.py", "README.md", "LICENSE", "MANIFEST.in")
 README = """\
 simwarp {simwarp} for Python {python} on {platform}, {torch}. No network is needed:
@@ -228,7 +228,7 @@ def python_version(text: str) -> str:
 def platform_tag(text: str) -> str:
     """A platform as wheels name it."""
     if not re.fullmatch(r"(manylinux_2_\d{1,2}|macosx_\d{2}_\d{1,2})_(x86_64|aarch64|arm64)", text):
-        raise argparse.ArgumentTypeError(f"{text!r} is not such as manylinux_2_28_x86_64 or macosx_14_0_arm64")
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the kind of {', '.join(PLATFORMS.values())}")
     return text
 
 
@@ -242,11 +242,12 @@ def folder_name(text: str) -> str:
 def options(arguments: Sequence[str]) -> argparse.Namespace:
     """Read the command line."""
     parser = Parser(prog="make bundle", description=__doc__.partition("\n")[0] if __doc__ else "")
-    here = PLATFORMS.get(platform.system(), PLATFORMS["Linux"]).format(platform.machine())
+    here = PLATFORMS.get(platform.machine(), PLATFORMS["x86_64"])
     version = ".".join(platform.python_version_tuple()[:2])
     add = parser.add_argument
     add("--python", type=python_version, default=version, help="version over there (%(default)s)")
-    add("--platform", type=platform_tag, default=here, help="platform over there (%(default)s)")
+    kinds = ", ".join(PLATFORMS.values())
+    add("--platform", type=platform_tag, default=here, help=f"platform over there (%(default)s), such as {kinds}")
     add("--cuda", action="store_true", help=f"the CUDA build of torch, {CUDA_SIZE}, instead of the CPU build")
     add("--without", action="append", default=[], metavar="NAME", help="package that is there already, e.g. torch")
     add("--output", type=folder_name, default="bundle", metavar="DIR", help="folder to write (%(default)s)")

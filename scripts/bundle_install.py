@@ -190,16 +190,22 @@ def start(python: Path, site: Path | None) -> str:
     raise InstallError(f"installed, but it does not start: {why}")
 
 
-def check_machine(about: dict[str, Any]) -> None:
-    """Refuse another kind of machine before anything is written.
+def check_machine(about: dict[str, Any], new: bool) -> None:
+    """Refuse another kind of machine before anything is written, or a new environment that would lack packages.
 
     Raises:
-        UsageError: If the bundle is for another system or processor.
+        UsageError: If the bundle is for another system or processor, or what it leaves out would not be seen.
     """
     system = "Linux" if about["platform"].startswith("manylinux") else "Darwin"
     if platform.system() != system or not about["platform"].endswith(platform.machine()):
         here = f"{platform.system()} {platform.machine()}"
         raise UsageError(f"the bundle is for {about['platform']}, this is {here}; write one with --platform")
+    if new and about["without"] and sys.prefix != sys.base_prefix:
+        # An environment made from another one sees the packages of the Python below both.
+        names = ", ".join(about["without"])
+        raise UsageError(
+            f"the bundle leaves out {names}; install into the environment that has it: --venv {sys.prefix}"
+        )
 
 
 def interrupted(signum: int, frame: object) -> NoReturn:
@@ -215,10 +221,10 @@ def install(arguments: Sequence[str]) -> None:
     where.add_argument("--site", metavar="DIR", help="folder for PYTHONPATH instead of an environment")
     wanted = parser.parse_args(arguments)
     about = json.loads((BUNDLE / "bundle.json").read_text(encoding="utf-8"))
-    check_machine(about)
+    folder = Path(wanted.site or wanted.venv).absolute()
+    check_machine(about, new=not wanted.site and not (folder / "bin" / "python").exists())
     print("[1/3] checking the parts", flush=True)
     files = checked_files(BUNDLE)
-    folder = Path(wanted.site or wanted.venv).absolute()
     print(f"[2/3] installing into {folder}", flush=True)
     if wanted.site:
         python = Path(sys.executable)

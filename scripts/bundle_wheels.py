@@ -171,7 +171,7 @@ class Shelf:
             ]  # fmt: skip
             done = subprocess.run(command, env=pip_environment(), capture_output=True, text=True, check=False)
             if done.returncode:
-                raise WheelError(pip_reason(done.stderr))
+                raise WheelError(f"Python {self.target.python} on {self.target.platform}: {pip_reason(done.stderr)}")
             for wheel in Path(draft).glob("*.whl"):
                 os.replace(wheel, self.folder / wheel.name)
 
