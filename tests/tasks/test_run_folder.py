@@ -127,7 +127,7 @@ def test_no_runs_where_there_are_none(tmp_path, root):
 def test_where_no_run_can_be_made_is_said_before_any_work(tmp_path, capfd):
     (tmp_path / "file").write_text("")
     for root in (tmp_path / "file", tmp_path / "file" / "runs"):
-        with pytest.raises(FileError, match="--runs: '.*file' is no folder"):
+        with pytest.raises(FileError, match=r"--runs: '.*file' is no folder"):
             check_root(root)
         assert cli.main(["train", "fast", "--runs", str(root)]) == 2
         out, err = capfd.readouterr()
