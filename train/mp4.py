@@ -13,11 +13,28 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from simwarp.tasks import InputError
 
 from simwarp.files import output_error, replacing
 
 _QUALITY = "25"
 """Of H.264: 0 keeps all, 51 is worst."""
+
+
+def check_encoder() -> None:
+    """Refuse to write videos where there is no ffmpeg.
+
+    Raises:
+        InputError: the package is not installed, or has none.
+    """
+    try:
+        importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
+    except ImportError:
+        raise InputError(
+            "mp4 needs the package imageio-ffmpeg: pip install 'simwarp[viewer]', or give a .gif instead"
+        ) from None
+    except RuntimeError as error:
+        raise InputError(f"mp4 needs ffmpeg: {error} Or give a .gif instead") from None
 
 
 def write_mp4(path: Path, images: Iterable[npt.NDArray[np.uint8]], size: tuple[int, int], rate: float) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import io
 import math
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from simwarp.tasks import Drawing, InputError, Task
 from simwarp.files import check_output, write_file
 
 from .filming import Film, film_still, film_strip
-from .mp4 import write_mp4
+from .mp4 import check_encoder, write_mp4
 from .policies import Policy, bad_actions, forget, refuse_bad_actions
 
 PICTURE_SUFFIXES = (".png",)
@@ -60,8 +59,8 @@ def check_video_path(path: Path) -> None:
     if suffix not in PICTURE_SUFFIXES + VIDEO_SUFFIXES:
         raise InputError(f"cannot write '{path}': the name must end in .png, .gif or .mp4")
     check_output(path, "--video")
-    if suffix == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise InputError("mp4 needs the package imageio-ffmpeg: pip install 'simwarp[viewer]', or give a .gif instead")
+    if suffix == ".mp4":
+        check_encoder()
 
 
 def _frame(drawing: Drawing, time: float, images: npt.NDArray[np.uint8] | None) -> Frame:

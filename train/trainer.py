@@ -61,7 +61,7 @@ class IterationReport:
         collect_s: time in the worlds and the policy [s].
         learn_s: time in the optimiser [s].
         values: further scalars by name: losses, reward terms, end reasons.
-        all_broken: the physics of every world broke down, in all of its episodes that ended.
+        all_broken: the physics of every world broke down, and no episode ended otherwise.
     """
 
     iteration: int
@@ -163,7 +163,8 @@ class Trainer:
         values["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
         values["episodes"] = summary.episodes
         ended = max(summary.episodes, 1)
-        broken = summary.end_reasons.get(NON_FINITE, 0)
+        worlds = self.group.sums({"broken": float(self.env.broken.sum())}, self.device)["broken"]
+        everywhere = worlds == self.config.num_envs * self.group.count
         values |= {f"reward/{name}": value / ended for name, value in summary.terms.items()}
         values |= {f"end/{name}": count for name, count in summary.end_reasons.items()}
         return IterationReport(
@@ -175,11 +176,12 @@ class Trainer:
             collect_s=collected - started,
             learn_s=finished - collected,
             values=values,
-            all_broken=summary.episodes == broken >= self.config.num_envs * self.group.count,
+            all_broken=summary.episodes == summary.end_reasons.get(NON_FINITE, 0) and everywhere,
         )
 
     def collect(self) -> None:
         """Fill the storage with one rollout and compute its returns."""
+        self.env.broken = torch.zeros_like(self.env.broken)
         with torch.inference_mode():
             observations = self.env.get_observations()
             for _ in range(self.config.steps_per_iteration):

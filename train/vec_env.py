@@ -42,6 +42,8 @@ class TaskVecEnv(VecEnv):
                 f"--network.critic privileged: task '{task.name}' keeps nothing from the actor in this configuration;"
                 " use --network.critic same"
             )
+        self.broken = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
+        """(W,) bool: worlds whose physics broke down since this was cleared."""
         self._privileged = privileged
         self._groups = task.restart()
 
@@ -74,6 +76,7 @@ class TaskVecEnv(VecEnv):
         """Advance all worlds; see rsl-rl's ``VecEnv.step`` for what comes back."""
         result = self.task.step(actions)
         self._groups = result.observations
+        self.broken = self.broken | result.non_finite
         means = result.reward_terms.mean(dim=0)
         extras: dict[str, Any] = {
             "time_outs": result.truncated.clone(),
