@@ -3,6 +3,7 @@
 import contextlib
 import os
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -37,7 +38,8 @@ def start(folder: Path, *words: str, before: Callable[[], None] | None = None) -
 def end(process: subprocess.Popen[str]) -> Ended:
     """Wait for a process."""
     out, err = process.communicate(timeout=PATIENCE)
-    return Ended(process.returncode, out, err)
+    # Python may end itself by SIGINT after it has told of an interruption: a shell calls that 130 too
+    return Ended(130 if process.returncode == -signal.SIGINT else process.returncode, out, err)
 
 
 def run(folder: Path, *words: str, before: Callable[[], None] | None = None) -> Ended:

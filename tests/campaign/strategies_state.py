@@ -200,7 +200,7 @@ def tasks(draw: st.DrawFn) -> CallAttack:
     if name == "no_such_field":
         verdict = REFUSE
     call = functools.partial(make, "pendulum", **({"num_worlds": 2} | {name: value}))
-    return CallAttack(f"make(pendulum, {name}={shorten(value)})", verdict, (name,), call)
+    return CallAttack(f"make(pendulum, {name}={shorten(value)})", verdict, (name, name.removeprefix("num_")), call)
 
 
 @st.composite

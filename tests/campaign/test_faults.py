@@ -17,7 +17,7 @@ from tests.tasks.test_kill_resume import same, wait_until
 
 pytestmark = pytest.mark.slow
 
-KILLS, FLIPS, SIGNALS = 10, 400, 2
+KILLS, FLIPS, SIGNALS = 8, 400, 2
 SMALL = ("--device=cpu", "--num-envs=8", "--steps-per-iteration=4", "--save-interval=1")
 ENDLESS = "--iterations=1000000"
 ITERATIONS = 150
@@ -48,7 +48,7 @@ def test_killed_at_random_instants_and_resumed_bit_by_bit(tmp_path):
         for _ in range(KILLS):
             resume = [f"--resume={newest(killed, 'pendulum').path}"] if trained(killed, "pendulum") else []
             process = start(killed, *words, *resume)
-            instant = chance.uniform(0.0, 10.0)
+            instant = chance.uniform(0.0, 8.0)
             time.sleep(instant)
             done = process.poll() is not None
             process.kill()
@@ -114,10 +114,10 @@ def test_a_disk_that_takes_no_more(kind, place, tmp_path):
     with timed(Tally(kind, None)) as tally:
         for index, words in enumerate(writers(good)):
             folder = tmp_path / str(index)
-            with small_disk(folder, "1m" if words[0] == "train" else "16k") as mounted:
+            with small_disk(folder, "1m" if words[0] == "train" else "8k") as mounted:
                 if kind == "full disk" and not mounted:
                     pytest.skip("only root mounts a small file system")
-                before = small_files(100_000 if words[0] == "train" else 10_000) if kind == "file-size limit" else None
+                before = small_files(100_000 if words[0] == "train" else 4_000) if kind == "file-size limit" else None
                 ended = run(folder, *words, before=before)
                 wrong = judge(ended, (1,), (str(folder),) if words[0] == "train" else (), most=1)
                 left = drafts(folder)
@@ -148,7 +148,7 @@ def test_two_resume_at_once(tmp_path):
     words = ("train", "fast", *SMALL)
     assert run(tmp_path, *words, "--iterations=3").code == 0
     folder = newest(tmp_path, "fast")
-    resume = (*words, "--iterations=400", f"--resume={folder.path}")
+    resume = (*words, "--iterations=100", f"--resume={folder.path}")
     with timed(Tally("two writers", None)) as tally:
         both = [end(process) for process in [start(tmp_path, *resume), start(tmp_path, *resume)]]
         codes = sorted(ended.code for ended in both)
@@ -161,7 +161,7 @@ def test_two_resume_at_once(tmp_path):
         refusal = next((ended for ended in both if ended.code == 2), both[0])
         note(tally, "the second", judge(refusal, (2,), (folder.path.name,)), "refused")
         rows = [int(row["iteration"]) for row in read_progress(folder.progress)]
-        note(tally, "progress.csv", "" if rows == list(range(1, 401)) else f"mixed: {rows[:20]}...", "whole")
+        note(tally, "progress.csv", "" if rows == list(range(1, 101)) else f"mixed: {rows[:20]}...", "whole")
 
 
 def long_commands(good):
@@ -196,7 +196,9 @@ def test_signals_at_random_instants(place, tmp_path):
                 process.send_signal(number)
                 ended = end(process)
                 left = drafts(folder)
-                wrong = judge(ended, (130, 0) if done or ended.code == 0 else (130,))
+                # a process that still loads its modules ends by the signal itself, before anything was begun
+                unborn = ended.code == -number and not (ended.out or ended.err or any(folder.iterdir()))
+                wrong = "" if unborn else judge(ended, (130, 0) if done or ended.code == 0 else (130,))
                 what = f"{number.name} after {instant:.2f} s: simwarp {' '.join(words)}"
-                result = "finished" if ended.code == 0 else "interrupted"
+                result = "not begun" if unborn else "finished" if ended.code == 0 else "interrupted"
                 note(tally, what, wrong or (f"draft left: {left}" if left else ""), result)
