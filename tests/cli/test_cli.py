@@ -182,7 +182,7 @@ def test_doctor_sees_a_gpu_that_the_libraries_do_not(monkeypatch):
         (["train", "fast", "--resume", "nowhere"], "run folder nowhere does not exist"),
         (["train", "fast", "--json", "no/such/folder.json"], "folder no/such does not exist"),
         (["train", "fast", "stray"], "unexpected argument 'stray'"),
-        (["eval", "fast", "--checkpoint", "none.pt"], "checkpoint none.pt does not exist"),
+        (["eval", "fast", "--checkpoint", "none.pt"], "checkpoint 'none.pt' does not exist"),
         (["eval", "fast", "--checkpoint", "train.json"], "truncated or not a checkpoint"),
         (["eval", "fast", "--episodes", "0"], "episodes must be at least 1, got 0"),
         (["eval", "fast", "--num-envs", "-1"], "num-envs must be at least 1, got -1"),

@@ -107,7 +107,7 @@ def test_the_command(tmp_path, monkeypatch, capfd):
     ("arguments", "message"),
     [
         (["export"], "usage: simwarp export RUN_OR_CHECKPOINT"),
-        (["export", "none.pt"], "checkpoint none.pt does not exist"),
+        (["export", "none.pt"], "checkpoint 'none.pt' does not exist"),
         (["export", "a.pt", "--format", "onx"], "--format"),
         (["export", "a.pt", "--output", "no/such/p.onnx"], "folder no/such does not exist"),
         (["export", "gone.pt"], "unknown task 'gone'"),
