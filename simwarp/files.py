@@ -186,7 +186,7 @@ def output_error(path: str | Path, error: OSError, draft: Path | None = None, ne
     except OSError:
         reason, there = f"folder {folder} is gone", ""
     else:
-        there = f", {free / 1e6:.3g} MB are free in {folder}"
+        there = "" if is_special(path) else f", {free / 1e6:.3g} MB are free in {folder}"
     remedy = {
         errno.ENOSPC: "; make room and repeat",
         errno.EDQUOT: "; make room in the quota and repeat",

@@ -14,7 +14,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Sequence
 
-from simwarp.cli.process import ended_by_signals, is_output_broken, prepare_streams, silence_output
+from simwarp.cli.process import ended_by_signals, prepare_streams, silence_output
 from simwarp.cli.quiet import start_warp
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -144,8 +144,8 @@ def explanation(error: BaseException) -> str:
     if _is_out_of_memory(error):
         return f"not enough memory: {one_line(str(error)) or 'an allocation failed'}; use fewer worlds or less data"
     if isinstance(error, OSError) and error.strerror and not isinstance(error, input_errors()):
-        place = "standard output" if error.filename is None and is_output_broken() else error.filename
-        return f"cannot write or read{f' {place}' if place else ''}: {error.strerror}"
+        place = "standard output" if error.filename is None else f"'{error.filename}'"
+        return f"cannot write or read {place}: {error.strerror}"
     return one_line(str(error))
 
 
@@ -201,7 +201,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                 sys.stdout.flush()
             return code
     except SystemExit as stop:
-        # Argument parsers leave this way; their message is out already
+        # Argument parsers leave this way, their message is out already; and rich, when the reader of a pipe went away
+        if isinstance(stop.__context__, BrokenPipeError):
+            return DONE
         if isinstance(stop.code, str):
             return _tell(stop.code, WRONG_INPUT)
         return stop.code or DONE

@@ -56,16 +56,6 @@ def prepare_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def is_output_broken() -> bool:
-    """Return whether standard output does not take what was printed."""
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except OSError:
-        return True
-    return False
-
-
 def silence_output() -> None:
     """Send what is still to be printed nowhere: Python would complain about it while it exits."""
     for stream in (sys.stdout, sys.stderr):

@@ -129,6 +129,12 @@ def sine_sweep(
     return Maneuver(name="sine-sweep", script=script, duration=duration)
 
 
+SLOWEST: Final = 0.01
+FASTEST: Final = 1000.0
+"""Speeds that a manoeuvre can hold [m/s]."""
+SHORTEST: Final = 0.01
+"""A row of the record [s]."""
+
 RADII: Final = {"gator": 15.0, "artcar": 3.0}
 """Of the circle of vehicles that do not take the usual 30 m [m]."""
 
@@ -229,6 +235,10 @@ def maneuver(name: str, spec: VehicleSpec, **options: float) -> Maneuver:
     for key, value in options.items():
         if key in ("speed", "duration") and not (math.isfinite(value) and value > 0.0):
             raise SpecError(f"{key}: must be a positive number, got {value!r}")
+        if key == "duration" and value < SHORTEST:
+            raise SpecError(f"duration: must be at least {SHORTEST:g} s, got {value!r}")
+        if key == "speed" and not SLOWEST <= value <= FASTEST:
+            raise SpecError(f"speed: must be from {SLOWEST:g} to {FASTEST:g} m/s, got {value!r}")
         if not math.isfinite(value) or (key == "steering" and abs(value) > 1.0):
             rule = "from -1 to 1" if key == "steering" else "a finite number"
             raise SpecError(f"{key}: must be {rule}, got {value!r}")

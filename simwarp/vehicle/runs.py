@@ -26,6 +26,8 @@ SAMPLE_TIME = 0.01
 """Between the rows of a record [s]."""
 
 REFERENCE_FRICTION = 0.9
+FRICTION = (1.0e-4, 10.0)
+"""Least and most of a ground."""
 REFERENCE_DT = 1.0e-3
 
 Progress = Callable[[float], None]
@@ -69,6 +71,8 @@ def set_up(
     for name, value in (("dt", dt), ("friction", friction)):
         if not (math.isfinite(value) and value > 0.0):
             raise SpecError(f"{name}: must be a positive number, got {value!r}")
+    if not FRICTION[0] <= friction <= FRICTION[1]:
+        raise SpecError(f"friction: must be from {FRICTION[0]:g} to {FRICTION[1]:g}, got {friction!r}")
     lean = -math.atan(maneuver.slope)
     rotation = np.array([0.0, math.sin(0.5 * lean), 0.0, math.cos(0.5 * lean)])
     builder = ModelBuilder()

@@ -29,6 +29,10 @@ MOST_ROWS: Final = 64
 LONGEST: Final = 3600
 """Time to step for, per row [s]."""
 
+SHORTEST_STEP: Final = 1e-9
+LONGEST_STEP: Final = 10.0
+"""[s]"""
+
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 
@@ -66,6 +70,8 @@ def run(arguments: list[str]) -> int:
     worlds = _world_counts(options.worlds)
     _require_positive("dt", options.dt)
     _require_positive("seconds", options.seconds)
+    if options.dt is not None and not SHORTEST_STEP <= options.dt <= LONGEST_STEP:
+        raise UsageError(f"dt must be from {SHORTEST_STEP:g} to {LONGEST_STEP:g} s, got {options.dt:g}")
     if options.seconds > LONGEST:
         raise UsageError(f"seconds must be at most {LONGEST}, got {options.seconds:g}")
     device = resolve_device(None if options.device == "auto" else options.device)

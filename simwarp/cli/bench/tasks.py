@@ -28,9 +28,6 @@ class TaskRun:
 
     def __init__(self, name: str, worlds: int, device: str, config: Any) -> None:
         self.task = make(name, worlds, device=device, config=config)
-        # drawn in double precision, scaled, and kept
-        draws = 3 * 8 * _ACTIONS * worlds * self.task.action_size
-        check_fits(f"actions of {worlds} worlds", draws, wp.get_device("cpu"), "use fewer worlds")
         self.task.keep_final_observations = False
         generator = torch.Generator().manual_seed(0)
         shape = (_ACTIONS, worlds, self.task.action_size)
@@ -153,6 +150,9 @@ def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds:
     single.step()
     single.wait()
     row = Row("simwarp", name, worlds, config.dt, compile_s=time.perf_counter() - start)
+    # drawn in double precision, scaled, and kept
+    actions = 3 * 8 * _ACTIONS * worlds * single.task.action_size
+    check_fits(f"actions of {worlds} worlds of '{name}'", actions, wp.get_device("cpu"), "use fewer worlds")
     if single.task.simulation is not None:
         two = TaskRun(name, 2, device, config)
         row.bytes_per_world, row.bytes_shared = bytes_of(single.task.simulation, two.task.simulation)

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from simwarp import scenes
 from simwarp.builder import ModelBuilder
+from simwarp.cli import shortened
 from simwarp.cli.bench.motion import swinging_drives, swinging_joints, twisted_bodies
 from simwarp.simulation import Simulation, SolverOptions
 from simwarp.types import WORLD, Material, PositionDrive, pose
@@ -174,4 +175,4 @@ def explain_unknown(name: str, tasks: Iterable[str]) -> str:
     known = names_for_people(tasks)
     close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else f"there are: {', '.join(known)}"
-    return f"unknown scene '{name}'; {hint}"
+    return f"unknown scene '{shortened(name)}'; {hint}"

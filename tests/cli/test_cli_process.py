@@ -1,0 +1,157 @@
+"""How a command ends that is not allowed to finish: signals, streams that are closed or full, memory that is gone."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+from rich.console import Console
+
+from simwarp import cli
+from simwarp.cli import Command, ShortfallError, process
+from simwarp.cli.options import CommonOptions
+
+
+@pytest.fixture
+def ends_with(monkeypatch, capfd):
+    """Run a command whose work is the given function: exit code and standard error."""
+
+    def run(work, *arguments):
+        monkeypatch.setattr(Command, "load", lambda self: lambda words: work())
+        monkeypatch.setattr(cli, "start_warp", lambda: None)
+        code = cli.main(["list", *arguments])
+        return code, capfd.readouterr().err
+
+    return run
+
+
+def raises(error):
+    def work():
+        raise error
+
+    return work
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_signals_end_a_command_as_ctrl_c_does(ends_with, number, tmp_path):
+    from simwarp.files import DRAFT_PREFIX, replacing
+
+    before = signal.getsignal(number)
+
+    def work():
+        with replacing(tmp_path / "a.txt") as draft:
+            draft.write_text("half")
+            os.kill(os.getpid(), number)
+            signal.sigtimedwait([], 5)
+        return 0
+
+    assert ends_with(work) == (130, "simwarp: interrupted\n")
+    assert signal.getsignal(number) is before is signal.SIG_DFL
+    assert not list(tmp_path.glob(f"{DRAFT_PREFIX}*"))
+    assert not (tmp_path / "a.txt").exists()
+
+
+def test_handlers_of_others_and_threads_are_left_alone(ends_with):
+    def handler(number, frame):
+        pass
+
+    signal.signal(signal.SIGTERM, handler)
+    try:
+        assert ends_with(lambda: int(signal.getsignal(signal.SIGTERM) is not handler))[0] == 0
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    found = []
+
+    def inside():
+        with process.ended_by_signals():
+            found.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=inside)
+    thread.start()
+    thread.join()
+    assert found == [signal.SIG_DFL]
+
+
+def test_an_interruption_while_a_command_is_loaded_is_one_line(monkeypatch, capfd):
+    monkeypatch.setattr(Command, "load", lambda self: raises(KeyboardInterrupt())())
+    assert cli.main(["list"]) == 130
+    assert capfd.readouterr().err == "simwarp: interrupted\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (MemoryError(), 2, "not enough memory: an allocation failed; use fewer worlds"),
+        (MemoryError("Unable to allocate 8 TiB"), 2, "not enough memory: Unable to allocate 8 TiB"),
+        (RuntimeError("Failed to allocate 12 bytes on device 'cuda:0'"), 2, "not enough memory: Failed to allocate"),
+        (OSError(28, "No space left on device", "a.bin"), 1, "'a.bin': No space left on device"),
+        (OSError(28, "No space left on device"), 1, "standard output: No space left on device"),
+        (OSError("cannot identify image file"), 1, "cannot identify image file"),
+        (ShortfallError("cold start failed"), 1, "cold start failed"),
+        (cli.UsageError("x" * 10**6), 2, "xxxx ..."),
+        (cli.UsageError("two\nlines"), 2, "simwarp: two lines\n"),
+    ],
+)
+def test_what_is_no_mistake_of_ours_is_one_line(ends_with, error, code, words):
+    got, err = ends_with(raises(error))
+    assert got == code
+    assert words in err
+    assert err.count("\n") == 1
+    assert len(err) < 2200
+
+
+@pytest.mark.parametrize("error", [RuntimeError("a bug"), TypeError("a bug"), OSError(28, "full")])
+def test_mistakes_of_ours_and_debug_show_the_traceback(ends_with, error):
+    with pytest.raises(type(error)):
+        ends_with(raises(error), "--debug")
+    if not isinstance(error, OSError):
+        with pytest.raises(type(error)):
+            ends_with(raises(error))
+
+
+def shell(text):
+    """Run a line of the shell in which S is the command: exit code, standard output, standard error."""
+    line = f'S() {{ "{sys.executable}" -m simwarp "$@"; }}; {text}'
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, timeout=120)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no device that is always full")
+def test_a_full_standard_output_is_one_line_and_code_one():
+    assert shell("S --help > /dev/full") == (
+        1, "", "simwarp: cannot write or read standard output: No space left on device\n",
+    )  # fmt: skip
+    assert shell("S bogus 2> /dev/full") == (2, "", "")
+
+
+def test_closed_streams_are_no_files_of_others(tmp_path, monkeypatch):
+    assert shell("S --version >&-") == (0, "", "")
+    assert shell("S bogus 2>&-") == (2, "", "")
+    # a file would get number 1, and with it all that is printed
+    code = "import sys; from simwarp.cli.process import prepare_streams; prepare_streams();"
+    code += " file = open(sys.argv[1], 'w'); file.write(str(file.fileno())); print('no', file=sys.stderr)"
+    assert shell(f'"{sys.executable}" -c "{code}" {tmp_path}/a.txt <&- >&- 2>&-') == (0, "", "")
+    assert int((tmp_path / "a.txt").read_text()) > 2
+    monkeypatch.setattr(sys, "stdout", None)
+    with pytest.raises(cli.UsageError, match="standard output, which is closed; name a file"):
+        CommonOptions(json="-").check()
+
+
+def test_a_reader_that_goes_away_ends_a_command_with_nothing_said(ends_with, monkeypatch):
+    for tell in (print, Console().print):
+        read, write = os.pipe()
+        os.close(read)
+        with os.fdopen(write, "w") as stream:
+            monkeypatch.setattr(sys, "stdout", stream)
+            assert ends_with(lambda tell=tell: tell("words")) == (0, "")
+
+
+def test_a_stream_that_is_not_utf_8_takes_all_text(monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+    process.prepare_streams()
+    print("5 µm", flush=True)
+    assert stream.buffer.getvalue() == b"5 \\xb5m\n"
