@@ -256,22 +256,27 @@ def write_package(target: Path, texts: Mapping[str, str]) -> None:
     """
     made: list[Path] = []
     try:
-        for relative, text in texts.items():
-            file = target / relative
-            for folder in reversed([folder for folder in file.parents if not folder.exists()]):
-                folder.mkdir()
-                made.append(folder)
-            made.append(file)
-            file.write_text(text, encoding="utf-8")
-    except BaseException as error:
-        for path in reversed(made):
-            with contextlib.suppress(OSError):
-                path.rmdir() if path.is_dir() else path.unlink()
-        if not isinstance(error, OSError):
-            raise
+        _write_all(target, texts, made)
+    except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
             raise output_error(target, error, needed=sum(map(len, texts.values()))) from error
         raise UsageError(f"cannot write '{target}': {error.strerror}") from error
+    finally:
+        for path in reversed(made):  # empty when all is written
+            with contextlib.suppress(OSError):
+                path.rmdir() if path.is_dir() else path.unlink()
+
+
+def _write_all(target: Path, texts: Mapping[str, str], made: list[Path]) -> None:
+    """Write files with the folders they need; what is made so far stands in the list, which is emptied in the end."""
+    for relative, text in texts.items():
+        file = target / relative
+        for folder in reversed([folder for folder in file.parents if not folder.exists()]):
+            folder.mkdir()
+            made.append(folder)
+        made.append(file)
+        file.write_text(text, encoding="utf-8")
+    made.clear()
 
 
 def _is_empty(target: Path) -> bool:
