@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,18 @@ if TYPE_CHECKING:
     from simwarp.model import Model
 
 Array = npt.NDArray[np.float64]
+
+
+WITHOUT_AXIS: Final = (JointType.FIXED, JointType.SPHERICAL, JointType.ROD, JointType.LINE)
+"""Joints whose frames have the world's axes."""
+FLAT: Final = (JointType.PLANAR, JointType.POINT_ON_PLANE, JointType.OLDHAM)
+"""Joints whose axis is the normal of a plane."""
+ANCHORED: Final = (
+    JointType.SPHERICAL, JointType.UNIVERSAL, JointType.POINT_ON_PLANE, JointType.POINT_ON_LINE, JointType.OLDHAM,
+    JointType.BUSHING,
+)  # fmt: skip
+"""Joints whose anchor has to be given; that of others is the child's centre unless it is."""
+IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +162,7 @@ class ModelBuilder(ShapeList, CouplingList):
             options: the fields of `Dof`.
         """
         thing = checked_name("shaft", name)
-        origin = Frame(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        origin = Frame(np.zeros(3), IDENTITY)
         return self._append(
             JointSpec(
                 name, JointType.SHAFT, WORLD, WORLD, origin, origin, (dof_from_options(thing, options),),
@@ -223,10 +235,9 @@ class ModelBuilder(ShapeList, CouplingList):
         offset = np.zeros(3)
         if anchor is not None:
             offset = finite_vector(thing, "anchor", anchor, 3) - body.pose.position
-        identity = np.array([0.0, 0.0, 0.0, 1.0])
-        frame1 = Frame(rotate(quat_conjugate(body.pose.rotation), offset), identity)
+        frame1 = Frame(rotate(quat_conjugate(body.pose.rotation), offset), IDENTITY)
         return self._append(
-            JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), identity), frame1, (Dof(),) * 6)
+            JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), IDENTITY), frame1, (Dof(),) * 6)
         )
 
     # ---- elements that only add rows ------------------------------------------------------------------------------
@@ -429,10 +440,12 @@ class ModelBuilder(ShapeList, CouplingList):
         self._pose_of(thing, "parent", parent)
         if parent == child:
             raise ModelError(f"{thing}: parent and child must differ, got {shown(parent)} for both; name two bodies")
-        point = child_pose.position if anchor is None else finite_vector(thing, "anchor", anchor, 3)
+        centred = anchor is None and kind not in ANCHORED
+        point = child_pose.position if centred else finite_vector(thing, "anchor", anchor, 3)
         point1 = point if anchor1 is None else finite_vector(thing, "anchor1", anchor1, 3)
         if rotation is None:
-            rotation = np.array([0.0, 0.0, 0.0, 1.0]) if axis is None else frame_from_axis(thing, axis)
+            unturned = kind in WITHOUT_AXIS
+            rotation = IDENTITY if unturned else frame_from_axis(thing, axis, "normal" if kind in FLAT else "axis")
         checked = checked_dofs(thing, kind.name, len(ELEMENTS[kind].dofs), dofs)
         return self._append(
             JointSpec(

@@ -60,9 +60,9 @@ def unit_vector(thing: str, field: str, value: Vec3) -> Array:
     return vector / norm
 
 
-def frame_from_axis(thing: str, axis: Vec3) -> Array:
+def frame_from_axis(thing: str, axis: Vec3, field: str = "axis") -> Array:
     """Quaternion of a right-handed frame whose z is `axis`; x is the world axis least along it, made perpendicular."""
-    z = unit_vector(thing, "axis", axis)
+    z = unit_vector(thing, field, axis)
     helper = np.eye(3)[int(np.argmin(np.abs(z)))]
     x = helper - (helper @ z) * z
     x /= np.linalg.norm(x)

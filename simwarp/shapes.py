@@ -20,6 +20,8 @@ Array = npt.NDArray[np.float64]
 
 ALL_GROUPS: Final = 0x7FFFFFFF
 ONE_POINT: Final = (ShapeType.SPHERE, ShapeType.ELLIPSOID)
+TURNED: Final = (ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.CONE)
+"""Shapes of a radius and a half length."""
 NOT_CONVEX: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH)
 MANIFOLD_CONTACTS: Final = 8
 """Contacts that one pair of shapes can have (kernels/collision/narrow.py)."""
@@ -176,7 +178,8 @@ class ShapeList:
         Args:
             name: of both.
             kind: a convex `ShapeType` or its name ("box").
-            size: as `ShapeType` tells: half lengths, or the radius of a sphere [m]; of a hull its scale (1 when None).
+            size: as `ShapeType` tells: half lengths (one number for three equal ones), radius of a sphere, or radius
+                and half length [m]; of a hull its scale (1 when None).
             mass: [kg]; or
             density: [kg/m³].
             points: of a hull.
@@ -191,7 +194,7 @@ class ShapeList:
         if size is None:
             size = (1.0, 1.0, 1.0) if shape_type == ShapeType.HULL else ()
         values = numbers(size)
-        if values.shape in ((), (2,)):
+        if values.shape == () or (values.shape == (2,) and shape_type in TURNED):
             values = values.reshape(-1)[[0, -1, 0]]
         extent = checked_size(thing, shape_type, values)
         if (mass is None) == (density is None):
@@ -288,7 +291,7 @@ def loaded_mesh(
     """Vertices and triangles, from a file where a path is given."""
     if isinstance(vertices, (str, Path)):
         if triangles is not None:
-            raise ModelError("mesh: triangles come from the file, got both a path and triangles; drop one")
+            raise ModelError("mesh: vertices name a file, which has its own triangles, got both; leave triangles out")
         from simwarp.mesh import load_mesh  # trimesh takes a while to import
 
         return load_mesh(vertices)

@@ -284,7 +284,7 @@ def numbers(value: Any) -> npt.NDArray[np.float64]:
 
 def finite_vector(thing: str, field: str, value: Vec3 | Quat, length: int) -> npt.NDArray[np.float64]:
     """`value` as float64 of the given length within float32, or a ModelError that names it."""
-    array = numbers(value).reshape(-1)
+    array = numbers(value)
     if array.shape == (length,) and bool((np.abs(array) <= FLOAT32_MAX).all()):
         return array
     beyond = " of at most 3.4e38" if np.isfinite(array).all() else ""

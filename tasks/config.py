@@ -12,9 +12,10 @@ from typing import Annotated, Any, Final, TypeVar
 import tyro
 
 from simwarp.files import parse_json
+from simwarp.types import shown
 
 from .errors import InputError, near_names
-from .plain import choice, plain_value
+from .plain import choice, config_from_plain, hold_fields, plain_value
 from .uncertainty import Curriculum, Range, Sensing, coerce, delay_range
 
 ConfigT = TypeVar("ConfigT")
@@ -24,7 +25,7 @@ def require(condition: bool, config: object, field: str, rule: str) -> None:
     """Raise an :class:`InputError` that names the field, the rule and the value, unless it holds."""
     if not condition:
         value = getattr(config, field)
-        raise InputError(f"{field.replace('_', '-')} must be {rule}, got {value!r}")
+        raise InputError(f"{field.replace('_', '-')} must be {rule}, got {shown(value)}")
 
 
 def require_finite(config: Any) -> None:
@@ -113,6 +114,7 @@ class TaskConfig:
     def __post_init__(self) -> None:
         self._make_typed()
         require_finite(self)
+        hold_fields(self)
         require(self.dt > 0.0, self, "dt", "positive")
         require(self.substeps >= 1, self, "substeps", "at least 1")
         require(self.decimation >= 1, self, "decimation", "at least 1")
@@ -134,7 +136,9 @@ class TaskConfig:
         object.__setattr__(self, "randomise", coerce("randomise", Range, self.randomise))
         object.__setattr__(self, "sensing", coerce("sensing", Sensing, self.sensing))
         if isinstance(self.curriculum, Mapping):
-            object.__setattr__(self, "curriculum", Curriculum(**self.curriculum))
+            object.__setattr__(self, "curriculum", config_from_plain(Curriculum, self.curriculum, "curriculum"))
+        elif not isinstance(self.curriculum, Curriculum):
+            raise InputError(f"curriculum must be a Curriculum, got {shown(self.curriculum)}")
 
     def validate(self) -> None:
         """Check the fields of a subclass with :func:`require`; called after the shared ones."""

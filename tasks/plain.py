@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import math
 import types
 import typing
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, Literal, TypeVar
+
+import numpy as np
 
 from simwarp.files import FLOAT32_MAX
 from simwarp.types import shown
@@ -65,6 +68,31 @@ def typed(hint: Any, value: object, name: str) -> Any:
         InputError: it is not of that type.
     """
     return _typed(hint, value, name, None)
+
+
+def hold_fields(config: Any) -> None:
+    """Hold the numbers, texts, choices and tuples in a frozen configuration to their fields' annotations.
+
+    Nested configurations and mappings check themselves.
+
+    Raises:
+        InputError: a value is not of its field's type.
+    """
+    for name, hint in _hints(type(config)).items():
+        value = getattr(config, name)
+        plain = hint if typing.get_origin(hint) is not Annotated else typing.get_args(hint)[0]
+        kind = typing.get_origin(plain) or plain
+        if dataclasses.is_dataclass(plain) or (isinstance(kind, type) and issubclass(kind, Mapping)):
+            continue
+        value = value.item() if isinstance(value, np.generic) else value
+        object.__setattr__(config, name, _typed(hint, value, name.replace("_", "-"), None))
+
+
+@functools.cache
+def _hints(kind: type) -> dict[str, Any]:
+    """Return the annotations of a dataclass's fields."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
 def _typed(hint: Any, value: object, name: str, like: object) -> Any:

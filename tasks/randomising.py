@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
+from simwarp.types import shown
+
 from .errors import InputError, near_names
 from .randomness import WorldRandom
 from .uncertainty import Mode, Range, When
@@ -106,7 +108,7 @@ def _chosen(name: str, spec: Range, model: Any, view: torch.Tensor) -> torch.Ten
     mask = torch.zeros(count, dtype=torch.bool)
     for part in spec.only:
         if part not in names:
-            raise InputError(f"randomise '{name}': there is no '{part}'{near_names(part, names)}")
+            raise InputError(f"randomise '{name}': there is no {shown(part)}{near_names(part, names)}")
         mask[_entries(name, part, model)] = True
     return mask
 
@@ -203,4 +205,4 @@ def check_ranges(ranges: Mapping[str, Range]) -> None:
 
     for name in ranges:
         if name not in PARAMETERS:
-            raise InputError(f"randomise: there is no model parameter '{name}'{near_names(name, PARAMETERS)}")
+            raise InputError(f"randomise: there is no model parameter {shown(name)}{near_names(name, PARAMETERS)}")

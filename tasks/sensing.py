@@ -82,7 +82,7 @@ class Sensors:
         self._spread: dict[tuple[str, str], torch.Tensor] = {}
         for name, spec in sensing.items():
             if name not in groups:
-                raise InputError(f"sensing: there is no observation '{name}'{near_names(name, groups)}")
+                raise InputError(f"sensing: there is no observation {shown(name)}{near_names(name, groups)}")
             group = groups[name]
             if spec.delay[1]:
                 self._lines[name] = DelayLine(group, spec.delay, f"delay of {name}")

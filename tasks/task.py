@@ -109,8 +109,8 @@ class Task(ABC, Generic[ConfigT]):
     def __init__(
         self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0
     ) -> None:
-        num_worlds = whole("number of worlds", num_worlds, 1, 2**31 - 1)
-        seed, first_world = whole("seed", seed, -(2**63), 2**63 - 1), whole("first world", first_world, 0, 2**53)
+        num_worlds = whole("num_worlds", num_worlds, 1, 2**31 - 1)
+        seed, first_world = whole("seed", seed, -(2**63), 2**63 - 1), whole("first_world", first_world, 0, 2**53)
         self.config: ConfigT = config
         self.num_worlds = num_worlds
         self.device = torch.device(device)

@@ -191,7 +191,7 @@ def _from_fields(kind: Callable[..., ItemT], fields: Mapping[str, Any]) -> ItemT
     known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
     for name in fields:
         if name not in known:
-            raise InputError(f"has no field '{name}'{near_names(name, known)}; fields: {', '.join(known)}")
+            raise InputError(f"has no field {shown(name)}{near_names(str(name), known)}; fields: {', '.join(known)}")
     try:
         return kind(**fields)
     except TypeError as error:
@@ -209,7 +209,7 @@ def coerce(field: str, kind: Callable[..., ItemT], values: Any) -> dict[str, Ite
         try:
             made[name] = _from_fields(kind, value) if isinstance(value, Mapping) else value
         except InputError as error:
-            raise InputError(f"{field} '{name}': {error}") from None
+            raise InputError(f"{field} {shown(name)}: {error}") from None
         if not isinstance(kind, type) or not isinstance(made[name], kind):
-            raise InputError(f"{field} '{name}' must be a {getattr(kind, '__name__', kind)}, got {shown(value)}")
+            raise InputError(f"{field} {shown(name)} must be a {getattr(kind, '__name__', kind)}, got {shown(value)}")
     return made

@@ -333,7 +333,7 @@ def test_worlds_and_guards_that_ask_for_too_much_memory(monkeypatch):
 
 @pytest.mark.parametrize("value", [0, -1, 1.5, "3", None, True, 2**31, 10**400, [3]])
 def test_numbers_of_worlds_that_are_none(value):
-    with pytest.raises(InputError, match="number of worlds must be"):
+    with pytest.raises(InputError, match="num_worlds must be"):
         make("fast", value)
 
 
