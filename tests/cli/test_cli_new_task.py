@@ -17,6 +17,7 @@ def python(*arguments, cwd, path=None):
     )
 
 
+@pytest.mark.slow
 def test_the_package_passes_its_own_test(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["new-task", "my-arm", "--json", "out.json"]) == 0

@@ -120,6 +120,7 @@ def test_an_interruption_keeps_what_was_recorded(drive, tmp_path, monkeypatch):
     assert (tmp_path / "a.svg").exists()
 
 
+@pytest.mark.slow
 def test_a_signal_interrupts(tmp_path):
     code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     code += "from simwarp.cli import main; sys.exit(main(sys.argv[1:]))"

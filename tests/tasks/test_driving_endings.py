@@ -109,7 +109,11 @@ def finish(name, options, prepare, policy, steps=400):
     return task, results, why
 
 
-@pytest.mark.parametrize("case", CASES)
+REPEATED = {f"{name} {end}" for name in ("off-road", "convoy", "barrier-track") for end in ("upset", "time_limit")}
+"""Ends that all tasks have from the same code: those of two tasks stand for them."""
+
+
+@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * (case in REPEATED)) for case in CASES])
 def test_episodes_end_for_the_reason_that_is_played(case):
     expected = case.split()[1].removesuffix("_upset")
     task, results, why = finish(*CASES[case])

@@ -49,7 +49,7 @@ ROUNDED = 0.5 * 0.5 * EPS / DT + 1e-5
 
 
 @pytest.mark.parametrize("law", ["exact", "convex"])
-@pytest.mark.parametrize("kinds", ["", "r", "c", "h", "ch"])
+@pytest.mark.parametrize("kinds", ["", "ch", *(pytest.param(kinds, marks=pytest.mark.slow) for kinds in "rch")])
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_heap_of_free_bodies(kinds: str, law: str, seed: int) -> None:
     # Cohesion and the convex law act at a distance: an envelope of 0.1 m makes both take the same contacts.

@@ -44,6 +44,17 @@ DTYPES = {
 }  # fmt: skip
 
 
+LONG = {
+    "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py", "randomise.py",
+    "driving.md", "sensors.md",
+}  # fmt: skip
+"""Examples and pages that take longest."""
+
+
+def _long(value, name):
+    return pytest.param(value, id=name, marks=[pytest.mark.slow] * (name in LONG))
+
+
 def blocks(page):
     """The Python code of a page, block by block."""
     return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
@@ -65,7 +76,7 @@ def run(code_or_file, arguments, folder):
     return done.stdout
 
 
-@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [_long(page, page.name) for page in WITH_CODE])
 def test_the_code_of_a_page_runs(page, tmp_path):
     # In a process of its own: the page registers a task, and must bring all of its imports
     assert blocks(page)
@@ -74,12 +85,7 @@ def test_the_code_of_a_page_runs(page, tmp_path):
     run([str(script)], [], tmp_path)
 
 
-LONG = {"train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py", "randomise.py"}
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in sorted(EXAMPLES)]
-)
+@pytest.mark.parametrize("name", [_long(name, name) for name in sorted(EXAMPLES)])
 def test_an_example_runs(name, tmp_path):
     if name in NEEDS and importlib.util.find_spec(NEEDS[name]) is None:
         pytest.skip(f"the extra with {NEEDS[name]} is not installed")

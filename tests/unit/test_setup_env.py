@@ -128,6 +128,7 @@ def test_torch_from_a_folder_of_wheels(python, monkeypatch, tmp_path, capsys, ve
     assert "is there" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_cuda_machine_never_takes_the_cpu_build(python, monkeypatch, tmp_path):
     for version in (CPU, TORCH):
         write_wheel(tmp_path / "wheels", "torch", version)
@@ -137,6 +138,7 @@ def test_a_cuda_machine_never_takes_the_cpu_build(python, monkeypatch, tmp_path)
     assert setup_env.installed_torch(python) == TORCH
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("configured", "own", "expected"), [(TORCH, CPU, CPU), (TORCH, NEWER, TORCH), (CPU, TORCH, CPU)]
 )
@@ -292,6 +294,7 @@ def test_an_environment_that_was_moved_is_made_anew(tmp_path):
     assert not setup_env.belongs(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_package_whose_installation_was_cut_off_is_installed_again(python, monkeypatch, tmp_path):
     write_wheel(tmp_path / "wheels", "demo", "1.0")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "wheels"))
