@@ -78,7 +78,8 @@ def hold_fields(config: Any) -> None:
     Raises:
         InputError: a value is not of its field's type.
     """
-    for name, hint in _hints(type(config)).items():
+    owner: Any = type(config)
+    for name, hint in _hints(owner).items():
         value = getattr(config, name)
         plain = hint if typing.get_origin(hint) is not Annotated else typing.get_args(hint)[0]
         kind = typing.get_origin(plain) or plain

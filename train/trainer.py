@@ -118,7 +118,7 @@ class Trainer:
         Raises:
             ModelError: it does not.
         """
-        groups = self.env.get_observations()
+        groups: dict[str, torch.Tensor] = dict(self.env.get_observations())
         step = sum(group[0].numel() * group.element_size() for group in groups.values())
         steps, worlds = self.config.steps_per_iteration, self.config.num_envs
         needed = steps * worlds * (step + _FLOAT_BYTES * (4 * self.task.action_size + 6))

@@ -155,7 +155,7 @@ def test_doing_what_the_error_says_goes_on_from_there(folder):
     assert [path.stem for path in folder.checkpoint_files()] == [f"iteration_{n:06d}" for n in (1, 2, 3, 4)]
 
 
-WRONG = [
+WRONG: list = [
     None, True, -1, 10**30, 1e308, float("nan"), "x" * 3000, [], {}, torch.zeros(0), torch.zeros(2, 3, 4),
     torch.zeros(1).expand(10**6, 10**5), torch.tensor(0),
 ]  # fmt: skip

@@ -16,7 +16,7 @@ from simwarp.tasks.saved_state import check_like
 from simwarp.train.config import TrainConfig, default_config
 
 KINDS = [TrainConfig, *(task_class(name).config_type for name in task_names())]
-WRONG = {
+WRONG: dict = {
     float: [None, True, "1", [], {}, float("nan"), float("inf"), 1e39, -(10**400)],
     int: [None, True, "1", 1.0, [], {}, 10**20, -(2**63) - 1],
     bool: [None, 0, 1, "true", []],

@@ -1,7 +1,9 @@
 """Run folders: what is newest, what is dropped, and what a log or a configuration that is broken does not stop."""
 
 import json
+import os
 import shutil
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -248,9 +250,7 @@ def test_a_broken_configuration_is_one_line_for_every_command(trained, tmp_path,
 
 @pytest.mark.parametrize("kind", ["file", "folder", "fifo", "device", "nowhere"])
 def test_what_is_no_run_is_not_resumed(tmp_path, kind):
-    import os
-
-    path = {"device": "/dev/zero"}.get(kind) or tmp_path / kind
+    path = Path("/dev/zero") if kind == "device" else tmp_path / kind
     if kind == "file":
         path.write_text("")
     elif kind == "folder":
@@ -258,4 +258,4 @@ def test_what_is_no_run_is_not_resumed(tmp_path, kind):
     elif kind == "fifo":
         os.mkfifo(path)
     with pytest.raises(InputError, match="run"):
-        run(tmp_path, resume=type(tmp_path)(path), console=QUIET)
+        run(tmp_path, resume=path, console=QUIET)

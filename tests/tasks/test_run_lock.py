@@ -170,9 +170,12 @@ def locked(folder):
 def test_a_run_is_locked_while_it_is_written_and_free_afterwards(tmp_path, monkeypatch):
     seen = []
     save = training._save
-    monkeypatch.setattr(
-        training, "_save", lambda trainer, folder, lock: (seen.append(lock.is_own()), save(trainer, folder, lock))[1]
-    )
+
+    def look(trainer, folder, lock):
+        seen.append(lock.is_own())
+        return save(trainer, folder, lock)
+
+    monkeypatch.setattr(training, "_save", look)
     folder = run(tmp_path, iterations=2)
     assert seen == [True, True]
     assert not (folder.path / LOCK).exists()
