@@ -56,7 +56,7 @@ class Domain:
         least, most = float(np.min(self.least, initial=0.0)), float(np.max(self.most, initial=-1.0))
         if most < FLOAT32_MAX:
             return f"in {least:g}..{most:g}"
-        if np.isscalar(self.least) and self.least >= 0.0:
+        if not isinstance(self.least, np.ndarray) and self.least >= 0.0:
             return "finite and > 0 in float32" if self.least > 0.0 else "finite and >= 0"
         return "finite"
 
@@ -87,12 +87,11 @@ class WritableArray(wp.array):
     hint: str = ""
 
     def __getitem__(self, key: Any) -> Any:
-        view = super().__getitem__(key)
-        if type(view) is wp.array:
-            view.__class__ = WritableArray
-            view.label, view.hint = self.label, self.hint
-            view.domain = None if self.domain is None else self.domain.at(self.shape, key)
-        return view
+        view: Any = super().__getitem__(key)
+        if type(view) is not wp.array:
+            return view
+        domain = None if self.domain is None else self.domain.at(self.shape, key)
+        return _named(view, self.label, domain, self.hint)
 
     def __setitem__(self, key: Any, value: Any) -> None:
         slices = self._slices(key)
@@ -129,7 +128,7 @@ class WritableArray(wp.array):
                 raise self._unfit(
                     self, f"a Warp array of {src.shape} {src.dtype.__name__}", "assign needs one for each"
                 )
-            if self.domain is not None and src.device.is_cpu:
+            if self.domain is not None and on_host(src):
                 self._check(src.numpy().reshape(self._value_shape(self)), self)
             super().assign(src)
             return
@@ -273,6 +272,11 @@ def writable_from(
 ) -> WritableArray:
     """An array with the given contents that supports item assignment."""
     return _named(wp.array(data, dtype=dtype, device=device), label, domain, hint)
+
+
+def on_host(array: Any) -> bool:
+    """Whether an array's values can be looked at without waiting for a device."""
+    return bool(array.device.is_cpu)
 
 
 def _named(array: Any, label: str, domain: Domain | None, hint: str) -> WritableArray:

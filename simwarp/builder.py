@@ -431,7 +431,7 @@ class ModelBuilder(ShapeList, CouplingList):
         return self._add(JointType.LINE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
 
     def _add(
-        self, kind: JointType, name: str, parent: int, child: int, anchor: Vec3 | None, axis: Vec3 | None,
+        self, kind: JointType, name: str, parent: int, child: int, anchor: Any, axis: Any,
         dofs: Sequence[Dof], *, anchor1: Vec3 | None = None, rotation: Array | None = None,
         rotation1: Array | None = None, offset: float = 0.0,
     ) -> int:  # fmt: skip

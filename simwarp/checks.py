@@ -334,6 +334,7 @@ def _check_table(thing: str, table: Any) -> None:
     parts = _arrays(table, 2)
     usable = [part.ndim for part in parts] == [1, 1] and parts[0].shape == parts[1].shape and len(parts[0]) >= 2
     if usable:
-        usable = all(bool((np.abs(part) <= FLOAT32_MAX).all()) for part in parts) and (np.diff(parts[0]) > 0.0).all()
+        within = all(bool((np.abs(part) <= FLOAT32_MAX).all()) for part in parts)
+        usable = within and bool((np.diff(parts[0]) > 0.0).all())
     if not usable:
         raise ModelError(f"{thing} {rule}, got {shown(table)}; {remedy}")

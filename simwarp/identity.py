@@ -70,7 +70,7 @@ class Identity:
 
 def model_identity(builder: ModelBuilder, model: Model) -> Identity:
     """That of a model: everything that all worlds share for good."""
-    assets = [*builder.hulls, *builder.height_fields, *builder.meshes]
+    assets: list[Hull | HeightField | TriangleMesh] = [*builder.hulls, *builder.height_fields, *builder.meshes]
     return Identity.of(
         {
             "version": [VERSION],

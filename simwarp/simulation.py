@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.arrays import FixedAttributes
+from simwarp.arrays import FixedAttributes, on_host
 from simwarp.checks import checked_flag, whole_number
 from simwarp.contacts import Contacts
 from simwarp.diagnostics import Diagnostics, explain_worlds
@@ -379,7 +379,7 @@ class Simulation(FixedAttributes):
             return wp.array(single, dtype=wp.float32, device=self.model.device)
         if tuple(array.shape) != shape:
             raise ModelError(f"{thing} have shape {shape} (worlds, dofs), got {array.shape}")
-        if array.device.is_cpu:
+        if on_host(array):
             self._check_finite(name, array.numpy(), mask)
         return array
 
@@ -387,7 +387,7 @@ class Simulation(FixedAttributes):
         """Raises where a world of the mask would get NaN or infinity; a mask on a GPU is not read back."""
         bad = ~np.isfinite(values).all(axis=1)
         if mask is not self._all_worlds:
-            if not mask.device.is_cpu:
+            if not on_host(mask):
                 return
             bad &= mask.numpy()
         if bad.any():

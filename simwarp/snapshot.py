@@ -63,7 +63,9 @@ class Snapshot:
 
     def arrays(self) -> dict[str, wp.array]:
         """All arrays by name."""
-        groups = {"state": self.state, "control": self.control, "contacts": self.contacts}
+        groups: dict[str, State | Control | Contacts] = {
+            "state": self.state, "control": self.control, "contacts": self.contacts,
+        }  # fmt: skip
         named = {f"{group}.{name}": getattr(part, name) for group, part in groups.items() for name in part.NAMES}
         return named | {f"memory.{index}": array for index, array in enumerate(self.memory)}
 

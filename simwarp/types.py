@@ -254,7 +254,7 @@ def number(value: Any) -> float:
     """`value` as a float: NaN where it is no number (text, a truth value, an array), infinite beyond float64."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if isinstance(value, (bool, str)) or getattr(value, "ndim", 0):
+    if isinstance(value, (bool, str)) or getattr(value, "ndim", None):
         return math.nan
     if isinstance(value, np.generic) and value.dtype.kind not in "iuf":
         return math.nan

@@ -142,7 +142,8 @@ def test_every_public_method_and_parameter_is_in_the_table():
 
 def finite(builder: ModelBuilder, **options: Any) -> bool:
     """Whether a model of the builder can be made, and holds finite numbers."""
-    model = builder.finalize(**({"world_count": 1, "device": "cpu"} | options))
+    arguments: dict[str, Any] = {"world_count": 1, "device": "cpu"} | options
+    model = builder.finalize(**arguments)
     arrays = [*(getattr(model, name).numpy() for name in PARAMETERS), *model.initial.values()]
     return all(np.isfinite(array).all() for array in arrays)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
@@ -62,10 +64,11 @@ def test_what_is_computed_is_what_is_allocated():
     """One layout makes the arrays and counts their bytes."""
     model = scenes.stack(count=3).finalize(5, "cpu", contact_capacity=40)
     sim = sw.Simulation(model, 1e-3, joint_reactions=True, solver=sw.SolverOptions(solver="padmm"))
-    groups = [
+    scratch: list[Any] = [sim._scratch, sim._collision_scratch]
+    groups: list[Any] = [
         *((part, part.NAMES) for part in (sim.state, sim._initial, sim.control, sim.contacts)),
         (sim.diagnostics, (*sim.diagnostics.NAMES, "energy")),
-        *((part, part._cls.vars) for part in (sim._scratch, sim._collision_scratch)),
+        *((part, part._cls.vars) for part in scratch),
     ]  # fmt: skip
     taken = sum(getattr(part, name).capacity for part, names in groups for name in names)
     layouts = run_layouts(model, reactions=True) | step_layouts(model, step_sizes(model, 128, True))

@@ -45,7 +45,8 @@ def scene(change: Callable[[dict[str, Any]], None] = lambda parts: None, **final
     builder.add_shape_height_field(WORLD, parts["heights"], size=(4.0, 4.0), name="ground")
     if parts["apart"]:
         builder.exclude_collision(0, 1)
-    return builder.finalize(**({"world_count": 2, "device": "cpu"} | finalize))
+    arguments: dict[str, Any] = {"world_count": 2, "device": "cpu"} | finalize
+    return builder.finalize(**arguments)
 
 
 def run(sim: sw.Simulation, steps: int) -> None:
@@ -315,7 +316,8 @@ def test_paths_that_are_none(moving, tmp_path, monkeypatch, path):
 
 def test_only_simulations_and_models_are_targets(moving, tmp_path):
     moving.snapshot().save(tmp_path / "state.npz")
-    for target in (None, "model", moving.state, moving.snapshot()):
+    targets: list[Any] = [None, "model", moving.state, moving.snapshot()]
+    for target in targets:
         with pytest.raises(sw.ModelError, match=r"Snapshot.load: target must be a Simulation or a Model, got"):
             sw.Snapshot.load(tmp_path / "state.npz", target)
 

@@ -89,7 +89,8 @@ def test_values_inside_are_kept_as_plain_numbers(field):
 
 def test_options_must_be_options():
     model = scenes.stack(count=1).finalize(1, "cpu")
-    for wrong in ({}, "apgd", sw.SolverOptions):
+    strange: list[Any] = [{}, "apgd", sw.SolverOptions]
+    for wrong in strange:
         with pytest.raises(sw.ModelError, match="solver must be SolverOptions, got"):
             sw.Simulation(model, 1e-3, solver=wrong)
 
@@ -105,7 +106,7 @@ def test_the_scratch_has_room_for_all_rows_whatever_is_dense(solver, rescue):
     for dense_rows in (0, 1, 2, 5, 128):
         sim = sw.Simulation(model, 5e-3, solver=sw.SolverOptions(solver=solver, rescue=rescue, dense_rows=dense_rows))
         rows = 3 * model.contact_capacity
-        room = sim._scratch
+        room: Any = sim._scratch
         dense = min(rows, dense_rows)
         assert room.s.shape[1] >= dense
         assert room.vectors.shape[2] >= rows

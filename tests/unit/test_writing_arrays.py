@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -196,7 +197,7 @@ def test_controls_name_themselves_and_both_shapes(sim, array, key, value, told):
 def test_assign_wants_a_value_for_each(sim):
     for value in (np.ones(2), torch.ones(3, 1), wp.zeros((1, 2), dtype=wp.float32, device="cpu"), 1.0):
         for array in (sim.control.joint_force, sim.state.joint_q):
-            assert "assign needs one for each" in refusal(lambda array=array, value=value: array.assign(value))
+            assert "assign needs one for each" in refusal(partial(array.assign, value))
     sim.control.joint_force.assign(torch.zeros(3, 2))
     sim.control.joint_force.assign(wp.zeros((3, 2), dtype=wp.float32, device="cpu"))
     sim.state.body_v.assign(np.zeros((3, 2, 3)))
@@ -220,7 +221,7 @@ def test_arrays_are_written_into_not_replaced(sim, shared):
         for name in names:
             array = getattr(owner, name)
             for value in (new, np.ones(3), 1.0, None):
-                text = refusal(lambda owner=owner, name=name, value=value: setattr(owner, name, value))
+                text = refusal(partial(setattr, owner, name, value))
                 assert text.startswith(f"{type(owner).__name__}.{name}: cannot be replaced, kernels read")
                 assert f"write .{name}" in text
             assert getattr(owner, name) is array
@@ -233,7 +234,7 @@ def test_what_is_fixed_at_construction_stays(sim, shared):
         (sim.control, "arrays"),
     ):  # fmt: skip
         before = getattr(owner, name)
-        text = refusal(lambda owner=owner, name=name: setattr(owner, name, 1))
+        text = refusal(partial(setattr, owner, name, 1))
         assert text.startswith(f"{type(owner).__name__}.{name}: cannot be replaced, it is fixed when ")
         assert getattr(owner, name) is before
 
@@ -294,8 +295,8 @@ def test_on_a_gpu_such_worlds_are_frozen_instead():
     values = np.zeros((4, 2), np.float32)
     values[1, 0], values[2, 1], values[3, 1] = NAN, INF, NAN
     status = wp.zeros(4, dtype=wp.int32, device="cpu")
-    mask = wp.array([True, True, True, False], dtype=wp.bool, device="cpu")
-    given = wp.array(values, dtype=wp.float32, device="cpu")
+    mask: wp.array = wp.array([True, True, True, False], dtype=wp.bool, device="cpu")
+    given: wp.array = wp.array(values, dtype=wp.float32, device="cpu")
     wp.launch(flag_worlds, dim=4, inputs=[mask, given, wp.zeros_like(given)], outputs=[status], device="cpu")
     assert status.numpy().tolist() == [0, WorldStatus.NON_FINITE, WorldStatus.NON_FINITE, 0]
 
