@@ -244,7 +244,8 @@ def wrong_message(attack: Attack, message: str) -> list[tuple[str, str]]:
     if len(message) > LONGEST_LINE:
         return [("too long", f"{len(message)} characters: {shorten(message)}")]
     text = _plain(message)
-    if attack.names and not any(_plain(name)[:NAMED] in text for name in attack.names if name):
+    known = [_plain(word)[:NAMED] for name in attack.names if name for word in (name, repr(name)[1:-1])]
+    if attack.names and not any(word in text for word in known):
         return [("names nothing", f"{shorten(message, 200)}; wanted one of {', '.join(map(shorten, attack.names))}")]
     return []
 

@@ -198,9 +198,8 @@ def _others(name: str, good: Any) -> st.SearchStrategy[Value]:
 def _tables(good: list) -> list[Value]:
     """Arrays that are no points, heights or triangles."""
     spoiled = [[*good[:-1], [value, *good[-1][1:]]] for value in (float("nan"), float("inf"), 1e39, 10**400, "x", None)]
-    return refused(None, 3, "x", [], [[]], {}, good[:1], [[1.0]], [good], *spoiled, [good[0], good[0][:1]]) + either(
-        good * 2
-    )
+    wrong = refused(None, 3, "x", [], [[]], {}, [[1.0]], [good], *spoiled, [good[0], good[0][:1]])
+    return wrong + either(good * 2, good[:1])
 
 
 def _finite_or_flagged(simulation: sw.Simulation) -> None:

@@ -283,7 +283,7 @@ def _text_values(base: Base, option: Option) -> st.SearchStrategy[Value]:
     if ending is not None and not (option.word == "data" and key not in ENDINGS):
         bad = [name + ending if name not in ("", "../", ".", "/", "folder") else name for name in BAD_NAMES]
         good = either(*(f"{name}{ending}" for name in ("new", "notes", "null", "link", "dangling", "full")))
-        return st.sampled_from([*refused(*bad, *(["wrong.zzz"] if ending not in ("", ".csv") else [])), *good])
+        return st.sampled_from([*refused(*bad, *(["wrong.zzz"] if ending not in ("", ".csv", ".pt") else [])), *good])
     if option.word in INPUTS:
         return st.one_of(st.sampled_from(refused(*BAD_INPUTS)), odd_texts.map(lambda text: Value(text, REFUSE)))
     if option.word in ONE_OF_SOME:
@@ -340,10 +340,17 @@ def option_attacks(draw: st.DrawFn) -> CommandAttack:
     return CommandAttack(
         f"simwarp {' '.join(shorten(word) for word in line)}",
         verdict,
-        (option.word, *words),
+        names_of(option, words),
         line,
         outputs=outputs_of(words[0]),
     )
+
+
+def names_of(option: Option, words: list[str]) -> tuple[str, ...]:
+    """What an error may call an option: itself, the one it belongs to, the key of a grid, the value."""
+    parts = [part for part in option.name.lstrip("-").split(".") if part not in ("task", "ppo", "network")]
+    keys = [word.partition("=")[0] for word in words] if option.word == "grid" else []
+    return (*parts, *keys, *words, *(word.rstrip("/") for word in words))
 
 
 def _odd(base: Base, *words: str, names: tuple[str, ...] = ()) -> CommandAttack:
@@ -375,7 +382,18 @@ def odd_lines(draw: st.DrawFn) -> CommandAttack:
             return _odd(base, option.name, names=(option.word,))
     if kind == "first" and base.first:
         changed = base._replace(first=(text.lstrip("-") or "x",))
-        names = (base.first[0], "task", "scene", "vehicle", "name", "run", "file", "checkpoint", *changed.first)
+        names = (
+            base.first[0],
+            "task",
+            "scene",
+            "vehicle",
+            "name",
+            "run",
+            "file",
+            "checkpoint",
+            *changed.first,
+            text.rstrip("/"),
+        )
         attack = _odd(changed, names=names)
         return dataclasses.replace(attack, verdict=EITHER) if base.command == "new-task" else attack
     return _odd(base, "surplus", names=("surplus",))
