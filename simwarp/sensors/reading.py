@@ -17,7 +17,7 @@ from simwarp.files import FileError, parse_json, read_text
 from simwarp.sensors.beams import BeamTable, beam_grid
 from simwarp.sensors.lenses import FishEye, Lens, Pinhole, Radial
 from simwarp.sensors.noise import BiasWalk, BoundedDrift, Noise, NormalNoise, Quantisation, Saturation
-from simwarp.types import ModelError, shown
+from simwarp.types import LONGEST_VALUE, ModelError, shown
 
 FAMILIES: Final[dict[Any, dict[str, type]]] = {
     Lens: {"pinhole": Pinhole, "fish-eye": FishEye, "radial": Radial},
@@ -41,7 +41,8 @@ class Place(NamedTuple):
         """The place of a member or an item of the value."""
         if isinstance(key, int):
             return Place(self.file, f"{self.keys}[{key}]")
-        return Place(self.file, f"{self.keys}.{key}" if self.keys else key)
+        name = key if len(key) <= LONGEST_VALUE else f"{key[:LONGEST_VALUE]}..."
+        return Place(self.file, f"{self.keys}.{name}" if self.keys else name)
 
     def error(self, what: str) -> ModelError:
         """One line: file, key path, what is wrong."""
@@ -79,7 +80,7 @@ def check_keys(value: Mapping[str, Any], known: Iterable[str], place: Place) -> 
     names = list(known)
     for key in value:
         if key not in names:
-            raise place.at(key[:60]).error(f"unknown key{nearest(key, names)}; known: {', '.join(names)}")
+            raise place.at(key).error(f"unknown key{nearest(key, names)}; known: {', '.join(names)}")
 
 
 def build(hint: Any, value: Any, place: Place) -> Any:

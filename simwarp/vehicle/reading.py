@@ -52,7 +52,8 @@ class Place:
         """The place of a member or an item of the value."""
         if isinstance(key, int):
             return dataclasses.replace(self, keys=f"{self.keys}[{key}]")
-        return dataclasses.replace(self, keys=f"{self.keys}.{key}" if self.keys else key)
+        name = told_path(key)
+        return dataclasses.replace(self, keys=f"{self.keys}.{name}" if self.keys else name)
 
     def error(self, what: str) -> SpecError:
         """One line: file, key path, what is wrong."""
@@ -197,7 +198,7 @@ def build_spec(cls: type[S], value: Any, place: Place) -> S:
     hints = hints_of(cls)  # type: ignore[arg-type]  # a class is hashable
     for key in value:
         if key not in hints:
-            raise place.at(told_path(key)).error(f"unknown key{nearest(key, hints)}; known: {', '.join(hints)}")
+            raise place.at(key).error(f"unknown key{nearest(key, hints)}; known: {', '.join(hints)}")
     found = {key: build(hints[key], item, place.at(key)) for key, item in value.items()}
     for field in dataclasses.fields(cls):
         needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
