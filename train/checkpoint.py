@@ -81,9 +81,9 @@ def load_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
         raise InputError(str(error)) from None
     except OSError as error:
         raise InputError(f"checkpoint {path} cannot be read: {error.strerror}") from None
-    if not _has_seal(path, data):
+    sealed = _has_seal(path, data)
+    if not sealed:
         _check_records(path, data)
-        _say_unsealed(path)
     content = _unpickle(path, data, device)
     if not isinstance(content, dict) or not POLICY.keys() <= content.keys():
         raise InputError(f"{path} is no simwarp checkpoint: it was written by another program")
@@ -92,6 +92,8 @@ def load_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
         raise InputError(f"checkpoint {path} has format {content['format']}, this simwarp reads {FORMAT}")
     if content["iteration"] < 0:
         raise InputError(f"checkpoint {path}: iteration must be zero or positive, got {content['iteration']}")
+    if not sealed:
+        _say_unsealed(path)  # of a file that is refused, one line is enough
     return content
 
 

@@ -71,8 +71,6 @@ def _check(options: SensorDemoOptions) -> None:
         raise UsageError(f"panel must be at least {LEAST_PANEL} pixels, got {options.panel}")
     if options.panel > MOST_PANEL:
         raise UsageError(f"panel must be at most {MOST_PANEL} pixels, got {options.panel}; four stand side by side")
-    if options.seed < 0:
-        raise UsageError(f"seed must not be negative, got {options.seed}")
 
 
 class _Teller:

@@ -19,11 +19,13 @@ SMALLEST: Final = 1.1754943508222875e-38
 LARGEST_COUNT: Final = 2**31 - 1
 """Largest whole number of the arrays."""
 
+LARGEST_SEED: Final = 2**63 - 1
+
 LONGEST_PATH: Final = 4095
 """Bytes of a path that Linux takes."""
 
 SEED: Final = "seed"
-"""Last word of options that take all whole numbers of 64 bits."""
+"""Last word of options that take whole numbers of 63 bits, none of them negative."""
 
 
 def check_option(option: str, hint: Any, words: Sequence[str]) -> None:
@@ -57,8 +59,9 @@ def _whole_number(word: str, seed: bool) -> str:
     digits = word.removeprefix("-").removeprefix("+")
     if not (digits.isascii() and digits.isdigit()):
         return "a whole number [unit]"
-    if len(digits.lstrip("0")) > LONGEST_INTEGER or abs(int(word)) > (2**63 - 1 if seed else LARGEST_COUNT):
-        return f"a whole number within ±{2**63 - 1 if seed else LARGEST_COUNT}"
+    least, most = (0, LARGEST_SEED) if seed else (-LARGEST_COUNT, LARGEST_COUNT)
+    if len(digits.lstrip("0")) > LONGEST_INTEGER or not least <= int(word) <= most:
+        return f"a whole number from {least} to {most}"
     return ""
 
 

@@ -118,7 +118,7 @@ def devices_world():
         (["--data", "a.txt"], "must end in .npz"),
         (["--panel", "10"], "panel must be at least 128 pixels, got 10"),
         (["--panel", "100000"], "panel must be at most 2048 pixels, got 100000"),
-        (["--seed", "-1"], "seed must not be negative"),
+        (["--seed", "-1"], "--seed must be a whole number from 0"),
         (["--sed", "1"], "unknown option --sed"),
         (["--device", "tpu"], "tpu"),
         (["--json", "nowhere/a.json"], "nowhere"),
