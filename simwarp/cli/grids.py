@@ -77,9 +77,9 @@ def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[st
     for words in itertools.product(*axes.values()):
         config = parse([_option(key, word, base) for key, word in zip(axes, words, strict=True)])
         points.append(GridPoint({key: _plain(_field(config, key)) for key in axes}, config))
-    for index, (key, words) in enumerate(axes.items()):  # 0.1 and 0.10 are two words for one value
+    for index, (key, written) in enumerate(axes.items()):  # 0.1 and 0.10 are two words for one value
         stride = math.prod(len(other) for other in list(axes.values())[index + 1 :])
-        _refuse_twice(key, [point.values[key] for point in points[::stride][: len(words)]])
+        _refuse_twice(key, [point.values[key] for point in points[::stride][: len(written)]])
     return points
 
 

@@ -203,7 +203,7 @@ def test_grids_that_cannot_be_are_one_line(texts, words):
     kind = options.task_options("Command", options.CommonOptions, task=TaskConfig())
 
     def parse_task(arguments: list[str]) -> TaskConfig:
-        found: TaskConfig = parse_options(kind, arguments, "test").task  # type: ignore[attr-defined]
+        found: TaskConfig = parse_options(kind, arguments, "test").task
         return found
 
     with pytest.raises(UsageError) as caught:
