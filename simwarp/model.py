@@ -27,7 +27,7 @@ from simwarp.elements import ELEMENTS
 from simwarp.geometry import add_ground_assets, hull_assets
 from simwarp.identity import model_identity
 from simwarp.kernels.tables import Parameters, Topology
-from simwarp.memory import MOST_ROWS, check_layouts
+from simwarp.memory import MOST_ROWS, check_fits, check_layouts
 from simwarp.parameters import PARAMETERS, asset_domain, parameter_values
 from simwarp.shapes import contact_limit, shape_pairs
 from simwarp.types import WORLD, ArrayLayout, JointType, ModelError, shown
@@ -40,6 +40,9 @@ CONTACTS_PER_BODY = 12
 
 LISTED_PAIRS = 2000
 """Pairs of shapes up to which every step goes through a list of them; above, a grid finds the near ones."""
+
+BYTES_PER_PAIR: Final = 40
+"""Of the host, while it is found out which shapes can meet."""
 
 MOST_LISTED: Final = 12
 """Names that an error lists."""
@@ -128,6 +131,9 @@ class Model(FixedAttributes):
         self.has_rolling_friction = any(
             shape.material.rolling_friction > 0.0 or shape.material.spinning_friction > 0.0 for shape in builder.shapes
         )
+        candidates = self.shape_count * (self.shape_count - 1) // 2
+        what = f"finalize: the {candidates} pairs of {self.shape_count} shapes"
+        check_fits(what, BYTES_PER_PAIR * candidates, wp.get_device("cpu"), "use fewer shapes")
         pairs = shape_pairs(builder.shapes, _never_meet(builder))
         self.contact_capacity = default_capacity(builder, pairs) if contact_capacity is None else contact_capacity
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)

@@ -52,6 +52,12 @@ def test_rows_beyond_32_bits(capacity):
     assert "beyond 32 bits" in text or "are free" in text
 
 
+def test_pairs_of_shapes_that_do_not_fit(monkeypatch):
+    monkeypatch.setattr(memory, "free_memory", lambda device: 1000)
+    text = message(lambda: scenes.stack(count=10).finalize(1, "cpu"))
+    assert text.startswith("finalize: the 55 pairs of 11 shapes need ")
+
+
 def test_scratch_beyond_32_bits(monkeypatch):
     monkeypatch.setattr(memory, "free_memory", lambda device: 2**50)
     model = scenes.stack().finalize(1, "cpu", contact_capacity=2**25)
