@@ -134,8 +134,9 @@ LONGEST_MESSAGE = 2000
 
 
 def one_line(text: str) -> str:
-    """Return a message without line breaks, and not longer than people read."""
-    line = " ".join(text[: 4 * LONGEST_MESSAGE].split())
+    """Return a message without line breaks and control characters, and not longer than people read."""
+    words = " ".join(text[: 4 * LONGEST_MESSAGE].split())
+    line = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in words)
     return line if len(line) <= LONGEST_MESSAGE else f"{line[:LONGEST_MESSAGE]} ..."
 
 

@@ -233,7 +233,10 @@ class _Bar:
     def __init__(self, console: Console, title: str, what: Maneuver) -> None:
         self.console, self.title, self.what = console, title, what
         self._told = time.perf_counter()
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[t]}"), TimeRemainingColumn())
+        columns = (
+            TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[t]}"),
+            TimeRemainingColumn(),
+        )  # fmt: skip
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._task = self._progress.add_task(title, total=what.start + what.duration, t="")
 

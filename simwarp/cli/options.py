@@ -40,8 +40,8 @@ class CommonOptions:
     """Show tracebacks of errors."""
 
     def console(self) -> Console:
-        """Return where text for people goes."""
-        return Console(stderr=self.json == "-")
+        """Return where text for people goes; names in brackets or between colons are printed as they are."""
+        return Console(stderr=self.json == "-", markup=False, emoji=False)
 
     def check(self, *inputs: str | Path | None, **outputs: str | Path | None) -> None:
         """Refuse files that cannot be written, before any work is done.

@@ -1,5 +1,6 @@
 """Files that commands write: looked at before any work, whole or not at all, and never another thing's."""
 
+import dataclasses
 import json
 import os
 import resource
@@ -86,6 +87,15 @@ def test_symlinks_devices_and_fifos_stay_what_they_are(drive, folder):
     assert (folder / "target.csv").read_text().startswith("t_s,")
     assert stat.S_ISFIFO((folder / "pipe").stat().st_mode)
     assert json.loads(got[0])["vehicle"] == "gator"
+
+
+def test_names_in_brackets_and_between_colons_are_printed_as_they_are(folder, capfd):
+    spec = dataclasses.replace(load_vehicle("gator"), name="[/x] [bold]my:car:")
+    save_vehicle(spec, folder / "car.json")
+    assert cli.main(["drive", "car.json", *SHORT, "--csv", "[a]:x:.csv"]) == 0
+    out = capfd.readouterr().out
+    assert out.startswith("[/x] [bold]my:car:, slope-hold")
+    assert "wrote [a]:x:.csv" in out
 
 
 @pytest.mark.parametrize("option", ["--csv", "--json", "--plot"])

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -93,6 +94,7 @@ def test_an_interruption_while_a_command_is_loaded_is_one_line(monkeypatch, capf
         (ShortfallError("cold start failed"), 1, "cold start failed"),
         (cli.UsageError("x" * 10**6), 2, "xxxx ..."),
         (cli.UsageError("two\nlines"), 2, "simwarp: two lines\n"),
+        (cli.UsageError("\x1b[2J \udcff é"), 2, "simwarp: \\x1b[2J \\udcff é\n"),
     ],
 )
 def test_what_is_no_mistake_of_ours_is_one_line(ends_with, error, code, words):
@@ -155,3 +157,18 @@ def test_a_stream_that_is_not_utf_8_takes_all_text(monkeypatch):
     process.prepare_streams()
     print("5 µm", flush=True)
     assert stream.buffer.getvalue() == b"5 \\xb5m\n"
+
+
+def test_doctor_weighs_a_cache_that_other_processes_work_in(tmp_path, monkeypatch):
+    import warp as wp
+
+    from simwarp.cli.doctor import examine_cache
+
+    for name in ("kept", "gone"):
+        (tmp_path / name).write_bytes(bytes(2**25))
+    look = Path.lstat
+    monkeypatch.setattr(Path, "lstat", lambda self: look(self) if self.name == "kept" else look(self / "gone"))
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    facts, problems = examine_cache()
+    assert facts["size_gib"] == pytest.approx(2**25 / 2**30, abs=1e-3)
+    assert problems == []

@@ -182,6 +182,15 @@ def test_a_vehicle_that_breaks_down_ends_with_one(drive, monkeypatch, tmp_path):
         (["gator", "--tire", "x.tir"], "x.tir: a property file is no whole tire; give a .json file"),
         (["gator", "--maneuver", "step-steer", "--duration", "5"], "above 15 s, where the step begins"),
         (["gator", "--maneuver", "short.csv"], "short.csv: line 3: must have 2 numbers"),
+        (["gator", "--maneuver", "slope-hold", "--dt", "1e-9"], "61 s in steps of 1e-09 s are 6.1e+10 steps"),
+        (["gator", "--maneuver", "slope-hold", "--duration", "1e12"], "are 1e+15 steps, at most 1e+09 are made"),
+        (["gator", "--maneuver", "slope-hold", "--duration", "1e9", "--dt", "0.01"], "are 1e+11 steps"),
+        (["gator", "--maneuver", "slope-hold", "--duration", "1e-9"], "duration: must be at least 0.01 s"),
+        (["gator", "--maneuver", "sine-sweep", "--duration", "3601"], "at most 3600 s of a sweep"),
+        (["gator", "--maneuver", "sine-sweep", "--speed", "1e9"], "speed: must be from 0.01 to 1000 m/s"),
+        (["gator", "--maneuver", "constant-radius", "--radius", "1e30"], "radius: must be at most"),
+        (["gator", "--maneuver", "slope-hold", "--friction", "1e30"], "friction: must be from 0.0001 to 10"),
+        (["gator", "--maneuver", "slope-hold", "--worlds", "2000000000"], "take fewer worlds"),
         (["none.json"], "cannot be read"),
         (["bad.json"], "unknown key"),
         (["chrono.json"], "chrono.json"),
@@ -197,6 +206,15 @@ def test_wrong_input_is_one_line_and_code_two(drive, tmp_path, arguments, words)
     assert len(err.strip().splitlines()) == 1
     assert err.startswith("simwarp: ")
     assert words in err
+
+
+@pytest.mark.parametrize("arguments", [["--duration", "1000"], ["--duration", "3", "--dt", "3e-5"]])
+def test_a_record_that_no_memory_holds_is_refused_before_the_run(drive, monkeypatch, arguments):
+    monkeypatch.setattr("simwarp.memory.free_memory", lambda device: 80 * 2**20)
+    code, out, err = drive("gator", "--maneuver", "slope-hold", *arguments)
+    assert (code, out) == (2, "")
+    assert "the rows of the record need 95.4 MiB" in err
+    assert "shorten --duration" in err
 
 
 def test_help_lists_vehicles_and_manoeuvres(drive):

@@ -19,7 +19,7 @@ PANEL = 128
 def made(tmp_path_factory):
     """Picture, measurements, JSON and what was printed, of one run."""
     folder = tmp_path_factory.mktemp("demo")
-    files = [str(folder / name) for name in ("a.png", "a.npz", "a.json")]
+    files = [str(folder / name) for name in ("a.png", "a.NPZ", "a.json")]
     code = cli.main([
         "sensor-demo", "--panel", str(PANEL), "--out", files[0], "--data", files[1], "--json", files[2],
         "--device", "cpu",

@@ -13,8 +13,8 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options
@@ -126,7 +126,7 @@ def _reporter(console: Console) -> Callable[[str], None] | None:
 
 def _print(console: Console, name: str, rows: list[Row], seconds: float) -> None:
     summary = (inspect.getdoc(SCENES[name]) or "").partition("\n\n")[0].replace("\n", " ")
-    console.print(f"[bold]{name}[/bold]  {escape(summary)} ({seconds:.1f} s)", highlight=False)
+    console.print(Text.assemble((name, "bold"), f"  {summary} ({seconds:.1f} s)"), highlight=False)
     table = Table(box=None, pad_edge=False, show_edge=False)
     several = len({row.scene for row in rows}) > 1
     table.add_column("quantity")
@@ -137,9 +137,9 @@ def _print(console: Console, name: str, rows: list[Row], seconds: float) -> None
     for row in rows:
         if several and row.scene != scene:
             scene = row.scene
-            table.add_row(escape(scene.removeprefix(f"{name}: ")), style="bold")
+            table.add_row(scene.removeprefix(f"{name}: "), style="bold")
         table.add_row(
-            escape(row.quantity), f"{row.expected:.7g}", f"{row.got:.7g}", f"{row.tolerance:.2g}",
+            row.quantity, f"{row.expected:.7g}", f"{row.got:.7g}", f"{row.tolerance:.2g}",
             verdict(row).value, style=_STYLES.get(verdict(row)),
         )  # fmt: skip
     console.print(table, highlight=False)
