@@ -23,6 +23,7 @@ from simwarp.files import DRAFT_PREFIX, FileError, check_output, output_error, r
 from simwarp.types import shown
 
 from .checkpoint import SUFFIX, check_members, checkpoint_bytes, checkpoint_name, load_checkpoint
+from .config import check_configs
 from .run_files import write_json, write_run_file
 
 CONFIG = "config.json"
@@ -135,7 +136,7 @@ class RunFolder:
         """Return what :func:`create_run` wrote: ``task``, ``train_config``, ``task_config``.
 
         Raises:
-            InputError: it is missing, damaged, or has values of other types.
+            InputError: it is missing, damaged, has values of other types, or is of a task that is not installed.
         """
         path = self.path / CONFIG
         try:
@@ -145,6 +146,7 @@ class RunFolder:
         if not isinstance(content, dict):
             raise InputError(f"{path} is not the configuration of a run")
         check_members(content, _CONFIG_TYPES, str(path))
+        check_configs(content, str(path))
         return content
 
     def began(self) -> tuple[float, int, str]:

@@ -27,12 +27,13 @@ rank = processes().rank
 seen = []
 first_save = training._save
 
-def save(trainer, folder):
+def save(trainer, folder, lock):
+    assert (lock is not None and lock.is_own()) == (rank == 0)  # the first process holds the run
     modules = (trainer.algorithm.actor, trainer.algorithm.critic)
     state = {f"{i} {k}": v.clone() for i, m in enumerate(modules) for k, v in m.state_dict().items()}
     state["position"] = trainer.task.position.clone()
     seen.append((trainer.iteration, trainer.algorithm.learning_rate, state))
-    return first_save(trainer, folder)
+    return first_save(trainer, folder, lock)
 
 training._save = save
 task = task_class("fast")
@@ -77,6 +78,7 @@ def test_both_ranks_have_the_same_parameters_and_go_on_exactly(tmp_path):
         assert all(torch.equal(rank[3][2][name], rank[7][2][name]) for name in rank[3][2])
     folder = latest_run(tmp_path / "whole", "fast")
     assert folder is not None
+    assert not (folder.path / "writer.json").exists()
     assert len(list((tmp_path / "whole" / "fast").iterdir())) == 1
     rows = read_progress(folder.progress)
     assert [int(row["env_steps"]) for row in rows] == [128, 256, 384, 512]

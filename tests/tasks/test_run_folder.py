@@ -55,8 +55,8 @@ def test_the_millionth_checkpoint_is_kept_and_the_one_before_it_goes(tmp_path):
 
 
 def write_run(root, name, started=None, obs="state", config=None):
-    folder = folder_of(root / "fast" / name, 1)
-    content = {"task": "fast", "train_config": {}, "task_config": {"obs": obs}}
+    folder = folder_of(root / "hallway" / name, 1)
+    content = {"task": "hallway", "train_config": {}, "task_config": {"obs": obs}}
     (folder.path / "config.json").write_text(json.dumps(content) if config is None else config, encoding="utf-8")
     if started is not None:
         (folder.path / "provenance.json").write_text(json.dumps({"started": started}), encoding="utf-8")
@@ -67,7 +67,7 @@ STAMP = "2026-03-01_12-00-00"
 
 
 def newest(root, obs=None):
-    found = latest_run(root, "fast", obs)
+    found = latest_run(root, "hallway", obs)
     assert found is not None
     return found.path.name
 
@@ -108,16 +108,16 @@ def test_a_broken_provenance_is_as_good_as_none(tmp_path, text):
     broken = write_run(tmp_path, "2026-03-01_12-00-01")
     (broken.path / "provenance.json").write_text(text, encoding="utf-8")
     assert newest(tmp_path) == "2026-03-01_12-00-02"
-    shutil.rmtree(tmp_path / "fast" / "2026-03-01_12-00-02")
+    shutil.rmtree(tmp_path / "hallway" / "2026-03-01_12-00-02")
     assert newest(tmp_path) == "2026-03-01_12-00-01"
 
 
-@pytest.mark.parametrize("text", ["", "null", "{}", '{"task": "fast", "train_config": {}, "task_config": null}'])
+@pytest.mark.parametrize("text", ["", "null", "{}", '{"task": "hallway", "train_config": {}, "task_config": null}'])
 def test_a_run_without_a_readable_configuration_does_not_hide_the_others(tmp_path, text):
     write_run(tmp_path, "2026-03-01_12-00-00")
     write_run(tmp_path, "2026-03-01_12-00-01", config=text)
     assert newest(tmp_path, "state") == "2026-03-01_12-00-00"
-    assert latest_run(tmp_path, "fast", "camera") is None
+    assert latest_run(tmp_path, "hallway", "camera") is None
 
 
 @pytest.mark.parametrize("root", ["nowhere", "file", "x" * 300])
@@ -232,6 +232,22 @@ def test_values_of_a_wrong_type_are_named_with_their_file(trained, tmp_path, cap
     assert err.count("\n") == 1
     assert "config.json" in err
     assert named in err
+
+
+@pytest.mark.parametrize("command", ["eval", "play", "record", "export"])
+def test_a_run_whose_configuration_is_wrong_is_refused_although_its_checkpoint_is_right(
+    trained, tmp_path, capfd, command
+):
+    config = trained.load_config()
+    config["train_config"]["ppo"]["gamma"] = None
+    folder = folder_of(tmp_path / "run")
+    shutil.copy(trained.latest_checkpoint(), folder.checkpoints)
+    (folder.path / "config.json").write_text(json.dumps(config), encoding="utf-8")
+    path = str(folder.path)
+    assert cli.main([command, *([path] if command == "export" else ["fast", "--checkpoint", path])]) == 2
+    err = capfd.readouterr().err
+    assert err.count("\n") == 1
+    assert "config.json: train_config: ppo.gamma must be a number" in err
 
 
 @pytest.mark.parametrize("command", ["train", "eval", "play", "record", "export"])
