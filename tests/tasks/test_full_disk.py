@@ -12,11 +12,13 @@ import types
 
 import numpy as np
 import pytest
-from simwarp.tasks import make
+import torch
+from simwarp.tasks import InputError, make
 from simwarp.train import training
 from simwarp.train.checkpoint import load_checkpoint, save_checkpoint, slim
 from simwarp.train.config import LoggerKind
 from simwarp.train.mp4 import write_mp4
+from simwarp.train.play import check_video_path
 from simwarp.train.progress_table import read_progress
 from simwarp.train.run_files import append_whole
 from simwarp.train.run_folder import RunFolder
@@ -247,8 +249,6 @@ def test_a_dump_that_does_not_fit_is_told(tmp_path):
     task.views.joint_qd[1] = float("nan")
     assert task.guard is not None
     task.guard.path = tmp_path / "broken.npz"
-    import torch
-
     task.step(torch.zeros(2, 1))
     with largest_file(100), pytest.raises(OutputError, match=r"broken.npz': File too large"):
         task.drain_statistics()
@@ -325,6 +325,18 @@ def test_an_encoder_that_fails_leaves_the_old_video(tmp_path, encoder, code, wor
         write_mp4(tmp_path / "a.mp4", iter(IMAGES), (6, 4), 25.0)
     assert (tmp_path / "a.mp4").read_bytes() == b"old"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "ffmpeg"]
+
+
+def test_an_encoder_that_is_not_there_is_refused_before_any_work(tmp_path, monkeypatch):
+    module = types.ModuleType("imageio_ffmpeg")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", module)
+
+    def missing():
+        raise RuntimeError("No ffmpeg exe could be found.")
+
+    module.__dict__["get_ffmpeg_exe"] = missing
+    with pytest.raises(InputError, match="mp4 needs ffmpeg: No ffmpeg exe could be found"):
+        check_video_path(tmp_path / "a.mp4")
 
 
 def test_an_encoder_that_ends_early_does_not_hang_us(tmp_path, encoder):
