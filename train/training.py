@@ -103,9 +103,9 @@ def train(
             if group.first:
                 # Before the checkpoint is read: another writer could replace it
                 lock = held.enter_context(writing(resume, take_over))
+                if lock.took_over:
+                    console.print(lock.took_over, highlight=False, markup=False, soft_wrap=True)
             saved = _saved_run(resume, task_name, config)
-        if lock is not None and lock.took_over:
-            console.print(lock.took_over, highlight=False, soft_wrap=True)
         trainer = _trainer(task_name, config, task_config, group, device, console)
         if saved is not None and not trainer.load(saved[1], f"checkpoint {saved[0]}"):
             console.print(
