@@ -242,5 +242,12 @@ def _run(arguments: list[str]) -> int:
         return DONE
     run = _find(arguments[0]).load()
     if not {"-h", "--help"} & set(arguments):
-        start_warp()
+        try:
+            start_warp()
+        except OSError as error:
+            place = f"'{error.filename}' " if error.filename else ""
+            remedy = "set WARP_CACHE_PATH to a folder of your own"
+            raise ShortfallError(
+                f"the folder {place}of compiled kernels cannot be used: {error.strerror}; {remedy}"
+            ) from error
     return run(arguments[1:])
