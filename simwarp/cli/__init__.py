@@ -18,6 +18,7 @@ from simwarp.cli.process import ended_by_signals, prepare_streams, silence_outpu
 from simwarp.cli.quiet import start_warp
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
+HELP = frozenset({"-h", "--help"})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -231,9 +232,11 @@ def _tell(text: str, code: int) -> int:
 
 def _run(arguments: list[str]) -> int:
     """Run the command that the arguments name."""
-    if not arguments or arguments[0] in ("-h", "--help"):
+    if not arguments or arguments[0] in HELP:
         print(overview())
         return DONE if arguments else WRONG_INPUT
+    if HELP & set(arguments):
+        return _help(_find(arguments[0]).load(), arguments[1:])
     check_words(arguments)
     if arguments[0] == "--version":
         from importlib.metadata import version
@@ -241,13 +244,21 @@ def _run(arguments: list[str]) -> int:
         print(f"simwarp {version('simwarp')}")
         return DONE
     run = _find(arguments[0]).load()
-    if not {"-h", "--help"} & set(arguments):
-        try:
-            start_warp()
-        except OSError as error:
-            place = f"'{error.filename}' " if error.filename else ""
-            remedy = "set WARP_CACHE_PATH to a folder of your own"
-            raise ShortfallError(
-                f"the folder {place}of compiled kernels cannot be used: {error.strerror}; {remedy}"
-            ) from error
+    try:
+        start_warp()
+    except OSError as error:
+        place = f"'{error.filename}' " if error.filename else ""
+        remedy = "set WARP_CACHE_PATH to a folder of your own"
+        raise ShortfallError(
+            f"the folder {place}of compiled kernels cannot be used: {error.strerror}; {remedy}"
+        ) from error
     return run(arguments[1:])
+
+
+def _help(run: Callable[[list[str]], int], words: list[str]) -> int:
+    """Print the help of a command. Its defaults may depend on other words, which are left out where they are wrong."""
+    try:
+        return run(words)
+    except input_errors():
+        subject = [word for word in words[:1] if not word.startswith("-")]
+        return run([*subject, "--help"])

@@ -19,13 +19,12 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from rich.console import Console
 
-from simwarp.cli import UsageError, one_line, shortened
+from simwarp.cli import HELP, UsageError, one_line, shortened
 from simwarp.cli.values import check_option, may_repeat
 from simwarp.files import check_output, is_special, write_file
 
 OptionsT = TypeVar("OptionsT")
 
-HELP = frozenset({"-h", "--help"})
 FLAT = tyro.conf.arg(name="")
 """Marks a nested dataclass whose fields are options without a prefix."""
 

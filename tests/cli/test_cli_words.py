@@ -121,6 +121,25 @@ def test_help_works_beside_anything(capsys):
 
 
 @pytest.mark.parametrize(
+    "arguments",
+    [
+        ["train", "fast", "--resume", "nothing"],
+        ["train", "fast", "--obs", "x"],
+        ["eval", "fast", "--grid", "randomise={}", ""],
+        ["bench", "pendulum", "--obs", "x", "--worlds", "9" * 5000],
+        ["drive", "none.json", "--dt", "x"],
+        ["verify", "bogus", "--json"],
+    ],
+)
+def test_help_of_a_command_works_beside_anything(capfd, arguments):
+    assert cli.main([*arguments, "--help"]) == 0
+    out, err = capfd.readouterr()
+    assert out.startswith(f"usage: simwarp {arguments[0]}")
+    assert "--json" in out
+    assert err == ""
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["list", ""], "argument 2 must not be empty"),
