@@ -552,7 +552,7 @@ def test_equal_assets_are_shared():
         (lambda b: b.add_shape_mesh(WORLD, PYRAMID[0], [[0, 1, 1]]), "triangles must have an area"),
         (lambda b: b.add_shape_mesh(WORLD, PYRAMID[0][:, :2], PYRAMID[1]), "vertices must be"),
         (lambda b: b.add_shape_mesh(WORLD, *PYRAMID, convex=True, decompose=True), "got both"),
-        (lambda b: b.add_shape_mesh(WORLD, "a.obj", PYRAMID[1]), "got both a path and triangles"),
+        (lambda b: b.add_shape_mesh(WORLD, "a.obj", PYRAMID[1]), "which has its own triangles, got both"),
     ],
 )
 def test_errors_name_what_is_wrong(call, message):
