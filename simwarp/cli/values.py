@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import os
 import typing
 from collections.abc import Callable, Sequence
@@ -39,9 +40,15 @@ def check_option(option: str, hint: Any, words: Sequence[str]) -> None:
     Raises:
         UsageError: names the option, the rule and the word.
     """
+    parts = _parts(hint)
+    if len(parts) == 1 and isinstance(parts[0], type) and issubclass(parts[0], enum.Enum):
+        choices = [str(member.value) for member in parts[0]]
+        if words and words[0] not in choices:
+            raise UsageError(f"{option} must be one of {', '.join(choices)}, got '{shortened(words[0])}'")
+        return
     unit = "".join(f" [{note.metavar}]" for note in _notes(hint) if getattr(note, "metavar", None))
     kinds = _kinds(hint)
-    if len(kinds) != 1 or (type(None) in _parts(hint) and list(words[:1]) == ["None"]):
+    if len(kinds) != 1 or (type(None) in parts and list(words[:1]) == ["None"]):
         return
     for word in words if _takes_several(hint) else words[:1]:
         rule = RULES[kinds[0]](word, option.rpartition(".")[2].endswith(SEED))

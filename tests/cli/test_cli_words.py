@@ -1,6 +1,7 @@
 """Words of the command line: each is held to its option's type, and whatever is wrong is one line and code 2."""
 
 import dataclasses
+import enum
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +16,13 @@ from simwarp.cli.grids import grid_points
 from simwarp.cli.options import parse_options
 
 DEEP = "[" * 100_000 + "]" * 100_000
+
+
+class Choice(enum.Enum):
+    """Words."""
+
+    A = "a"
+    B = 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +46,7 @@ class Options:
     name: str | None = None
     file: Path | None = None
     flag: bool = False
+    choice: Choice = Choice.A
     many: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="TEXT")] = ()
     inner: Inner = dataclasses.field(default_factory=Inner)
 
@@ -79,6 +88,9 @@ def parse(*arguments: str) -> Options:
         (["--inner.count", "1", "--inner.count=2"], "--inner.count is given twice"),
         (["--count"], "--count"),
         (["--count", "--number", "1"], "--count"),
+        (["--choice", "c" * 100_000], "--choice must be one of a, 2, got 'cccc"),
+        (["--choice", "B"], "--choice must be one of a, 2, got 'B'"),
+        (["--choice"], "--choice"),
         (["--coutn", "1"], "unknown option --coutn; did you mean --count"),
         (["--" + "x" * 100_000], "unknown option --xxxx"),
         (["stray"], "unexpected argument 'stray'"),
@@ -103,7 +115,7 @@ def test_words_that_keep_the_rules_are_taken():
         number=-1e-30, maybe=None, count=-2147483647, seed=2**63 - 1, sizes=(1, 2), delay=(0, 3), several=(1.0, 2.5),
         file=Path("é" * 127), inner=Inner(7),
     )  # fmt: skip
-    assert parse("--inner.count", "2").inner.count == 2
+    assert parse("--inner.count", "2", "--choice", "2") == Options(inner=Inner(2), choice=Choice.B)
 
 
 def test_the_last_of_several_flags_counts_and_texts_add_up():
