@@ -111,7 +111,7 @@ def attack_sensor(name: str, folder: Path, share: float) -> None:
 
 @pytest.mark.parametrize("name", ["gator", "sedan"])
 def test_hostile_values_in_a_vehicle_are_named_or_taken(name, folder):
-    attack_vehicle(name, folder, share=0.06)
+    attack_vehicle(name, folder, share=0.03)
 
 
 @pytest.mark.parametrize("name", ["generic-camera", "generic-imu", "vlp-16"])
@@ -121,13 +121,13 @@ def test_hostile_values_in_a_sensor_are_named_or_taken(name, folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", vehicle_names())
-def test_all_hostile_values_in_all_vehicles(name, folder):
-    attack_vehicle(name, folder, share=1.0)
+def test_hostile_values_in_all_vehicles(name, folder):
+    attack_vehicle(name, folder, share=0.5)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sensor_names())
-def test_all_hostile_values_in_all_sensors(name, folder):
+def test_hostile_values_in_all_sensors(name, folder):
     attack_sensor(name, folder, share=1.0)
 
 
