@@ -137,7 +137,7 @@ no_integers = st.one_of(
 
 def vector_values(length: int) -> st.SearchStrategy[Value]:
     """Values where `length` numbers are wanted: wrong lengths, wrong types, one hostile component."""
-    wrong = [
+    wrong: list[Any] = [
         None,
         "x",
         1.0,

@@ -48,7 +48,7 @@ def options_class(command: str, arguments: tuple[str, ...]) -> type | None:
     return None
 
 
-def walk(kind: type, prefix: str = "") -> Iterator[Option]:
+def walk(kind: Any, prefix: str = "") -> Iterator[Option]:
     """The options of a dataclass, nested ones included."""
     hints = typing.get_type_hints(kind, include_extras=True)
     for field in dataclasses.fields(kind):

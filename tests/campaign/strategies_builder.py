@@ -303,9 +303,9 @@ def _solver_values(name: str, hint: Any) -> st.SearchStrategy[Value]:
         wrong = refused("x", "false", 1.5, float("nan"), [], 2, *([] if optional else [None]))
         return st.sampled_from([*wrong, *either(True, False)])
     if int in kinds:
-        wrong = no_integers.filter(lambda value: value.value is not None or not optional)
+        no_count = no_integers.filter(lambda value: value.value is not None or not optional)
         return st.one_of(
-            wrong, st.sampled_from(refused(-1, -(2**31), 2**33, 2**63, True)), st.sampled_from(either(0, 1, 2))
+            no_count, st.sampled_from(refused(-1, -(2**31), 2**33, 2**63, True)), st.sampled_from(either(0, 1, 2))
         )
     return st.one_of(no_numbers, st.sampled_from([*refused(-1.0, -1e-3, None), *either(0.0, 1e-30, 1e-3, 1.0)]))
 

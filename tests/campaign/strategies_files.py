@@ -159,7 +159,7 @@ READ_BY_ALL = {"task", "task_config", "train_config", "actor_state_dict"}
 
 
 def _hostile_tensor(old: torch.Tensor) -> st.SearchStrategy[Value]:
-    wrong = [None, "x", 3, [], {}, old.new_zeros((*old.shape, 2)), torch.zeros(7, 7, 7)]
+    wrong: list[Any] = [None, "x", 3, [], {}, old.new_zeros((*old.shape, 2)), torch.zeros(7, 7, 7)]
     broken = [
         torch.full_like(old, float("nan")) if old.is_floating_point() else old - 5,
         old.to(torch.int64),
