@@ -140,6 +140,8 @@ def test_what_cannot_be_written_is_refused_before_any_work(
     [
         ("[" * 100_000, "nested too deep"),
         ('{"a":' * 100_000, "nested too deep"),
+        ("[" * 101 + "]" * 101, "more than 100 levels"),
+        ("{" + "".join(f'"{index}": 1, ' for index in range(50_000)) + '"7": 2}', "7: given twice"),
         ("9" * 400, "beyond 64 bits"),
         ("9" * 5000, "beyond 64 bits"),
         (f"{2**63}", "beyond 64 bits"),
@@ -173,4 +175,5 @@ def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
 
 def test_ordinary_json_is_read(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text('{"a": [1, -2.5e3, true, null], "b": 9223372036854775807}')
+    assert parse_json("[" * 100 + "]" * 100, "text") == [parse_json("[" * 99 + "]" * 99, "text")]
     assert read_json(tmp_path / "a.json") == {"a": [1, -2500.0, True, None], "b": 2**63 - 1}
