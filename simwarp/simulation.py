@@ -85,7 +85,8 @@ class Simulation(FixedAttributes):
         self.substeps = whole_number("Simulation", "substeps", substeps, 1, MOST_SUBSTEPS, "1 is the default")
         self.dt = _checked_dt(dt, self.substeps)
         self.solver = solver if solver is not None else SolverOptions()
-        self.read_every = whole_number("Simulation", "read_every", read_every, 1, 2**31 - 1, "1 is the default")
+        most = (2**31 - 1) // self.substeps  # clocks of sensors count sub-steps in 32 bits
+        self.read_every = whole_number("Simulation", "read_every", read_every, 1, most, "1 is the default")
         reactions = checked_flag("Simulation", "joint_reactions", joint_reactions)
         self.elements = _checked_elements(elements)
         self.sensors = _named_apart(sensors)

@@ -326,6 +326,12 @@ def test_counts_that_are_none(shared, name, count):
     assert text.startswith(f"Simulation: {name} must be an integer >= 1")
 
 
+def test_reads_so_rare_that_clocks_could_not_count_them(shared):
+    sw.Simulation(shared, 0.01, read_every=2**31 - 1)
+    text = refusal(lambda: sw.Simulation(shared, 0.01, substeps=1000, read_every=2**31 - 1))
+    assert text.startswith("Simulation: read_every must be an integer >= 1 and <= 2147483, got 2147483647")
+
+
 def test_sub_steps_that_float32_cannot_resolve(shared):
     assert "dt / substeps must be in" in refusal(lambda: sw.Simulation(shared, 1e-5, substeps=1_000_000))
 
