@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import io
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -24,6 +25,9 @@ LONGEST_LINE = 1200
 
 NAMED = 16
 """Characters of a name by which a message makes it known; the rest may be cut."""
+
+ESCAPED = re.compile(r"\\x[0-9a-f]{2}|\\u[0-9a-f]{4}|\\U[0-9a-f]{8}|[\0-\x1f]")
+"""Characters as Python escapes them."""
 
 CODES = (0, 1, 2, 130)
 DRAFT = ".simwarp-"
@@ -244,16 +248,15 @@ def wrong_message(attack: Attack, message: str) -> list[tuple[str, str]]:
     if len(message) > LONGEST_LINE:
         return [("too long", f"{len(message)} characters: {shorten(message)}")]
     text = _plain(message)
-    known = [_plain(word)[:NAMED] for name in attack.names if name for word in (name, repr(name)[1:-1])]
-    if attack.names and not any(word in text for word in known):
+    if attack.names and not any(_plain(name)[:NAMED] in text for name in attack.names if name):
         return [("names nothing", f"{shorten(message, 200)}; wanted one of {', '.join(map(shorten, attack.names))}")]
     return []
 
 
 def _plain(text: str) -> str:
-    """As it stands in a message: without case, breaks, and what cannot be printed."""
-    printed = text.encode("utf-8", "backslashreplace").decode()
-    return " ".join(printed.split()).lower().replace("_", "-")
+    """What can be compared of a text that a message may show escaped, cut, or without breaks: letters and digits."""
+    printed = ESCAPED.sub("", text.encode("ascii", "backslashreplace").decode()).lower().replace("_", "-")
+    return "".join(character for character in printed if character.isalnum() or character in "-./")
 
 
 def _is_meant(error: TypeError) -> bool:

@@ -259,4 +259,6 @@ def _attack(document: Document, made: Spoiled) -> CallAttack:
 
     what = f"{document.kind} {document.path.name}: {made.how}"
     verdict = made.verdict if document.is_ours or made.anywhere or made.verdict is ACCEPT else EITHER
-    return CallAttack(what, verdict, (path.name, document.path.stem), call)
+    # what is wrong with a part may be told of the part
+    keys = [key for key in made.how.partition(" ")[0].split(".") if not key.isdigit()]
+    return CallAttack(what, verdict, (path.name, document.path.stem, *keys[-2:]), call)

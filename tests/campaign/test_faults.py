@@ -101,7 +101,7 @@ def writers(good):
         ("train", "fast", *SMALL, "--keep-checkpoints=0", "--iterations=400"),
         ("record", "fast", policy, "--episodes=200", short, "--output=out.npz"),
         ("clone", "fast", f"--data={good / 'fast.npz'}", "--epochs=1", "--output=out.pt"),
-        ("play", "fast", policy, "--seconds=0.3", "--num-envs=1", "--video=out.gif"),
+        ("play", "fast", policy, "--seconds=1", "--num-envs=1", "--video=out.gif"),
         ("export", str(good / "fast.pt"), "--output=out.onnx"),
         ("drive", "sedan", f"--maneuver={good / 'short.csv'}", "--csv=out.csv", "--plot=out.png"),
         ("eval", "fast", policy, "--episodes=4", short, "--plot=pictures"),
