@@ -15,7 +15,7 @@ from tests.campaign.hostile import EITHER
 from tests.campaign.oracle import DRAFT, Attack, Outcome, shorten
 from tests.campaign.tally import Tally
 
-PATIENCE = 300.0
+PATIENCE = 600.0
 """For a process to end, on a busy machine [s]."""
 
 

@@ -37,7 +37,7 @@ def newest_content(folder, task):
     return load_checkpoint(newest(folder, task).latest_checkpoint())
 
 
-def test_killed_at_random_instants_and_resumed_bit_by_bit(tmp_path):
+def test_killed_at_random_instants_and_resumed_bit_by_bit(place, tmp_path):
     chance = random.Random(campaign_seed())
     words = ("train", "pendulum", *SMALL, f"--iterations={ITERATIONS}")
     whole, killed = tmp_path / "whole", tmp_path / "killed"
