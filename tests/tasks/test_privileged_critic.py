@@ -100,7 +100,8 @@ def test_a_task_without_exact_state_and_a_network_with_memory_are_refused(camera
 
 @pytest.mark.parametrize("name", NAMES)
 def test_beside_a_camera_the_critic_sees_what_a_policy_by_state_does(name):
-    by_camera, by_state = driving(name, 3, seed=1, obs="camera"), driving(name, 3, seed=1)
+    tracks = {"tracks": 2} if name == "barrier-track" else {}
+    by_camera, by_state = (driving(name, 3, seed=1, obs=obs, **tracks) for obs in ("camera", "state"))
     handed = TaskVecEnv(by_camera, privileged=True).get_observations()
     assert torch.equal(handed["critic"], by_state.restart()["policy"])
     assert by_state.observe_privileged() is None
