@@ -12,7 +12,8 @@ ARGS ?=
 WORKERS ?= 2
 # One numerical thread per worker, or the workers fight over the cores.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
-PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+# Bytecode is written even where the environment says otherwise: tests start hundreds of processes.
+PYTEST := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 CODE := $(wildcard setup.py simwarp tasks train tests scripts benchmarks examples)
 
 # The mark names the checkout. It does not count after the folder was moved, or where its Python no longer runs.

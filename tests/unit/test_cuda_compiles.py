@@ -10,6 +10,7 @@ A module whose kernels stand at module level needs nothing. One that makes kerne
 import ast
 import importlib
 import importlib.util
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -47,7 +48,8 @@ def kernel_modules() -> list[str]:
     found = []
     for folder, package in FOLDERS.items():
         for path in sorted((ROOT / folder).rglob("*.py")):
-            if defines_kernels(ast.parse(path.read_text(encoding="utf-8"))):
+            source = path.read_text(encoding="utf-8")
+            if re.search(r"\.[kK]ernel\b", source) and defines_kernels(ast.parse(source)):
                 parts = path.relative_to(ROOT / folder).with_suffix("").parts
                 found.append(".".join([package, *(p for p in parts if p != "__init__")]))
     return found
