@@ -24,8 +24,23 @@ def _kernels() -> None:
         compile_together()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip tests marked `cuda` where Warp finds no CUDA device."""
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark the slow cases of tests (`quick`, `long`); skip tests marked `cuda` where Warp finds no CUDA device."""
+    sampled: dict[str, tuple[set[str], set[str]]] = {}
+    for item in items:
+        quick, long = item.get_closest_marker("quick"), item.get_closest_marker("long")
+        mark = quick or long
+        if mark is None or not isinstance(item, pytest.Function):
+            continue
+        case = item.callspec.id
+        sampled.setdefault(item.nodeid.partition("[")[0], (set(mark.args), set()))[1].add(case)
+        if (case in mark.args) == (long is not None):
+            item.add_marker(pytest.mark.slow)
+    if config.args_source is pytest.Config.ArgsSource.TESTPATHS:  # all tests are there, so all their cases
+        for test, (named, cases) in sampled.items():
+            if not named <= cases:
+                raise pytest.UsageError(f"{test}: marks name cases that it does not have: {sorted(named - cases)}")
     marked = [item for item in items if item.get_closest_marker("cuda")]
     if marked and not wp.is_cuda_available():
         for item in marked:

@@ -74,6 +74,7 @@ LONG = {"heavy-on-light", "pile", "stack"}
 """Scenes that settle for seconds before they are timed."""
 
 
+@pytest.mark.quick("ant", "bouncing-balls", "chain", "four-bar", "incline")
 @pytest.mark.parametrize(
     "name",
     [
@@ -547,6 +548,7 @@ def test_help_lists_the_scenes(capfd):
     assert all(name in out for name in ("linkage", "pendulum", "pendulum-task", "fast"))
 
 
+@pytest.mark.quick("camera-flat", "lidar")
 @pytest.mark.parametrize("name", [name for name in workloads.SENSOR_SCENES if name != "rays"])
 def test_every_sensor_is_timed_on_frames_that_show_something(bench, name):
     code, result, err = bench(name, "--worlds", "2")

@@ -66,6 +66,7 @@ def test_eval_keys_and_baselines(simwarp):
     assert "random" in err
 
 
+@pytest.mark.slow
 def test_eval_says_what_the_policy_sees_and_that_full_changes_nothing(simwarp):
     options = ("--episodes", "1", "--no-baselines", "--task.max-episode-steps", "2")
     code, _, err = simwarp("eval", "off-road", "--obs", "state", "--full", *options)

@@ -50,6 +50,7 @@ def test_a_reference_run_with_all_files(drive, tmp_path):
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_options_change_the_run(drive):
     def final(*arguments):
         code, out, _ = drive(

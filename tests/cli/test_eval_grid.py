@@ -45,6 +45,7 @@ def evaluate(runs, tmp_path, monkeypatch, capfd):
     return run
 
 
+@pytest.mark.slow
 def test_every_combination_is_evaluated(evaluate, tmp_path):
     code, out, err = evaluate("--grid", "bound=1.5,3.0", "--grid", "start-radius=0.2,0.5,1", "--json", "a.json")
     assert (code, err) == (0, "")
@@ -71,6 +72,7 @@ def test_every_combination_is_evaluated(evaluate, tmp_path):
     assert "wrote fast-eval: results.json, success.png, paths.png" in out
 
 
+@pytest.mark.slow
 def test_a_second_grid_leaves_the_first_ones_files_alone(evaluate, tmp_path):
     for _ in range(2):
         assert evaluate("--grid", "gain=0.1")[0] == 0

@@ -29,6 +29,7 @@ def made(tmp_path_factory):
         return np.asarray(image), dict(data), json.loads((folder / "a.json").read_text())
 
 
+@pytest.mark.slow
 def test_the_picture_has_all_panels(made):
     picture, _, content = made
     small = 2 * round(PANEL * 9 / 32)

@@ -75,6 +75,7 @@ def test_exact_law_slides_and_the_convex_one_dilates(solver):
     np.testing.assert_allclose(convex.impulse, [0.48, -0.24, 0.0], atol=2e-6)
 
 
+@pytest.mark.quick("exact-apgd", "exact-padmm", "convex-interior_point", "convex-psor")
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("law", ["exact", "convex"])
 def test_random_problems_against_the_twin(solver, law):

@@ -81,6 +81,7 @@ def coast(name: str, engine: bool, gear: int | None, settled: bool) -> tuple[flo
     return first - ledger.stored(before), work
 
 
+@pytest.mark.quick("False-gator-False-None", "True-hmmwv-reduced-False-None")
 @pytest.mark.parametrize(
     ("name", "engine", "gear"),
     [("hmmwv-reduced", False, None), ("hmmwv-reduced", True, 0), ("hmmwv-reduced", True, None), ("gator", False, None)],

@@ -63,6 +63,7 @@ def apart(run: Recorder, other: Recorder) -> dict[str, float]:
 TOLERANCE = 1.0e-4
 
 
+@pytest.mark.quick("hmmwv-reduced-12.0")
 @pytest.mark.parametrize(("name", "speed"), [("hmmwv", 12.0), ("hmmwv-reduced", 12.0), ("gator", 6.0), ("sedan", 12.0)])
 def test_the_mirror_image_drives_the_mirrored_run(name, speed):
     spec = lopsided(shipped(name))

@@ -23,6 +23,7 @@ LONG = {"vehicles", "wall", "arch", "stack", "pile", "card-house"}
 CHECKS = [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SCENES]
 
 
+@pytest.mark.long("andrews", "bricard", "four-bar", "chain", "double-pendulum", "free-spin", "bouncing", "cube-stack")
 @pytest.mark.parametrize("name", CHECKS)
 def test_known_answers(name):
     assert require(SCENES[name]("cpu"))

@@ -161,6 +161,7 @@ WRONG: list = [
 ]  # fmt: skip
 
 
+@pytest.mark.quick("actor_state_dict", "format", "task_config")
 @pytest.mark.parametrize("key", ["format", "task", "iteration", "train_config", "task_config", "actor_state_dict"])
 def test_no_wrong_type_of_what_every_checkpoint_has_gets_far(folder, content, capfd, key):
     path = folder.latest_checkpoint()
@@ -211,6 +212,7 @@ def may_be(content, place, value):
     return type(value) is type(there) and value == there
 
 
+@pytest.mark.quick("mlp")
 @pytest.mark.parametrize("kind", ["mlp", "recurrent"])
 def test_no_wrong_type_of_what_a_resumed_run_needs_gets_far(tmp_path, kind):
     options = {"network.kind": kind, "network.memory": 4, "ppo.mini_batches": 2, "network.hidden": (8,)}

@@ -30,6 +30,7 @@ def study(folder, **changes):
     return dataclasses.replace(plain, **changes)
 
 
+@pytest.mark.slow
 def test_arms_train_with_their_own_settings_and_are_evaluated_with_the_same(tmp_path):
     asked = study(tmp_path)
     comparing.run_missing(asked, QUIET)

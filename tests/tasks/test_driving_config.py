@@ -76,6 +76,7 @@ def test_rise_times_are_as_many_as_actions():
 # ---- options ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("0.5")
 @pytest.mark.parametrize("rise", [0.5, 0.0])
 def test_the_speed_of_the_hallway_is_held(rise):
     """Whether or not actions are limited in their rate, which is what decides how often the controller is asked."""
@@ -203,16 +204,19 @@ def variant(request, monkeypatch):
 strict = rules.strict
 
 
+@pytest.mark.quick("state")
 def test_gymnasium_checks_a_single_world(variant):
     rules.test_the_single_world_passes_the_checker(variant)
     rules.test_the_single_world_passes_the_passive_checker_and_the_order_of_calls(variant)
 
 
+@pytest.mark.quick("state")
 def test_spaces_and_steps_of_a_vector(variant):
     rules.test_spaces_and_metadata_of_a_vector(variant)
     rules.test_steps_of_a_vector(variant)
 
 
+@pytest.mark.quick("state")
 def test_a_vector_is_deterministic(variant):
     actions = [env_actions.sample() for env_actions in [rules.vector(variant).action_space] for _ in range(8)]
     env, other = rules.vector(variant, max_episode_steps=3), rules.vector(variant, max_episode_steps=3)

@@ -113,6 +113,7 @@ REPEATED = {f"{name} {end}" for name in ("off-road", "convoy", "barrier-track") 
 """Ends that all tasks have from the same code: those of two tasks stand for them."""
 
 
+@pytest.mark.long("barrier-track too_slow", "convoy goal", "convoy lost", "off-road goal", "off-road off_map")
 @pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * (case in REPEATED)) for case in CASES])
 def test_episodes_end_for_the_reason_that_is_played(case):
     expected = case.split()[1].removesuffix("_upset")
@@ -185,6 +186,7 @@ def test_every_episode_can_be_won_in_time(case):
         assert total.min() > float(task.routes.length.min()) - 1.0
 
 
+@pytest.mark.quick("obstacle-avoidance")
 @pytest.mark.parametrize("name", NAMES)
 def test_random_drives_end_for_named_reasons_only(name):
     task = driving(name, 8, max_episode_steps=12)
@@ -337,6 +339,7 @@ def test_a_corner_in_the_barrier_is_a_collision_and_none_is_not():
     assert task.outside().tolist() == [False, True, False, True]
 
 
+@pytest.mark.quick("barrier-track", "convoy", "obstacle-avoidance")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_vehicle_is_upset_beyond_sixty_degrees(name):
     task = driving(name, 4)

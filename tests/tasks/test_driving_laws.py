@@ -62,6 +62,7 @@ def assert_equal(first, second, pick=slice(None), other=slice(None)):
             assert torch.equal(value[pick], right[name][other]), f"{name} in step {step}"
 
 
+@pytest.mark.quick("obstacle-avoidance", "hallway", "seen hallway")
 def test_the_seed_alone_decides_not_the_past(case):
     name, task = case
     actions = random_actions(task, STEPS)
@@ -84,6 +85,7 @@ def test_a_disturbed_world_disturbs_no_other(case):
     assert not torch.equal(first[-1]["policy"][1], second[-1]["policy"][1])
 
 
+@pytest.mark.quick("obstacle-avoidance", "hallway", "off-road", "seen hallway")
 def test_worlds_depend_neither_on_how_many_there_are_nor_on_which_process_has_them(case):
     name, task = case
     actions = random_actions(task, STEPS)
@@ -91,6 +93,7 @@ def test_worlds_depend_neither_on_how_many_there_are_nor_on_which_process_has_th
     assert_equal(first, roll(build(name, worlds=2, first_world=1), actions[:, 1:]), [1, 2])
 
 
+@pytest.mark.quick("obstacle-avoidance", "hallway", "convoy", "seen hallway")
 def test_a_saved_state_goes_on_exactly(case):
     """In a task that was made with another seed and has driven elsewhere, in the middle of an episode."""
     name, task = case
@@ -107,6 +110,7 @@ def test_a_saved_state_goes_on_exactly(case):
     assert_equal(expected, roll(other, actions[5:], seed=None))
 
 
+@pytest.mark.quick("2")
 @pytest.mark.parametrize("stop", [2, 11])
 def test_what_the_guard_keeps_repeats_a_drive(stop, tmp_path):
     """One world alone, from its reset or from a snapshot: the world around it is drawn again."""
@@ -125,6 +129,7 @@ def test_what_the_guard_keeps_repeats_a_drive(stop, tmp_path):
     assert report.largest_difference == 0.0
 
 
+@pytest.mark.quick("obstacle-avoidance")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_look_at_the_scene_changes_nothing(name):
     """Pictures of a task without a camera are taken from time to time; the drive goes on as if they were not."""

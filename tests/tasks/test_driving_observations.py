@@ -34,6 +34,7 @@ SHAPES = {
 WIDTH, HEIGHT = 80, 45
 
 
+@pytest.mark.quick("barrier-track-state", "convoy-state", "hallway-state", "hallway-camera", "obstacle-avoidance-state", "obstacle-avoidance-camera", "off-road-state")
 @pytest.mark.parametrize("obs", ["state", "camera"])
 @pytest.mark.parametrize("name", NAMES)
 def test_observations_are_as_documented_and_of_reasonable_size(name, obs):
@@ -167,6 +168,7 @@ def test_the_next_two_pillars_are_those_that_are_not_passed():
             assert seen[:, slot] == pytest.approx(np.array(expected), abs=1e-3)
 
 
+@pytest.mark.quick("vehicle")
 @pytest.mark.parametrize("frame", ["vehicle", "world"])
 def test_a_goal_is_measured_in_the_frame_that_is_asked_for(frame):
     off_road = driving("off-road", 4, seed=2, goal_frame=frame, obstacles=0, **SMALL)
@@ -330,6 +332,7 @@ def test_cones_are_green_on_the_left_and_red_on_the_right():
     assert min(seen.values()) >= 4
 
 
+@pytest.mark.quick("hallway", "obstacle-avoidance")
 @pytest.mark.parametrize("name", NAMES)
 def test_an_image_is_of_the_moment_at_which_it_is_seen(name):
     task = driving(name, 2, seed=1, **SMALL)
@@ -347,6 +350,7 @@ def test_an_image_is_as_old_as_its_rate_says_and_no_older():
     assert same == [True, False, True, False]
 
 
+@pytest.mark.slow
 def test_the_vehicle_does_not_block_its_camera():
     for name in NAMES:
         task = driving(name, 1, seed=1, **SMALL)

@@ -222,6 +222,7 @@ def errors(task, steps):
     return [torch.stack(parts) for parts in zip(*rows, strict=True)]
 
 
+@pytest.mark.quick("convoy")
 @pytest.mark.parametrize("name", ["off-road", "convoy"])
 def test_navigation_errs_as_much_as_it_says(name):
     options = {"obstacles": 0, "border": 70.0} if name == "off-road" else {"lost_distance": 60.0}
@@ -251,6 +252,7 @@ def test_navigation_on_hills_knows_the_heading_to_a_few_degrees():
     assert heading.abs().max() < 0.15
 
 
+@pytest.mark.quick("convoy")
 @pytest.mark.parametrize("name", ["off-road", "convoy"])
 def test_a_new_episode_begins_with_its_heading_known(name):
     task = driving(name, 6, seed=2, **SMALL, max_episode_steps=4)

@@ -47,6 +47,7 @@ def field(request):
     return driving(name, WORLDS, seed=5, **options)
 
 
+@pytest.mark.quick("obstacle-avoidance-some", "off-road-some")
 @pytest.mark.parametrize("restarts", [SOME, TEN_THOUSAND])
 def test_vehicles_start_clear_of_all_obstacles(field, restarts):
     # what the tasks promise: 15 m from the vehicle's middle, paths that stay free, a road whose first pillar is far
@@ -85,6 +86,7 @@ def test_the_check_sees_an_obstacle_that_is_hit(field):
     field.restart()
 
 
+@pytest.mark.quick("barrier-track-some")
 @pytest.mark.parametrize("restarts", [SOME, TEN_THOUSAND])
 @pytest.mark.parametrize("name", ["hallway", "barrier-track"])
 def test_vehicles_start_within_the_lane(name, restarts):
@@ -134,6 +136,7 @@ def test_wheels_of_cars_on_tracks_stand_on_the_ground(name):
     assert gap.max() < 0.0
 
 
+@pytest.mark.quick("convoy", "hills", "obstacle-avoidance")
 def test_vehicles_stand_still_where_they_start_and_stay_there(field):
     """Put down on hills too, a vehicle neither jumps nor falls: brakes hold it."""
     field.restart()
@@ -180,6 +183,7 @@ def rectangle(at, half):
     return torch.stack([at[..., :1] + cosine * x - sine * y, at[..., 1:2] + sine * x + cosine * y], dim=-1).double()
 
 
+@pytest.mark.quick("False")
 @pytest.mark.parametrize("generated", [False, True])
 def test_leaders_overlap_neither_each_other_nor_the_truck_nor_obstacles(generated):
     task = driving("convoy", WORLDS, generated=generated)
@@ -224,6 +228,7 @@ def test_a_curriculum_begins_with_the_first_episodes():
     assert not to_torch(task.simulation.model.shape_enabled)[:, task.obstacles.shapes].any()
 
 
+@pytest.mark.quick("barrier-track")
 @pytest.mark.parametrize("name", ["hallway", "barrier-track"])
 def test_first_time_outs_are_spread_over_the_time_that_a_lap_may_take(name):
     begun = trainer(name, 64)

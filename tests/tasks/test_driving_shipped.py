@@ -47,6 +47,7 @@ def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
     assert max(record["evaluation"][other]["success_rate"] for other in ("zero", "random")) < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "title",
     [

@@ -40,6 +40,7 @@ def played(tmp_path_factory):
     return folder, shown
 
 
+@pytest.mark.slow
 def test_a_video_has_every_frame_and_moves(played):
     folder, shown = played
     frames = shown["a.gif"]

@@ -94,6 +94,7 @@ def test_networks_over_images_train_and_bytes_stay_bytes(camera_task, kind):
     assert set(stored.unique().tolist()) == {0, 255}
 
 
+@pytest.mark.quick("kl-penalty-lstm")
 @pytest.mark.parametrize("cell", ["gru", "lstm"])
 @pytest.mark.parametrize("objective", ["clip", "kl-penalty"])
 def test_a_recurrent_run_goes_on_exactly(tmp_path, cell, objective):

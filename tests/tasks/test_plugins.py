@@ -50,6 +50,7 @@ def test_an_entry_point_adds_a_task_and_its_gymnasium_id(tmp_path):
     assert done.stdout.split()[-3:] == ["True", "2", "2"]
 
 
+@pytest.mark.quick("import no_such_module")
 @pytest.mark.parametrize("source", ["raise RuntimeError('broken plugin')", "import no_such_module"])
 def test_a_broken_package_takes_no_built_in_task_away(tmp_path, source):
     package(tmp_path, source)

@@ -98,6 +98,7 @@ def test_a_task_without_exact_state_and_a_network_with_memory_are_refused(camera
         settings(**{"network.kind": NetworkKind.RECURRENT})
 
 
+@pytest.mark.quick("obstacle-avoidance", "hallway")
 @pytest.mark.parametrize("name", NAMES)
 def test_beside_a_camera_the_critic_sees_what_a_policy_by_state_does(name):
     tracks = {"tracks": 2} if name == "barrier-track" else {}

@@ -48,6 +48,7 @@ def parameters(path):
     }
 
 
+@pytest.mark.slow
 def test_the_fast_task_is_learnt(tmp_path):
     result = train(
         "fast", replace_fields(default_config(task_class("fast")), {"device": "cpu"}), task_class("fast").config_type(),
@@ -238,6 +239,7 @@ def newest(folder):
     return run_folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_run_is_saved_and_can_go_on(tmp_path, number):
     process = start(tmp_path, "--iterations", "100000", "--save-interval", "20", "--keep-checkpoints", "1")

@@ -227,6 +227,7 @@ def install(folder, *arguments, cwd, python=sys.executable):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_install_into_an_environment(made, tmp_path):
     done = install(made, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

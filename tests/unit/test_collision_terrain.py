@@ -234,6 +234,7 @@ def test_a_sphere_finds_every_nearest_point_and_no_other(kind, rough):
     assert extra <= 0.03 * total  # edges that hardly bend: tolerances decide
 
 
+@pytest.mark.quick("4")
 @pytest.mark.parametrize("kind", [ShapeType.BOX, ShapeType.CYLINDER, ShapeType.CAPSULE, ShapeType.ELLIPSOID])
 def test_the_nearest_point_of_a_convex_shape_is_among_its_contacts(kind):
     """To the accuracy of the narrow phase, 2e-5 of the smaller shape, and of float32 at a metre."""

@@ -201,6 +201,7 @@ def test_products_dense_and_matrix_free():
             np.testing.assert_allclose(results[0], gamma @ n @ gamma, atol=1e-5 * size * rows)
 
 
+@pytest.mark.quick("0-0", "1-1", "1-2", "1-3", "1-4")
 @pytest.mark.parametrize("solver", list(ConeSolver))
 @pytest.mark.parametrize("law", list(FrictionLaw))
 def test_mixed_blocks_dense_and_matrix_free_against_the_twin(solver, law):

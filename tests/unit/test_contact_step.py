@@ -48,6 +48,7 @@ def assert_same(sim: sw.Simulation, twin: ContactTwin, allowed: float) -> None:
 ROUNDED = 0.5 * 0.5 * EPS / DT + 1e-5
 
 
+@pytest.mark.quick("1--exact")
 @pytest.mark.parametrize("law", ["exact", "convex"])
 @pytest.mark.parametrize("kinds", ["", "ch", *(pytest.param(kinds, marks=pytest.mark.slow) for kinds in "rch")])
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
@@ -76,6 +77,7 @@ def test_rolling_and_spinning_friction(law: str, seed: int) -> None:
     assert_same(sim, twin, ROUNDED + 20.0 * residual)
 
 
+@pytest.mark.long("cho-convex-True", "cho-exact-True", "r-exact-True")
 @pytest.mark.parametrize("floating", [False, True])
 @pytest.mark.parametrize("law", ["exact", "convex"])
 @pytest.mark.parametrize("kinds", ["", "r", "cho"])

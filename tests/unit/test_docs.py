@@ -47,6 +47,7 @@ DTYPES = {
 LONG = {
     "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py", "randomise.py",
     "driving.md", "sensors.md",
+    "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "vehicles.md", "write-a-task.md",
 }  # fmt: skip
 """Examples and pages that take longest."""
 

@@ -24,6 +24,7 @@ def message(call) -> str:
     return text
 
 
+@pytest.mark.quick("per_world0-1000000000", "per_world1-100000000", "per_world2-2147483647")
 @pytest.mark.parametrize("worlds", [10**8, 10**9, 2**31 - 1])
 @pytest.mark.parametrize("per_world", [(), ("body_mass",), ("shape_x", "body_inertia_b")])
 def test_worlds_that_do_not_fit(worlds, per_world):

@@ -96,12 +96,14 @@ def installed(wheel, tmp_path_factory):
     return folder / "bin"
 
 
+@pytest.mark.slow
 def test_the_wheel_imports_from_its_own_environment(installed, tmp_path):
     code = "import simwarp, simwarp.tasks, simwarp.train; print(simwarp.__file__, simwarp.tasks.__file__)"
     for path in run(installed / "python", "-c", code, cwd=tmp_path).split():
         assert Path(path).is_relative_to(installed.parent)
 
 
+@pytest.mark.slow
 def test_the_command_works_from_another_folder(installed, tmp_path):
     assert "pendulum" in run(installed / "simwarp", "list", cwd=tmp_path)
     assert "pendulum" in run(installed / "python", "-m", "simwarp", "list", cwd=tmp_path)

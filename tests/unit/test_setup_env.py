@@ -111,6 +111,7 @@ def python(shared_python, monkeypatch, tmp_path):
     return shared_python
 
 
+@pytest.mark.quick("versions0-2.13.0+cpu-CPU build", "versions1-2.13.0-some 2.5 GB")
 @pytest.mark.parametrize(
     ("versions", "expected", "said"),
     [((CPU,), CPU, "CPU build"), ((TORCH,), TORCH, "some 2.5 GB"), ((TORCH, CPU, NEWER), CPU, "CPU build")],

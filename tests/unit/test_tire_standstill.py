@@ -53,6 +53,7 @@ def damped(template):
     return {"vertical_damping": 6000.0, **({"bristle_viscosity": (1.0, 1.0)} if template == "lugre" else {})}
 
 
+@pytest.mark.long("0.001-fiala", "0.001-lugre", "0.001-pacejka2002", "0.001-tmeasy", "0.001-tmsimple")
 @pytest.mark.parametrize("template", TEMPLATES)
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_a_parked_wheel_does_not_creep(template, dt):

@@ -137,6 +137,7 @@ def test_rigid_tires_are_listed():
 BLOCKS = re.findall(r"```python\n(.*?)```\n\n[^`]*\n\n```text\n(.*?)```", PAGE, re.DOTALL)
 
 
+@pytest.mark.quick("0")
 @pytest.mark.parametrize("index", range(PAGE.count("```python")))
 def test_code_stands_alone_and_prints_what_is_shown(index, tmp_path):
     code, shown = BLOCKS[index]

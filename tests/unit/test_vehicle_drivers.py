@@ -226,6 +226,7 @@ STANLEY_SPEC = dataclasses.replace(
 )  # fmt: skip
 
 
+@pytest.mark.quick("stanley")
 @pytest.mark.parametrize("spec", [PID_SPEC, STANLEY_SPEC], ids=["look-ahead", "stanley"])
 def test_followers_agree_with_their_twin(spec):
     worlds, dt = len(PATHS), 2e-3
@@ -279,6 +280,7 @@ def test_worlds_do_not_see_each_other():
 # ---- driving ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick("look-ahead")
 @pytest.mark.parametrize("law", ["look-ahead", "stanley"])
 def test_an_hmmwv_follows_a_circle(law):
     """Either law stays within 0.5 m of a circle of 30 m: a proportional law keeps what it needs to steer 0.23."""
@@ -290,6 +292,7 @@ def test_an_hmmwv_follows_a_circle(law):
     assert np.trapezoid(run["speed_mps"], run["t_s"]) > 2.0 * math.pi * 30.0
 
 
+@pytest.mark.quick("stanley")
 @pytest.mark.parametrize("law", ["look-ahead", "stanley"])
 def test_an_hmmwv_follows_a_lane_change(law):
     """12 m/s through ISO 3888-1, whose lanes leave 0.5 m to a side of a vehicle of 2.2 m and less."""

@@ -275,6 +275,7 @@ def test_a_run_that_ended_at_once_has_no_results():
         assert results(one, maneuver(name, HMMWV))
 
 
+@pytest.mark.quick("reference-steer")
 @pytest.mark.parametrize("name", ["reference-steer", "double-lane-change", "slope-hold"])
 def test_pages_are_drawn_of_short_runs_too(tmp_path, name):
     what = maneuver(name, GATOR)
