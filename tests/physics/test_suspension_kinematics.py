@@ -68,7 +68,9 @@ CASES: dict[str, tuple[VehicleSpec, int, float, float]] = {
 }
 
 
-@pytest.mark.quick("hmmwv rear", "multi-link, rear", "trailing arm", "gator front: rack", "artcar front: pitman arm", "artcar rear")
+@pytest.mark.quick(
+    "hmmwv rear", "multi-link, rear", "trailing arm", "gator front: rack", "artcar front: pitman arm", "artcar rear"
+)
 @pytest.mark.parametrize("case", CASES)
 def test_both_wheels_up_and_down(case):
     spec, axle, travel, steering = CASES[case]

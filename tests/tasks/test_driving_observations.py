@@ -34,7 +34,15 @@ SHAPES = {
 WIDTH, HEIGHT = 80, 45
 
 
-@pytest.mark.quick("barrier-track-state", "convoy-state", "hallway-state", "hallway-camera", "obstacle-avoidance-state", "obstacle-avoidance-camera", "off-road-state")
+@pytest.mark.quick(
+    "barrier-track-state",
+    "convoy-state",
+    "hallway-state",
+    "hallway-camera",
+    "obstacle-avoidance-state",
+    "obstacle-avoidance-camera",
+    "off-road-state",
+)
 @pytest.mark.parametrize("obs", ["state", "camera"])
 @pytest.mark.parametrize("name", NAMES)
 def test_observations_are_as_documented_and_of_reasonable_size(name, obs):

@@ -38,7 +38,13 @@ def trained(path, name, kind, cell="gru"):
     return trainer
 
 
-@pytest.mark.quick("mlp-gru-onnx", "mlp-gru-torchscript", "late-fusion-gru-torchscript", "nature-cnn-gru-torchscript", "recurrent-lstm-torchscript")
+@pytest.mark.quick(
+    "mlp-gru-onnx",
+    "mlp-gru-torchscript",
+    "late-fusion-gru-torchscript",
+    "nature-cnn-gru-torchscript",
+    "recurrent-lstm-torchscript",
+)
 @pytest.mark.parametrize("form", list(ExportFormat), ids=lambda form: form.value)
 @pytest.mark.parametrize(
     ("kind", "cell"),
