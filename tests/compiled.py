@@ -14,6 +14,8 @@ LONG = (
     "simwarp.kernels.cones.batch", "simwarp.kernels.collision.world", "simwarp.kernels.sensors.image",
     "simwarp.kernels.tires.wheels", "simwarp.kernels.sensors.radar", "simwarp.kernels.sensors.lidar",
 )  # fmt: skip
+CPU_BLOCK = 1
+"""Threads of a block in launches on a CPU; a unit is compiled anew for every size of blocks."""
 
 
 def compile_together() -> None:
@@ -35,4 +37,4 @@ def _load(unit: wp.Module, lock: int) -> None:
             fcntl.flock(file, lock)
         except BlockingIOError:
             return
-        unit.load(wp.get_device("cpu"))
+        unit.load(wp.get_device("cpu"), block_dim=CPU_BLOCK)
