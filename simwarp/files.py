@@ -73,7 +73,7 @@ def check_output(path: str | Path, option: str = "output") -> Path:
             permission.
     """
     text = os.fspath(path)
-    if not text or "\0" in text:
+    if not _is_name(text):
         raise FileError(f"{option} must name a file, got {text!r}; write a name such as result.out")
     path = Path(text)
     if len(os.fsencode(path.name)) > LONGEST_NAME:
@@ -100,6 +100,15 @@ def check_output(path: str | Path, option: str = "output") -> Path:
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"{option}: cannot write '{path}': folder {folder} is write-protected; choose another")
     return path
+
+
+def _is_name(text: str) -> bool:
+    """Return whether a text can be a path: neither empty nor of characters that no file system takes."""
+    try:
+        os.fsencode(text)
+    except UnicodeEncodeError:
+        return False
+    return bool(text) and "\0" not in text
 
 
 def _target(path: Path, option: str = "output") -> Path:
@@ -243,7 +252,7 @@ def check_input(path: str | Path, what: str = "file", *, largest: int | None = N
         FileError: there is no such file, or it is a folder, a device or a FIFO, unreadable or too large.
     """
     text = os.fspath(path)
-    if not text or "\0" in text:
+    if not _is_name(text):
         raise FileError(f"{what}: the path must name a file, got {text!r}", "the path must name a file")
     path = Path(text)
     shown = text if len(text) <= 200 else f"{text[:100]}..."

@@ -20,7 +20,7 @@ import tyro
 from rich.console import Console
 
 from simwarp.cli import HELP, UsageError, one_line, shortened
-from simwarp.cli.values import check_option, may_repeat
+from simwarp.cli.values import check_option, is_flag, may_repeat
 from simwarp.files import check_output, is_special, write_file
 
 OptionsT = TypeVar("OptionsT")
@@ -244,7 +244,10 @@ def _check_words(known: Mapping[str, Any], arguments: list[str]) -> None:
     for start, end in itertools.pairwise([*starts, len(arguments)]):
         name, equals, value = arguments[start].partition("=")
         option = name.replace("_", "-")
-        if option not in known and _positive(option) in known:
+        negative = option not in known and _positive(option) in known
+        if equals and (negative or is_flag(known.get(option))):
+            raise UsageError(f"{option} takes no value, got '{one_line(shortened(value))}'; write {option} alone")
+        if negative:
             continue
         if option not in known:
             raise UsageError(unknown_option(name, known))

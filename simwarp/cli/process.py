@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import io
 import os
@@ -15,6 +16,9 @@ from typing import Any, Final
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command as Ctrl-C does: what it began is tidied up."""
 
+REPEAT_AFTER: Final = 0.05
+"""Time after which an interrupt that was lost comes again [s]."""
+
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
@@ -23,6 +27,7 @@ def ended_by_signals() -> Iterator[None]:
     A handler that somebody has set stays, as does a signal that is ignored (`nohup`); threads cannot set handlers.
     """
     changed: list[signal.Signals] = []
+    before, sys.unraisablehook = sys.unraisablehook, _repeat_interrupt
     if threading.current_thread() is threading.main_thread():
         changed = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
     for number in changed:
@@ -30,12 +35,22 @@ def ended_by_signals() -> Iterator[None]:
     try:
         yield
     finally:
+        sys.unraisablehook = before
         for number in changed:
             signal.signal(number, signal.SIG_DFL)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
+
+
+def _repeat_interrupt(lost: sys.UnraisableHookArgs) -> None:
+    """Interrupt once more where the first one came inside a `__del__` or a callback, in which exceptions are lost."""
+    if isinstance(lost.exc_value, KeyboardInterrupt):
+        number = signal.SIGTERM if signal.getsignal(signal.SIGTERM) is _interrupt else signal.SIGINT
+        threading.Timer(REPEAT_AFTER, _thread.interrupt_main, (number,)).start()
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def prepare_streams() -> None:

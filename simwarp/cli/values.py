@@ -46,6 +46,8 @@ def check_option(option: str, hint: Any, words: Sequence[str]) -> None:
         if words and words[0] not in choices:
             raise UsageError(f"{option} must be one of {', '.join(choices)}, got '{shortened(words[0])}'")
         return
+    if set(parts) == {bool, type(None)} and words and words[0] not in ("True", "False", "None"):
+        raise UsageError(f"{option} must be True, False or None, got '{shortened(words[0])}'")
     unit = "".join(f" [{note.metavar}]" for note in _notes(hint) if getattr(note, "metavar", None))
     kinds = _kinds(hint)
     if len(kinds) != 1 or (type(None) in parts and list(words[:1]) == ["None"]):
@@ -54,6 +56,11 @@ def check_option(option: str, hint: Any, words: Sequence[str]) -> None:
         rule = RULES[kinds[0]](word, option.rpartition(".")[2].endswith(SEED))
         if rule:
             raise UsageError(f"{option} must be {rule.replace(' [unit]', unit)}, got '{shortened(word)}'")
+
+
+def is_flag(hint: Any) -> bool:
+    """Return whether an option of this type stands alone: its name is its value."""
+    return _parts(hint) == [bool]
 
 
 def may_repeat(hint: Any) -> bool:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,29 @@ def test_handlers_of_others_and_threads_are_left_alone(ends_with):
     thread.start()
     thread.join()
     assert found == [signal.SIG_DFL]
+
+
+class Ending:
+    """Is asked to end while it is taken away, where Python drops what is raised."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.01)
+
+
+def test_a_signal_that_comes_where_exceptions_are_dropped_ends_the_command(ends_with):
+    def command():
+        ending = Ending()
+        del ending
+        end = time.monotonic() + 20.0  # the signal comes again after a twentieth of a second
+        while time.monotonic() < end:
+            time.sleep(0.01)
+        return 0
+
+    before = sys.unraisablehook
+    code, err = ends_with(command)
+    assert (code, err) == (130, "simwarp: interrupted\n")
+    assert sys.unraisablehook is before
 
 
 def test_an_interruption_while_a_command_is_loaded_is_one_line(monkeypatch, capfd):

@@ -46,6 +46,7 @@ class Options:
     name: str | None = None
     file: Path | None = None
     flag: bool = False
+    unsure: bool | None = None
     choice: Choice = Choice.A
     many: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="TEXT")] = ()
     inner: Inner = dataclasses.field(default_factory=Inner)
@@ -96,6 +97,11 @@ def parse(*arguments: str) -> Options:
         (["stray"], "unexpected argument 'stray'"),
         (["--many", "a", "stray"], "stray"),
         (["--"], "unknown option --"),
+        (["--flag=--"], "--flag takes no value, got '--'; write --flag alone"),
+        (["--flag=a\nb"], "--flag takes no value, got 'a b'"),
+        (["--no-flag=True"], "--no-flag takes no value, got 'True'; write --no-flag alone"),
+        (["--unsure=--"], "--unsure must be True, False or None, got '--'"),
+        (["--unsure", "yes"], "--unsure must be True, False or None, got 'yes'"),
     ],
 )
 def test_a_word_that_breaks_the_rule_of_its_type_is_named(arguments, rule):

@@ -122,6 +122,7 @@ def test_a_folder_that_vanishes_is_told(tmp_path: Path) -> None:
         ("x" * 256, "longer than 255 bytes"),
         ("ü" * 128, "longer than 255 bytes"),
         ("a\0b", "must name a file"),
+        ("a\ud800b", "must name a file"),
         ("loop", "symbolic links"),
     ],
 )

@@ -119,6 +119,12 @@ def test_hostile_values_in_a_sensor_are_named_or_taken(name, folder):
     attack_sensor(name, folder, share=0.3)
 
 
+def test_a_file_of_a_name_that_no_file_system_takes(tmp_path):
+    (tmp_path / "bad.json").write_text('{"name": "x", "engine": {"file": "\\ud800"}}')
+    with pytest.raises(ValueError, match=r"bad\.json: engine\.file: must be a file beside bad\.json"):
+        load_vehicle(tmp_path / "bad.json")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", vehicle_names())
 def test_hostile_values_in_all_vehicles(name, folder):
