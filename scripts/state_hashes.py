@@ -1,0 +1,140 @@
+"""SHA-256 of final states, recorded runs, sensor outputs and trained policies: what a change of shape must not change.
+
+    .venv/bin/python -m scripts.state_hashes before.json       # at the old commit
+    .venv/bin/python -m scripts.state_hashes after.json --against before.json
+
+Compilers and processors round differently: both files come from one machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.cli import main as command
+
+WORLDS = 3
+STEPS = 300
+ITERATIONS = 10
+
+
+def digest(arrays: dict[str, npt.NDArray[Any]]) -> str:
+    """Return the hash of arrays, with their types and shapes; names do not count, but their order does."""
+    found = hashlib.sha256()
+    for array in arrays.values():
+        array = np.ascontiguousarray(array)
+        found.update(f"{array.dtype.str}{array.shape}".encode())
+        found.update(array.tobytes())
+    return found.hexdigest()[:16]
+
+
+def scenes() -> Iterator[tuple[str, str]]:
+    """Yield the state, contacts and memory of every scene after some steps of its benchmark."""
+    from simwarp.cli.bench.measure import SceneRun
+    from simwarp.cli.bench.workloads import bench_scenes
+
+    for name, scene in bench_scenes().items():
+        run = SceneRun(scene, WORLDS, "cpu", None)
+        run.set_motion()
+        for _ in range(STEPS if name != "pile" else 20):
+            run.sim.step()
+        yield f"scene {name}", digest({key: array.numpy() for key, array in run.sim.snapshot().arrays().items()})
+
+
+def recorded() -> Iterator[tuple[str, str]]:
+    """Yield every recorded run of the reference that is shipped, repeated."""
+    from simwarp.cli.verify.vehicle_cases import read_shipped
+    from simwarp.cli.verify.vehicles import repeat
+
+    for case in read_shipped():
+        yield f"recorded {case.title}", digest(repeat(case, "cpu").columns)
+
+
+def drives(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield runs of every vehicle with every one of its tires, drivelines and engines, and of every manoeuvre."""
+    from simwarp.vehicle.maneuvers import MANEUVERS
+    from simwarp.vehicle.options import option_names
+    from simwarp.vehicle.reading import vehicle_names
+
+    for name in vehicle_names():
+        words = [
+            ["--maneuver=step-steer", f"--{part}={choice}", "--duration=2"]
+            for part in ("tire", "powertrain", "driveline")
+            for choice in option_names(name, part)
+        ]
+        words += [
+            [f"--maneuver={maneuver}", *(["--duration=3"] if not maneuver.startswith("reference") else [])]
+            for maneuver in MANEUVERS
+            if name in ("sedan", "hmmwv-reduced")
+        ]
+        for options in words:
+            if command(["drive", name, "--device=cpu", *options, f"--csv={folder}/run.csv"]):
+                sys.exit(f"drive {name} {' '.join(options)} failed")
+            text = (folder / "run.csv").read_bytes()
+            yield f"drive {name} {' '.join(options)}", hashlib.sha256(text).hexdigest()[:16]
+
+
+def sensors(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield what each sensor of the demonstration measures, and its picture."""
+    data, picture = folder / "sensors.npz", folder / "sensors.png"
+    if command(["sensor-demo", "--device=cpu", f"--data={data}", f"--out={picture}"]):
+        sys.exit("sensor-demo failed")
+    with np.load(data) as archive:
+        for name in sorted(archive.files):
+            yield f"sensor {name}", digest({name: archive[name]})
+    yield "sensor picture", hashlib.sha256(picture.read_bytes()).hexdigest()[:16]
+
+
+def policies(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the networks of every task after some iterations, by exact state and by camera."""
+    from simwarp.tasks import task_class, task_names
+    from simwarp.train.checkpoint import load_checkpoint
+
+    for name in task_names():
+        kinds = [None, "camera"] if hasattr(task_class(name).config_type(), "obs") else [None]
+        for kind in kinds:
+            runs = folder / f"{name}-{kind}"
+            words = ["train", name, "--device=cpu", "--num-envs=4", "--steps-per-iteration=8", "--seed=5"]
+            words += [f"--iterations={ITERATIONS if kind is None else 2}", f"--runs={runs}"]
+            words += [] if kind is None else [f"--task.obs={kind}"]
+            if command(words):
+                sys.exit(f"training of {name} failed")
+            checkpoint = load_checkpoint(max(runs.rglob("*.pt"), key=lambda path: path.stat().st_mtime))
+            parts = [checkpoint["actor_state_dict"], checkpoint["critic_state_dict"]]
+            arrays = {f"{i}{key}": value.numpy() for i, part in enumerate(parts) for key, value in part.items()}
+            yield f"policy {name} {kind or 'state'}", digest(arrays)
+
+
+def main() -> int:
+    """Write the hashes; compare them where asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("output", type=Path)
+    parser.add_argument("--against", type=Path)
+    options = parser.parse_args()
+    found: dict[str, str] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        for part in (scenes(), recorded(), drives(place), sensors(place), policies(place)):
+            for name, value in part:
+                found[name] = value
+                print(f"{value}  {name}", flush=True)
+                options.output.write_text(json.dumps(found, indent=1) + "\n")
+    if options.against is None:
+        return 0
+    before = json.loads(options.against.read_text())
+    differing = sorted(name for name in before.keys() | found.keys() if before.get(name) != found.get(name))
+    print(f"{len(before)} hashes before, {len(differing)} differ" + "".join(f"\n  {name}" for name in differing))
+    return 1 if differing else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
