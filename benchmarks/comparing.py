@@ -35,7 +35,7 @@ from simwarp.train.run_files import write_json
 from simwarp.train.run_folder import RunFolder, git_revision, latest_run
 from simwarp.train.training import train
 
-from simwarp.cli.bench.machine import describe
+from simwarp.bench.machine import describe
 
 EVALUATION_SEED = 1_000_003
 CONFIDENCE = 0.95

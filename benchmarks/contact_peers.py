@@ -21,9 +21,9 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from simwarp.cli.bench.measure import Row, SceneRun, measure_scene  # noqa: E402
-from simwarp.cli.bench.peers import peer_measures, peer_notes  # noqa: E402
-from simwarp.cli.bench.workloads import BenchScene, bench_scenes  # noqa: E402
+from simwarp.bench.measure import Row, SceneRun, measure_scene  # noqa: E402
+from simwarp.bench.peers import peer_measures, peer_notes  # noqa: E402
+from simwarp.bench.workloads import BenchScene, bench_scenes  # noqa: E402
 
 WORLDS = {"ant": (1, 256, 1024, 4096), "stack": (1, 256, 1024), "pile": (1, 16, 256)}
 _PARTS_WORLDS = 256
@@ -87,7 +87,7 @@ def measure(name: str, device: str, seconds: float, peers: bool) -> dict[str, An
     """All rows of a scene, as `simwarp bench --json` writes them."""
     import warp as wp
 
-    from simwarp.cli.bench.machine import describe
+    from simwarp.bench.machine import describe
 
     scene = bench_scenes()[name]
     machine = describe(wp.get_device(device))

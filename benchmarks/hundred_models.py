@@ -34,8 +34,8 @@ def build_all(models: int, max_bodies: int, device: str) -> dict[str, Any]:
     import warp as wp
 
     from simwarp import Simulation
-    from simwarp.cli.bench.machine import describe
-    from simwarp.cli.bench.timing import compiled_modules
+    from simwarp.bench.machine import describe
+    from simwarp.bench.timing import compiled_modules
     from tests.reference.mechanisms import random_mechanism
 
     import_s = time.perf_counter() - begin

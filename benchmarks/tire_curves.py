@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.kernels.tables import StateArrays
-from simwarp.vehicle.reading import read_spec
-from simwarp.vehicle.spec import Tire
-from simwarp.vehicle.tires import Mount, TireRow, Tires, tire_row
+from simwarp.kernels.core.tables import StateArrays
+from simwarp.vehicle.spec.deserialisation import read_spec
+from simwarp.vehicle.spec.vehicle_spec import Tire
+from simwarp.vehicle.tires.tires import Mount, TireRow, Tires, tire_row
 
 ROOT = Path(__file__).resolve().parents[1]
 TIRES = ROOT / "simwarp" / "vehicle" / "data" / "hmmwv" / "tires"

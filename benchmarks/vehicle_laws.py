@@ -16,9 +16,9 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from simwarp.vehicle.drivers import ScriptSpec  # noqa: E402
-from simwarp.vehicle.mirroring import mirrored  # noqa: E402
-from simwarp.vehicle.options import with_options  # noqa: E402
+from simwarp.vehicle.driving.drivers import ScriptSpec  # noqa: E402
+from simwarp.vehicle.spec.mirroring import mirrored  # noqa: E402
+from simwarp.vehicle.spec.variants import with_options  # noqa: E402
 from tests.physics import test_vehicle_laws as laws  # noqa: E402
 from tests.physics import test_vehicle_mirror as mirror  # noqa: E402
 from tests.physics.sample_vehicles import shipped  # noqa: E402

@@ -15,18 +15,18 @@ import numpy as np
 from PIL import Image
 
 import simwarp as sw
-from simwarp.model import Model
+from simwarp.model.model import Model
 from simwarp.scenery.rocks import rock
 from simwarp.scenery.textures import ground_texture
 from simwarp.sensors import Mount, Schedule
-from simwarp.sensors.appearance import ImageTexture
-from simwarp.sensors.beams import beam_grid
-from simwarp.sensors.camera import Camera, CameraConfig
-from simwarp.sensors.gps import Gps, GpsConfig
-from simwarp.sensors.imu import Imu, ImuConfig
-from simwarp.sensors.lenses import Pinhole
-from simwarp.sensors.lidar import Lidar, LidarConfig
-from simwarp.sensors.lights import Lighting, Lights
+from simwarp.sensors.cameras.appearance import ImageTexture
+from simwarp.sensors.ranging.beams import beam_grid
+from simwarp.sensors.cameras.camera import Camera, CameraConfig
+from simwarp.sensors.motion.gps import Gps, GpsConfig
+from simwarp.sensors.motion.imu import Imu, ImuConfig
+from simwarp.sensors.cameras.lenses import Pinhole
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
+from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.noise import NormalNoise
 from simwarp.sensors.scene import Scene, Visuals
 from simwarp.viewer import caption, grid

@@ -15,12 +15,12 @@ import numpy as np
 import torch
 
 import simwarp as sw
-from simwarp.interop import to_torch
-from simwarp.kernels.tires.rows import Common, Tmeasy
-from simwarp.vehicle.assembly import add_vehicle
+from simwarp.core.interop import to_torch
+from simwarp.kernels.vehicle.tires.parameter_vector import Common, Tmeasy
+from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
-from simwarp.vehicle.reading import load_vehicle
-from simwarp.vehicle.tires import Tires
+from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.tires.tires import Tires
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
 ROADS = {"ice": (0.1, 0.2), "wet": (0.4, 0.6), "dry": (0.75, 0.9)}

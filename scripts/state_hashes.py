@@ -39,8 +39,8 @@ def digest(arrays: dict[str, npt.NDArray[Any]]) -> str:
 
 def scenes() -> Iterator[tuple[str, str]]:
     """Yield the state, contacts and memory of every scene after some steps of its benchmark."""
-    from simwarp.cli.bench.measure import SceneRun
-    from simwarp.cli.bench.workloads import bench_scenes
+    from simwarp.bench.measure import SceneRun
+    from simwarp.bench.workloads import bench_scenes
 
     for name, scene in bench_scenes().items():
         run = SceneRun(scene, WORLDS, "cpu", None)
@@ -52,8 +52,8 @@ def scenes() -> Iterator[tuple[str, str]]:
 
 def recorded() -> Iterator[tuple[str, str]]:
     """Yield every recorded run of the reference that is shipped, repeated."""
-    from simwarp.cli.verify.vehicle_cases import read_shipped
-    from simwarp.cli.verify.vehicles import repeat
+    from simwarp.verify.vehicle_cases import read_shipped
+    from simwarp.verify.vehicle_runs import repeat
 
     for case in read_shipped():
         yield f"recorded {case.title}", digest(repeat(case, "cpu").columns)
@@ -61,9 +61,9 @@ def recorded() -> Iterator[tuple[str, str]]:
 
 def drives(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield runs of every vehicle with every one of its tires, drivelines and engines, and of every manoeuvre."""
-    from simwarp.vehicle.maneuvers import MANEUVERS
-    from simwarp.vehicle.options import option_names
-    from simwarp.vehicle.reading import vehicle_names
+    from simwarp.vehicle.driving.maneuvers import MANEUVERS
+    from simwarp.vehicle.spec.variants import option_names
+    from simwarp.vehicle.spec.deserialisation import vehicle_names
 
     for name in vehicle_names():
         words = [

@@ -1,15 +1,15 @@
 """What `import simwarp as sw` offers: model, simulation, and the types that they take."""
 
-from simwarp.builder import ModelBuilder
-from simwarp.contacts import Contacts
-from simwarp.diagnostics import Diagnostics
-from simwarp.dynamics.cone_problems import ConeSolution, solve_cone_problems
-from simwarp.model import Model
-from simwarp.simulation import Simulation
-from simwarp.snapshot import Snapshot
-from simwarp.solver_options import SolverOptions
-from simwarp.state import Control, State
-from simwarp.types import (
+from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.contacts import Contacts
+from simwarp.simulation.diagnostics import Diagnostics
+from simwarp.simulation.cone_problems import ConeSolution, solve_cone_problems
+from simwarp.model.model import Model
+from simwarp.simulation.simulation import Simulation
+from simwarp.simulation.snapshot import Snapshot
+from simwarp.simulation.solver_options import SolverOptions
+from simwarp.simulation.state import Control, State
+from simwarp.core.types import (
     WORLD,
     Dof,
     JointType,

@@ -131,7 +131,7 @@ class AntTask(Task[AntConfig]):
 
     def setup(self) -> None:
         """Make views of positions of record and of contact forces, and allocate what an episode remembers."""
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         worlds, device, simulation = self.num_worlds, self.device, self.simulation
         model = simulation.model

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Final, TypeVar
 
 import tyro
 
-from simwarp.files import parse_json
-from simwarp.types import shown
+from simwarp.core.files import parse_json
+from simwarp.core.types import shown
 
 from .errors import InputError, near_names
 from .plain import choice, config_from_plain, hold_fields, plain_value

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from simwarp.files import FileError, OutputError
+from simwarp.core.files import FileError, OutputError
 
 from .config import require
 from .limits import check_room

@@ -130,7 +130,7 @@ class HexapodTask(Task[HexapodConfig]):
 
     def setup(self) -> None:
         """Make views of positions of record and of contact forces, and allocate what an episode remembers."""
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
         from simwarp.scenes.phantomx import HEXAPOD_LIMIT
 
         worlds, device, simulation = self.num_worlds, self.device, self.simulation

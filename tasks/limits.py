@@ -9,8 +9,8 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.memory import check_fits
-from simwarp.types import ModelError, shown
+from simwarp.core.memory import check_fits
+from simwarp.core.types import ModelError, shown
 
 from .errors import InputError
 

@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.files import FileError, check_input, write_file
-from simwarp.memory import check_fits
-from simwarp.types import ModelError, shown
+from simwarp.core.files import FileError, check_input, write_file
+from simwarp.core.memory import check_fits
+from simwarp.core.types import ModelError, shown
 
 Arrays = dict[str, npt.NDArray[Any]]
 

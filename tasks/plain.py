@@ -13,8 +13,8 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 
-from simwarp.files import FLOAT32_MAX
-from simwarp.types import shown
+from simwarp.core.files import FLOAT32_MAX
+from simwarp.core.types import shown
 
 from .errors import InputError, near_names
 

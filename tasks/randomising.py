@@ -7,21 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from simwarp.types import shown
+from simwarp.core.types import shown
 
 from .errors import InputError, near_names
 from .randomness import WorldRandom
 from .uncertainty import Mode, Range, When
 
 if TYPE_CHECKING:
-    from simwarp.effects import Effect
+    from simwarp.model.effects import Effect
 
 
 class _Parameter:
     """One parameter: the view of it, its built value, and which of its entries are drawn."""
 
     def __init__(self, name: str, spec: Range, model: Any) -> None:
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         self.name = name
         self.spec = spec
@@ -60,7 +60,7 @@ class _Inertia:
     """The inertia of bodies whose mass is scaled: it grows with it, as that of a denser body does."""
 
     def __init__(self, mass: _Parameter, model: Any) -> None:
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         self.mass = mass
         self.view = to_torch(model.body_inertia_b)
@@ -155,7 +155,7 @@ class Randomiser:
     """
 
     def __init__(self, ranges: Mapping[str, Range], simulation: Any, owner: str) -> None:
-        from simwarp.effects import effect_of
+        from simwarp.model.effects import effect_of
 
         model = simulation.model
         self._parameters = [_Parameter(name, spec, model) for name, spec in ranges.items()]
@@ -201,7 +201,7 @@ def randomiser_of(ranges: Mapping[str, Range], simulation: Any, owner: str) -> R
 
 def check_ranges(ranges: Mapping[str, Range]) -> None:
     """Refuse the name of a parameter that does not exist."""
-    from simwarp.model import PARAMETERS
+    from simwarp.model.model import PARAMETERS
 
     for name in ranges:
         if name not in PARAMETERS:

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from simwarp.files import parse_json
-from simwarp.types import shown
+from simwarp.core.files import parse_json
+from simwarp.core.types import shown
 
 from .errors import InputError
 from .guard import FORMAT, DumpAbout

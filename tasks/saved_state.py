@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 
-from simwarp.types import shown
+from simwarp.core.types import shown
 
 from .errors import InputError
 from .plain import typed

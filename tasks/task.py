@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import torch
 
-from simwarp.interop import shared_stream
+from simwarp.core.interop import shared_stream
 
 from .config import TaskConfig
 from .contract import check_action, check_flags, check_observations, check_terms
@@ -33,8 +33,8 @@ from .uncertainty import Driver
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
-    from simwarp.model import Model
-    from simwarp.sensors.lights import Lighting
+    from simwarp.model.model import Model
+    from simwarp.sensors.cameras.lights import Lighting
     from simwarp.sensors.scene import Scene, Visuals
     from simwarp.viewer import Shot
 

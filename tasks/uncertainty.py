@@ -11,7 +11,7 @@ import enum
 from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeVar
 
-from simwarp.types import FLOAT32_MAX, number, shown
+from simwarp.core.types import FLOAT32_MAX, number, shown
 
 from .errors import InputError, near_names
 

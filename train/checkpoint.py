@@ -21,7 +21,7 @@ import torch
 from simwarp.tasks import InputError
 from simwarp.tasks.plain import typed
 
-from simwarp.files import FileError, check_input, write_file
+from simwarp.core.files import FileError, check_input, write_file
 
 FORMAT: Final = 1
 SUFFIX: Final = ".pt"

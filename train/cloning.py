@@ -14,7 +14,7 @@ from simwarp.tasks.config import require_finite
 from tensordict import TensorDict
 from torch import nn
 
-from simwarp.types import shown
+from simwarp.core.types import shown
 
 from .config import NetworkKind, TrainConfig, rsl_rl_config
 from .networks import check_groups

@@ -12,7 +12,7 @@ import torch
 import warp as wp
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
 
-from simwarp.memory import check_fits
+from simwarp.core.memory import check_fits
 
 from .policies import Policy, bad_actions, forget, random_policy, zero_policy
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from simwarp.tasks import InputError
 
-from simwarp.files import output_error, replacing
+from simwarp.core.files import output_error, replacing
 
 _QUALITY = "25"
 """Of H.264: 0 keeps all, 51 is worst."""

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from simwarp.tasks import Drawing, InputError, Task
 
-from simwarp.files import check_output, write_file
+from simwarp.core.files import check_output, write_file
 
 from .filming import Film, film_still, film_strip
 from .mp4 import check_encoder, write_mp4

@@ -14,7 +14,7 @@ from simwarp.tasks import InputError, Task, task_class
 from simwarp.tasks.saved_state import check_like
 from tensordict import TensorDict
 
-from simwarp.types import shown
+from simwarp.core.types import shown
 
 from .checkpoint import SUFFIX, load_checkpoint
 from .config import obs_of, rsl_rl_config, train_config_from_plain

@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from simwarp.files import FileError, OutputError, output_error, write_file
+from simwarp.core.files import FileError, OutputError, output_error, write_file
 
 
 def write_run_file(path: Path, data: bytes) -> None:

@@ -19,8 +19,8 @@ from typing import Any, Final
 
 from simwarp.tasks import InputError
 
-from simwarp.files import DRAFT_PREFIX, FileError, check_output, output_error, read_json
-from simwarp.types import shown
+from simwarp.core.files import DRAFT_PREFIX, FileError, check_output, output_error, read_json
+from simwarp.core.types import shown
 
 from .checkpoint import SUFFIX, check_members, checkpoint_bytes, checkpoint_name, load_checkpoint
 from .config import check_configs

@@ -22,7 +22,7 @@ from typing import Final, Self
 
 from simwarp.tasks import InputError, config_from_plain
 
-from simwarp.files import FileError, OutputError, output_error, parse_json
+from simwarp.core.files import FileError, OutputError, output_error, parse_json
 
 from .trainer import TrainingError
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from simwarp.tasks import task_class
 
-from simwarp.files import read_json
+from simwarp.core.files import read_json
 
 from .checkpoint import SUFFIX, save_checkpoint, slim
 from .config import task_config_from_plain

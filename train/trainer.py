@@ -21,8 +21,8 @@ from simwarp.tasks.plain import typed
 from simwarp.tasks.saved_state import check_like
 from torch import nn
 
-from simwarp.files import OutputError
-from simwarp.memory import check_fits
+from simwarp.core.files import OutputError
+from simwarp.core.memory import check_fits
 
 from .checkpoint import check_members
 from .config import CriticSees, TrainConfig, rsl_rl_config

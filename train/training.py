@@ -13,8 +13,8 @@ import torch
 from rich.console import Console
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
 
-from simwarp.files import OutputError
-from simwarp.types import shown
+from simwarp.core.files import OutputError
+from simwarp.core.types import shown
 
 from .config import LoggerKind, TrainConfig, check_configs
 from .curve import draw_learning_curve

@@ -19,8 +19,8 @@ import torch
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.npz import Arrays, read_arrays, text_of, write_arrays
 
-from simwarp.files import parse_json
-from simwarp.types import shown
+from simwarp.core.files import parse_json
+from simwarp.core.types import shown
 
 from .policies import Policy, bad_actions, forget, refuse_bad_actions
 

@@ -58,10 +58,10 @@ COMMANDS = {
         Command("clone", "TASK", "a policy that imitates recorded trajectories", "simwarp.cli.clone:run"),
         Command("new-task", "NAME", "a package with a task of your own, ready to change", "simwarp.cli.new_task:run"),
         Command("replay", "FILE", "the steps before a world broke down, once more", "simwarp.cli.replay:run"),
-        Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.cli.bench:main"),
+        Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.bench:main"),
         Command("drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive:run"),
         Command("sensor-demo", "", "one picture of what all kinds of sensors see", "simwarp.cli.sensor_demo:run"),
-        Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.cli.verify:main"),
+        Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.verify:main"),
         Command("doctor", "", "device, versions, driver, kernel cache, and what is wrong", "simwarp.cli.doctor:run"),
     )
 }
@@ -98,9 +98,9 @@ def input_errors() -> tuple[type[Exception], ...]:
     """
     kinds: list[type[Exception]] = [UsageError]
     for module, names in (
-        ("simwarp.types", ("ModelError",)),
-        ("simwarp.files", ("FileError",)),
-        ("simwarp.vehicle.spec_parts", ("SpecError",)),
+        ("simwarp.core.types", ("ModelError",)),
+        ("simwarp.core.files", ("FileError",)),
+        ("simwarp.vehicle.spec.parts", ("SpecError",)),
         ("simwarp.tasks.errors", ("InputError", "TaskError")),
     ):
         loaded = sys.modules.get(module)
@@ -118,7 +118,7 @@ def exit_code_of(error: BaseException) -> int | None:
 
 def _is_shortfall(error: BaseException) -> bool:
     """Return whether the work began and could not be brought to its end: learning diverged, or a disk is full."""
-    kinds = (("simwarp.train.trainer", "TrainingError"), ("simwarp.files", "OutputError"), (__name__, "ShortfallError"))
+    kinds = (("simwarp.train.trainer", "TrainingError"), ("simwarp.core.files", "OutputError"), (__name__, "ShortfallError"))
     return any(name in sys.modules and isinstance(error, getattr(sys.modules[name], kind)) for name, kind in kinds)
 
 

@@ -15,7 +15,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from simwarp.cli import UsageError
-from simwarp.files import check_output, output_error
+from simwarp.core.files import check_output, output_error
 from simwarp.tasks import config_to_plain
 from simwarp.train.evaluation import Evaluation
 from simwarp.train.grid import (

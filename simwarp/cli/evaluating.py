@@ -22,7 +22,7 @@ from simwarp.cli.options import (
     take_task,
     task_options,
 )
-from simwarp.files import OutputError
+from simwarp.core.files import OutputError
 from simwarp.tasks import TaskConfig, resolve_device, task_class, task_names
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.tasks import task_class, task_names
 
 _CATALOGUES = {
-    "vehicles": "simwarp.vehicle.catalogue",
-    "sensors": "simwarp.sensors.catalogue",
+    "vehicles": "simwarp.vehicle.spec.catalogue",
+    "sensors": "simwarp.sensors.shipped",
     "scenes": "simwarp.scenes",
 }
 """Section -> module whose ``catalogue()`` returns name -> one line, or whose public builders are the entries.

@@ -13,7 +13,7 @@ from typing import Final
 
 from simwarp.cli import DONE, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options, take_path
-from simwarp.files import output_error
+from simwarp.core.files import output_error
 
 LONGEST: Final = 64
 """Characters of a name: it stands in names of files and of classes."""

@@ -21,7 +21,7 @@ from rich.console import Console
 
 from simwarp.cli import HELP, UsageError, one_line, shortened
 from simwarp.cli.values import check_option, is_flag, may_repeat
-from simwarp.files import check_output, is_special, write_file
+from simwarp.core.files import check_output, is_special, write_file
 
 OptionsT = TypeVar("OptionsT")
 

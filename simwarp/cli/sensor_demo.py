@@ -13,8 +13,8 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options
-from simwarp.files import replacing
-from simwarp.model import resolve_device
+from simwarp.core.files import replacing
+from simwarp.model.model import resolve_device
 from simwarp.viewer.demo import LEAST_PANEL, MOST_PANEL, sensor_demo
 
 

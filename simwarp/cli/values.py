@@ -12,7 +12,7 @@ from typing import Any, Final
 import tyro
 
 from simwarp.cli import UsageError, shortened
-from simwarp.files import FLOAT32_MAX, LONGEST_INTEGER, LONGEST_NAME
+from simwarp.core.files import FLOAT32_MAX, LONGEST_INTEGER, LONGEST_NAME
 
 SMALLEST: Final = 1.1754943508222875e-38
 """Smallest number above zero of single precision."""

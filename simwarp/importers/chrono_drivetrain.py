@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from simwarp.importers.chrono_json import Node
-from simwarp.vehicle.spec import (
+from simwarp.vehicle.spec.vehicle_spec import (
     AutomaticCVT,
     AutomaticMap,
     AutomaticShafts,
@@ -30,7 +30,7 @@ from simwarp.vehicle.spec import (
     Transmission,
     Vec3,
 )
-from simwarp.vehicle.spec_parts import told
+from simwarp.vehicle.spec.parts import told
 
 RPM = math.pi / 30.0
 

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.importers.chrono_json import Node
-from simwarp.vehicle.corner import arm_axes
-from simwarp.vehicle.masses import inertia_matrix
-from simwarp.vehicle.spec import (
+from simwarp.vehicle.suspensions.corner import arm_axes
+from simwarp.vehicle.spec.masses import inertia_matrix
+from simwarp.vehicle.spec.vehicle_spec import (
     BUMP_STOP,
     AntirollBar,
     Bushing,
@@ -31,7 +31,7 @@ from simwarp.vehicle.spec import (
     TrailingArm,
     Vec3,
 )
-from simwarp.vehicle.spec_parts import told
+from simwarp.vehicle.spec.parts import told
 
 DEGRESSIVE_SPEEDS = np.linspace(-2.0, 2.0, 81)
 """Where the law of a degressive damper is sampled [m/s]."""

@@ -1,4 +1,4 @@
-"""Chrono's tires to ours, parameters under the names of `simwarp.vehicle.tire_parameters`."""
+"""Chrono's tires to ours, parameters under the names of `simwarp.vehicle.tires.tire_parameters`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.importers.chrono_json import Node
-from simwarp.vehicle.reading import read_text
-from simwarp.vehicle.spec import Tire
-from simwarp.vehicle.spec_parts import told
-from simwarp.vehicle.tire_files import parse_tir
+from simwarp.vehicle.spec.deserialisation import read_text
+from simwarp.vehicle.spec.vehicle_spec import Tire
+from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.tires.tire_files import parse_tir
 
 SLOPES = (
     ("Initial Slopes dF{0}/ds{0} [N]", "slope"),

@@ -28,8 +28,8 @@ from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STE
 from simwarp.importers.chrono_json import Node
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
-from simwarp.vehicle.reading import nearest, told_path
-from simwarp.vehicle.spec import (
+from simwarp.vehicle.spec.deserialisation import nearest, told_path
+from simwarp.vehicle.spec.vehicle_spec import (
     AntirollBar,
     Axle,
     Brake,
@@ -40,7 +40,7 @@ from simwarp.vehicle.spec import (
     VehicleSpec,
     Wheel,
 )
-from simwarp.vehicle.spec_parts import told
+from simwarp.vehicle.spec.parts import told
 
 T = TypeVar("T")
 

@@ -26,7 +26,7 @@ from simwarp.scenery.rocks import ROCKS, rock
 from simwarp.scenery.terrain import flattened, height_at, hills, steepness
 from simwarp.scenery.textures import TEXTURES, ground_texture
 from simwarp.scenery.tracks import Track, indoor_track, race_track, rounded
-from simwarp.scenery.vehicles import VEHICLES, VehicleLook, add_vehicle_picture, vehicle_look, vehicle_prop
+from simwarp.scenery.vehicle_visuals import VEHICLES, VehicleLook, add_vehicle_picture, vehicle_look, vehicle_prop
 
 __all__ = [
     "BUSHES", "CONES", "CONVOY_PATHS", "ROCKS", "TEXTURES", "TREES", "VEHICLES", "Corridor", "Course", "Detour",

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from simwarp.checks import positive_number
+from simwarp.model.checks import positive_number
 from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import (
     Array,
@@ -23,8 +23,8 @@ from simwarp.scenery.solids import (
     tube,
     varied,
 )
-from simwarp.types import ModelError, ShapeType, pose
-from simwarp.visual_mesh import VisualMesh, joined
+from simwarp.core.types import ModelError, ShapeType, pose
+from simwarp.geometry.visual_mesh import VisualMesh, joined
 
 
 def leaves(

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.rotation import quat_multiply, rotate
+from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.scenery.solids import icosphere, moved
-from simwarp.types import WORLD, ModelError, Pose, ShapeType, pose
-from simwarp.visual_mesh import VisualMesh, joined
+from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, pose
+from simwarp.geometry.visual_mesh import VisualMesh, joined
 
 if TYPE_CHECKING:
-    from simwarp.builder import ModelBuilder
+    from simwarp.model.builder import ModelBuilder
     from simwarp.sensors.scene import Visuals
 
 Array = npt.NDArray[np.float64]

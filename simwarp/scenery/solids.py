@@ -1,6 +1,6 @@
 """Closed solids of triangles with a colour per face: what all scenery is made of.
 
-Triangles are counter-clockwise seen from outside. Solids are put together by `simwarp.visual_mesh.joined`; each stays
+Triangles are counter-clockwise seen from outside. Solids are put together by `simwarp.geometry.visual_mesh.joined`; each stays
 closed in itself.
 """
 
@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.types import Vec3
-from simwarp.visual_mesh import VisualMesh, linear_from_srgb
+from simwarp.core.types import Vec3
+from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.scenery.solids import Array, between, stream, tone
-from simwarp.types import ModelError
-from simwarp.visual_mesh import Image, srgb_from_linear
+from simwarp.core.types import ModelError
+from simwarp.geometry.visual_mesh import Image, srgb_from_linear
 
 Layer = Callable[[int, np.random.Generator], Array]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from simwarp.arrays import writable_from
+from simwarp.core.arrays import writable_from
 from simwarp.kernels.sensors.clock import (
     ClockSettings,
     ClockState,
@@ -20,14 +20,14 @@ from simwarp.kernels.sensors.clock import (
     publish_bytes,
     publish_words,
 )
-from simwarp.kernels.sensors.motion import MountArrays
-from simwarp.memory import check_fits
-from simwarp.model import Model
-from simwarp.sensors.contract import Mount, Schedule, Steps, body_index, checked_model
-from simwarp.types import ModelError, shown
+from simwarp.kernels.sensors.motion.mount_motion import MountArrays
+from simwarp.core.memory import check_fits
+from simwarp.model.model import Model
+from simwarp.sensors.interface import Mount, Schedule, Steps, body_index, checked_model
+from simwarp.core.types import ModelError, shown
 
 if TYPE_CHECKING:
-    from simwarp.simulation import Simulation
+    from simwarp.simulation.simulation import Simulation
 
 LANES = 128
 """Threads that copy one world's frame on a GPU."""

@@ -16,7 +16,7 @@ from typing import Any, Final, TypeAlias, cast
 import numpy as np
 import warp as wp
 
-from simwarp.arrays import WritableArray, writable_from
+from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.kernels.sensors.noise import (
     BIAS_WALK,
     BOUNDED_DRIFT,
@@ -25,8 +25,8 @@ from simwarp.kernels.sensors.noise import (
     SATURATION,
     NoiseArrays,
 )
-from simwarp.model import Model
-from simwarp.types import FLOAT32_MAX, ModelError, numbers, shown
+from simwarp.model.model import Model
+from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
 
 Numbers: TypeAlias = float | tuple[float, ...]
 """One for all channels, or one per channel."""

@@ -21,12 +21,12 @@ import dataclasses
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from simwarp.files import FileError, read_text
-from simwarp.model import Model
-from simwarp.sensors.camera import Camera, CameraConfig
-from simwarp.sensors.catalogue import DATA, sensor_names
-from simwarp.sensors.contract import Sensor
-from simwarp.sensors.encoders import (
+from simwarp.core.files import FileError, read_text
+from simwarp.model.model import Model
+from simwarp.sensors.cameras.camera import Camera, CameraConfig
+from simwarp.sensors.shipped import DATA, sensor_names
+from simwarp.sensors.interface import Sensor
+from simwarp.sensors.motion.encoders import (
     Encoder,
     EncoderConfig,
     Speedometer,
@@ -34,16 +34,16 @@ from simwarp.sensors.encoders import (
     Tachometer,
     TachometerConfig,
 )
-from simwarp.sensors.force_sensor import ContactSensor, ContactSensorConfig, LoadCell, LoadCellConfig
-from simwarp.sensors.gps import Gps, GpsConfig
-from simwarp.sensors.image_noise import Development
-from simwarp.sensors.imu import Imu, ImuConfig
-from simwarp.sensors.lidar import Lidar, LidarConfig
-from simwarp.sensors.magnetometer import Magnetometer, MagnetometerConfig
-from simwarp.sensors.radar import Radar, RadarConfig
-from simwarp.sensors.reading import Place, build_object, made, nearest, read_object
+from simwarp.sensors.motion.force_sensor import ContactSensor, ContactSensorConfig, LoadCell, LoadCellConfig
+from simwarp.sensors.motion.gps import Gps, GpsConfig
+from simwarp.sensors.cameras.image_processing import Development
+from simwarp.sensors.motion.imu import Imu, ImuConfig
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
+from simwarp.sensors.motion.magnetometer import Magnetometer, MagnetometerConfig
+from simwarp.sensors.ranging.radar import Radar, RadarConfig
+from simwarp.sensors.configuration_files import Place, build_object, made, nearest, read_object
 from simwarp.sensors.scene import Scene
-from simwarp.types import ModelError, shown
+from simwarp.core.types import ModelError, shown
 
 
 class Kind(NamedTuple):

@@ -11,19 +11,19 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.arrays import writable, writable_from
-from simwarp.builder import ModelBuilder
-from simwarp.checks import checked_pose
-from simwarp.geometry import Hull, TriangleMesh, triangle_mesh
+from simwarp.core.arrays import writable, writable_from
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.checks import checked_pose
+from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.kernels.rays.instances import RayScene, place_instances
-from simwarp.model import Model
-from simwarp.sensors.appearance import AppearanceList, Texture
-from simwarp.sensors.contract import wanted_arrays
-from simwarp.shapes import checked_size, loaded_mesh
-from simwarp.state import State
-from simwarp.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
-from simwarp.visual_mesh import VisualMesh
-from simwarp.wide_tree import NODE_WORDS, WIDTH, tree_tables
+from simwarp.model.model import Model
+from simwarp.sensors.cameras.appearance import AppearanceList, Texture
+from simwarp.sensors.interface import wanted_arrays
+from simwarp.model.shapes import checked_size, loaded_mesh
+from simwarp.simulation.state import State
+from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
+from simwarp.geometry.visual_mesh import VisualMesh
+from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 
 ALL_GROUPS: Final = 0x7FFFFFFF
 GREY: Final = (0.5, 0.5, 0.5)
@@ -116,7 +116,7 @@ class Visuals:
     ) -> int:
         """A mesh that no instance shows as built: an index for `Scene.asset`."""
         if isinstance(vertices, (str, Path)) and triangles is None:
-            from simwarp.mesh import load_visual_mesh  # trimesh takes a while to import
+            from simwarp.geometry.mesh_files import load_visual_mesh  # trimesh takes a while to import
 
             vertices = load_visual_mesh(vertices)
         mesh: VisualMesh | None = None

@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.rotation import quat_from_matrix
-from simwarp.sensors.appearance import CheckerTexture
+from simwarp.core.rotation import quat_from_matrix
+from simwarp.sensors.cameras.appearance import CheckerTexture
 from simwarp.sensors.scene import GREY, Visuals
-from simwarp.types import WORLD, JointType, ShapeType, Vec3, pose
+from simwarp.core.types import WORLD, JointType, ShapeType, Vec3, pose
 
 Array = npt.NDArray[np.float64]
 

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.sensors.camera import CameraConfig, look_at
-from simwarp.sensors.contract import body_index
-from simwarp.sensors.lenses import Pinhole
-from simwarp.sensors.lights import Lighting
+from simwarp.sensors.cameras.camera import CameraConfig, look_at
+from simwarp.sensors.interface import body_index
+from simwarp.sensors.cameras.lenses import Pinhole
+from simwarp.sensors.cameras.lights import Lighting
 from simwarp.sensors.scene import Scene
-from simwarp.types import WORLD, Vec3, finite_vector
+from simwarp.core.types import WORLD, Vec3, finite_vector
 from simwarp.viewer.free_camera import FreeCamera
 
 if TYPE_CHECKING:
-    from simwarp.simulation import Simulation
+    from simwarp.simulation.simulation import Simulation
 
 FIELD: Final = 0.7
 """Of view [rad]."""

@@ -19,7 +19,7 @@ from .lapping import LappingConfig, LappingTask, Start
 if TYPE_CHECKING:
     from simwarp.scenery.tracks import Track
     from simwarp.sensors.scene import Visuals
-    from simwarp.visual_mesh import VisualMesh
+    from simwarp.geometry.visual_mesh import VisualMesh
 
 WIDTH = 12.5
 """Between the feet of the barriers [m]."""
@@ -100,7 +100,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
         """Return road and barriers."""
         from simwarp.scenery.course import race_course
-        from simwarp.visual_mesh import joined
+        from simwarp.geometry.visual_mesh import joined
 
         course = race_course(track)
         return joined([course.road, course.left.mesh, course.right.mesh])
@@ -109,7 +109,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
         """Show grass too."""
         import simwarp as sw
         from simwarp.scenery.textures import ground_texture
-        from simwarp.sensors.appearance import ImageTexture
+        from simwarp.sensors.cameras.appearance import ImageTexture
 
         super().visuals(visuals)
         grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))

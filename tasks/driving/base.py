@@ -20,11 +20,11 @@ from .navigation import Navigation
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
-    from simwarp.model import Model
-    from simwarp.sensors.camera import Camera
+    from simwarp.model.model import Model
+    from simwarp.sensors.cameras.camera import Camera
     from simwarp.sensors.scene import Scene, Visuals
-    from simwarp.vehicle.assembly import VehicleParts
-    from simwarp.vehicle.spec import VehicleSpec
+    from simwarp.vehicle.construction import VehicleParts
+    from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
     from simwarp.vehicle.vehicle import Vehicle
     from simwarp.viewer import Shot
 
@@ -130,7 +130,7 @@ class DrivingTask(Task[DrivingT]):
 
     def visuals(self, visuals: Visuals) -> None:
         """Show the vehicle instead of the box that stands for it. Subclasses call this, and add world and ground."""
-        from simwarp.scenery.vehicles import add_vehicle_picture
+        from simwarp.scenery.vehicle_visuals import add_vehicle_picture
 
         visuals.hide(self.chassis_shape)
         add_vehicle_picture(visuals, self.parts)
@@ -173,7 +173,7 @@ class DrivingTask(Task[DrivingT]):
     def build(self, builder: ModelBuilder) -> None:
         """Add the vehicle at the origin, facing +X, then the world's shapes."""
         import simwarp as sw
-        from simwarp.vehicle.assembly import add_vehicle
+        from simwarp.vehicle.construction import add_vehicle
 
         self.spec = self.make_spec()
         self.parts = add_vehicle(builder, self.spec)
@@ -188,18 +188,18 @@ class DrivingTask(Task[DrivingT]):
 
     def make_spec(self) -> VehicleSpec:
         """Return the vehicle's description: the reduced or the full model, on this task's tires."""
-        from simwarp.vehicle.options import with_options
-        from simwarp.vehicle.reading import load_vehicle
+        from simwarp.vehicle.spec.variants import with_options
+        from simwarp.vehicle.spec.deserialisation import load_vehicle
 
         spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
         return with_options(spec, tire=self.tire) if self.tire is not None else spec
 
     def equip(self, model: Model) -> Equipment:
         """Return the vehicle, and the camera where there is one."""
-        from simwarp.sensors.camera import Camera, CameraConfig
-        from simwarp.sensors.contract import Mount, Schedule
-        from simwarp.sensors.lenses import Pinhole
-        from simwarp.types import pose
+        from simwarp.sensors.cameras.camera import Camera, CameraConfig
+        from simwarp.sensors.interface import Mount, Schedule
+        from simwarp.sensors.cameras.lenses import Pinhole
+        from simwarp.core.types import pose
         from simwarp.vehicle.vehicle import Vehicle
 
         config = self.config
@@ -262,7 +262,7 @@ class DrivingTask(Task[DrivingT]):
 
     def setup(self) -> None:
         """Let the vehicle settle on its springs, make views, remember where its bodies are."""
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         self.input = to_torch(self.vehicle.input)
         self._settle()
@@ -306,7 +306,7 @@ class DrivingTask(Task[DrivingT]):
         """Return the image and what is measured, or the exact state."""
         if self.camera is None:
             return {"policy": self.exact_state()}
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         return {"policy": self.measured(), "camera": to_torch(self.camera.data)}
 

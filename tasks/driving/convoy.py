@@ -122,8 +122,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """Show truck, leaders, obstacles, and grass."""
         import simwarp as sw
         from simwarp.scenery.textures import ground_texture
-        from simwarp.scenery.vehicles import vehicle_prop
-        from simwarp.sensors.appearance import ImageTexture
+        from simwarp.scenery.vehicle_visuals import vehicle_prop
+        from simwarp.sensors.cameras.appearance import ImageTexture
 
         super().visuals(visuals)
         self.obstacles.visuals(visuals)
@@ -165,7 +165,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def bind_scene(self, scene: Scene) -> None:
         """Make views of obstacles and leaders."""
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         self.obstacles.bind_scene(scene)
         first, after = self._ghosts[0], self._ghosts[0] + LEADERS

@@ -19,9 +19,9 @@ from .lapping import LappingConfig, LappingTask
 
 if TYPE_CHECKING:
     from simwarp.scenery.tracks import Track
-    from simwarp.sensors.lights import Lighting
+    from simwarp.sensors.cameras.lights import Lighting
     from simwarp.viewer import Shot
-    from simwarp.visual_mesh import VisualMesh
+    from simwarp.geometry.visual_mesh import VisualMesh
 
 WIDTH = 1.1
 """Of the lane between the cones [m]."""
@@ -112,7 +112,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
         from simwarp.scenery.corridor import corridor
         from simwarp.scenery.prop import arranged
         from simwarp.scenery.roadside import cone
-        from simwarp.visual_mesh import joined
+        from simwarp.geometry.visual_mesh import joined
 
         walls = corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
         left, right = (
@@ -129,7 +129,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
 
     def lighting(self) -> Lighting:
         """Light from all sides, a little more from above, and no sun."""
-        from simwarp.sensors.lights import Lighting
+        from simwarp.sensors.cameras.lights import Lighting
 
         return Lighting(suns=(), ambient=(0.9, 0.88, 0.84), ambient_below=(0.45, 0.44, 0.42))
 

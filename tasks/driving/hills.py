@@ -9,7 +9,7 @@ import torch
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
-    from simwarp.model import Model
+    from simwarp.model.model import Model
 
 FLATTEST = 1e-3
 """Least factor of the heights: a height field must not be flat altogether."""
@@ -42,8 +42,8 @@ class Hills:
 
     def terrain(self, model: Model) -> Any:
         """Return the ground for tires."""
-        from simwarp.types import ShapeType
-        from simwarp.vehicle.tires import ground
+        from simwarp.core.types import ShapeType
+        from simwarp.vehicle.tires.tires import ground
 
         worlds = model.world_count
         self._terrain = ground(
@@ -54,7 +54,7 @@ class Hills:
 
     def bind(self, model: Model) -> None:
         """Make views of what a reset changes."""
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         terrain: Any = self._terrain
         self._asset, self._scale = to_torch(terrain.asset), to_torch(terrain.scale)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 if TYPE_CHECKING:
-    from simwarp.model import Model
-    from simwarp.vehicle.assembly import VehicleParts
+    from simwarp.model.model import Model
+    from simwarp.vehicle.construction import VehicleParts
 
     from ..randomness import WorldRandom
 
@@ -41,10 +41,10 @@ class Navigation:
     """
 
     def __init__(self, model: Model, parts: VehicleParts, dt: float, decimation: int, random: WorldRandom) -> None:
-        from simwarp.sensors.contract import Mount, Schedule
-        from simwarp.sensors.gps import Gps, GpsConfig
-        from simwarp.sensors.imu import Imu, ImuConfig
-        from simwarp.types import pose
+        from simwarp.sensors.interface import Mount, Schedule
+        from simwarp.sensors.motion.gps import Gps, GpsConfig
+        from simwarp.sensors.motion.imu import Imu, ImuConfig
+        from simwarp.core.types import pose
 
         self._period = dt * decimation
         self._random = random
@@ -55,7 +55,7 @@ class Navigation:
             model, mount, ImuConfig(schedule=Schedule(rate=rate, window=self._period), outputs=("gyroscope",))
         )
         self.sensors: list[Any] = [self._gps, self._imu]
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         self._position, self._velocity = to_torch(self._gps.position), to_torch(self._gps.velocity)
         self._rate = to_torch(self._imu.data)[:, 2]

@@ -110,7 +110,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     def setup(self) -> None:
         """Make views of the pillars."""
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         super().setup()
         self._shape_x = to_torch(self.simulation.model.shape_x)

@@ -23,7 +23,7 @@ from .ranging import RangeFan
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
-    from simwarp.model import Model
+    from simwarp.model.model import Model
     from simwarp.sensors.scene import Scene, Visuals
 
 _FIELDS = 8
@@ -141,7 +141,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         """Pictures of the obstacles, and textured ground."""
         import simwarp as sw
         from simwarp.scenery.textures import ground_texture
-        from simwarp.sensors.appearance import ImageTexture
+        from simwarp.sensors.cameras.appearance import ImageTexture
 
         super().visuals(visuals)
         self.obstacles.visuals(visuals)
@@ -178,7 +178,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     def bind_scene(self, scene: Scene) -> None:
         """Make views of obstacles and of the ground's texture."""
-        from simwarp.interop import to_torch
+        from simwarp.core.interop import to_torch
 
         self.obstacles.bind_scene(scene)
         self._texture = to_torch(scene.texture)[:, self._ground]

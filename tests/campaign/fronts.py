@@ -66,8 +66,8 @@ def _commands(place: Place) -> st.SearchStrategy[Any]:
 
 
 def _json(place: Place) -> st.SearchStrategy[Any]:
-    from simwarp.sensors.catalogue import DATA as SENSORS
-    from simwarp.vehicle.reading import DATA as VEHICLES
+    from simwarp.sensors.shipped import DATA as SENSORS
+    from simwarp.vehicle.spec.deserialisation import DATA as VEHICLES
 
     vehicles, sensors = (place.folder / name for name in ("vehicles", "sensors"))
     for source, target in ((VEHICLES, vehicles), (SENSORS, sensors)):

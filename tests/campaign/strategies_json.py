@@ -182,8 +182,8 @@ def spoiled(content: Any) -> st.SearchStrategy[Spoiled]:
 
 def vehicle_documents(data: Path) -> list[Document]:
     """Shipped vehicles and their parts, in a copy of the data folder."""
-    from simwarp.vehicle.options import with_options
-    from simwarp.vehicle.reading import load_vehicle
+    from simwarp.vehicle.spec.variants import with_options
+    from simwarp.vehicle.spec.deserialisation import load_vehicle
 
     def reader(kind: str, vehicle: str) -> Callable[[Path], Any]:
         return lambda path: assembled(with_options(load_vehicle(vehicle), **{kind: str(path)}))
@@ -201,7 +201,7 @@ def vehicle_documents(data: Path) -> list[Document]:
 def assembled(spec: Any) -> Any:
     """The vehicle in a builder: what a file that was read is for."""
     from simwarp import ModelBuilder
-    from simwarp.vehicle.assembly import add_vehicle
+    from simwarp.vehicle.construction import add_vehicle
 
     return add_vehicle(ModelBuilder(), spec)
 

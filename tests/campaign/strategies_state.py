@@ -63,7 +63,7 @@ def _simulation() -> sw.Simulation:
 @functools.cache
 def _parameters() -> tuple[str, ...]:
     """Names of what may differ from world to world, of the released interface: the model tells unknown ones."""
-    from simwarp import model
+    from simwarp.model import model
 
     return tuple(
         sorted(name for name in model.PARAMETERS if not name.startswith(("coupling", "shape_asset", "shape_enabled")))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from simwarp.files import FileError
+from simwarp.core.files import FileError
 from tests.campaign import oracle
 from tests.campaign.hostile import ACCEPT, EITHER, REFUSE
 from tests.campaign.oracle import CallAttack, CommandAttack, Outcome, attack_call, attack_command

@@ -12,9 +12,13 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import cli, scenes
-from simwarp.cli.bench import health, measure, motion, vehicles, workloads
-from simwarp.cli.bench.timing import array_bytes, counted_launches, measure_speed
-from simwarp.cli.bench.workloads import BenchScene, bench_scenes
+from simwarp.bench import health
+from simwarp.bench import measure
+from simwarp.bench import motion
+from simwarp.bench import vehicle_rows as vehicles
+from simwarp.bench import workloads
+from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
+from simwarp.bench.workloads import BenchScene, bench_scenes
 
 CONTRACT = {
     "scene", "worlds", "dt", "steps_per_s", "steps_per_cpu_s", "residual", "launches_per_step", "bytes_per_world",
@@ -43,7 +47,7 @@ def with_scene(monkeypatch):
     def add(**fields):
         scene = BenchScene(name="test", summary="", **fields)
         found = bench_scenes() | {"test": scene}
-        monkeypatch.setattr("simwarp.cli.bench.subjects.bench_scenes", lambda: found)
+        monkeypatch.setattr("simwarp.bench.subjects.bench_scenes", lambda: found)
         return scene
 
     return add
@@ -383,7 +387,7 @@ def test_a_task_is_split_into_its_parts(bench, name, physics):
 
 def test_mujoco_stands_beside_the_cart_pole_and_moves_alike(bench):
     pytest.importorskip("mujoco")
-    from simwarp.cli.bench.peers import AGREEMENT, differs_by
+    from simwarp.bench.peers import AGREEMENT, differs_by
 
     # both are first-order in the step, 1 ms, which the falling pole amplifies some twenty times in a second
     assert differs_by(bench_scenes()["pendulum"]) < 0.1 * AGREEMENT
@@ -397,7 +401,7 @@ def test_mujoco_stands_beside_the_cart_pole_and_moves_alike(bench):
 
 def test_a_peer_with_another_model_is_refused(monkeypatch):
     pytest.importorskip("mujoco")
-    from simwarp.cli.bench import peers
+    from simwarp.bench import peers
 
     monkeypatch.setattr(peers, "POLE_MASS", 1.0)
     row = peers.measure_mujoco(bench_scenes()["pendulum"], 1, None, 0.02)
@@ -408,7 +412,7 @@ def test_a_peer_with_another_model_is_refused(monkeypatch):
 
 def test_the_ant_of_mujoco_is_ours_in_the_air():
     pytest.importorskip("mujoco")
-    from simwarp.cli.bench.contact_peers import MuJoCoRun, start_of
+    from simwarp.bench.contact_peers import MuJoCoRun, start_of
 
     # without ground nothing but the model and its motors can differ
     scene = dataclasses.replace(bench_scenes()["ant"], build=lambda: scenes.ant(ground=False), settle=0.0)
@@ -441,7 +445,7 @@ def test_mujoco_stands_beside_scenes_with_contacts(bench, name):
 
 def test_an_ant_with_weak_motors_is_no_peer(monkeypatch):
     pytest.importorskip("mujoco")
-    from simwarp.cli.bench import contact_peers
+    from simwarp.bench import contact_peers
 
     text = contact_peers.model_text("ant").replace('kp="20"', 'kp="4"')
     monkeypatch.setattr(contact_peers, "model_text", lambda name: text)
@@ -456,7 +460,7 @@ def test_an_ant_with_weak_motors_is_no_peer(monkeypatch):
 @pytest.mark.parametrize("module", ["mujoco_warp", "newton"])
 def test_the_other_engines_stand_beside_the_ant_where_they_are_installed(module):
     pytest.importorskip(module)
-    from simwarp.cli.bench import contact_peers
+    from simwarp.bench import contact_peers
 
     row = contact_peers.measure_peer(module, bench_scenes()["ant"], 2, None, 0.02)
     assert row.valid, row.problems

@@ -13,8 +13,8 @@ import pytest
 from simwarp import cli
 from simwarp.cli import UsageError, new_task
 from simwarp.cli.options import CommonOptions
-from simwarp.files import DRAFT_PREFIX, FileError, OutputError
-from simwarp.vehicle.reading import load_vehicle, save_vehicle
+from simwarp.core.files import DRAFT_PREFIX, FileError, OutputError
+from simwarp.vehicle.spec.deserialisation import load_vehicle, save_vehicle
 
 SHORT = ["--maneuver", "slope-hold", "--duration", "0.05", "--device", "cpu"]
 

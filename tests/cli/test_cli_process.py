@@ -39,7 +39,7 @@ def raises(error):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_signals_end_a_command_as_ctrl_c_does(ends_with, number, tmp_path):
-    from simwarp.files import DRAFT_PREFIX, replacing
+    from simwarp.core.files import DRAFT_PREFIX, replacing
 
     before = signal.getsignal(number)
 

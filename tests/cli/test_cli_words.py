@@ -271,6 +271,6 @@ def test_the_package_gives_its_names_when_they_are_asked_for():
 
     assert set(simwarp.__all__) == set(api.__all__) <= set(dir(simwarp))
     assert all(getattr(simwarp, name) is getattr(api, name) for name in api.__all__)
-    assert simwarp.rotation.__name__ == "simwarp.rotation"
+    assert simwarp.core.rotation.__name__ == "simwarp.core.rotation"
     with pytest.raises(AttributeError, match="'simwarp' has no attribute 'nothing'"):
         simwarp.nothing  # noqa: B018

@@ -11,9 +11,9 @@ import pytest
 import warp as wp
 
 from simwarp import cli
-from simwarp.vehicle import runs
-from simwarp.vehicle.channels import COLUMNS, Run
-from simwarp.vehicle.reading import load_vehicle, save_vehicle
+from simwarp.vehicle.results import runs
+from simwarp.vehicle.results.channels import COLUMNS, Run
+from simwarp.vehicle.spec.deserialisation import load_vehicle, save_vehicle
 
 
 @pytest.fixture
@@ -211,7 +211,7 @@ def test_wrong_input_is_one_line_and_code_two(drive, tmp_path, arguments, words)
 
 @pytest.mark.parametrize("arguments", [["--duration", "1000"], ["--duration", "3", "--dt", "3e-5"]])
 def test_a_record_that_no_memory_holds_is_refused_before_the_run(drive, monkeypatch, arguments):
-    monkeypatch.setattr("simwarp.memory.free_memory", lambda device: 80 * 2**20)
+    monkeypatch.setattr("simwarp.core.memory.free_memory", lambda device: 80 * 2**20)
     code, out, err = drive("gator", "--maneuver", "slope-hold", *arguments)
     assert (code, out) == (2, "")
     assert "the rows of the record need 95.4 MiB" in err

@@ -106,7 +106,7 @@ def test_the_same_seed_gives_the_same_drive(made, tmp_path, monkeypatch):
 
 
 def devices_world():
-    from simwarp.viewer.demo.world import make_world
+    from simwarp.viewer.demo.landscape import make_world
 
     return make_world(0, "cpu")
 

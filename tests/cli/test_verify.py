@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from simwarp.cli import main, verify
-from simwarp.cli.verify.rows import near
+from simwarp.cli import main
+from simwarp import verify
+from simwarp.verify.report import near
 
 KEYS = {"scene", "quantity", "expected", "got", "tolerance", "pass", "known"}
 

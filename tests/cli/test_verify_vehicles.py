@@ -6,12 +6,15 @@ import json
 import numpy as np
 import pytest
 
-from simwarp.cli import main, verify
-from simwarp.cli.verify import known, vehicle_cases, vehicles
-from simwarp.cli.verify.rows import below
-from simwarp.cli.verify.vehicle_cases import COLUMNS, LOADS, SHIPPED, Case, case_of, cases_in, read_folder, read_shipped
-from simwarp.vehicle.channels import Run
-from simwarp.vehicle.spec import SpecError
+from simwarp.cli import main
+from simwarp import verify
+from simwarp.verify import known
+from simwarp.verify import vehicle_cases
+from simwarp.verify import vehicle_runs as vehicles
+from simwarp.verify.report import below
+from simwarp.verify.vehicle_cases import COLUMNS, LOADS, SHIPPED, Case, case_of, cases_in, read_folder, read_shipped
+from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from simwarp.vehicle.reading import load_vehicle
-from simwarp.vehicle.spec import (
+from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_spec import (
     AntirollBar,
     Bushing,
     Chassis,

@@ -7,7 +7,7 @@ import pytest
 import torch
 import warp as wp
 
-from simwarp.dynamics.cone_problems import solve_cone_problems
+from simwarp.simulation.cone_problems import solve_cone_problems
 from tests.reference.cones import NAMES, load, random_problem, residual, solve, standard_blocks
 
 SOLVERS = ["apgd", "psor", "spg", "padmm", "interior_point"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.types import WorldStatus
+from simwarp.core.types import WorldStatus
 from tests.reference.random_scenes import random_scene, random_speeds
 
 STATE = ("body_x", "body_rot", "body_v", "body_omega", "joint_q", "joint_qd")

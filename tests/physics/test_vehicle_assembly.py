@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.builder import ModelBuilder
-from simwarp.dynamics.topology import build_tables
-from simwarp.vehicle.assembly import VehicleParts, add_vehicle
-from simwarp.vehicle.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.kinematics import travel_table
-from simwarp.vehicle.reading import vehicle_names
-from simwarp.vehicle.spec import (
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.topology import build_tables
+from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
+from simwarp.vehicle.suspensions.kinematics import travel_table
+from simwarp.vehicle.spec.deserialisation import vehicle_names
+from simwarp.vehicle.spec.vehicle_spec import (
     PitmanArm,
     RigidPart,
     RigidSuspension,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.builder import ModelBuilder
-from simwarp.vehicle.assembly import add_vehicle
-from simwarp.vehicle.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.followers import FollowSpec, PathFollower, PIDGains
-from simwarp.vehicle.paths import circle
+from simwarp.model.builder import ModelBuilder
+from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
+from simwarp.vehicle.driving.path_tracking import FollowSpec, PathFollower, PIDGains
+from simwarp.vehicle.driving.paths import circle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from tests.physics.sample_vehicles import shipped
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.builder import ModelBuilder
-from simwarp.vehicle.assembly import VehicleParts, add_vehicle
-from simwarp.vehicle.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.maneuvers import slope_hold
-from simwarp.vehicle.options import with_options
-from simwarp.vehicle.runs import set_up
+from simwarp.model.builder import ModelBuilder
+from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
+from simwarp.vehicle.driving.maneuvers import slope_hold
+from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.results.runs import set_up
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from tests.physics.sample_vehicles import shipped
 from tests.physics.vehicle_energy import (

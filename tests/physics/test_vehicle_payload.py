@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.builder import ModelBuilder
-from simwarp.types import ModelError
-from simwarp.vehicle.assembly import add_vehicle
-from simwarp.vehicle.drivers import ScriptedDriver, ScriptSpec
+from simwarp.model.builder import ModelBuilder
+from simwarp.core.types import ModelError
+from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.payload import PAYLOAD, add_payload, box_inertia, set_payload
-from simwarp.vehicle.spec import RigidPart, SpecError
+from simwarp.vehicle.spec.vehicle_spec import RigidPart, SpecError
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from tests.physics.sample_vehicles import shipped
 

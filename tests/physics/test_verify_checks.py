@@ -4,8 +4,9 @@ import inspect
 
 import pytest
 
-from simwarp.cli.verify import SCENES, mechanisms
-from simwarp.cli.verify.rows import Row, below, near
+from simwarp.verify import SCENES
+from simwarp.verify import mechanism_answers as mechanisms
+from simwarp.verify.report import Row, below, near
 
 
 def require(rows: list[Row]) -> bool:

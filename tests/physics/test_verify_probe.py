@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from simwarp import scenes
-from simwarp.cli.verify import chain_problem
-from simwarp.cli.verify.probe import HingeRows, Probe, crossings, displaced
+from simwarp.verify import chain_problem
+from simwarp.verify.probe import HingeRows, Probe, crossings, displaced
 from tests.reference import planar
 
 

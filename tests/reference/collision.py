@@ -11,7 +11,7 @@ import dataclasses
 import numpy as np
 from scipy.optimize import nnls
 
-from simwarp.types import ShapeType
+from simwarp.core.types import ShapeType
 
 TRIANGLE = 64
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))

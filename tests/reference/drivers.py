@@ -1,4 +1,4 @@
-"""Drivers one world at a time, slowly, in float64: what the kernels of `simwarp.kernels.followers` must do."""
+"""Drivers one world at a time, slowly, in float64: what the kernels of `simwarp.kernels.vehicle.path_tracking` must do."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simwarp.vehicle.followers import FollowSpec, PIDGains, Stanley
-from simwarp.vehicle.paths import Path
+from simwarp.vehicle.driving.path_tracking import FollowSpec, PIDGains, Stanley
+from simwarp.vehicle.driving.paths import Path
 
 
 class Place(NamedTuple):

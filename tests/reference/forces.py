@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.rotation import matrix_of
+from simwarp.core.rotation import matrix_of
 from tests.reference.sensor_clock import frames, read
 
 Array = npt.NDArray[np.float64]

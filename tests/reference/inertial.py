@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.rotation import matrix_of, quat_conjugate, quat_multiply
+from simwarp.core.rotation import matrix_of, quat_conjugate, quat_multiply
 
 Array = npt.NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from simwarp.types import Dof, PositionDrive, PrescribedPosition, PrescribedSpeed, Table, VelocityMotor
+from simwarp.core.types import Dof, PositionDrive, PrescribedPosition, PrescribedSpeed, Table, VelocityMotor
 
 
 def table_value_slope(table: Table, at: float) -> tuple[float, float]:

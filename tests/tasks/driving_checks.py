@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from simwarp.tasks import make
 
-from simwarp.interop import to_torch
+from simwarp.core.interop import to_torch
 from simwarp.scenery.terrain import height_at
-from simwarp.types import WORLD, ShapeType
+from simwarp.core.types import WORLD, ShapeType
 
 NAMES = ("barrier-track", "convoy", "hallway", "obstacle-avoidance", "off-road")
 SMALL: dict[str, Any] = {"obs": "camera", "camera_width": 40, "camera_height": 36}

@@ -17,7 +17,7 @@ from simwarp.train.progress_table import read_progress
 from simwarp.train.run_folder import RunFolder
 from simwarp.train.training import train
 
-from simwarp.interop import to_torch
+from simwarp.core.interop import to_torch
 
 
 def place(task, *, x=0.0, y=0.0, height=0.45, rotation=(0.0, 0.0, 0.0, 1.0), q=None, velocity=(0.0, 0.0, 0.0)):

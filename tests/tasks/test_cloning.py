@@ -18,7 +18,7 @@ from simwarp.train.training import train
 from simwarp.train.trajectories import load_trajectories, record, save_trajectories
 
 from simwarp import cli
-from simwarp.files import FileError
+from simwarp.core.files import FileError
 from tests.tasks.camera_task import camera_task
 from tests.tasks.samples import counter
 

@@ -7,7 +7,7 @@ import torch
 from simwarp.tasks.replay import replay
 from simwarp.tasks.uncertainty import Curriculum, Driver
 
-from simwarp.interop import to_torch
+from simwarp.core.interop import to_torch
 from tests.tasks.driving_checks import NAMES, SMALL, copied, driving, random_actions
 
 STEPS = 8

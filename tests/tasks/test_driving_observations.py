@@ -10,7 +10,7 @@ import pytest
 import torch
 from simwarp.tasks.driving.convoy import DURATION, LEADER_HALF
 
-from simwarp.interop import to_torch
+from simwarp.core.interop import to_torch
 from tests.tasks.driving_checks import (
     NAMES,
     SMALL,

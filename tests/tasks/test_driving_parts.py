@@ -10,7 +10,7 @@ from simwarp.tasks.driving.ranging import RangeFan
 from simwarp.tasks.driving.routes import Routes
 from simwarp.tasks.frames import heading_of, heading_quaternion, rotate, tilt_to
 
-from simwarp.interop import to_torch
+from simwarp.core.interop import to_torch
 from simwarp.scenery.course import convoy_path, detour
 from simwarp.scenery.tracks import indoor_track, race_track
 from tests.reference.routes import first_hit, nearest_on_path, place_at

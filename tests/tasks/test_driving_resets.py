@@ -12,7 +12,7 @@ from simwarp.tasks.uncertainty import Curriculum, Driver
 from simwarp.train.config import default_config
 from simwarp.train.trainer import Trainer
 
-from simwarp.interop import to_torch
+from simwarp.core.interop import to_torch
 from tests.reference.routes import nearest_on_path
 from tests.tasks.driving_checks import (
     driving,

@@ -15,7 +15,7 @@ from simwarp.train.play import check_video_path, record, write_picture, write_vi
 from simwarp.train.policies import find_policy, network_policy, random_policy, zero_policy
 from simwarp.train.training import train
 
-from simwarp.files import FileError
+from simwarp.core.files import FileError
 from tests.tasks.samples import Counter, SampleConfig
 
 

@@ -26,7 +26,7 @@ from simwarp.train.run_lock import LOCK
 from simwarp.train.trainer import Trainer
 
 from simwarp import cli
-from simwarp.files import OutputError
+from simwarp.core.files import OutputError
 from tests.tasks.trained_run import run
 
 

@@ -17,8 +17,8 @@ from simwarp.train.policies import SHIPPED, find_policy, network_policy
 from simwarp.train.training import train
 
 import simwarp as sw
-from simwarp.interop import to_torch
-from simwarp.rotation import matrix_of
+from simwarp.core.interop import to_torch
+from simwarp.core.rotation import matrix_of
 from simwarp.scenes import hexapod, phantomx
 
 WEIGHT = 1.4778 * 9.81

@@ -17,7 +17,7 @@ from simwarp.train.policies import zero_policy
 from simwarp.train.trajectories import load_trajectories, record, save_trajectories
 
 from simwarp import cli
-from simwarp.files import FileError
+from simwarp.core.files import FileError
 
 # ---- any file of arrays ----------------------------------------------------------------------------------------------
 
@@ -86,7 +86,7 @@ def test_what_would_unpack_to_more_than_there_is_is_refused(tmp_path):
 def test_a_bomb_that_the_format_allows_is_held_to_the_memory(tmp_path, monkeypatch):
     path = tmp_path / "a.npz"
     archive(path, {"a.npy": npy((2**22,), "|i1", bytes(2**22))})
-    monkeypatch.setattr("simwarp.memory.free_memory", lambda device: 2**20)
+    monkeypatch.setattr("simwarp.core.memory.free_memory", lambda device: 2**20)
     with pytest.raises(FileError, match=r"its arrays need 8 MiB.*1 MiB are free"):
         read_arrays(path, "file")
 

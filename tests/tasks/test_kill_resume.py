@@ -15,7 +15,7 @@ from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.progress_table import read_progress
 from simwarp.train.run_folder import latest_run
 
-from simwarp.files import DRAFT_PREFIX
+from simwarp.core.files import DRAFT_PREFIX
 
 INTERVAL = 3
 OPTIONS = ["--device", "cpu", "--num-envs", "16", "--steps-per-iteration", "4", "--save-interval", str(INTERVAL)]

@@ -12,7 +12,7 @@ from simwarp.train.progress_table import ProgressTable, read_progress
 from simwarp.train.run_folder import RunFolder, check_root, latest_run
 
 from simwarp import cli
-from simwarp.files import FileError
+from simwarp.core.files import FileError
 from tests.tasks.trained_run import QUIET, run
 
 

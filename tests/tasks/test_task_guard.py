@@ -8,7 +8,7 @@ import torch
 from simwarp.tasks import InputError, Range, make
 from simwarp.tasks.replay import replay
 
-from simwarp.files import FileError
+from simwarp.core.files import FileError
 
 
 def guard_of(task):

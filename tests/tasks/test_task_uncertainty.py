@@ -19,9 +19,9 @@ from simwarp.tasks import (
     replace_fields,
 )
 
-from simwarp import memory
-from simwarp.interop import to_torch
-from simwarp.types import WORLD, PositionDrive, pose
+from simwarp.core import memory
+from simwarp.core.interop import to_torch
+from simwarp.core.types import WORLD, PositionDrive, pose
 from tests.tasks.samples import Counter, SampleConfig, counter
 
 

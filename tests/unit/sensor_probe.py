@@ -13,7 +13,7 @@ import warp as wp
 import simwarp as sw
 from simwarp.kernels.sensors.clock import BEGIN, Tick
 from simwarp.sensors.clock import Field, Frames
-from simwarp.sensors.contract import Schedule
+from simwarp.sensors.interface import Schedule
 
 NUMBER, COUNT, SUBSTEPS, SPAN, GAPS, MODE = range(6)
 """Columns of the probe's data: the frame, the sum of its sub-steps' counts, how many they are, the sum of their shares,

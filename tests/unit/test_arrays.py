@@ -7,8 +7,8 @@ import pytest
 import torch
 import warp as wp
 
-from simwarp import interop
-from simwarp.arrays import WritableArray, writable, writable_from
+from simwarp.core import interop
+from simwarp.core.arrays import WritableArray, writable, writable_from
 
 
 @pytest.fixture

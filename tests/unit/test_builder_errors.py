@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.builder import ModelBuilder
-from simwarp.elements import ELEMENTS
-from simwarp.types import (
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.core.types import (
     WORLD,
     Dof,
     JointType,

@@ -8,14 +8,14 @@ import pytest
 import torch
 
 import simwarp as sw
-from simwarp.interop import to_torch
-from simwarp.rotation import matrix_of
-from simwarp.sensors.camera import Camera, CameraConfig, look_at
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.image_noise import Imaging
-from simwarp.sensors.lenses import Pinhole
+from simwarp.core.interop import to_torch
+from simwarp.core.rotation import matrix_of
+from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.cameras.image_processing import Imaging
+from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.scene import Visuals
-from simwarp.types import ModelError
+from simwarp.core.types import ModelError
 
 SMALL = CameraConfig(schedule=Schedule(rate=100.0), width=16, height=10, lens=Pinhole(fov=1.2))
 NOISY = dataclasses.replace(SMALL, samples=2, imaging=Imaging(noise_sigma=0.05))

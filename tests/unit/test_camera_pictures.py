@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.rotation import matrix_of
-from simwarp.sensors.camera import CameraConfig, look_at
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.image_noise import Imaging
-from simwarp.sensors.lenses import FishEye, Pinhole, Radial, directions
-from simwarp.sensors.lights import Lamp, Lighting, Sun
+from simwarp.core.rotation import matrix_of
+from simwarp.sensors.cameras.camera import CameraConfig, look_at
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.cameras.image_processing import Imaging
+from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial, directions
+from simwarp.sensors.cameras.lights import Lamp, Lighting, Sun
 from simwarp.sensors.scene import Visuals
 from tests.reference import pictures
 from tests.unit.camera_scenes import DARK, LINEAR, empty_builder, take, wall_visuals
@@ -242,7 +242,7 @@ def moving_ball(window, samples=1, substeps=1, rate=10.0, seed=0, until=10):
     visuals = Visuals(builder)
     visuals.add_sphere(0, radius=0.3, color=(1.0, 1.0, 1.0))
     model = builder.finalize(1, "cpu")
-    from simwarp.sensors.camera import Camera
+    from simwarp.sensors.cameras.camera import Camera
 
     camera = Camera(
         visuals.finalize(model), Mount(),

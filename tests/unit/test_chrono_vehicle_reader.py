@@ -16,10 +16,10 @@ from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STE
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
 from simwarp.importers.chrono_vehicle import Files, load_chrono_vehicle
-from simwarp.vehicle.options import with_options
-from simwarp.vehicle.reading import DATA, load_vehicle
-from simwarp.vehicle.spec import BUMP_STOP, Spec, SpecError, Wheel
-from simwarp.vehicle.tire_rows import tire_row
+from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.spec.deserialisation import DATA, load_vehicle
+from simwarp.vehicle.spec.vehicle_spec import BUMP_STOP, Spec, SpecError, Wheel
+from simwarp.vehicle.tires.parameter_vector import tire_row
 
 VALUES = json.loads((Path(__file__).parent / "chrono_vehicle_files.json").read_text(encoding="utf-8"))
 RPM = math.pi / 30.0

@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp import ModelBuilder, Simulation
-from simwarp.kernels.world import run_worlds_kernel
+from simwarp.kernels.dynamics.world import run_worlds_kernel
 from tests.compiled import CPU_BLOCK
 
 

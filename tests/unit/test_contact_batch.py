@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-import simwarp.model
-from simwarp.contacts import Contacts
+import simwarp.model.model
+from simwarp.simulation.contacts import Contacts
 from simwarp.scenes.contact import ant, stack
-from simwarp.state import State
-from simwarp.types import Material
+from simwarp.simulation.state import State
+from simwarp.core.types import Material
 
 Arrays = dict[str, np.ndarray]
 
@@ -238,7 +238,7 @@ def many() -> sw.ModelBuilder:
 
 def test_grid_finds_what_the_list_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     listed = simulation(2, many)
-    monkeypatch.setattr(simwarp.model, "LISTED_PAIRS", 0)
+    monkeypatch.setattr(simwarp.model.model, "LISTED_PAIRS", 0)
     grid = simulation(2, many)
     assert listed.model.topology.grid_buckets == 0
     assert grid.model.topology.grid_buckets > 0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.types import Material
+from simwarp.core.types import Material
 from tests.reference.contact_scenes import heap
 from tests.reference.contact_twin import mixed
 

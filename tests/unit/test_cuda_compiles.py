@@ -17,7 +17,7 @@ from types import ModuleType
 import pytest
 import warp as wp
 
-from simwarp.kernels.world import run_worlds_kernel
+from simwarp.kernels.dynamics.world import run_worlds_kernel
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}

@@ -10,10 +10,10 @@ import pytest
 import warp as wp
 
 import simwarp as sw
-import simwarp.model
+import simwarp.model.model
 from simwarp.cli import COMMANDS
-from simwarp.elements import ELEMENTS
-from simwarp.types import WorldStatus
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.core.types import WorldStatus
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
@@ -131,8 +131,8 @@ def test_the_parameter_table_is_that_of_the_code():
         name: (dtype, text)
         for name, dtype, text in rows(ROOT / "docs" / "conventions.md", "## Parameters that may differ per world", 3)
     }
-    assert list(listed) == list(simwarp.model.PARAMETERS)
-    for name, parameter in simwarp.model.PARAMETERS.items():
+    assert list(listed) == list(simwarp.model.model.PARAMETERS)
+    for name, parameter in simwarp.model.model.PARAMETERS.items():
         dtype, text = listed[name]
         assert DTYPES[dtype] is parameter.dtype, name
         assert text.partition(")")[0] == parameter.text.partition(")")[0], name  # the shape

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from simwarp.files import FileError, OutputError, check_output, parse_json, read_json, replacing, write_file
+from simwarp.core.files import FileError, OutputError, check_output, parse_json, read_json, replacing, write_file
 
 
 def left_over(folder: Path) -> list[str]:
@@ -66,7 +66,7 @@ def test_a_fifo_hands_the_bytes_to_its_reader(tmp_path: Path) -> None:
 
 
 def test_a_fifo_without_a_reader_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("simwarp.files.WAIT_FOR_READER", 0.1)
+    monkeypatch.setattr("simwarp.core.files.WAIT_FOR_READER", 0.1)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(FileError, match="nobody reads"):
         write_file(tmp_path / "pipe", "x")

@@ -1,6 +1,6 @@
 """Imports go one way: warp <- kernels <- core <- vehicle, sensors, importers, viewer <- tasks <- train <- cli.
 
-Core and kernels share one leaf, `simwarp.types` (enums and aliases), which imports nothing of simwarp.
+Core and kernels share one leaf, `simwarp.core.types` (enums and aliases), which imports nothing of simwarp.
 Torch and trimesh have one file each; a name used only in annotations (`if TYPE_CHECKING:`) is no import.
 """
 
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
 ORDER = ["types", "kernels", "core", "parts", "tasks", "train", "cli"]
 PARTS = {"vehicle", "sensors", "importers", "scenery", "viewer"}
-ONLY_IMPORTER = {"torch": "simwarp.interop", "trimesh": "simwarp.mesh"}
+ONLY_IMPORTER = {"torch": "simwarp.core.interop", "trimesh": "simwarp.geometry.mesh_files"}
 
 
 def module_names() -> dict[str, Path]:
@@ -69,7 +69,7 @@ def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str
             base = ".".join([*parents, *([node.module] if node.module else [])])
             for alias in node.names:
                 full = f"{base}.{alias.name}"
-                # `from simwarp import model` names a module, `from simwarp.model import Model` a thing in one.
+                # `from simwarp import model` names a module, `from simwarp.model.model import Model` a thing in one.
                 yield full if full in MODULES else base, node.lineno, node in for_types
 
 
@@ -110,16 +110,16 @@ def test_imports_follow_the_direction(module):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("simwarp.kernels.rows", "from simwarp.model import Model"),
-        ("simwarp.kernels.rows", "from ..model import Model"),
-        ("simwarp.kernels.rows", "import simwarp"),
-        ("simwarp.types", "from simwarp.kernels import rows"),
-        ("simwarp.model", "from simwarp.vehicle.tire import Tire"),
-        ("simwarp.model", "def f():\n    import torch"),
-        ("simwarp.builder", "from trimesh import load"),
+        ("simwarp.kernels.dynamics.bilateral_rows", "from simwarp.model.model import Model"),
+        ("simwarp.kernels.dynamics.bilateral_rows", "from ..model import Model"),
+        ("simwarp.kernels.dynamics.bilateral_rows", "import simwarp"),
+        ("simwarp.core.types", "from simwarp.kernels import rows"),
+        ("simwarp.model.model", "from simwarp.vehicle.tire import Tire"),
+        ("simwarp.model.model", "def f():\n    import torch"),
+        ("simwarp.model.builder", "from trimesh import load"),
         ("simwarp.vehicle.tire", "from ..sensors import camera"),
-        ("simwarp.sensors.camera", "import simwarp.vehicle"),
-        ("simwarp.sensors.camera", "import torch.nn"),
+        ("simwarp.sensors.cameras.camera", "import simwarp.vehicle"),
+        ("simwarp.sensors.cameras.camera", "import torch.nn"),
         ("simwarp.tasks.ant", "from simwarp.train import runner"),
         ("simwarp.train.runner", "from simwarp.cli import main"),
         ("simwarp.train.runner", "import tasks"),
@@ -132,9 +132,9 @@ def test_a_wrong_import_is_found(module, source):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("simwarp.kernels.rows", "import warp as wp\nfrom simwarp.types import JointType\nfrom . import algebra"),
-        ("simwarp.model", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import torch"),
-        ("simwarp.interop", "import torch"),
+        ("simwarp.kernels.dynamics.bilateral_rows", "import warp as wp\nfrom simwarp.core.types import JointType\nfrom . import algebra"),
+        ("simwarp.model.model", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import torch"),
+        ("simwarp.core.interop", "import torch"),
         ("simwarp.tasks.ant", "import torch\nfrom simwarp import Simulation"),
         ("simwarp.cli", "from simwarp.train import runner"),
     ],

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.rotation import matrix_of
+from simwarp.core.rotation import matrix_of
 from simwarp.sensors import Mount, Schedule
-from simwarp.sensors.beams import Beam, BeamTable, beam_grid
-from simwarp.sensors.lidar import Lidar, LidarConfig, LidarNoise
+from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
 from tests.reference import lidar as twin
 from tests.unit.ray_scenes import carrier
 
@@ -291,7 +291,7 @@ def test_threads_that_share_a_sweep_change_nothing(monkeypatch):
     model, scene = carrier(wall, velocity=(8.0, 0.0, 0.0), worlds=2)
     beams = beam_grid(40, 3, azimuth=(0.3, -0.3), elevation=(0.1, -0.1))
     alone = frame(model, scene, beams, schedule=SWEEP, steps=10, **NOISY).points.numpy().copy()
-    monkeypatch.setattr("simwarp.sensors.lidar.lane_count", lambda *_: 7)
+    monkeypatch.setattr("simwarp.sensors.ranging.lidar.lane_count", lambda *_: 7)
     shared = frame(model, scene, beams, schedule=SWEEP, steps=10, **NOISY)
     assert np.array_equal(shared.points.numpy(), alone)
 

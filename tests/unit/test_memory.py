@@ -9,8 +9,9 @@ import pytest
 import warp as wp
 
 import simwarp as sw
-from simwarp import memory, scenes
-from simwarp.requirements import run_layouts, snapshot_layouts, step_layouts, step_sizes
+from simwarp import scenes
+from simwarp.core import memory
+from simwarp.simulation.requirements import run_layouts, snapshot_layouts, step_layouts, step_sizes
 
 CPU = wp.get_device("cpu")
 

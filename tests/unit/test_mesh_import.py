@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from simwarp import WORLD, ModelBuilder, Simulation, pose
-from simwarp.mesh import convex_parts, load_mesh
-from simwarp.types import ModelError, ShapeType
+from simwarp.geometry.mesh_files import convex_parts, load_mesh
+from simwarp.core.types import ModelError, ShapeType
 
 
 def box_mesh():

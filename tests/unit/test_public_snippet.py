@@ -11,7 +11,7 @@ import pytest
 import torch
 
 import simwarp as sw
-from simwarp import interop
+from simwarp.core import interop
 
 SNIPPET = """
 import simwarp as sw

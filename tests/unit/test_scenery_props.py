@@ -11,10 +11,10 @@ from scipy.spatial import ConvexHull
 
 import simwarp as sw
 from simwarp import scenery
-from simwarp.rotation import rotate
+from simwarp.core.rotation import rotate
 from simwarp.scenery import BUSHES, CONES, ROCKS, TREES, Label, Prop, add_collision, add_picture, arranged
 from simwarp.sensors.scene import Visuals
-from simwarp.types import ShapeType
+from simwarp.core.types import ShapeType
 from tests.unit.scenery_meshes import assert_outward, color_of, points_of
 from tests.unit.test_rays import Cast
 

@@ -10,8 +10,8 @@ import pytest
 import simwarp as sw
 from simwarp import scenery
 from simwarp.scenery import Label, beside, convoy_path, corridor, detour, indoor_track, race_course, race_track, rounded
-from simwarp.types import ShapeType
-from simwarp.vehicle.paths import Path
+from simwarp.core.types import ShapeType
+from simwarp.vehicle.driving.paths import Path
 from tests.unit.scenery_meshes import assert_outward, color_of, points_of
 
 SQUARE = [(0.0, 0.0), (10.0, 0.0), (10.0, 8.0), (0.0, 8.0)]

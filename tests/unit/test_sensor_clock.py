@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 import simwarp as sw
-from simwarp.sensors.contract import Mount, Schedule, body_index
+from simwarp.sensors.interface import Mount, Schedule, body_index
 from tests.reference.sensor_clock import Frame, frames, nearest, read
 from tests.unit.sensor_probe import COUNT, GAPS, MODE, NUMBER, SPAN, SUBSTEPS, Probe, ball
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.encoders import (
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.motion.encoders import (
     Encoder,
     EncoderConfig,
     Speedometer,
@@ -18,9 +18,9 @@ from simwarp.sensors.encoders import (
 )
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation, Saturation
 from simwarp.sensors.presets import load_sensor
-from simwarp.types import Material
-from simwarp.vehicle.assembly import add_vehicle
-from simwarp.vehicle.reading import load_vehicle
+from simwarp.core.types import Material
+from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.vehicle import PER_WORLD, VEHICLE_SOLVER, Vehicle
 from tests.reference.encoders import Encoder as Twin
 from tests.reference.sensor_noise import Stage, frame_key

@@ -7,10 +7,10 @@ import pytest
 import warp as wp
 
 import simwarp as sw
-from simwarp.rotation import matrix_of
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.gps import GeoOrigin, Gps, GpsConfig, to_local
-from simwarp.sensors.magnetometer import Magnetometer, MagnetometerConfig
+from simwarp.core.rotation import matrix_of
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.motion.gps import GeoOrigin, Gps, GpsConfig, to_local
+from simwarp.sensors.motion.magnetometer import Magnetometer, MagnetometerConfig
 from simwarp.sensors.noise import NormalNoise, Quantisation
 from tests.reference.geomagnetism import dipole
 from tests.unit.sensor_probe import ball

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp import memory
-from simwarp.sensors.beams import beam_grid
-from simwarp.sensors.camera import CameraConfig
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.imu import Imu, ImuConfig
+from simwarp.core import memory
+from simwarp.sensors.ranging.beams import beam_grid
+from simwarp.sensors.cameras.camera import CameraConfig
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.presets import KINDS, make_sensor
 from simwarp.sensors.scene import Scene, Visuals
-from simwarp.types import ModelError
+from simwarp.core.types import ModelError
 
 NAN, INF = float("nan"), float("inf")
 HOSTILE: list[Any] = [

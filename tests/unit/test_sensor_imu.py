@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.rotation import matrix_of
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.imu import Imu, ImuConfig
+from simwarp.core.rotation import matrix_of
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation
 from tests.reference.inertial import angular_velocity, specific_force
 from tests.unit.sensor_probe import ball

@@ -9,8 +9,8 @@ import warp as wp
 
 import simwarp as sw
 from simwarp.kernels.sensors.random import draw_normals, draw_uniform, frame_key
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.imu import Imu, ImuConfig
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.noise import BiasWalk, BoundedDrift, NormalNoise, Quantisation, Saturation
 from tests.reference import sensor_noise as twin
 from tests.unit.sensor_probe import ball

@@ -11,17 +11,17 @@ import pytest
 
 import simwarp as sw
 from simwarp.cli.listing import catalogue as listed
-from simwarp.sensors.beams import HDL_32E_ELEVATION, VLP_16_ELEVATION, BeamTable
-from simwarp.sensors.camera import Camera
-from simwarp.sensors.catalogue import catalogue, sensor_names
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.encoders import Encoder
-from simwarp.sensors.imu import Imu, ImuConfig
-from simwarp.sensors.lenses import Pinhole, Radial
-from simwarp.sensors.lidar import Lidar, LidarNoise
+from simwarp.sensors.ranging.beams import HDL_32E_ELEVATION, VLP_16_ELEVATION, BeamTable
+from simwarp.sensors.cameras.camera import Camera
+from simwarp.sensors.shipped import catalogue, sensor_names
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.motion.encoders import Encoder
+from simwarp.sensors.motion.imu import Imu, ImuConfig
+from simwarp.sensors.cameras.lenses import Pinhole, Radial
+from simwarp.sensors.ranging.lidar import Lidar, LidarNoise
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation, Saturation
 from simwarp.sensors.presets import KINDS, load_config, load_sensor, make_sensor
-from simwarp.sensors.radar import Clusters
+from simwarp.sensors.ranging.radar import Clusters
 from simwarp.sensors.scene import Scene, Visuals
 
 LIDARS = {"vlp-16": (16, 900), "hdl-32e": (32, 1080), "hdl-32e-lasers": (32, 1080), "generic-lidar": (32, 4500)}
@@ -45,7 +45,7 @@ def place_of(sort: str) -> Any:
 
 
 def test_every_shipped_sensor_is_told_in_a_line_and_can_be_loaded():
-    lines = listed("simwarp.sensors.catalogue")  # as `simwarp list` does
+    lines = listed("simwarp.sensors.shipped")  # as `simwarp list` does
     assert lines == catalogue()
     assert list(lines) == sensor_names()
     assert {type(load_config(name)) for name in lines} == {kind.config for kind in KINDS.values()}
@@ -255,7 +255,7 @@ def test_mistakes_in_calls_are_one_clear_error(make, message):
 
 def test_every_field_of_every_configuration_can_stand_in_a_file():
     """A type that the reader does not know would be found by a user only."""
-    from simwarp.sensors import reading
+    from simwarp.sensors import configuration_files as reading
 
     for kind in KINDS.values():
         for field in dataclasses.fields(kind.config):

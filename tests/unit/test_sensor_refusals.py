@@ -8,20 +8,20 @@ import pytest
 
 import simwarp as sw
 from simwarp.importers.chrono_sensors import load_chrono_sensor
-from simwarp.sensors.beams import Beam, BeamTable, beam_grid
-from simwarp.sensors.camera import Camera, CameraConfig
-from simwarp.sensors.contract import Mount, Schedule
-from simwarp.sensors.encoders import Encoder
-from simwarp.sensors.force_sensor import LoadCell
-from simwarp.sensors.image_noise import Imaging
-from simwarp.sensors.imu import Imu, ImuConfig
-from simwarp.sensors.lenses import FishEye
-from simwarp.sensors.lidar import Lidar, LidarConfig
-from simwarp.sensors.lights import Lighting, Lights, Sun
+from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
+from simwarp.sensors.cameras.camera import Camera, CameraConfig
+from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.motion.encoders import Encoder
+from simwarp.sensors.motion.force_sensor import LoadCell
+from simwarp.sensors.cameras.image_processing import Imaging
+from simwarp.sensors.motion.imu import Imu, ImuConfig
+from simwarp.sensors.cameras.lenses import FishEye
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
+from simwarp.sensors.cameras.lights import Lighting, Lights, Sun
 from simwarp.sensors.presets import load_config, load_sensor
-from simwarp.sensors.radar import Clusters, Radar, RadarConfig
+from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig
 from simwarp.sensors.scene import Scene, Visuals
-from simwarp.types import ModelError
+from simwarp.core.types import ModelError
 
 HUB = Mount("wheel")
 

@@ -12,7 +12,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
-from simwarp.builder import ModelBuilder
+from simwarp.model.builder import ModelBuilder
 from tests.reference.mechanisms import random_mechanism
 
 MODELS: dict[str, Callable[[], ModelBuilder]] = {

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from simwarp.vehicle.reading import DATA, load_vehicle
-from simwarp.vehicle.spec import SpecError
+from simwarp.vehicle.spec.deserialisation import DATA, load_vehicle
+from simwarp.vehicle.spec.vehicle_spec import SpecError
 from tests.physics.sample_vehicles import (
     macpherson_strut,
     multi_link,

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from simwarp.kernels.tires.rows import Common, Fiala, Lugre, Pac02, Pac89, TireContact, TireModel, Tmeasy, Tmsimple
-from simwarp.vehicle.reading import read_spec
-from simwarp.vehicle.spec import SpecError, Tire
-from simwarp.vehicle.tire_patterns import BEARABLE_MASS
-from simwarp.vehicle.tires import tire_row
+from simwarp.kernels.vehicle.tires.parameter_vector import Common, Fiala, Lugre, Pac02, Pac89, TireContact, TireModel, Tmeasy, Tmsimple
+from simwarp.vehicle.spec.deserialisation import read_spec
+from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
+from simwarp.vehicle.tires.tire_patterns import BEARABLE_MASS
+from simwarp.vehicle.tires.tires import tire_row
 from tests.unit.tire_bench import DATA, TEMPLATES, properties, row_of
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from simwarp.kernels.tires.rows import Common
-from simwarp.vehicle.tires import ground, tire_row
+from simwarp.kernels.vehicle.tires.parameter_vector import Common
+from simwarp.vehicle.tires.tires import ground, tire_row
 from tests.reference.tires import Wheel, plane, tire
 from tests.unit.tire_bench import (
     DT,

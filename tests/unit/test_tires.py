@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simwarp.geometry import add_ground_assets, height_field, triangle_mesh
+from simwarp.geometry.assets import add_ground_assets, height_field, triangle_mesh
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.tires.rows import Common, Lugre
-from simwarp.types import ShapeType
-from simwarp.vehicle.spec import SpecError
-from simwarp.vehicle.tires import Mount, Tires, ground
+from simwarp.kernels.vehicle.tires.parameter_vector import Common, Lugre
+from simwarp.core.types import ShapeType
+from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.tires import Mount, Tires, ground
 from tests.reference.terrain import field_triangles, surface_height
 from tests.reference.tires import Coefficients as Pac02Coefficients
 from tests.reference.tires import (

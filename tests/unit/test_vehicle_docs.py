@@ -12,15 +12,15 @@ from typing import Any
 import pytest
 
 import simwarp as sw
-from simwarp.vehicle import spec as specs
-from simwarp.vehicle import tire_parameters
-from simwarp.vehicle.assembly import add_vehicle
-from simwarp.vehicle.channels import Recorder
-from simwarp.vehicle.drivers import SCRIPT_COLUMNS, TIMES
-from simwarp.vehicle.maneuvers import MANEUVERS, Maneuver, maneuver, maneuver_options
-from simwarp.vehicle.reading import load_vehicle, vehicle_names
-from simwarp.vehicle.spec import Spec
-from simwarp.vehicle.tire_rows import MODELS
+from simwarp.vehicle.spec import vehicle_spec as specs
+from simwarp.vehicle.tires import tire_parameters
+from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.results.channels import Recorder
+from simwarp.vehicle.driving.drivers import SCRIPT_COLUMNS, TIMES
+from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver, maneuver_options
+from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_spec import Spec
+from simwarp.vehicle.tires.parameter_vector import MODELS
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "vehicles.md").read_text(encoding="utf-8")

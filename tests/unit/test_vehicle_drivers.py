@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simwarp.builder import ModelBuilder
-from simwarp.kernels.paths import PathTables, nearest_on_path
-from simwarp.simulation import Simulation
-from simwarp.types import pose
-from simwarp.vehicle.assembly import add_vehicle
-from simwarp.vehicle.channels import matrices
-from simwarp.vehicle.followers import (
+from simwarp.model.builder import ModelBuilder
+from simwarp.kernels.vehicle.paths import PathTables, nearest_on_path
+from simwarp.simulation.simulation import Simulation
+from simwarp.core.types import pose
+from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.results.channels import matrices
+from simwarp.vehicle.driving.path_tracking import (
     FollowSpec,
     InteractiveDriver,
     LookAhead,
@@ -24,12 +24,12 @@ from simwarp.vehicle.followers import (
     look_ahead_for,
     stanley_for,
 )
-from simwarp.vehicle.maneuvers import lane_change_path
-from simwarp.vehicle.paths import Path, bezier, circle, path_tables, read_path, smooth
-from simwarp.vehicle.reading import load_vehicle
-from simwarp.vehicle.results import deviation
-from simwarp.vehicle.runs import Drive, set_up
-from simwarp.vehicle.spec import SpecError
+from simwarp.vehicle.driving.maneuvers import lane_change_path
+from simwarp.vehicle.driving.paths import Path, bezier, circle, path_tables, read_path, smooth
+from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.results.results import deviation
+from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.vehicle import Vehicle, per_world
 from tests.reference.drivers import FollowerTwin, approach, nearest
 
@@ -307,7 +307,7 @@ def test_an_hmmwv_follows_a_lane_change(law):
 
 def followed(path, steering, speed, duration):
     """A run of an HMMWV along a path."""
-    from simwarp.vehicle.maneuvers import Maneuver
+    from simwarp.vehicle.driving.maneuvers import Maneuver
 
     follow = FollowSpec(
         paths=(path,), speed=speed, steering=steering, speed_gains=PIDGains(proportional=0.5, integral=0.1), start=1.0

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from simwarp.vehicle import results as results_module
-from simwarp.vehicle.channels import COLUMNS, Run
-from simwarp.vehicle.drive_plot import draw_run, joined
-from simwarp.vehicle.maneuvers import (
+from simwarp.vehicle.results import results as results_module
+from simwarp.vehicle.results.channels import COLUMNS, Run
+from simwarp.vehicle.results.drive_plot import draw_run, joined
+from simwarp.vehicle.driving.maneuvers import (
     LANE_CHANGE,
     MANEUVERS,
     Maneuver,
@@ -19,11 +19,11 @@ from simwarp.vehicle.maneuvers import (
     maneuver,
     maneuver_options,
 )
-from simwarp.vehicle.paths import circle
-from simwarp.vehicle.reading import load_vehicle
-from simwarp.vehicle.results import deviation, results
-from simwarp.vehicle.runs import Drive, set_up
-from simwarp.vehicle.spec import SpecError
+from simwarp.vehicle.driving.paths import circle
+from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.results.results import deviation, results
+from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 GATOR, HMMWV, ARTCAR = (load_vehicle(name) for name in ("gator", "hmmwv", "artcar"))
 

@@ -14,9 +14,9 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
-from simwarp.builder import ModelBuilder
-from simwarp.model import PARAMETERS
-from simwarp.types import WORLD, Material, PositionDrive, WorldStatus, pose
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.model import PARAMETERS
+from simwarp.core.types import WORLD, Material, PositionDrive, WorldStatus, pose
 
 NAN, INF = float("nan"), float("inf")
 WORLDS = 3
@@ -290,7 +290,7 @@ def test_masks_that_are_none(sim, mask):
 
 def test_on_a_gpu_such_worlds_are_frozen_instead():
     """The kernel that looks there, launched here on the CPU."""
-    from simwarp.kernels.world import flag_worlds
+    from simwarp.kernels.dynamics.world import flag_worlds
 
     values = np.zeros((4, 2), np.float32)
     values[1, 0], values[2, 1], values[3, 1] = NAN, INF, NAN

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simwarp.kernels.tables import StateArrays
-from simwarp.vehicle.reading import read_spec
-from simwarp.vehicle.spec import Tire
-from simwarp.vehicle.tires import Mount, TireRow, Tires, tire_row
+from simwarp.kernels.core.tables import StateArrays
+from simwarp.vehicle.spec.deserialisation import read_spec
+from simwarp.vehicle.spec.vehicle_spec import Tire
+from simwarp.vehicle.tires.tires import Mount, TireRow, Tires, tire_row
 from tests.reference.tires import Wheel
 
 DATA = Path(__file__).resolve().parents[2] / "simwarp" / "vehicle" / "data" / "hmmwv" / "tires"

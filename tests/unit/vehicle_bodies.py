@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simwarp.vehicle.spec import RigidPart, SteeringMount, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import RigidPart, SteeringMount, VehicleSpec
 
 
 class Body(NamedTuple):

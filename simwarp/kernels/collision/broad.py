@@ -6,7 +6,7 @@ larger than the average (the ground) would spoil the cells: they are candidates 
 
 import warp as wp
 
-from simwarp.kernels.tables import Topology
+from simwarp.kernels.core.tables import Topology
 
 wp.set_module_options({"enable_backward": False})
 

@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.rays.wide_tree import Trees
-from simwarp.types import ShapeType
+from simwarp.core.types import ShapeType
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -19,7 +19,7 @@ from simwarp.kernels.collision.shape import (
     triangle_shape,
 )
 from simwarp.kernels.collision.support import core_radius, inner_point, rounding, safe_direction, support
-from simwarp.kernels.collision.terrain import (
+from simwarp.kernels.collision.surfaces import (
     NEVER,
     TRIANGLE_BATCH,
     Ground,

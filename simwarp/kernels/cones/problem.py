@@ -6,7 +6,7 @@ with u = S gamma + r the velocities [m/s or rad/s] and gamma the impulses [N·s 
 
 import warp as wp
 
-from simwarp.types import BlockKind, FrictionLaw
+from simwarp.core.types import BlockKind, FrictionLaw
 
 wp.set_module_options({"enable_backward": False})
 

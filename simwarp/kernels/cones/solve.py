@@ -8,7 +8,7 @@ from simwarp.kernels.cones.padmm import solve_padmm
 from simwarp.kernels.cones.problem import LOW, ConeConfig, ConeProblem, SolveReport
 from simwarp.kernels.cones.psor import solve_psor
 from simwarp.kernels.cones.spg import solve_spg
-from simwarp.types import ConeSolver
+from simwarp.core.types import ConeSolver
 
 wp.set_module_options({"enable_backward": False})
 

@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.collision.shape import BOX, CAPSULE, CONE, CYLINDER, ELLIPSOID, PLANE, SPHERE
-from simwarp.kernels.collision.terrain import SurfaceHit
+from simwarp.kernels.collision.surfaces import SurfaceHit
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -1,4 +1,4 @@
-"""Rays through the trees of simwarp/wide_tree.py: nearest or any triangle, from either side.
+"""Rays through the trees of simwarp/geometry/triangle_tree.py: nearest or any triangle, from either side.
 
 Written natively, with eight boxes or triangles in a vector of a CPU. The order is that of Embree's single rays (Wald et
 al. 2014): near children first, the others on a stack with their distance. Triangles after Möller and Trumbore (1997).

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from simwarp.rotation import frame_from_axis
-from simwarp.vehicle.corner import Frame, across, merged_lines
-from simwarp.vehicle.spec import Bushing, ForceLine, Vec3
+from simwarp.core.rotation import frame_from_axis
+from simwarp.vehicle.suspensions.corner import Frame, across, merged_lines
+from simwarp.vehicle.spec.vehicle_spec import Bushing, ForceLine, Vec3
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from simwarp.rotation import matrix_of
+from simwarp.core.rotation import matrix_of
 from simwarp.scenery.prop import Label
-from simwarp.sensors.gps import GeoOrigin, to_local
-from simwarp.types import Pose
+from simwarp.sensors.motion.gps import GeoOrigin, to_local
+from simwarp.core.types import Pose
 from simwarp.viewer.demo.devices import COUNTS
 from simwarp.viewer.demo.sheet import BLANK, Bar, Color, Panel, Picture
 

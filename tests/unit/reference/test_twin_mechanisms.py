@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simwarp import scenes
-from simwarp.types import JointType
+from simwarp.core.types import JointType
 from tests.reference import planar
 from tests.reference.mechanisms import NAMED, random_mechanism
 from tests.reference.twin import Twin

@@ -1,0 +1,321 @@
+"""One row of the table: a scene in some number of worlds, timed, weighed and judged."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from simwarp.bench.health import Examiner, Health, Judge
+from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
+from simwarp.bench.workloads import BenchScene
+from simwarp.core.memory import check_fits
+from simwarp.simulation.simulation import Simulation
+from simwarp.core.types import ModelError
+
+_MIN_HORIZON_STEPS = 50
+_GRAPH_STEPS = 10
+_SEED = 2024
+MOST_STEPS = 10**6
+"""Before the timing."""
+
+
+@dataclasses.dataclass
+class Row:
+    """Result for one number of worlds; rates are null unless `valid`.
+
+    Attributes:
+        engine: simwarp, or a peer with its version.
+        scene, worlds, dt: what ran [dt in s].
+        steps_per_s: world-steps per second (of a task: env steps), median of the repeats.
+        steps_per_cpu_s: the same per second of the process' CPU time.
+        steps_per_s_range, steps_per_cpu_s_range: lowest and highest repeat.
+        residual: largest row residual at the ends of the motion [m/s or rad/s].
+        position_error: largest joint violation there [m or rad].
+        energy_gain: mechanical energy above the start's [J].
+        tolerance: residual at which the solver stops [m/s or rad/s].
+        contacts: that push, per world, at the ends of the motion; null without shapes.
+        iterations: of the solver per world, there.
+        penetration: deepest contact there [m].
+        launches_per_step: kernel launches that a step asks for, counted; those of the motion are left out.
+        bytes_per_world: growth of all device arrays with one more world.
+        bytes_shared: device arrays that all worlds share.
+        compile_s: from a model to the end of its first step [s].
+        compile_source: where that was seen: `this process` or `cold process`.
+        compile_cpu_s: CPU time of a cold process for it.
+        compile_warm_s: `compile_s` of a new process with a filled kernel cache; only with a cold one.
+        valid: whether the states were sound.
+        problems: why not.
+        split: shares of the time of a task's step.
+    """
+
+    engine: str
+    scene: str
+    worlds: int
+    dt: float
+    steps_per_s: float | None = None
+    steps_per_cpu_s: float | None = None
+    steps_per_s_range: tuple[float, float] | None = None
+    steps_per_cpu_s_range: tuple[float, float] | None = None
+    residual: float | None = None
+    position_error: float | None = None
+    energy_gain: float | None = None
+    tolerance: float | None = None
+    contacts: float | None = None
+    iterations: float | None = None
+    penetration: float | None = None
+    launches_per_step: int | None = None
+    bytes_per_world: int | None = None
+    bytes_shared: int | None = None
+    compile_s: float | None = None
+    compile_source: str = "this process"
+    compile_cpu_s: float | None = None
+    compile_warm_s: float | None = None
+    valid: bool = False
+    problems: tuple[str, ...] = ()
+    split: dict[str, float] | None = None
+
+    def take_speed(self, speed: Any) -> None:
+        """Fills the rates in."""
+        walls, cpus = zip(*speed.repeats, strict=True)
+        self.steps_per_s, self.steps_per_cpu_s = speed.steps_per_s, speed.steps_per_cpu_s
+        self.steps_per_s_range, self.steps_per_cpu_s_range = (min(walls), max(walls)), (min(cpus), max(cpus))
+
+
+class TimedRun:
+    """A simulation in motion: steps, starts anew. On CUDA, `step` replays a captured graph of several steps.
+
+    Attributes:
+        sim, worlds, dt: what runs.
+        horizon_steps: calls of `step` until it starts anew.
+        steps_per_call: steps in one call of `step`.
+        motion_command: recorded launch before every step.
+        examiner: judges the state; there once the start is set.
+    """
+
+    def __init__(self, sim: Simulation, horizon: float) -> None:
+        self.sim = sim
+        self.dt = sim.dt
+        self.worlds = sim.model.world_count
+        self.steps_per_call = 1
+        self.horizon_steps = max(_MIN_HORIZON_STEPS, round(horizon / sim.dt))
+        self.motion_command: Any = None
+        self.examiner: Judge
+        self._call = self.single_step
+
+    def set_motion(self) -> None:
+        """Brings the worlds to their start."""
+        raise NotImplementedError
+
+    def single_step(self) -> None:
+        """The motion's forces, then one step."""
+        if self.motion_command is not None:
+            self.motion_command.launch()
+        self.sim.step()
+
+    def _start_here(self, examiner: Judge) -> None:
+        self._start = self.sim.snapshot()
+        self.examiner = examiner
+
+    def _take(self, settled: dict[str, Any]) -> None:
+        """Hands the settled worlds out in turn; a leading dimension of 1 is shared by all of them."""
+        for name, array in self._arrays().items():
+            values = settled[name]
+            if values.size:
+                array.assign(np.take(values, np.arange(array.shape[0]) % len(values), axis=0))
+
+    def _arrays(self) -> dict[str, Any]:
+        """Everything that a step reads and changes, by name."""
+        owners: dict[str, Any] = {"state": self.sim.state, "control": self.sim.control, "contacts": self.sim.contacts}
+        found = {f"{key}.{name}": getattr(owner, name) for key, owner in owners.items() for name in owner.NAMES}
+        return found | {f"memory.{index}": array for index, array in enumerate(self.sim.memory)}
+
+    def capture(self) -> None:
+        """On CUDA, records a graph of several steps; elsewhere nothing."""
+        device = self.sim.model.device
+        if not device.is_cuda:
+            return
+        with wp.ScopedCapture(device=device) as capture:
+            for _ in range(_GRAPH_STEPS):
+                self.single_step()
+        self.steps_per_call = _GRAPH_STEPS
+        self.horizon_steps = max(1, self.horizon_steps // _GRAPH_STEPS)
+        self._call = lambda: wp.capture_launch(capture.graph)
+
+    def step(self) -> None:
+        """`steps_per_call` steps."""
+        self._call()
+
+    def restart(self) -> None:
+        """Back to the start."""
+        self.sim.restore(self._start)
+
+    def wait(self) -> None:
+        """Until the device is done."""
+        wp.synchronize_device(self.sim.model.device)
+
+
+class SceneRun(TimedRun):
+    """A scene in motion."""
+
+    def __init__(self, scene: BenchScene, worlds: int, device: str | None, dt: float | None) -> None:
+        self.scene = scene
+        model = scene.build().finalize(world_count=worlds, device=device)
+        super().__init__(Simulation(model, dt=scene.dt if dt is None else dt, solver=scene.solver), scene.horizon)
+        if scene.motion is not None:
+            self.motion_command = scene.motion(self.sim, scene.variants)
+
+    def set_motion(self) -> None:
+        """Start and forces: world k gets the same ones whatever the number of worlds."""
+        if self.scene.settle > 0.0:
+            self._take(_settled(self.scene, str(self.sim.model.device), self.dt))
+        else:
+            self._draw()
+        self._start_with_examiner()
+
+    def set_motion_of(self, other: SceneRun) -> None:
+        """The start of another run of the same worlds."""
+        other.restart()
+        self._take({name: array.numpy() for name, array in other._arrays().items()})
+        self._start_with_examiner()
+
+    def _start_with_examiner(self) -> None:
+        scene = self.scene
+        self._start_here(
+            Examiner(
+                self.sim, energy_gain=scene.energy_gain, position_error=scene.position_error,
+                penetration=scene.penetration,
+            )
+        )  # fmt: skip
+
+    def settle(self) -> dict[str, Any]:
+        """Runs the motion for as long as it settles: everything that a step reads, by name."""
+        self._draw()
+        for _ in range(steps_before(self.scene.settle, self.dt)):
+            self.single_step()
+        return {name: array.numpy().copy() for name, array in self._arrays().items()}
+
+    def _draw(self) -> None:
+        sim, dofs, bodies = self.sim, self.sim.model.dof_count, self.sim.model.body_count
+        rng = np.random.default_rng(_SEED)
+        draws = rng.uniform(-1.0, 1.0, (self.worlds, 2, max(dofs, 1)))[:, :, :dofs].astype(np.float32)
+        if self.scene.start:
+            sim.set_joint_state(None, draws[:, 0] * np.asarray(self.scene.start, np.float32), None)
+        if self.scene.force:
+            sim.control.joint_force.assign(draws[:, 1] * np.asarray(self.scene.force, np.float32))
+        if self.scene.start_velocity:
+            velocity = rng.uniform(-1.0, 1.0, (self.worlds, bodies, 3)) * self.scene.start_velocity
+            sim.state.body_v.assign(velocity.astype(np.float32))
+            sim.measure()
+
+
+@functools.lru_cache(maxsize=2)
+def _settled(scene: BenchScene, device: str, dt: float) -> dict[str, Any]:
+    """All variants of a scene, settled; the same for every number of worlds."""
+    return SceneRun(scene, scene.variants, device, dt).settle()
+
+
+def steps_before(time: float, dt: float) -> int:
+    """Steps that bring worlds to where the timing begins [s].
+
+    Raises:
+        ModelError: they would take hours.
+    """
+    steps = time / dt
+    if steps > MOST_STEPS:
+        raise ModelError(
+            f"dt {dt:g} s: the {time:g} s of motion before the timing are {steps:.3g} steps, at most {MOST_STEPS:.0e} "
+            "are made; use a larger dt"
+        )
+    return round(steps)
+
+
+def measure_scene(scene: BenchScene, worlds: int, device: str | None, dt: float | None, seconds: float) -> Row:
+    """Builds, steps, judges and times one scene.
+
+    Raises:
+        ModelError: no such device, dt is not usable, or the worlds do not fit into memory.
+    """
+    return measure_run(scene.name, worlds, seconds, lambda count: SceneRun(scene, count, device, dt))
+
+
+def measure_run(name: str, worlds: int, seconds: float, make: Callable[[int], TimedRun]) -> Row:
+    """Builds, steps, judges and times what `make` makes for a number of worlds.
+
+    Raises:
+        ModelError: the worlds do not fit into memory.
+    """
+    start = time.perf_counter()
+    single = make(1)
+    single.step()
+    single.wait()
+    row = Row("simwarp", name, worlds, single.dt, compile_s=time.perf_counter() - start)
+    row.bytes_per_world, row.bytes_shared = bytes_of(single.sim, make(2).sim)
+    check_memory(name, worlds, row.bytes_per_world, single.sim.model.device)
+    run = make(worlds)
+    run.set_motion()
+    row.tolerance = run.sim.solver.tolerance
+    with counted_launches() as launches:
+        run.sim.step()
+    row.launches_per_step = launches.total
+    run.restart()
+    run.capture()
+    verdicts = [_rehearse(run)]
+    if not verdicts[0].problems:
+        speed = measure_speed(
+            run, worlds * run.steps_per_call, seconds, lambda: verdicts.append(run.examiner.examine())
+        )
+        row.take_speed(speed)
+    return judge(row, verdicts)
+
+
+def _rehearse(run: TimedRun) -> Health:
+    """One motion to its horizon, or for as long as patience lasts, before anything is timed."""
+    run.restart()
+    deadline = time.perf_counter() + 1.0
+    for _ in range(run.horizon_steps):
+        run.step()
+        if time.perf_counter() > deadline:
+            break
+    return run.examiner.examine()
+
+
+def judge(row: Row, verdicts: list[Health]) -> Row:
+    """Enters the worst verdict; without a sound state there is no speed."""
+    worst = verdicts[0]
+    for other in verdicts[1:]:
+        worst = worst.worse(other)
+    row.residual, row.position_error, row.energy_gain = worst.residual, worst.position_error, worst.energy_gain
+    row.penetration = worst.penetration
+    row.contacts = _mean([verdict.contacts for verdict in verdicts])
+    row.iterations = _mean([verdict.iterations for verdict in verdicts])
+    row.problems = worst.problems
+    row.valid = not worst.problems
+    if not row.valid:
+        row.steps_per_s = row.steps_per_cpu_s = row.steps_per_s_range = row.steps_per_cpu_s_range = row.split = None
+    return row
+
+
+def _mean(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def bytes_of(one: Simulation, two: Simulation) -> tuple[int, int]:
+    """Bytes that one more world takes, and those that all share, from simulations of one and of two worlds."""
+    first, second = array_bytes(one), array_bytes(two)
+    return second - first, 2 * first - second
+
+
+def check_memory(name: str, worlds: int, per_world: int, device: Any) -> None:
+    """Refuses more worlds than memory holds (beside a copy that the timing keeps to start anew).
+
+    Raises:
+        ModelError: they do not fit.
+    """
+    check_fits(f"{worlds} worlds of '{name}'", 2 * per_world * worlds, device, "use fewer worlds")

@@ -1,0 +1,175 @@
+"""Other engines on the same scene in the same run: MuJoCo C on the cart-pole, one thread, no Python in its loop.
+
+Scenes with contacts have theirs in `contact_peers`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.bench.contact_peers import CONTACT_SCENES, Measure, contact_peer_notes, contact_peers
+from simwarp.bench.health import Health
+from simwarp.bench.measure import Row, SceneRun, judge
+from simwarp.bench.timing import measure_speed
+from simwarp.bench.workloads import CART_MASS, POLE_INERTIA, POLE_MASS, RAIL, BenchScene
+
+Array = npt.NDArray[np.float64]
+
+PEER_SCENE = "pendulum"
+AGREEMENT = 0.01
+"""Largest difference of a coordinate from simwarp's after a second at 1 ms [m or rad]."""
+
+_AGREEMENT_DT = 1e-3
+_STEPS_PER_CALL = 50_000
+_GRAVITY = 9.81
+_OTHERS = {"mujoco_warp": "mujoco-warp", "newton": "newton"}
+
+_XML = """
+<mujoco>
+  <option timestep="{dt}" gravity="0 0 -{gravity}"/>
+  <worldbody>
+    <body name="cart">
+      <joint name="slide" type="slide" axis="1 0 0" limited="true" range="-{rail} {rail}"/>
+      <inertial pos="0 0 0" mass="{cart}" diaginertia="1 1 1"/>
+      <body name="pole">
+        <joint name="hinge" type="hinge" axis="0 1 0"/>
+        <inertial pos="0 0 1" mass="{pole}" diaginertia="{inertia}"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="slide" gear="1"/></actuator>
+</mujoco>
+"""
+
+
+def peer_notes(scene: str) -> list[str]:
+    """Why peers are missing from the table, one line each."""
+    notes = []
+    if scene in CONTACT_SCENES:
+        return contact_peer_notes(scene)
+    if scene != PEER_SCENE:
+        there = ", ".join(f"'{name}'" for name in (PEER_SCENE, *CONTACT_SCENES))
+        notes.append(f"peers: no other engine has a model of '{scene}' here; they have {there}")
+    elif importlib.util.find_spec("mujoco") is None:
+        notes.append("peer mujoco: not installed; pip install 'simwarp[import]'")
+    for module, name in _OTHERS.items():
+        if importlib.util.find_spec(module) is None:
+            notes.append(f"peer {name}: not installed; pip install 'simwarp[peers]'")
+        else:
+            notes.append(f"peer {name}: installed, but this version has no comparison with it")
+    return notes
+
+
+def peer_measures(scene: str) -> list[Measure]:
+    """Measurements of the engines that can stand beside this scene."""
+    if scene in CONTACT_SCENES:
+        return contact_peers(scene)
+    return [measure_mujoco] if scene == PEER_SCENE and importlib.util.find_spec("mujoco") is not None else []
+
+
+class MuJoCoRun:
+    """The cart-pole in MuJoCo C: worlds one after the other on one thread, through `mujoco.rollout`."""
+
+    def __init__(self, start: Array, force: Array, dt: float, horizon_steps: int) -> None:
+        """Takes (W, 2) start coordinates and (W,) cart forces [N]."""
+        import mujoco
+        from mujoco import rollout
+
+        inertia = " ".join(map(repr, POLE_INERTIA))
+        text = _XML.format(dt=dt, gravity=_GRAVITY, rail=RAIL, cart=CART_MASS, pole=POLE_MASS, inertia=inertia)
+        self.model = mujoco.MjModel.from_xml_string(text)
+        self.data = mujoco.MjData(self.model)
+        self.worlds = len(start)
+        self.steps_per_call = max(1, min(horizon_steps, _STEPS_PER_CALL // self.worlds))
+        self.horizon_steps = max(1, horizon_steps // self.steps_per_call)
+        self._start = np.concatenate([np.zeros((self.worlds, 1)), start, np.zeros((self.worlds, 2))], axis=1)
+        self._force = np.ascontiguousarray(force.reshape(self.worlds, 1, 1))
+        self._states = np.zeros((self.worlds, self.steps_per_call, 5))
+        self._sensors = np.zeros((self.worlds, self.steps_per_call, 0))
+        self._rollout: Any = rollout.rollout
+        self.restart()
+
+    @property
+    def q(self) -> Array:
+        """(W, 2) coordinates."""
+        return self.now[:, 1:3]
+
+    def restart(self) -> None:
+        """Back to the start."""
+        self.now = self._start.copy()
+
+    def step(self) -> None:
+        """`steps_per_call` steps."""
+        self._rollout(
+            self.model, self.data, self.now, self._force, state=self._states, sensordata=self._sensors,
+            nstep=self.steps_per_call, skip_checks=False,
+        )  # fmt: skip
+        self.now = self._states[:, -1].copy()
+
+    def wait(self) -> None:
+        """Nothing to wait for."""
+
+    def energy(self) -> Array:
+        """(W,) kinetic and potential [J]."""
+        angle, v, rate = self.now[:, 2], self.now[:, 3], self.now[:, 4]
+        kinetic = 0.5 * (CART_MASS + POLE_MASS) * v**2 + POLE_MASS * v * rate * np.cos(angle)
+        kinetic += 0.5 * (POLE_INERTIA[1] + POLE_MASS) * rate**2
+        return np.asarray(kinetic + POLE_MASS * _GRAVITY * np.cos(angle))
+
+
+def differs_by(scene: BenchScene) -> float:
+    """Largest difference of a coordinate [m or rad] between both engines, a second (of 1 ms steps) after one start."""
+    steps = round(1.0 / _AGREEMENT_DT)
+    ours = SceneRun(scene, 1, "cpu", _AGREEMENT_DT)
+    ours.set_motion()
+    theirs = MuJoCoRun(*start_and_force(ours), _AGREEMENT_DT, steps)
+    for _ in range(steps):
+        ours.step()
+    for _ in range(theirs.horizon_steps):
+        theirs.step()
+    return float(np.abs(ours.sim.state.joint_q.numpy() - theirs.q).max())
+
+
+def start_and_force(run: SceneRun) -> tuple[Array, Array]:
+    """Start coordinates and cart forces of a run that has just been set in motion."""
+    q = run.sim.state.joint_q.numpy().astype(float)
+    return q, run.sim.control.joint_force.numpy()[:, 0].astype(float)
+
+
+def measure_mujoco(scene: BenchScene, worlds: int, dt: float | None, seconds: float) -> Row:
+    """The same starts and forces in MuJoCo, timed and judged in the same way."""
+    import mujoco
+
+    ours = SceneRun(scene, worlds, "cpu", dt)
+    ours.set_motion()
+    begin = time.perf_counter()
+    run = MuJoCoRun(*start_and_force(ours), ours.dt, ours.horizon_steps)
+    mujoco.mj_step(run.model, run.data)
+    row = Row(f"mujoco {mujoco.__version__}", scene.name, worlds, ours.dt, compile_s=time.perf_counter() - begin)
+    row.bytes_per_world = int(run.data.nbuffer)
+    run.restart()
+    start_energy = run.energy()
+    apart = differs_by(scene)
+
+    def examine() -> Health:
+        problems = []
+        gain = float((run.energy() - start_energy).max())
+        if not np.isfinite(run.now).all():
+            problems.append("a state is not finite")
+        elif scene.energy_gain is not None and not gain <= scene.energy_gain:
+            problems.append(f"energy rose by {gain:.3g} J (sound: {scene.energy_gain:.3g} J)")
+        if not apart <= AGREEMENT:
+            problems.append(f"not the same motion as simwarp's: {apart:.2g} m or rad apart after 1 s at 1 ms")
+        return Health(tuple(problems), 0.0, 0.0, gain, 0.0)
+
+    verdicts = [examine()]
+    speed = measure_speed(run, worlds * run.steps_per_call, seconds, lambda: verdicts.append(examine()))
+    row.take_speed(speed)
+    judge(row, verdicts)
+    row.residual = row.position_error = None
+    return row

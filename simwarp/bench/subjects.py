@@ -1,0 +1,95 @@
+"""What a name on the command line means: how it is measured, and what stands beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+from simwarp.cli import UsageError
+from simwarp.bench.measure import Row, measure_scene
+from simwarp.bench.peers import peer_measures, peer_notes
+from simwarp.bench.workloads import SENSOR_SCENES, bench_scenes, explain_unknown, task_of
+from simwarp.cli.options import check_obs
+from simwarp.vehicle.spec.deserialisation import vehicle_names
+
+Measure = Callable[[int, str, float | None, float], Row]
+"""From worlds, device, dt and seconds."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Subject:
+    """Something to measure.
+
+    Attributes:
+        kind: scene, vehicle, sensor or task.
+        measures: each gives a row for every number of worlds.
+        peers: the same of other engines.
+        notes: why others are missing.
+        cold_name: by which a new process knows it; None: it has no cold start.
+    """
+
+    kind: str
+    measures: tuple[Measure, ...]
+    peers: tuple[Measure, ...] = ()
+    notes: tuple[str, ...] = ()
+    cold_name: str | None = None
+
+
+def find_subject(name: str, tasks: Callable[[], list[str]], obs: str | None = None) -> Subject:
+    """What `name` means; the names of tasks, which take long to find, come last. `obs`: a task's observations.
+
+    Raises:
+        UsageError: nothing has that name.
+    """
+    if obs is not None and (name in bench_scenes() or name in vehicle_names() or name in SENSOR_SCENES):
+        raise UsageError(
+            f"--obs is of tasks, and '{name}' is none: leave it away, or write {name}-task where there is one"
+        )
+    scene = bench_scenes().get(name)
+    if scene is not None:
+        peers = tuple(functools.partial(_beside, measure, name) for measure in peer_measures(name))
+        return Subject(
+            "scene", (functools.partial(measure_scene, scene),), peers, tuple(peer_notes(name)), cold_name=name
+        )
+    if name in vehicle_names():
+        from simwarp.bench.vehicle_rows import measure_vehicle
+
+        return Subject("vehicle", (functools.partial(measure_vehicle, name),), notes=tuple(peer_notes(name)),
+                       cold_name=name)  # fmt: skip
+    if name in SENSOR_SCENES:
+        return _sensor(name)
+    known = tasks()
+    task = task_of(name, known)
+    if task is None:
+        raise UsageError(explain_unknown(name, known))
+    from simwarp.bench.task_rows import measure_task, task_device
+    from simwarp.tasks import task_class
+
+    if obs is not None:
+        check_obs(task, task_class(task).config_type(), obs)
+
+    def measure(worlds: int, device: str, dt: float | None, seconds: float) -> Row:
+        row = measure_task(task, worlds, task_device(device), dt, seconds, obs)
+        return dataclasses.replace(row, scene=name)
+
+    return Subject("task", (measure,), notes=tuple(peer_notes(name)), cold_name=task)
+
+
+def _beside(measure: Callable[..., Row], name: str, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
+    """A peer's row; peers run where they can, whatever our device."""
+    return measure(bench_scenes()[name], worlds, dt, seconds)
+
+
+def _sensor(name: str) -> Subject:
+    from simwarp.bench import rays
+    from simwarp.bench import sensor_rows as sensors
+
+    if name != "rays":
+        return Subject("sensor", (functools.partial(sensors.measure_sensor, name),))
+    return Subject(
+        "sensor",
+        tuple(functools.partial(rays.measure_rays, mesh) for mesh in rays.TRIANGLES),
+        () if rays.embree_notes() else tuple(functools.partial(rays.measure_embree, mesh) for mesh in rays.TRIANGLES),
+        tuple(rays.embree_notes()),
+    )

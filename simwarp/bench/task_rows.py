@@ -1,0 +1,174 @@
+"""A task's row: environment steps with random actions, and what their time goes to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import torch
+import warp as wp
+
+from simwarp.bench.health import Health
+from simwarp.bench.measure import Row, bytes_of, check_memory, judge
+from simwarp.bench.timing import counted_launches, measure_speed
+from simwarp.core.memory import check_fits
+from simwarp.tasks import TaskError, make, replace_fields, resolve_device, task_class
+from simwarp.tasks.task import NON_FINITE
+
+_HORIZON_STEPS = 1000
+_ACTIONS = 16
+_SPLIT_STEPS, _SPLIT_SECONDS = 200, 10.0
+
+
+class TaskRun:
+    """A task under random actions; an episode that ends starts anew inside the step."""
+
+    horizon_steps = _HORIZON_STEPS
+
+    def __init__(self, name: str, worlds: int, device: str, config: Any) -> None:
+        self.task = make(name, worlds, device=device, config=config)
+        self.task.keep_final_observations = False
+        generator = torch.Generator().manual_seed(0)
+        shape = (_ACTIONS, worlds, self.task.action_size)
+        self._actions = (2.0 * torch.rand(shape, generator=generator) - 1.0).to(self.task.device)
+        self._turn = 0
+
+    def step(self) -> None:
+        """One control step."""
+        self._turn = (self._turn + 1) % _ACTIONS
+        self.task.step(self._actions[self._turn])
+
+    def restart(self) -> None:
+        """New episodes everywhere."""
+        self.task.restart(seed=0)
+
+    def wait(self) -> None:
+        """Until the device is done."""
+        if self.task.device.type == "cuda":
+            torch.cuda.synchronize(self.task.device)
+
+    def examine(self) -> Health:
+        """A task has no fixed motion: no world may have broken down, and every number it hands out is finite."""
+        problems = []
+        try:
+            broken = self.task.drain_statistics().end_reasons.get(NON_FINITE, 0)
+        except TaskError as error:
+            broken = 0
+            problems.append(str(error))
+        if broken:
+            problems.append(f"{broken} episodes ended in a state that is not finite")
+        if not all(bool(torch.isfinite(group).all()) for group in self.task.observations().values()):
+            problems.append("an observation is not finite")
+        sim = self.task.simulation
+        if sim is None:
+            return Health(tuple(problems), 0.0, 0.0, 0.0, 0.0)
+        reports = sim.diagnostics
+        residual = max(float(reports.row_residual.numpy().max()), float(reports.bounded_residual.numpy().max()))
+        if not residual <= 1e-2:
+            problems.append(f"row residual {residual:.2g} m/s")
+        return Health(tuple(problems), residual, float(reports.position_error.numpy().max()), 0.0, 0.0)
+
+    def split(self) -> dict[str, float]:
+        """Shares of the time of a step in which a policy acts: physics, sensors, the policy's network (that which
+        `simwarp train` would make), and the task around them: actions, rewards, observations, resets.
+        """
+        spent = {"physics": 0.0, "sensors": 0.0, "policy": 0.0}
+        sim, policy = self.task.simulation, self._policy()
+
+        def timed(part: str, work: Callable[[], None]) -> None:
+            self.wait()
+            start = time.perf_counter()
+            work()
+            self.wait()
+            spent[part] += time.perf_counter() - start
+
+        def launch(commands: list[Any]) -> None:
+            for command in commands:
+                command.launch()
+
+        def step() -> None:
+            for _ in range(sim.substeps):
+                timed("physics", lambda: launch(sim.physics_commands))
+                timed("sensors", lambda: launch(sim.sensor_commands))
+
+        if sim is not None:
+            sim.step = step
+        try:
+            begin = time.perf_counter()
+            steps = 0
+            while steps < _SPLIT_STEPS and time.perf_counter() - begin < _SPLIT_SECONDS:
+                self.step()
+                timed("policy", lambda: policy(self.task.observe()))
+                steps += 1
+            self.wait()
+            total = time.perf_counter() - begin
+        finally:
+            if sim is not None:
+                del sim.step
+        shares = {part: seconds / total for part, seconds in spent.items()}
+        return {
+            "physics": shares["physics"], "sensors": shares["sensors"], "task": max(0.0, 1.0 - sum(shares.values())),
+            "policy": shares["policy"],
+        }  # fmt: skip
+
+    def _policy(self) -> Callable[[dict[str, torch.Tensor]], None]:
+        """A network such as training makes, untrained."""
+        from tensordict import TensorDict
+
+        from simwarp.train.config import default_config, rsl_rl_config
+        from simwarp.train.policies import build_actor
+
+        task = self.task
+        settings = rsl_rl_config(
+            default_config(type(task), task.config), list(task.observation_shapes), task.action_size
+        )
+        actor = build_actor(settings, task)
+
+        def act(observations: dict[str, torch.Tensor]) -> None:
+            with torch.inference_mode():
+                actor(TensorDict(dict(observations), batch_size=[task.num_worlds]))
+
+        return act
+
+
+def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds: float, obs: str | None = None) -> Row:
+    """Times a task; `launches_per_step` and the rates are those of a control step.
+
+    Raises:
+        InputError: no such device, or the task refuses the configuration.
+        ModelError: the worlds do not fit into memory.
+    """
+    torch.set_num_threads(1)
+    config = task_class(name).config_type()
+    if obs is not None:
+        config = replace_fields(config, {"obs": obs})
+    if dt is not None:
+        config = replace_fields(config, {"dt": dt})
+    start = time.perf_counter()
+    single = TaskRun(name, 1, device, config)
+    single.step()
+    single.wait()
+    row = Row("simwarp", name, worlds, config.dt, compile_s=time.perf_counter() - start)
+    # drawn in double precision, scaled, and kept
+    actions = 3 * 8 * _ACTIONS * worlds * single.task.action_size
+    check_fits(f"actions of {worlds} worlds of '{name}'", actions, wp.get_device("cpu"), "use fewer worlds")
+    if single.task.simulation is not None:
+        two = TaskRun(name, 2, device, config)
+        row.bytes_per_world, row.bytes_shared = bytes_of(single.task.simulation, two.task.simulation)
+        check_memory(name, worlds, row.bytes_per_world, single.task.simulation.model.device)
+    run = TaskRun(name, worlds, device, config)
+    with counted_launches() as launches:
+        run.step()
+    row.launches_per_step = launches.total
+    verdicts: list[Health] = []
+    speed = measure_speed(run, worlds, seconds, lambda: verdicts.append(run.examine()))
+    row.take_speed(speed)
+    run.restart()
+    row.split = run.split()
+    return judge(row, verdicts)
+
+
+def task_device(name: str) -> str:
+    """The canonical name of a device, as tasks take it."""
+    return resolve_device(name)

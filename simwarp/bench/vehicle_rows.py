@@ -1,0 +1,135 @@
+"""A vehicle's row: the moving part of `reference-steer`, worlds at sixteen places of it."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, Final
+
+import numpy as np
+
+from simwarp.bench.health import RESIDUAL_SHARE, Health
+from simwarp.bench.measure import Row, TimedRun, measure_run, steps_before
+from simwarp.core.types import WorldStatus
+from simwarp.vehicle.driving.maneuvers import maneuver
+from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.results.runs import REFERENCE_DT, Setup, set_up
+
+HORIZON: Final = 1.5
+"""Each world drives that long [s]: sixteen of them cover the 24 s that follow the settling."""
+VARIANTS: Final = 16
+FIRST: Final = 9
+"""The place of world 0: t = 15 s, where the steering turns."""
+
+POSITION_ERROR: Final = 1e-3
+"""Largest sound violation of a joint [m or rad]; 1e-5 is usual, 2e-4 where a steering turns fast."""
+LOAD_SHARE: Final = 0.02
+"""Mean wheel loads of all worlds may differ from the weight by this share ..."""
+WORST_LOAD_SHARE: Final = 0.5
+"""... and those of one world, which may be in a gear change or a step of the steering, by this."""
+
+
+class VehicleExaminer:
+    """Judges vehicles under way: nothing creates energy by rule here, so that their motion itself is looked at."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        model = setup.simulation.model
+        mass = np.asarray(model.body_mass.numpy(), float).sum(-1)
+        gravity = np.linalg.norm(np.asarray(model.gravity.numpy(), float).reshape(-1, 3), axis=-1)
+        self._weight = mass * gravity
+        self._target = max(speed for _, speed in setup.maneuver.script.speed)
+
+    def examine(self) -> Health:
+        """Finite, on the road, joints together, rows solved, wheels carrying the weight, no faster than asked for."""
+        simulation, vehicle = self.setup.simulation, self.setup.vehicle
+        state, reports = simulation.state, simulation.diagnostics
+        problems = []
+        arrays = [getattr(state, name).numpy() for name in ("body_x", "body_rot", "body_v", "body_omega")]
+        finite = all(np.isfinite(array).all() for array in arrays)
+        if not finite:
+            problems.append("a state is not finite")
+        status = int(np.bitwise_or.reduce(state.world_status.numpy()))
+        if status:
+            problems.append(f"world status {WorldStatus(status)!r}")
+        chassis = vehicle.parts.chassis
+        speed = np.linalg.norm(arrays[2][:, chassis], axis=-1)
+        residual = max(_largest(reports.row_residual), _largest(reports.bounded_residual))
+        # wheels and shafts turn faster than the chassis drives; the rows are of their speeds too
+        if not residual <= RESIDUAL_SHARE * max(self._target, 1.0):
+            problems.append(f"row residual {residual:.2g} m/s or rad/s at {self._target:.3g} m/s")
+        position_error = _largest(reports.position_error)
+        if not position_error <= POSITION_ERROR:
+            problems.append(f"joints are {position_error:.2g} m or rad apart (sound: {POSITION_ERROR:g})")
+        if finite:
+            problems += self._motion_problems(speed)
+        return Health(
+            tuple(problems), residual, position_error, 0.0, float(speed.max(initial=0.0)),
+            iterations=float(reports.iterations.numpy().mean()),
+        )  # fmt: skip
+
+    def _motion_problems(self, speed: np.ndarray) -> list[str]:
+        problems = []
+        share = self.setup.vehicle.tires.load.numpy().sum(axis=1) / self._weight
+        # a few worlds may all be in a transient
+        allowed = LOAD_SHARE if len(share) >= VARIANTS else WORST_LOAD_SHARE
+        if not abs(share.mean() - 1.0) <= allowed or not np.abs(share - 1.0).max() <= WORST_LOAD_SHARE:
+            problems.append(
+                f"wheels carry {share.min():.3g} to {share.max():.3g} of the weight, {share.mean():.3g} on average"
+            )
+        if not speed.max() <= 1.1 * self._target:
+            problems.append(f"a vehicle drives {speed.max():.3g} m/s where {self._target:.3g} m/s are held")
+        if not speed.max() >= 0.1 * self._target:
+            problems.append("nothing moves: this is no work")
+        return problems
+
+
+class VehicleRun(TimedRun):
+    """A vehicle in the moving part of `reference-steer`."""
+
+    def __init__(self, name: str, worlds: int, device: str, dt: float | None) -> None:
+        spec = load_vehicle(name)
+        self.name = name
+        self.setup = set_up(
+            spec, maneuver("reference-steer", spec), worlds=worlds, device=device, dt=REFERENCE_DT if dt is None else dt
+        )
+        super().__init__(self.setup.simulation, HORIZON)
+
+    def set_motion(self) -> None:
+        """World k starts at the same place whatever the number of worlds."""
+        self._take(_places(self.name, str(self.sim.model.device), self.dt))
+        self._start_here(VehicleExaminer(self.setup))
+
+    def places(self) -> dict[str, Any]:
+        """Drives the whole run: everything that a step reads, every `HORIZON` from t = 0 on, by name."""
+        shots: list[dict[str, Any]] = []
+        before, between = round(self.setup.maneuver.start / self.dt), round(HORIZON / self.dt)
+        steps_before(self.setup.maneuver.start + VARIANTS * HORIZON, self.dt)
+        for place in range(VARIANTS):
+            for _ in range(before if place == 0 else between):
+                self.single_step()
+            # the first place is after the settling, with the brakes just released
+            shots.append({name: array.numpy().copy() for name, array in self._arrays().items()})
+        order = [(FIRST + index) % VARIANTS for index in range(VARIANTS)]
+        names = [name for name, values in shots[0].items() if values.size]
+        found = {name: np.concatenate([shots[index][name] for index in order]) for name in names}
+        return {name: found.get(name, values) for name, values in shots[0].items()}
+
+
+@functools.lru_cache(maxsize=2)
+def _places(name: str, device: str, dt: float) -> dict[str, Any]:
+    """The same for every number of worlds."""
+    return VehicleRun(name, 1, device, dt).places()
+
+
+def measure_vehicle(name: str, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
+    """Times a vehicle.
+
+    Raises:
+        SpecError: there is no such vehicle.
+        ModelError: the worlds do not fit into memory.
+    """
+    return measure_run(name, worlds, seconds, lambda count: VehicleRun(name, count, device, dt))
+
+
+def _largest(array: Any) -> float:
+    return float(np.asarray(array.numpy(), float).max(initial=0.0))

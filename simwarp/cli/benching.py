@@ -1,0 +1,214 @@
+"""`simwarp bench SCENE`: the command line around the measurements."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from typing import Annotated, Any, Final
+
+import tyro
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
+from simwarp.bench.compiling import cold_and_warm
+from simwarp.bench.machine import describe
+from simwarp.bench.measure import Row
+from simwarp.bench.subjects import find_subject
+from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, names_for_people
+from simwarp.cli.options import CommonOptions, option_value, parse_options
+from simwarp.cli.values import LARGEST_COUNT
+from simwarp.model.model import resolve_device
+
+_SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
+
+MOST_ROWS: Final = 64
+"""Numbers of worlds of one table."""
+LONGEST: Final = 3600
+"""Time to step for, per row [s]."""
+
+SHORTEST_STEP: Final = 1e-9
+LONGEST_STEP: Final = 10.0
+"""[s]"""
+
+Flag = tyro.conf.FlagCreatePairsOff[bool]
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchOptions(CommonOptions):
+    """Speed of a scene, a vehicle, a sensor or a task over numbers of worlds.
+
+    No speed is told of a state that is not sound (exit code 1).
+
+    Scenes: `simwarp bench --help`. A vehicle is timed in the moving part of the manoeuvre reference-steer.
+    """
+
+    worlds: Annotated[str, tyro.conf.arg(metavar="N,N,...")] = "1,256,1024"
+    """Numbers of worlds, one row each."""
+    device: str = "auto"
+    """cpu, cuda, cuda:N or auto."""
+    dt: float | None = None
+    """Time step [s]; by default the scene's own."""
+    seconds: float = 1.0
+    """Time to step for, per row [s], in five parts."""
+    obs: str | None = None
+    """Observations of a task that has a choice: state or camera."""
+    compile: Flag = False
+    """Also measure a cold start: a new process with an empty kernel cache, then one with a filled one (slow)."""
+    peers: Flag = False
+    """Other engines on the same scene, where they are installed."""
+
+
+def run(arguments: list[str]) -> int:
+    """Measure as the arguments say; 1 where a state was refused."""
+    name, rest = _take_scene(arguments)
+    subject = find_subject(name, _task_names, option_value(rest, "--obs"))
+    options = parse_options(BenchOptions, rest, f"simwarp bench {name}")
+    options.check()
+    worlds = _world_counts(options.worlds)
+    _require_positive("dt", options.dt)
+    _require_positive("seconds", options.seconds)
+    if options.dt is not None and not SHORTEST_STEP <= options.dt <= LONGEST_STEP:
+        raise UsageError(f"dt must be from {SHORTEST_STEP:g} to {LONGEST_STEP:g} s, got {options.dt:g}")
+    if options.seconds > LONGEST:
+        raise UsageError(f"seconds must be at most {LONGEST}, got {options.seconds:g}")
+    device = resolve_device(None if options.device == "auto" else options.device)
+    machine = describe(device)
+    console = options.console()
+
+    numbers = str(device), options.dt, options.seconds
+    rows = [measure(count, *numbers) for measure in subject.measures for count in worlds]
+    if options.compile and subject.cold_name is not None:
+        _enter_cold_start(rows, subject.cold_name, str(device))
+    peers: list[Row] = []
+    notes: tuple[str, ...] = ()
+    if options.peers:
+        notes = subject.notes
+        peers = [measure(count, *numbers) for measure in subject.peers for count in worlds]
+    _print(console, name, rows, peers, notes, machine)
+    options.emit(
+        {
+            "scene": name,
+            "kind": subject.kind,
+            "machine": machine,
+            "rows": [dataclasses.asdict(row) for row in rows],
+            "peers": [dataclasses.asdict(row) for row in peers],
+            "notes": list(notes),
+        }
+    )
+    return DONE if all(row.valid for row in rows + peers) else FELL_SHORT
+
+
+def _task_names() -> list[str]:
+    """Names of the tasks: importing them takes seconds, for torch."""
+    from simwarp.tasks import task_names
+
+    return task_names()
+
+
+def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
+    """Split the SCENE off the arguments: the first one, or the first that names something known."""
+    if arguments and not arguments[0].startswith("-"):
+        return arguments[0], arguments[1:]
+    names = names_for_people(_task_names())
+    for index, argument in enumerate(arguments):
+        if argument in names or argument.endswith(TASK_SUFFIX):
+            return argument, arguments[:index] + arguments[index + 1 :]
+    if {"-h", "--help"} & set(arguments):
+        print(f"usage: simwarp bench SCENE [options]\n\nscenes, vehicles, sensors and tasks: {', '.join(names)}")
+        print("\n`simwarp bench SCENE --help` lists the options.")
+        raise SystemExit(0)
+    raise UsageError(f"which scene? usage: simwarp bench SCENE [options]; there are: {', '.join(names)}")
+
+
+def _world_counts(text: str) -> list[int]:
+    words = [word.strip() for word in text.split(",")]
+    if not all(re.fullmatch("-?[0-9]{1,20}", word) for word in words):
+        rule = "worlds must be whole numbers with commas between, such as 1,256,1024"
+        raise UsageError(f"{rule}, got '{shortened(text)}'")
+    counts = [int(word) for word in words]
+    if min(counts) < 1:
+        raise UsageError(f"worlds must each be at least 1, got '{shortened(text)}'")
+    if max(counts) > LARGEST_COUNT:
+        raise UsageError(f"worlds must each be at most {LARGEST_COUNT}, got '{shortened(text)}'; use fewer worlds")
+    if len(counts) > MOST_ROWS:
+        raise UsageError(f"worlds must be at most {MOST_ROWS} numbers, got {len(counts)}")
+    return counts
+
+
+def _require_positive(name: str, value: float | None) -> None:
+    if value is not None and not (math.isfinite(value) and value > 0.0):
+        raise UsageError(f"{name} must be a positive number of seconds, got {value}")
+
+
+def _enter_cold_start(rows: list[Row], name: str, device: str) -> None:
+    cold, warm = cold_and_warm(name, device)
+    for row in rows:
+        row.compile_s, row.compile_cpu_s = cold
+        row.compile_warm_s, row.compile_source = warm.wall_s, "cold process"
+
+
+def _print(
+    console: Console, name: str, rows: list[Row], peers: list[Row], notes: tuple[str, ...], machine: dict[str, Any]
+) -> None:
+    console.print(
+        ", ".join([name, *([f"dt {rows[0].dt:g} s"] if rows[0].dt else []), machine["gpu"] or machine["cpu"]]),
+        style="bold",
+        highlight=False,
+        soft_wrap=True,
+    )
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("engine", no_wrap=True)
+    headings = ["worlds", "steps/s", "steps/CPU-s", "residual", "joints apart"]
+    if name in SENSOR_SCENES:
+        unit = "rays" if name == "rays" else "frames"
+        headings[1:] = [f"{unit}/s", f"{unit}/CPU-s"]
+    touching = any(row.contacts is not None for row in rows + peers)
+    if touching:
+        headings[4:] = ["contacts", "iterations"]
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows + peers:
+        cells = [f"{row.worlds:,}", _rate(row.steps_per_s), _rate(row.steps_per_cpu_s), _small(row.residual)]
+        cells += [_mean(row.contacts), _mean(row.iterations)] if touching else [_small(row.position_error)]
+        table.add_row(row.engine if row.scene == name else f"{row.engine} {row.scene}", *cells[: len(headings)])
+    console.print(table)
+    for row in rows + peers:
+        if not row.valid:
+            console.print(
+                f"refused: {row.engine}, {row.worlds:,} worlds: {'; '.join(row.problems)}",
+                highlight=False, markup=False, soft_wrap=True,
+            )  # fmt: skip
+        if row.split is not None:
+            parts = ", ".join(f"{part} {100.0 * share:.0f} %" for part, share in row.split.items())
+            console.print(f"{row.worlds:,} worlds: {parts}", highlight=False, soft_wrap=True)
+    console.print(_costs(rows[0]), highlight=False, soft_wrap=True)
+    for note in notes:
+        console.print(note, highlight=False, markup=False, soft_wrap=True)
+
+
+def _rate(value: float | None) -> str:
+    return "refused" if value is None else f"{value:,.0f}"
+
+
+def _small(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}"
+
+
+def _mean(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f}"
+
+
+def _costs(row: Row) -> str:
+    """What does not depend on the number of worlds."""
+    parts = [] if row.tolerance is None else [f"solved to {row.tolerance:g}"]
+    parts.append(f"{row.launches_per_step} launch{'es' if row.launches_per_step != 1 else ''} per step")
+    if row.bytes_per_world is not None:
+        parts.append(f"{row.bytes_per_world:,} B per world and {row.bytes_shared:,} B shared")
+    parts.append(f"model to first step {row.compile_s:.2f} s in {_SOURCES[row.compile_source]}")
+    if row.compile_warm_s is not None:
+        parts[-1] += f" ({row.compile_cpu_s:.2f} s of CPU time)"
+        parts.append(f"{row.compile_warm_s:.2f} s with a filled one")
+    return "; ".join(parts)

@@ -1,0 +1,81 @@
+"""Float64 quaternions and frames on the host, for builders and importers (xyzw; the device has its own)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.types import ModelError, Vec3, finite_vector, shown
+
+Array = npt.NDArray[np.float64]
+
+
+def quat_multiply(a: Array, b: Array) -> Array:
+    """Hamilton product of xyzw quaternions: the rotation b followed by a."""
+    av, aw, bv, bw = a[:3], a[3], b[:3], b[3]
+    return np.concatenate([aw * bv + bw * av + np.cross(av, bv), [aw * bw - av @ bv]])
+
+
+def quat_conjugate(q: Array) -> Array:
+    """The inverse of a unit quaternion."""
+    return np.array([-q[0], -q[1], -q[2], q[3]])
+
+
+def rotate(q: Array, v: Array) -> Array:
+    """`v` rotated by the unit quaternion `q`."""
+    t = 2.0 * np.cross(q[:3], v)
+    return v + q[3] * t + np.cross(q[:3], t)
+
+
+def matrix_of(q: Array) -> Array:
+    """3x3 rotation matrix of a unit quaternion."""
+    return np.stack([rotate(q, axis) for axis in np.eye(3)], axis=1)
+
+
+def quat_from_matrix(m: Array) -> Array:
+    """Unit xyzw quaternion of a rotation matrix (Shepperd's method: the largest component first)."""
+    trace = float(np.trace(m))
+    values = np.array([m[0, 0], m[1, 1], m[2, 2], trace])
+    k = int(np.argmax(values))
+    q = np.empty(4)
+    if k == 3:
+        q[:] = [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], 1.0 + trace]
+    else:
+        i, j, n = k, (k + 1) % 3, (k + 2) % 3
+        q[i] = 1.0 - trace + 2.0 * m[i, i]
+        q[j] = m[i, j] + m[j, i]
+        q[n] = m[i, n] + m[n, i]
+        q[3] = m[n, j] - m[j, n]
+    return q / np.linalg.norm(q)
+
+
+def unit_vector(thing: str, field: str, value: Vec3) -> Array:
+    """`value` normalised, or a ModelError."""
+    vector = finite_vector(thing, field, value, 3)
+    norm = float(np.linalg.norm(vector))
+    if norm < 1e-12:
+        raise ModelError(
+            f"{thing}: {field} must have a length, got {'zeros' if norm == 0.0 else shown(value)}; give a direction"
+        )
+    return vector / norm
+
+
+def frame_from_axis(thing: str, axis: Vec3, field: str = "axis") -> Array:
+    """Quaternion of a right-handed frame whose z is `axis`; x is the world axis least along it, made perpendicular."""
+    z = unit_vector(thing, field, axis)
+    helper = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = helper - (helper @ z) * z
+    x /= np.linalg.norm(x)
+    return quat_from_matrix(np.stack([x, np.cross(z, x), z], axis=1))
+
+
+def frame_from_axes(thing: str, axis_x: Vec3, axis_y: Vec3) -> Array:
+    """Quaternion of the frame with the given x and y axes, which must be perpendicular to 1e-6."""
+    x = unit_vector(thing, "axis0", axis_x)
+    y = unit_vector(thing, "axis1", axis_y)
+    if abs(x @ y) > 1e-6:
+        raise ModelError(
+            f"{thing}: the two axes must be perpendicular, got a cosine of {x @ y:.3g}; "
+            "take the component of the second along the first out"
+        )
+    return quat_from_matrix(np.stack([x, y, np.cross(x, y)], axis=1))

@@ -1,0 +1,175 @@
+"""Mesh files (OBJ, STL, PLY, GLB), their shapes and looks, and meshes as sets of convex parts: the only file that
+imports trimesh.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import PIL.Image
+import trimesh
+
+from simwarp.core.types import ModelError, shown
+from simwarp.geometry.visual_mesh import VisualMesh, joined, linear_from_srgb
+
+Vertices = npt.NDArray[np.float64]
+Triangles = npt.NDArray[np.int64]
+Image = npt.NDArray[np.uint8]
+
+FORMATS: Final = (".obj", ".stl", ".ply", ".glb", ".gltf", ".off")
+
+
+def load_mesh(path: str | Path) -> tuple[Vertices, Triangles]:
+    """Vertices (V, 3), as the file has them (no change of unit or axes), and triangles (T, 3) of a mesh file.
+
+    Parts of a scene are put where the scene has them and joined.
+
+    Raises:
+        ModelError: there is no such file, its format is unknown, or it holds no triangle.
+    """
+    file = _checked_file(path)
+    mesh = _loaded(file, "mesh")
+    vertices = np.asarray(getattr(mesh, "vertices", np.zeros((0, 3))), dtype=np.float64)
+    triangles = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), dtype=np.int64)
+    if not len(triangles):
+        raise ModelError(f"mesh file: '{file.name}' must hold triangles, got none; export faces, not points or curves")
+    return vertices, triangles
+
+
+def load_visual_mesh(path: str | Path) -> VisualMesh:
+    """Triangles of a mesh file with their looks: vertex or face colours, colours of materials, textures and texture
+    coordinates. Parts of a scene are put where the scene has them and joined.
+
+    Colours of OBJ, STL and PLY files are taken as sRGB, those of GLB files as linear, as their format says.
+
+    Raises:
+        ModelError: as `load_mesh`; or a texture is missing, cannot be read, or has no texture coordinates.
+    """
+    file = _checked_file(path)
+    if file.suffix.lower() == ".obj":
+        _check_obj_textures(file)
+    scene = _loaded(file, "scene")
+    parts = [part for part in scene.dump() if len(getattr(part, "faces", ()))]
+    if not parts:
+        raise ModelError(f"mesh file: '{file.name}' must hold triangles, got none; export faces, not points or curves")
+    linear = file.suffix.lower() in (".glb", ".gltf")
+    return joined([_visual_part(file, part, linear) for part in parts])
+
+
+def _checked_file(path: str | Path) -> Path:
+    file = Path(path)
+    if not os.path.isfile(file):  # false, too, for names that no file can have
+        raise ModelError(f"mesh file: there must be a file, got {shown(str(file))}; check the path")
+    if file.suffix.lower() not in FORMATS:
+        raise ModelError(f"mesh file: the format must be one of {', '.join(FORMATS)}, got '{file.name}'; convert it")
+    return file
+
+
+def _loaded(file: Path, force: str) -> Any:
+    try:
+        return trimesh.load(file, force=force)
+    except Exception as error:  # every format's reader raises its own kinds
+        raise ModelError(f"mesh file: '{file.name}' must be readable, got {error!r}; export it again") from error
+
+
+def _check_obj_textures(file: Path) -> None:
+    """An OBJ file whose textures cannot be read is refused: trimesh would leave them out."""
+    for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
+        keyword, _, name = line.strip().partition(" ")
+        library = file.parent / name.strip()
+        if keyword.lower() != "mtllib" or not library.is_file():
+            continue
+        for entry in library.read_text(encoding="utf-8", errors="replace").splitlines():
+            keyword, _, image = entry.strip().partition(" ")
+            if keyword.lower() == "map_kd":
+                read_image(file.parent / image.strip(), f"mesh file '{file.name}'")
+
+
+def read_image(path: str | Path, thing: str = "texture") -> Image:
+    """(height, width, 3) uint8 sRGB of an image file.
+
+    Raises:
+        ModelError: there is no such file, or it is no image.
+    """
+    try:
+        with PIL.Image.open(path) as image:
+            return _pixels(image)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise ModelError(
+            f"{thing}: the texture '{path}' must be a readable image, got {error!r}; check the path, or export it "
+            "as PNG or JPEG"
+        ) from error
+
+
+def _pixels(image: Any) -> Image:
+    """Transparent parts keep the colour beneath."""
+    return np.asarray(image.convert("RGB"), dtype=np.uint8).copy()
+
+
+def _visual_part(file: Path, part: Any, linear: bool) -> VisualMesh:
+    """One part of a scene; `linear`: how its colours are meant."""
+    triangles = np.asarray(part.faces, dtype=np.int64)
+    look = part.visual
+    color: Any = None
+    uv: Any = None
+    image: Any = None
+    if look.kind == "vertex":
+        color = np.asarray(look.vertex_colors)[triangles]
+    elif look.kind == "face":
+        color = np.repeat(np.asarray(look.face_colors)[:, None], 3, axis=1)
+    elif look.kind == "texture":
+        material = look.material
+        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+        base = getattr(material, "baseColorFactor", None)
+        if base is None and image is None:
+            base = getattr(material, "diffuse", None)
+        if base is not None:
+            color = np.broadcast_to(np.asarray(base), (len(triangles), 3, np.size(base)))
+        if look.uv is not None:
+            uv = np.asarray(look.uv, dtype=np.float32)[triangles]
+    if image is not None and uv is None:
+        raise ModelError(
+            f"mesh file: '{file.name}' has a texture, whose mesh must have texture coordinates (UVs), got none; "
+            "unwrap it and export again"
+        )
+    if color is not None:
+        values = np.asarray(color[..., :3], dtype=np.float64)
+        values = values / 255.0 if np.issubdtype(np.asarray(color).dtype, np.integer) else values
+        color = (values if linear else linear_from_srgb(values)).astype(np.float32)
+    return VisualMesh(
+        vertices=np.asarray(part.vertices, dtype=np.float64), triangles=triangles, color=color, uv=uv,
+        texture=None if image is None else np.zeros(len(triangles), np.int32),
+        images=() if image is None else (_pixels(image),),
+    )  # fmt: skip
+
+
+def convex_parts(vertices: npt.ArrayLike, triangles: npt.ArrayLike, **options: Any) -> list[Vertices]:
+    """Vertices of convex parts that together are nearly the mesh, from coacd, or else vhacdx.
+
+    Args:
+        vertices: (V, 3).
+        triangles: (T, 3).
+        options: of `coacd.run_coacd` (Wei et al. 2022), or of `trimesh.decomposition.convex_decomposition`.
+
+    Raises:
+        ModelError: neither library is installed.
+    """
+    points, faces = np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
+    if importlib.util.find_spec("coacd") is not None:
+        coacd = importlib.import_module("coacd")
+        parts = coacd.run_coacd(coacd.Mesh(points, faces), **options)
+        return [np.asarray(part[0], dtype=np.float64) for part in parts]
+    if importlib.util.find_spec("vhacdx") is not None:
+        mesh = trimesh.Trimesh(points, faces, process=False)
+        found = trimesh.decomposition.convex_decomposition(mesh, **options)
+        return [np.asarray(part["vertices"], dtype=np.float64) for part in found]
+    raise ModelError(
+        "mesh: decompose=True needs a library for convex decomposition, found neither coacd nor vhacdx; "
+        "run: pip install coacd"
+    )

@@ -1,0 +1,460 @@
+"""Collision of one world: places its shapes, goes through the pairs, keeps the contacts and their warm starts.
+
+Contacts come in the order of the pairs of shapes, so that slots are deterministic and the cache of the last step is
+read in step with them.
+"""
+
+import warp as wp
+
+from simwarp.kernels.collision.broad import Grid, candidates, fill_grid
+from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY, Assets, Manifold, Shape
+from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
+from simwarp.kernels.collision.surfaces import TRIANGLE_BATCH, Ground, ground_bounds, ground_of, is_ground
+from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_contacts
+from simwarp.kernels.dynamics.contact_rows import contact_frame
+from simwarp.kernels.core.spatial import matrix_to_float, to_float
+from simwarp.kernels.core.tables import ContactArrays, Parameters, StateArrays, StepConfig, Topology, own
+from simwarp.core.types import ArrayLayout, ShapeType, WorldStatus
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+HULL = wp.constant(int(ShapeType.HULL))
+PLANE = wp.constant(int(ShapeType.PLANE))
+NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
+
+
+@wp.struct
+class CollisionScratch:
+    """Room for a few worlds ("lanes"), first axis. Placed shapes, the last step's contacts, one pair's manifold."""
+
+    x: wp.array2d[wp.vec3d]  # per shape
+    rot: wp.array2d[wp.mat33]
+    lower: wp.array2d[wp.vec3]  # bounds relative to x, world axes
+    upper: wp.array2d[wp.vec3]
+    velocity: wp.array2d[wp.vec3]
+    sweep: wp.array2d[float]  # speed that rotation adds to the surface [m/s]
+
+    shape0: wp.array2d[int]  # per contact of the last step
+    shape1: wp.array2d[int]
+    feature: wp.array2d[int]
+    arm1: wp.array2d[wp.vec3]
+    impulse_w: wp.array2d[wp.vec3]
+    moment_w: wp.array2d[wp.vec3]
+
+    normal: wp.array2d[wp.vec3]
+    point: wp.array2d[wp.vec3]
+    gap: wp.array2d[float]
+    contact_feature: wp.array2d[int]
+    polygon: wp.array3d[wp.vec3]
+
+    triangle: wp.array2d[int]  # of a height field or mesh (triangles.py)
+    raw_normal: wp.array2d[wp.vec3]
+    raw_point: wp.array2d[wp.vec3]
+    raw_gap: wp.array2d[float]
+    raw_feature: wp.array2d[int]
+    raw_spread: wp.array2d[float]
+
+    cell: wp.array2d[wp.vec3i]  # of the grid (broad.py)
+    home: wp.array2d[int]
+    start: wp.array2d[int]
+    member: wp.array2d[int]
+    candidate: wp.array2d[int]
+
+
+def collision_layouts(lanes: int, shapes: int, contacts: int, buckets: int) -> dict[str, ArrayLayout]:
+    """The arrays of the scratch."""
+    manifold, raw = int(MANIFOLD_CONTACTS), int(RAW_CONTACTS)
+    in_grid = shapes if buckets else 0
+    rows: dict[str, tuple[tuple[int, ...], type]] = {
+        "x": ((shapes,), wp.vec3d),
+        "rot": ((shapes,), wp.mat33),
+        "lower": ((shapes,), wp.vec3),
+        "upper": ((shapes,), wp.vec3),
+        "velocity": ((shapes,), wp.vec3),
+        "sweep": ((shapes,), wp.float32),
+        "shape0": ((contacts,), wp.int32),
+        "shape1": ((contacts,), wp.int32),
+        "feature": ((contacts,), wp.int32),
+        "arm1": ((contacts,), wp.vec3),
+        "impulse_w": ((contacts,), wp.vec3),
+        "moment_w": ((contacts,), wp.vec3),
+        "normal": ((manifold,), wp.vec3),
+        "point": ((manifold,), wp.vec3),
+        "gap": ((manifold,), wp.float32),
+        "contact_feature": ((manifold,), wp.int32),
+        "polygon": ((4, int(POLYGON_CAPACITY)), wp.vec3),
+        "triangle": ((int(TRIANGLE_BATCH),), wp.int32),
+        "raw_normal": ((raw,), wp.vec3),
+        "raw_point": ((raw,), wp.vec3),
+        "raw_gap": ((raw,), wp.float32),
+        "raw_feature": ((raw,), wp.int32),
+        "raw_spread": ((raw,), wp.float32),
+        "cell": ((in_grid,), wp.vec3i),
+        "home": ((in_grid,), wp.int32),
+        "start": ((buckets + 1,), wp.int32),
+        "member": ((in_grid,), wp.int32),
+        "candidate": ((shapes,), wp.int32),
+    }
+    return {
+        name: ArrayLayout((lanes, *(max(length, 1) for length in shape)), dtype)
+        for name, (shape, dtype) in rows.items()
+    }
+
+
+def make_collision_scratch(device: wp.Device, lanes: int, shapes: int, contacts: int, buckets: int) -> CollisionScratch:
+    """Allocates the scratch."""
+    scratch = CollisionScratch()
+    for name, layout in collision_layouts(lanes, shapes, contacts, buckets).items():
+        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
+    return scratch
+
+
+@wp.func
+def placed(
+    shape: int, world: int, origin: wp.vec3d, lane: int, topology: Topology, parameters: Parameters,
+    scratch: CollisionScratch,
+) -> Shape:  # fmt: skip
+    """The shape relative to an origin. A plane is moved along itself to the origin's foot, so that it stays near."""
+    s = Shape()
+    s.kind = topology.shape_type[shape]
+    s.rot = scratch.rot[lane, shape]
+    offset = scratch.x[lane, shape] - origin
+    if s.kind == PLANE:
+        n = wp.vec3d(wp.float64(s.rot[0, 2]), wp.float64(s.rot[1, 2]), wp.float64(s.rot[2, 2]))
+        offset = n * (wp.dot(n, offset) / wp.dot(n, n))
+    s.x = to_float(offset)
+    s.size = parameters.shape_size[own(world, parameters.shape_size.shape[0]), shape]
+    s.margin = parameters.shape_margin[own(world, parameters.shape_margin.shape[0]), shape]
+    s.asset = parameters.shape_asset[own(world, parameters.shape_asset.shape[0]), shape]
+    return s
+
+
+@wp.func
+def bounds_of(s: Shape, assets: Assets) -> Bounds:
+    """Bounds of any shape."""
+    b = Bounds()
+    if is_ground(s.kind):
+        b = ground_bounds(s, assets)
+    else:
+        b = shape_bounds(s, assets)
+    return b
+
+
+@wp.func
+def place_shapes(
+    world: int, lane: int, topology: Topology, parameters: Parameters, state: StateArrays, assets: Assets,
+    scratch: CollisionScratch,
+):  # fmt: skip
+    """Poses, bounds and speeds of all shapes."""
+    for shape in range(topology.shape_count):
+        body = topology.shape_body[shape]
+        x = parameters.shape_x[own(world, parameters.shape_x.shape[0]), shape]
+        rot = wp.quat_to_matrix(parameters.shape_rot[own(world, parameters.shape_rot.shape[0]), shape])
+        velocity = wp.vec3()
+        omega = wp.vec3()
+        if body >= 0:
+            q = state.body_rot[world, body]
+            arm = wp.quat_rotate(q, x)
+            x = state.body_x[world, body] + arm
+            rot = matrix_to_float(wp.quat_to_matrix(q)) * rot
+            omega = state.body_omega[world, body]
+            velocity = state.body_v[world, body] + wp.cross(omega, to_float(arm))
+        scratch.x[lane, shape] = x
+        scratch.rot[lane, shape] = rot
+        scratch.velocity[lane, shape] = velocity
+        geometry = placed(shape, world, x, lane, topology, parameters, scratch)
+        bounds = Bounds()
+        if body < 0 and geometry.kind == HULL:
+            # a scene of many rocks: a ball about each costs one look, the exact box one for each of its corners
+            r = core_radius(geometry, assets) + geometry.margin
+            centre = inner_point(geometry, assets)
+            bounds.lower = centre - wp.vec3(r, r, r)
+            bounds.upper = centre + wp.vec3(r, r, r)
+        else:
+            bounds = bounds_of(geometry, assets)
+        scratch.lower[lane, shape] = bounds.lower
+        scratch.upper[lane, shape] = bounds.upper
+        sweep = float(0.0)
+        if body >= 0:
+            sweep = wp.length(omega) * wp.length(wp.max(wp.abs(bounds.lower), wp.abs(bounds.upper)))
+        scratch.sweep[lane, shape] = sweep
+
+
+@wp.func
+def keep_last_contacts(world: int, lane: int, contacts: ContactArrays, scratch: CollisionScratch) -> int:
+    """Copies the last step's contacts aside, impulses in world axes; returns how many."""
+    count = contacts.contact_count[world]
+    for contact in range(count):
+        frame = contact_frame(contacts.contact_normal_w[world, contact])
+        scratch.shape0[lane, contact] = contacts.contact_shape0[world, contact]
+        scratch.shape1[lane, contact] = contacts.contact_shape1[world, contact]
+        scratch.feature[lane, contact] = contacts.contact_feature[world, contact]
+        scratch.arm1[lane, contact] = contacts.contact_arm1[world, contact]
+        scratch.impulse_w[lane, contact] = contacts.contact_impulse[world, contact] * frame
+        m = contacts.contact_moment[world, contact]
+        scratch.moment_w[lane, contact] = wp.vec3(m[2], m[0], m[1]) * frame
+    return count
+
+
+@wp.func
+def free_slot(world: int, count: int, gap: float, contacts: ContactArrays) -> int:
+    """The slot of a new contact: the next one, or, when all are taken, the last, once the shallowest contact has made
+    room; -1 if the new one is the shallowest.
+    """
+    capacity = contacts.contact_gap.shape[1]
+    if count < capacity:
+        return count
+    contacts.contact_overflow[world] = contacts.contact_overflow[world] + 1
+    worst = int(-1)
+    worst_gap = float(gap)
+    for contact in range(capacity):
+        if contacts.contact_gap[world, contact] > worst_gap:
+            worst_gap = contacts.contact_gap[world, contact]
+            worst = contact
+    if worst < 0:
+        return -1
+    for contact in range(worst, capacity - 1):
+        contacts.contact_shape0[world, contact] = contacts.contact_shape0[world, contact + 1]
+        contacts.contact_shape1[world, contact] = contacts.contact_shape1[world, contact + 1]
+        contacts.contact_feature[world, contact] = contacts.contact_feature[world, contact + 1]
+        contacts.contact_normal_w[world, contact] = contacts.contact_normal_w[world, contact + 1]
+        contacts.contact_gap[world, contact] = contacts.contact_gap[world, contact + 1]
+        contacts.contact_arm0[world, contact] = contacts.contact_arm0[world, contact + 1]
+        contacts.contact_arm1[world, contact] = contacts.contact_arm1[world, contact + 1]
+        contacts.contact_impulse[world, contact] = contacts.contact_impulse[world, contact + 1]
+        contacts.contact_moment[world, contact] = contacts.contact_moment[world, contact + 1]
+    return capacity - 1
+
+
+@wp.func
+def body_arm(shape: int, world: int, point: wp.vec3d, topology: Topology, state: StateArrays) -> wp.vec3:
+    """From the centre of mass of a shape's body (the world's origin) to a point."""
+    body = topology.shape_body[shape]
+    if body < 0:
+        return to_float(point)
+    return to_float(point - state.body_x[world, body])
+
+
+@wp.func
+def inherit_impulses(
+    world: int, lane: int, shape0: int, shape1: int, first: int, end: int, cached: int, cursor: int,
+    contacts: ContactArrays, scratch: CollisionScratch,
+):  # fmt: skip
+    """Hands the impulses of a pair's last contacts on: each to the new contact of the same feature, or to the nearest,
+    so that what the pair carried as a whole is kept when its points change.
+    """
+    old = int(cursor)
+    while old < cached and scratch.shape0[lane, old] == shape0 and scratch.shape1[lane, old] == shape1:
+        heir = int(-1)
+        nearest = float(1.0e30)
+        for slot in range(first, end):
+            apart = wp.length_sq(contacts.contact_arm1[world, slot] - scratch.arm1[lane, old])
+            if contacts.contact_feature[world, slot] == scratch.feature[lane, old]:
+                apart = -1.0
+            if apart < nearest:
+                nearest = apart
+                heir = slot
+        if heir >= 0:
+            frame = contact_frame(contacts.contact_normal_w[world, heir])
+            m = frame * scratch.moment_w[lane, old]
+            contacts.contact_impulse[world, heir] = (
+                contacts.contact_impulse[world, heir] + frame * scratch.impulse_w[lane, old]
+            )
+            contacts.contact_moment[world, heir] = contacts.contact_moment[world, heir] + wp.vec3(m[1], m[2], m[0])
+        old += 1
+
+
+@wp.func
+def keep_pair(
+    world: int, lane: int, shape0: int, shape1: int, found: int, origin: wp.vec3d, slots: int, cached: int, cursor: int,
+    topology: Topology, state: StateArrays, contacts: ContactArrays, scratch: CollisionScratch,
+) -> int:  # fmt: skip
+    """Writes the `found` contacts of a pair with their warm starts; returns the slots in use.
+
+    `cursor` is the first cached contact of this pair or of a later one.
+    """
+    count = int(slots)
+    for k in range(found):
+        gap = scratch.gap[lane, k]
+        slot = free_slot(world, count, gap, contacts)
+        if slot >= 0:
+            count = wp.max(count, slot + 1)
+            normal = scratch.normal[lane, k]
+            feature = scratch.contact_feature[lane, k]
+            point0 = scratch.point[lane, k]
+            point1 = point0 + gap * normal
+            contacts.contact_shape0[world, slot] = shape0
+            contacts.contact_shape1[world, slot] = shape1
+            contacts.contact_feature[world, slot] = feature
+            contacts.contact_normal_w[world, slot] = normal
+            contacts.contact_gap[world, slot] = gap
+            at0 = origin + wp.vec3d(wp.float64(point0[0]), wp.float64(point0[1]), wp.float64(point0[2]))
+            at1 = origin + wp.vec3d(wp.float64(point1[0]), wp.float64(point1[1]), wp.float64(point1[2]))
+            contacts.contact_arm0[world, slot] = body_arm(shape0, world, at0, topology, state)
+            contacts.contact_arm1[world, slot] = body_arm(shape1, world, at1, topology, state)
+            contacts.contact_impulse[world, slot] = wp.vec3()
+            contacts.contact_moment[world, slot] = wp.vec3()
+    inherit_impulses(world, lane, shape0, shape1, slots, count, cached, cursor, contacts, scratch)
+    return count
+
+
+@wp.func
+def may_touch(lane: int, shape0: int, shape1: int, reach: float, scratch: CollisionScratch) -> bool:
+    """Whether the bounds of two shapes come within reach."""
+    d = to_float(scratch.x[lane, shape1] - scratch.x[lane, shape0])
+    lower = d + scratch.lower[lane, shape1] - scratch.upper[lane, shape0]
+    upper = scratch.lower[lane, shape0] - d - scratch.upper[lane, shape1]
+    return wp.max(wp.max(lower), wp.max(upper)) < reach
+
+
+@wp.struct
+class Progress:
+    """Slots in use, cached contacts passed, and the deepest penetration so far [m]."""
+
+    count: int
+    cursor: int
+    deepest: float
+
+
+@wp.func
+def pack_manifold(lane: int, scratch: CollisionScratch) -> Manifold:
+    """The contacts of one pair in one lane of the scratch."""
+    manifold = Manifold()
+    manifold.normal = scratch.normal[lane]
+    manifold.point = scratch.point[lane]
+    manifold.gap = scratch.gap[lane]
+    manifold.feature = scratch.contact_feature[lane]
+    manifold.polygon = scratch.polygon[lane]
+    return manifold
+
+
+@wp.func
+def pack_raw(lane: int, scratch: CollisionScratch) -> RawContacts:
+    """The contacts of one pair's triangles in one lane of the scratch."""
+    raw = RawContacts()
+    raw.triangle = scratch.triangle[lane]
+    raw.normal = scratch.raw_normal[lane]
+    raw.point = scratch.raw_point[lane]
+    raw.gap = scratch.raw_gap[lane]
+    raw.feature = scratch.raw_feature[lane]
+    raw.spread = scratch.raw_spread[lane]
+    return raw
+
+
+@wp.func
+def collide_pair(
+    world: int, lane: int, shape0: int, shape1: int, reach: float, cached: int, progress: Progress,
+    topology: Topology, parameters: Parameters, assets: Assets, state: StateArrays, contacts: ContactArrays,
+    scratch: CollisionScratch,
+) -> Progress:  # fmt: skip
+    """The contacts of one pair of shapes."""
+    now = progress
+    ground = int(-1)
+    convex = int(-1)
+    origin = scratch.x[lane, shape0]
+    if topology.shape_body[shape0] < 0:
+        origin = scratch.x[lane, shape1]
+    if is_ground(topology.shape_type[shape0]):
+        ground = shape0
+        convex = shape1
+    elif is_ground(topology.shape_type[shape1]):
+        ground = shape1
+        convex = shape0
+    if ground >= 0:
+        origin = scratch.x[lane, convex]
+    a = placed(shape0, world, origin, lane, topology, parameters, scratch)
+    b = placed(shape1, world, origin, lane, topology, parameters, scratch)
+    flip = int(0)
+    if ground == shape1:
+        swap = a
+        a = b
+        b = swap
+        flip = 1
+    g = Ground()
+    g.kind = -1
+    if ground >= 0:
+        offset = scratch.x[lane, ground] - origin
+        g = ground_of(a, offset, scratch.lower[lane, convex], scratch.upper[lane, convex], reach)
+    found = pair_contacts(a, b, g, flip, reach, assets, pack_manifold(lane, scratch), pack_raw(lane, scratch))
+    if found > 0:
+        while now.cursor < cached and (
+            scratch.shape0[lane, now.cursor] < shape0
+            or (scratch.shape0[lane, now.cursor] == shape0 and scratch.shape1[lane, now.cursor] < shape1)
+        ):
+            now.cursor = now.cursor + 1
+        now.count = keep_pair(
+            world, lane, shape0, shape1, found, origin, now.count, cached, now.cursor, topology, state, contacts,
+            scratch,
+        )  # fmt: skip
+        for k in range(found):
+            now.deepest = wp.max(now.deepest, -scratch.gap[lane, k])
+    return now
+
+
+@wp.func
+def collide_world(
+    world: int, lane: int, config: StepConfig, topology: Topology, parameters: Parameters, assets: Assets,
+    state: StateArrays, contacts: ContactArrays, scratch: CollisionScratch, grid: Grid,
+):  # fmt: skip
+    """The contacts of one world at its present poses, warm-started from the last ones."""
+    cached = keep_last_contacts(world, lane, contacts, scratch)
+    place_shapes(world, lane, topology, parameters, state, assets, scratch)
+    contacts.contact_overflow[world] = 0
+    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
+    near = config.contact_envelope + wp.length(gravity) * config.dt * config.dt
+    we = own(world, parameters.shape_enabled.shape[0])
+    if topology.grid_buckets > 0:
+        fastest = float(0.0)
+        for shape in range(topology.shape_count):
+            fastest = wp.max(fastest, wp.length(scratch.velocity[lane, shape]) + scratch.sweep[lane, shape])
+        fill_grid(near + config.dt * fastest, topology, scratch.x[lane], scratch.lower[lane], scratch.upper[lane], grid)
+    progress = Progress()
+    for shape0 in range(topology.shape_count):
+        for index in range(candidates(shape0, topology, grid)):
+            shape1 = grid.candidate[index]
+            approach = (
+                wp.length(scratch.velocity[lane, shape1] - scratch.velocity[lane, shape0])
+                + scratch.sweep[lane, shape0]
+                + scratch.sweep[lane, shape1]
+            )
+            reach = near + config.dt * approach
+            enabled = parameters.shape_enabled[we, shape0] * parameters.shape_enabled[we, shape1]
+            if enabled != 0 and may_touch(lane, shape0, shape1, reach, scratch):
+                progress = collide_pair(
+                    world, lane, shape0, shape1, reach, cached, progress, topology, parameters, assets, state,
+                    contacts, scratch,
+                )  # fmt: skip
+    contacts.contact_count[world] = progress.count
+    contacts.penetration[world] = progress.deepest
+
+
+@wp.func
+def pack_grid(scratch: CollisionScratch, lane: int) -> Grid:
+    """The grid of one lane of the scratch."""
+    grid = Grid()
+    grid.cell = scratch.cell[lane]
+    grid.home = scratch.home[lane]
+    grid.start = scratch.start[lane]
+    grid.member = scratch.member[lane]
+    grid.candidate = scratch.candidate[lane]
+    return grid
+
+
+@wp.kernel(enable_backward=False)
+def collide_worlds(
+    # inputs
+    config: StepConfig,
+    topology: Topology,
+    parameters: Parameters,
+    assets: Assets,
+    state: StateArrays,
+    scratch: CollisionScratch,
+    # in and out
+    contacts: ContactArrays,
+):
+    """Finds the contacts of all worlds that are not frozen."""
+    world = wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0:
+        return
+    lane = own(world, scratch.x.shape[0])
+    collide_world(world, lane, config, topology, parameters, assets, state, contacts, scratch, pack_grid(scratch, lane))

@@ -1,0 +1,316 @@
+"""Scalar rows between two bodies, and the bilateral rows that the tree does not hold: loops, couplings, compliance.
+
+The rows of closed loops, couplings and stiff springs form one small dense system, N + C with N = J M^-1 J^T in the
+tree's metric and C their compliance, factorised by Cholesky with guarded pivots: a redundant row loses its pivot and
+takes no impulse.
+"""
+
+import warp as wp
+
+from simwarp.kernels.dynamics.joints import (
+    ANGLE0,
+    ANGLE1,
+    DISTANCE,
+    DOT,
+    POINT_AXIS0,
+    POINT_AXIS1,
+    JointFrames,
+    joint_frames,
+    legal_translation,
+)
+from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, dof_law, prescribed_rate
+from simwarp.kernels.core.spatial import column, to_float
+from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.dynamics.tree import Wrench, project_slot, walk_to_root
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class RowGeometry:
+    """Wrenches of a row on body 0 and body 1 about their centres, and its value (violation or coordinate)."""
+
+    w0: Wrench
+    w1: Wrench
+    value: wp.float64
+
+
+@wp.func
+def row_geometry(
+    joint_type: int, kind: int, axis0: int, axis1: int, offset: wp.float64, frames: JointFrames
+) -> RowGeometry:
+    """One row of kind `kind` (RowKind). Each body is taken at its own anchor, plus the travel that the joint allows:
+    a violation has no lever.
+    """
+    row = RowGeometry()
+    if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
+        axis = wp.vec3d()
+        if kind == DOT:
+            e = column(frames.f0, axis0)
+            f = column(frames.f1, axis1)
+            axis = wp.cross(f, e)
+            row.value = wp.dot(e, f)
+        elif kind == ANGLE0:
+            axis = column(frames.f0, axis0)
+        else:
+            axis = column(frames.f1, axis1)
+        row.w1.ang = to_float(axis)
+        row.w0.ang = -to_float(axis)
+        return row
+    u = wp.vec3d()
+    lever0 = frames.r0 + legal_translation(joint_type, frames)
+    lever1 = frames.r1
+    if kind == POINT_AXIS0:
+        u = column(frames.f0, axis0)
+        row.value = wp.dot(u, frames.d) - offset
+    elif kind == POINT_AXIS1:
+        u = column(frames.f1, axis1)
+        lever0 = frames.r0
+        lever1 = frames.r1 - frames.d
+        row.value = wp.dot(u, frames.d) - offset
+    elif kind == DISTANCE:
+        length = wp.length(frames.d)
+        if length > wp.float64(0.0):
+            u = frames.d * (wp.float64(1.0) / length)
+        lever0 = frames.r0
+        row.value = length - offset
+    row.w1.lin = to_float(u)
+    row.w1.ang = to_float(wp.cross(lever1, u))
+    row.w0.lin = -row.w1.lin
+    row.w0.ang = -to_float(wp.cross(lever0, u))
+    return row
+
+
+@wp.func
+def row_offset(kind: int, joint: int, world: int, parameters: Parameters) -> wp.float64:
+    """The constant of a DISTANCE or POINT_AXIS1 row [m]."""
+    offset = wp.float64(0.0)
+    if kind == DISTANCE or kind == POINT_AXIS1:
+        offset = parameters.joint_offset[own(world, parameters.joint_offset.shape[0]), joint]
+    return offset
+
+
+@wp.func
+def row_speed(row: int, topology: Topology, work: Work, link0: int, link1: int) -> float:
+    """J times the change of velocity."""
+    speed = float(0.0)
+    if link0 >= 0:
+        speed += wp.dot(work.j0_ang[row], work.v_ang[link0]) + wp.dot(work.j0_lin[row], work.v_lin[link0])
+    if link1 >= 0:
+        speed += wp.dot(work.j1_ang[row], work.v_ang[link1]) + wp.dot(work.j1_lin[row], work.v_lin[link1])
+    return speed
+
+
+@wp.func
+def start_speed(row: int, topology: Topology, work: Work, link0: int, link1: int) -> float:
+    """J times the velocities of the step's start."""
+    speed = float(0.0)
+    if link0 >= 0:
+        speed += wp.dot(work.j0_ang[row], work.o_ang[link0]) + wp.dot(work.j0_lin[row], work.o_lin[link0])
+    if link1 >= 0:
+        speed += wp.dot(work.j1_ang[row], work.o_ang[link1]) + wp.dot(work.j1_lin[row], work.o_lin[link1])
+    return speed
+
+
+@wp.func
+def link_of(body: int, topology: Topology) -> int:
+    """Link of a body, -1 for the world."""
+    if body < 0:
+        return -1
+    return topology.body_link[body]
+
+
+@wp.func
+def rate_of(dof: int, joint: int, frames: JointFrames, topology: Topology, work: Work) -> float:
+    """Rate of a coordinate from the total velocities: its row times V."""
+    axis = topology.dof_axis[dof]
+    row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    rate = float(0.0)
+    if link0 >= 0:
+        rate += wp.dot(row.w0.ang, work.t_ang[link0]) + wp.dot(row.w0.lin, work.t_lin[link0])
+    if link1 >= 0:
+        rate += wp.dot(row.w1.ang, work.t_ang[link1]) + wp.dot(row.w1.lin, work.t_lin[link1])
+    return rate
+
+
+@wp.func
+def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> float:
+    """Rate of a coordinate that no slot holds, from the link velocities and the poses in `work`."""
+    joint = topology.dof_joint[dof]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    return rate_of(dof, joint, frames, topology, work)
+
+
+@wp.func
+def free_mobility(body: int, world: int, wrench: Wrench, parameters: Parameters) -> float:
+    """Response of a row if the body were free of its joints: the scale against which a pivot is judged. Rows across
+    a plane mechanism have a diagonal of pure rounding, so that their own diagonal would not do.
+    """
+    if body < 0:
+        return 0.0
+    force = wp.dot(wrench.lin, wrench.lin)
+    if force > 0.0:
+        return force / parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
+    inertia = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
+    return 3.0 * wp.dot(wrench.ang, wrench.ang) / wp.trace(inertia)
+
+
+@wp.func
+def loop_joint_rows(
+    index: int, world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
+) -> float:  # fmt: skip
+    """Jacobians, right-hand sides and responses of one loop joint's rows; returns its largest violation."""
+    joint = topology.loop_joint[index]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    violation = float(0.0)
+    for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+        kind = topology.row_kind[row]
+        dof = topology.row_dof[row]
+        offset = wp.float64(0.0)
+        if dof < 0:
+            offset = row_offset(kind, joint, world, parameters)
+        geometry = row_geometry(
+            topology.joint_type[joint], kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames
+        )
+        work.j0_ang[row] = geometry.w0.ang
+        work.j0_lin[row] = geometry.w0.lin
+        work.j1_ang[row] = geometry.w1.ang
+        work.j1_lin[row] = geometry.w1.lin
+        limit = config.recovery_speed
+        if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
+            limit = config.recovery_rate
+        bias = float(0.0)
+        compliance = float(0.0)
+        if dof < 0:
+            bias = wp.clamp(float(geometry.value) / dt, -limit, limit)
+            violation = wp.max(violation, wp.abs(float(geometry.value)))
+        elif topology.dof_drive[dof] >= PRESCRIBED_POSITION:
+            bias = -prescribed_rate(dof, world, dt, time, state.joint_x[world, dof], limit, topology, control)
+        else:
+            law = dof_law(
+                dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+            )
+            # a law without stiffness is a plain impulse: written as an almost infinitely compliant row
+            gain = wp.max(law.gain, 1.0e-9)
+            compliance = 1.0 / gain
+            bias = -law.effort / gain
+        work.row_b[row] = bias + start_speed(row, topology, work, link0, link1)
+        work.row_compliance[row] = compliance
+        work.row_scale[row] = free_mobility(
+            topology.joint_body0[joint], world, geometry.w0, parameters
+        ) + free_mobility(topology.joint_body1[joint], world, geometry.w1, parameters)
+        for entry in range(topology.row_path[row], topology.row_path[row + 1]):
+            work.y[row, topology.path_slot[entry]] = 0.0
+        walk_to_root(row, link0, geometry.w0, link1, geometry.w1, topology, work, work.y)
+    return violation
+
+
+@wp.func
+def turn_term(
+    row: int, coupling: int, term: int, coefficient: float, world: int, topology: Topology, parameters: Parameters,
+    work: Work,
+) -> float:  # fmt: skip
+    """A coupling's term on the rotation between two bodies: its wrenches and response; returns its rate at the start
+    of the step [rad/s].
+    """
+    joint = topology.dof_joint[topology.coupling_dof[coupling, term]]
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    frames = joint_frames(joint, world, topology, parameters, work)
+    axis = to_float(column(frames.f1, 2)) * coefficient
+    w0 = Wrench()
+    w1 = Wrench()
+    w0.ang = -axis
+    w1.ang = axis
+    entry = topology.coupling_wrench[coupling, term]
+    work.j0_ang[entry] = w0.ang
+    work.j0_lin[entry] = w0.lin
+    work.j1_ang[entry] = w1.ang
+    work.j1_lin[entry] = w1.lin
+    walk_to_root(row, link0, w0, link1, w1, topology, work, work.y)
+    return start_speed(entry, topology, work, link0, link1)
+
+
+@wp.func
+def coupling_row(
+    coupling: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
+    config: StepConfig, work: Work,
+):  # fmt: skip
+    """Response and right-hand side of one coupling: sum of coefficient x rate = 0, with recovery."""
+    row = topology.joint_row_count + coupling
+    for slot in range(topology.slot_count):
+        work.y[row, slot] = 0.0
+    start = float(0.0)
+    value = -parameters.coupling_offset[own(world, parameters.coupling_offset.shape[0]), coupling]
+    limit = config.recovery_rate
+    wc = own(world, parameters.coupling_coefficient.shape[0])
+    for term in range(topology.coupling_dof.shape[1]):
+        dof = topology.coupling_dof[coupling, term]
+        if dof >= 0:
+            coefficient = parameters.coupling_coefficient[wc, coupling, term]
+            value += wp.float64(coefficient) * state.joint_x[world, dof]
+            if topology.dof_kind[dof] == POINT_AXIS0:
+                limit = config.recovery_speed
+            if topology.dof_slot[dof] >= 0:
+                project_slot(row, topology.dof_slot[dof], coefficient, topology, work, work.y)
+            else:
+                start += turn_term(row, coupling, term, coefficient, world, topology, parameters, work)
+    bias = wp.clamp(float(value) / dt, -limit, limit)
+    compliance = float(0.0)
+    damping = parameters.coupling_damping[own(world, parameters.coupling_damping.shape[0]), coupling]
+    if damping > 0.0:
+        bias = 0.0
+        compliance = 1.0 / (damping * dt)
+    work.row_b[row] = bias + start
+    work.row_compliance[row] = compliance
+    work.row_scale[row] = 0.0
+
+
+@wp.func
+def rows_residual(topology: Topology, parameters: Parameters, world: int, work: Work) -> float:
+    """row_r <- J V + b + C lambda; returns the largest entry among rigid rows that have a pivot [m/s or rad/s]."""
+    worst = float(0.0)
+    for index in range(topology.loop_joint_count):
+        joint = topology.loop_joint[index]
+        link0 = link_of(topology.joint_body0[joint], topology)
+        link1 = link_of(topology.joint_body1[joint], topology)
+        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+            work.row_r[row] = row_speed(row, topology, work, link0, link1)
+    wc = own(world, parameters.coupling_coefficient.shape[0])
+    for row in range(topology.joint_row_count, topology.row_count):
+        coupling = row - topology.joint_row_count
+        speed = float(0.0)
+        for term in range(topology.coupling_dof.shape[1]):
+            dof = topology.coupling_dof[coupling, term]
+            if dof >= 0:
+                slot = topology.dof_slot[dof]
+                if slot >= 0:
+                    speed += parameters.coupling_coefficient[wc, coupling, term] * work.qd[slot]
+                else:
+                    turn = topology.dof_joint[dof]
+                    speed += row_speed(
+                        topology.coupling_wrench[coupling, term], topology, work,
+                        link_of(topology.joint_body0[turn], topology), link_of(topology.joint_body1[turn], topology),
+                    )  # fmt: skip
+        work.row_r[row] = speed
+    for row in range(topology.row_count):
+        work.row_r[row] = work.row_r[row] + work.row_b[row] + work.row_compliance[row] * work.row_impulse[row]
+        if work.row_compliance[row] == 0.0 and work.inv_pivot[row] > 0.0:
+            worst = wp.max(worst, wp.abs(work.row_r[row]))
+    return worst
+
+
+@wp.func
+def apply_rows(topology: Topology, work: Work):
+    """Takes the correction in row_r: impulses, and their response in `xi`."""
+    for row in range(topology.row_count):
+        change = work.row_r[row]
+        work.row_impulse[row] = work.row_impulse[row] - change
+        for index in range(topology.row_path[row], topology.row_path[row + 1]):
+            slot = topology.path_slot[index]
+            work.xi[slot] = work.xi[slot] - work.y[row, slot] * change

@@ -1,0 +1,355 @@
+"""Bodies: poses into scratch, momentum and free motion, pose update, published coordinates."""
+
+import warp as wp
+
+from simwarp.kernels.dynamics.joints import (
+    DISTANCE,
+    FREE,
+    POINT_AXIS0,
+    SHAFT,
+    TURN,
+    coordinate,
+    joint_frames,
+    turned_frames,
+    unwrapped,
+    wraps,
+)
+from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_law, prescribed_rate
+from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, row_geometry
+from simwarp.kernels.core.spatial import matrix_to_float, turned
+from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.dynamics.tree import Wrench
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def load_poses(world: int, topology: Topology, state: StateArrays, work: Work):
+    """Poses of record into `x`, `quat`, `rot`."""
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            work.x[body] = state.body_x[world, body]
+            q = state.body_rot[world, body]
+            work.quat[body] = q
+            work.rot[body] = wp.quat_to_matrix(q)
+
+
+@wp.func
+def total_velocities(topology: Topology, work: Work):
+    """T <- velocity of the start plus its change."""
+    for link in range(topology.link_count):
+        work.t_ang[link] = work.o_ang[link] + (work.v_ang[link] + work.l_ang[link])
+        work.t_lin[link] = work.o_lin[link] + (work.v_lin[link] + work.l_lin[link])
+
+
+@wp.func
+def advance_poses(world: int, dt: float, topology: Topology, state: StateArrays, work: Work):
+    """`x`, `quat`, `rot` <- poses of record moved by dt times the link velocities (exponential map)."""
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            v = work.t_lin[link]
+            h = wp.float64(dt)
+            work.x[body] = state.body_x[world, body] + wp.vec3d(
+                h * wp.float64(v[0]), h * wp.float64(v[1]), h * wp.float64(v[2])
+            )
+            q = turned(state.body_rot[world, body], work.t_ang[link] * dt)
+            work.quat[body] = q
+            work.rot[body] = wp.quat_to_matrix(q)
+
+
+@wp.func
+def spun(inertia: wp.mat33, omega: wp.vec3, dt: float) -> wp.vec3:
+    """Change of the body rate [rad/s, body frame] in dt of free spin: implicit midpoint, which keeps energy and
+    |momentum|.
+
+    I d + dt/4 (2 w + d) x I (2 w + d) = 0 by Newton's method on the change d itself, which keeps its accuracy.
+    """
+    d = wp.vec3()
+    scale = dt * wp.dot(omega, omega) * wp.trace(inertia)
+    for _iteration in range(4):
+        s = 2.0 * omega + d
+        i_s = inertia * s
+        f = inertia * d + (0.25 * dt) * wp.cross(s, i_s)
+        if wp.length(f) <= 1.0e-8 * scale:
+            return d
+        jacobian = inertia + (0.25 * dt) * (wp.skew(s) * inertia - wp.skew(i_s))
+        d -= wp.inverse(jacobian) * f
+    return d
+
+
+FAST_TURN = wp.constant(0.15)  # rad per step: the extrapolation grows by x^4 / 4 per step, here 1e-4
+
+
+@wp.func
+def gyroscopic_torque(alone: int, inertia: wp.mat33, omega: wp.vec3, omega_last: wp.vec3, dt: float) -> wp.vec3:
+    """-omega x I omega at the middle of the two velocities that the step connects [N·m, body frame].
+
+    A body that no joint touches spins by the implicit midpoint rule, which keeps its energy. A jointed one must not:
+    what it would do alone has a component along its joints. There the rate is extrapolated by half a step, which is of
+    second order and does no work on a fixed axis. Above `FAST_TURN` the extrapolation would be unstable.
+    """
+    if alone == 1 or dt * wp.length(omega) > FAST_TURN:
+        return inertia * spun(inertia, omega, dt) / dt
+    middle = 1.5 * omega - 0.5 * omega_last
+    return -wp.cross(middle, inertia * middle)
+
+
+@wp.func
+def applied_force(world: int, body: int, rot: wp.mat33, control: ControlArrays) -> wp.vec3:
+    """Force on a body from the user and from the model's force elements [N, world]."""
+    return (
+        control.body_force[world, body]
+        + rot * control.body_force_b[world, body]
+        + control.element_force[own(world, control.element_force.shape[0]), body]
+    )
+
+
+@wp.func
+def applied_torque(world: int, body: int, control: ControlArrays) -> wp.vec3:
+    """The same of torques about the centre of mass [N·m], but for `body_torque_b`, which joins the gyroscopic one."""
+    return control.body_torque[world, body] + control.element_torque[own(world, control.element_torque.shape[0]), body]
+
+
+@wp.func
+def load_bodies(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
+    config: StepConfig, work: Work,
+):  # fmt: skip
+    """Rigid inertias about the centres of mass, velocities of the start, and the step's applied impulses, world axes.
+
+    The step solves for the change of velocity: a momentum that nothing changes is not rounded at all.
+    """
+    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
+    wm = own(world, parameters.body_mass.shape[0])
+    wi = own(world, parameters.body_inertia_b.shape[0])
+    for link in range(topology.link_count):
+        work.o_ang[link] = wp.vec3()
+        work.o_lin[link] = wp.vec3()
+        work.l_ang[link] = wp.vec3()
+        work.l_lin[link] = wp.vec3()
+        body = topology.link_body[link]
+        if body >= 0:
+            rot = matrix_to_float(work.rot[body])
+            mass = parameters.body_mass[wm, body]
+            inertia_b = parameters.body_inertia_b[wi, body]
+            omega = state.body_omega[world, body]
+            work.o_ang[link] = omega
+            work.o_lin[link] = state.body_v[world, body]
+            work.l_ang[link] = state.body_omega_low[world, body]
+            work.l_lin[link] = state.body_v_low[world, body]
+            torque_b = control.body_torque_b[world, body]
+            if config.gyroscopic == 1:
+                torque_b += gyroscopic_torque(
+                    topology.link_alone[link], inertia_b, omega * rot, state.body_omega_last[world, body] * rot, dt
+                )
+            work.inertia[link] = rot * inertia_b * wp.transpose(rot)
+            work.coupling[link] = wp.mat33()
+            work.mass[link] = wp.mat33(mass, 0.0, 0.0, 0.0, mass, 0.0, 0.0, 0.0, mass)
+            force = applied_force(world, body, rot, control) + mass * gravity
+            work.p_ang[link] = dt * (rot * torque_b + applied_torque(world, body, control))
+            work.p_lin[link] = dt * force
+
+
+@wp.func
+def load_slots(
+    world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
+):  # fmt: skip
+    """Gain, effort and prescribed rate of every tree degree of freedom."""
+    for slot in range(topology.slot_count):
+        dof = topology.slot_dof[slot]
+        work.gain[slot] = 0.0
+        work.effort[slot] = 0.0
+        work.rate[slot] = 0.0
+        if dof >= 0:
+            q = state.joint_x[world, dof]
+            if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
+                limit = config.recovery_rate
+                if topology.dof_kind[dof] == POINT_AXIS0:
+                    limit = config.recovery_speed
+                work.gain[slot] = -1.0
+                work.rate[slot] = prescribed_rate(dof, world, dt, time, q, limit, topology, control)
+            elif topology.link_type[topology.slot_link[slot]] != FREE:
+                law = dof_law(dof, world, dt, float(q), state.joint_qd[world, dof], topology, parameters, control)
+                rate = state.joint_qd[world, dof]
+                work.gain[slot] = law.gain
+                work.effort[slot] = law.effort - law.gain * rate
+                work.rate[slot] = rate
+
+
+@wp.struct
+class SlotLine:
+    """A line between a body and its parent in the tree, which one coordinate moves: its wrenches on body 0 and body 1,
+    and its lever, the length's rate per rate of that coordinate.
+    """
+
+    w0: Wrench
+    w1: Wrench
+    lever: float
+
+
+@wp.func
+def slot_line(index: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> SlotLine:
+    """Geometry of a line at the poses in `work`."""
+    joint = topology.dof_joint[topology.slot_line[index, 0]]
+    slot = topology.slot_line[index, 1]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    row = row_geometry(topology.joint_type[joint], DISTANCE, 0, 0, wp.float64(0.0), frames)
+    line = SlotLine()
+    line.w0 = row.w0
+    line.w1 = row.w1
+    ang = row.w0.ang
+    lin = row.w0.lin
+    if topology.joint_body1[joint] == topology.link_body[topology.slot_link[slot]]:
+        ang = row.w1.ang
+        lin = row.w1.lin
+    line.lever = wp.dot(work.s_ang[slot], ang) + wp.dot(work.s_lin[slot], lin)
+    return line
+
+
+@wp.func
+def load_slot_lines(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
+    work: Work,
+):  # fmt: skip
+    """Springs and dampers along lines as efforts of the one coordinate that they depend on: no row is needed."""
+    for index in range(topology.slot_line_count):
+        dof = topology.slot_line[index, 0]
+        slot = topology.slot_line[index, 1]
+        if work.gain[slot] >= 0.0:  # not prescribed
+            line = slot_line(index, world, topology, parameters, work)
+            law = dof_law(
+                dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+            )
+            gain = line.lever * line.lever * law.gain
+            work.gain[slot] = work.gain[slot] + gain
+            work.effort[slot] = work.effort[slot] + line.lever * law.effort - gain * work.rate[slot]
+
+
+@wp.func
+def push(link: int, wrench: Wrench, impulse: float, work: Work):
+    """Adds an applied impulse to a link."""
+    if link >= 0:
+        work.p_ang[link] = work.p_ang[link] + wrench.ang * impulse
+        work.p_lin[link] = work.p_lin[link] + wrench.lin * impulse
+
+
+@wp.func
+def apply_row_forces(
+    world: int, dt: float, topology: Topology, parameters: Parameters, control: ControlArrays, work: Work
+):
+    """`joint_force` on coordinates that neither a slot nor a compliant row holds: floating and loop joints."""
+    for index in range(topology.loop_dof_count):
+        dof = topology.loop_dof[index]
+        force = applied_effort(world, dof, control)
+        if force != 0.0:
+            joint = topology.dof_joint[dof]
+            frames = joint_frames(joint, world, topology, parameters, work)
+            axis = topology.dof_axis[dof]
+            row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+            push(link_of(topology.joint_body0[joint], topology), row.w0, dt * force, work)
+            push(link_of(topology.joint_body1[joint], topology), row.w1, dt * force, work)
+
+
+@wp.func
+def publish(
+    world: int, projected: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work
+) -> int:
+    """Rates at the old poses, then poses and coordinates of record; 0 if any value is not finite (nothing written).
+
+    `projected` is 1 where `work` no longer holds the poses of the step's start.
+    """
+    finite = int(1)
+    for link in range(topology.link_count):
+        total = wp.length(work.t_ang[link]) + wp.length(work.t_lin[link])
+        body = topology.link_body[link]
+        place = wp.float64(0.0)
+        if body >= 0:
+            x = state.body_x[world, body]
+            q = state.body_rot[world, body]
+            place = x[0] + x[1] + x[2] + q[0] + q[1] + q[2] + q[3]
+        if not wp.isfinite(total) or not wp.isfinite(place):
+            finite = int(0)
+    for slot in range(topology.slot_count):
+        if not wp.isfinite(work.xi[slot]):
+            finite = int(0)
+    if finite == 0:
+        return 0
+    if projected == 1:
+        load_poses(world, topology, state, work)
+    publish_rates(world, topology, parameters, state, work)
+    advance_poses(world, dt, topology, state, work)
+    publish_poses(world, topology, state, work)
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            state.body_omega_last[world, body] = state.body_omega[world, body]
+            state.body_omega_low[world, body] = (work.v_ang[link] + work.l_ang[link]) - (
+                work.t_ang[link] - work.o_ang[link]
+            )
+            state.body_v_low[world, body] = (work.v_lin[link] + work.l_lin[link]) - (
+                work.t_lin[link] - work.o_lin[link]
+            )
+            state.body_v[world, body] = work.t_lin[link]
+            state.body_omega[world, body] = work.t_ang[link]
+    publish_coordinates(world, dt, topology, parameters, state, work)
+    return 1
+
+
+@wp.func
+def publish_poses(world: int, topology: Topology, state: StateArrays, work: Work):
+    """Poses of record and their float32 view from `x` and `quat`."""
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            x = work.x[body]
+            q = work.quat[body]
+            state.body_x[world, body] = x
+            state.body_rot[world, body] = q
+            state.body_q[world, body] = wp.transform(
+                wp.vec3(float(x[0]), float(x[1]), float(x[2])),
+                wp.quat(float(q[0]), float(q[1]), float(q[2]), float(q[3])),
+            )
+
+
+@wp.func
+def publish_rates(world: int, topology: Topology, parameters: Parameters, state: StateArrays, work: Work):
+    """joint_qd: what the step solved for in a slot; measured in the frames of the step's start elsewhere."""
+    for joint in range(topology.joint_count):
+        first = topology.joint_dof[joint]
+        end = topology.joint_dof[joint + 1]
+        if end > first:
+            if topology.dof_slot[first] >= 0 and topology.joint_type[joint] != FREE:
+                for dof in range(first, end):
+                    state.joint_qd[world, dof] = work.qd[topology.dof_slot[dof]]
+            else:
+                frames = joint_frames(joint, world, topology, parameters, work)
+                for dof in range(first, end):
+                    state.joint_qd[world, dof] = rate_of(dof, joint, frames, topology, work)
+
+
+@wp.func
+def publish_coordinates(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
+):
+    """joint_x and joint_q measured at the poses in `work`; shafts are integrated."""
+    for joint in range(topology.joint_count):
+        kind = topology.joint_type[joint]
+        first = topology.joint_dof[joint]
+        end = topology.joint_dof[joint + 1]
+        if kind == SHAFT or kind == TURN:
+            q = state.joint_x[world, first] + wp.float64(dt) * wp.float64(state.joint_qd[world, first])
+            state.joint_x[world, first] = q
+            state.joint_q[world, first] = float(q)
+        elif end > first:
+            frames = joint_frames(joint, world, topology, parameters, work)
+            angles = turned_frames(kind, frames)
+            for dof in range(first, end):
+                value = coordinate(kind, dof - first, topology.dof_coupled[dof], frames, angles)
+                if wraps(kind, topology.dof_kind[dof]):
+                    near = state.joint_x[world, dof] + wp.float64(dt) * wp.float64(state.joint_qd[world, dof])
+                    value = unwrapped(value, near)
+                state.joint_x[world, dof] = value
+                state.joint_q[world, dof] = float(value)

@@ -1,0 +1,167 @@
+"""Rows with bounded impulses on one degree of freedom: limits, dry friction, motors, drives with an effort limit.
+
+Only rows that can act in this step enter: a limit that the free motion cannot reach is left out. Each is a block of
+one row of the cone problem.
+"""
+
+import warp as wp
+
+from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_slot
+from simwarp.kernels.cones.problem import BOX, ConeProblem
+from simwarp.kernels.dynamics.dense_rows import solve_rows_backward
+from simwarp.kernels.dynamics.joints import DISTANCE, POINT_AXIS0, joint_frames
+from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_law
+from simwarp.kernels.dynamics.bilateral_rows import apply_rows, dof_rate, link_of, row_geometry
+from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.core.types import BoundedKind
+
+wp.set_module_options({"enable_backward": False})
+
+LIMIT = wp.constant(int(BoundedKind.LIMIT))
+FRICTION = wp.constant(int(BoundedKind.FRICTION))
+MOTOR = wp.constant(int(BoundedKind.MOTOR))
+DRIVE = wp.constant(int(BoundedKind.DRIVE))
+TINY = wp.constant(1.0e-16)
+
+
+@wp.struct
+class Candidate:
+    """A bounded row in the making: u = sign x rate + bias + compliance x gamma, lower <= gamma <= upper."""
+
+    acts: int
+    sign: float
+    bias: float
+    compliance: float
+    lower: float
+    upper: float
+
+
+@wp.func
+def candidate(
+    kind: int, dof: int, rate: float, world: int, dt: float, topology: Topology, parameters: Parameters,
+    state: StateArrays, control: ControlArrays, config: StepConfig,
+) -> Candidate:  # fmt: skip
+    """Bounds and bias of one potential row for the free rate [m/s or rad/s] of its coordinate."""
+    row = Candidate()
+    row.sign = 1.0
+    q = float(state.joint_x[world, dof])
+    if kind == LIMIT:
+        lower = q - parameters.joint_limit_lower[own(world, parameters.joint_limit_lower.shape[0]), dof]
+        upper = parameters.joint_limit_upper[own(world, parameters.joint_limit_upper.shape[0]), dof] - q
+        gap = lower
+        # the stop that the free motion would pass further, not the nearer one: it may be leaving that
+        if upper - dt * rate < lower + dt * rate:
+            gap = upper
+            row.sign = -1.0
+        recovery = config.recovery_rate
+        if topology.dof_kind[dof] == POINT_AXIS0 or topology.dof_kind[dof] == DISTANCE:
+            recovery = config.recovery_speed
+        # the reserve is for speed that the other bounded rows may add within the step
+        if gap / dt + row.sign * rate < recovery:
+            row.acts = 1
+        row.bias = wp.max(gap / dt, -recovery)
+        row.upper = INFINITE_EFFORT
+    elif kind == FRICTION:
+        row.upper = dt * parameters.joint_friction[own(world, parameters.joint_friction.shape[0]), dof]
+        row.lower = -row.upper
+    else:
+        limit = parameters.drive_effort_limit[own(world, parameters.drive_effort_limit.shape[0]), dof]
+        row.upper = dt * limit
+        row.lower = -row.upper
+        if kind == MOTOR:
+            row.bias = -control.joint_target_qd[world, dof]
+        elif limit < INFINITE_EFFORT:
+            law = drive_law(dof, world, dt, q, parameters, control)
+            gain = wp.max(law.gain, 1.0e-9)
+            row.compliance = 1.0 / gain
+            row.bias = -law.effort / gain
+        else:
+            row.upper = 0.0  # without an effort limit the drive is part of the tree
+    if kind != LIMIT and row.upper > 0.0:
+        row.acts = 1
+    return row
+
+
+@wp.func
+def bounded_response(
+    block: int, row: int, dof: int, sign: float, world: int, topology: Topology, parameters: Parameters, work: Work,
+    cone: ConeProblem,
+):  # fmt: skip
+    """Entries of a row along one coordinate, and its diagonal."""
+    slot = topology.dof_slot[dof]
+    if slot >= 0:
+        walk_slot(block, row, slot, sign, topology, work, cone)
+    else:
+        joint = topology.dof_joint[dof]
+        frames = joint_frames(joint, world, topology, parameters, work)
+        axis = topology.dof_axis[dof]
+        geometry = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+        w0 = Wrenches()
+        w1 = Wrenches()
+        w0.ang = one_row(geometry.w0.ang * sign)
+        w0.lin = one_row(geometry.w0.lin * sign)
+        w1.ang = one_row(geometry.w1.ang * sign)
+        w1.lin = one_row(geometry.w1.lin * sign)
+        cone.block_entries[block] = walk_rows(
+            block, row, 1, 0, link_of(topology.joint_body0[joint], topology), w0,
+            link_of(topology.joint_body1[joint], topology), w1, topology, work, cone,
+        )  # fmt: skip
+    loop_share(block, row, 1, topology, work, cone)
+
+
+@wp.func
+def collect_bounded(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work, cone: ConeProblem,
+) -> int:  # fmt: skip
+    """Active rows as blocks of one row, with r, bounds and warm start from the free velocities in `work`; returns how
+    many.
+    """
+    count = int(0)
+    for index in range(topology.bounded_count):
+        dof = topology.bounded_dof[index]
+        slot = topology.dof_slot[dof]
+        rate = float(0.0)
+        if slot >= 0:
+            rate = work.qd[slot]
+        else:
+            rate = dof_rate(dof, world, topology, parameters, work)
+        row = candidate(
+            topology.bounded_kind[index], dof, rate, world, dt, topology, parameters, state, control, config
+        )
+        if row.acts == 1:
+            bounded_response(count, count, dof, row.sign, world, topology, parameters, work, cone)
+            if cone.diagonal[count] > TINY:  # a coordinate that cannot move takes no impulse
+                work.active[count] = index
+                work.b_sign[count] = row.sign
+                cone.block_row[count] = count
+                cone.block_kind[count] = BOX
+                cone.friction[count] = 0.0
+                cone.r[count] = row.sign * rate + row.bias
+                cone.lower[count] = row.lower
+                cone.upper[count] = row.upper
+                cone.compliance[count] = row.compliance
+                cone.diagonal[count] = cone.diagonal[count] + row.compliance
+                cone.gamma[count] = wp.clamp(row.sign * state.bounded_impulse[world, index], row.lower, row.upper)
+                count += 1
+    return count
+
+
+@wp.func
+def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
+    """Impulses of the blocks and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
+    for block in range(blocks):
+        entries = cone.block_entries[block]
+        for r in range(cone.block_row[block], cone.block_row[block + 1]):
+            gamma = cone.gamma[r]
+            for e in range(entries):
+                slot = cone.block_slot[block, e]
+                work.xi[slot] = work.xi[slot] + cone.y[r, e] * gamma
+    if topology.row_count > 0:
+        for row in range(topology.row_count):
+            total = float(0.0)
+            for r in range(cone.block_row[blocks]):
+                total += cone.w[r, row] * cone.gamma[r]
+            work.row_r[row] = total
+        solve_rows_backward(topology, work)
+        apply_rows(topology, work)

@@ -1,0 +1,218 @@
+"""Rows of the cone problem in the tree's metric: responses of the slots, the loop rows' share, and the Schur
+complement S = Y Y^T - W W^T + C of everything bilateral.
+"""
+
+import warp as wp
+
+from simwarp.kernels.cones.problem import ConeProblem
+from simwarp.kernels.dynamics.dense_rows import solve_rows_forward
+from simwarp.kernels.dynamics.joints import FREE
+from simwarp.kernels.core.tables import Topology, Work
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Wrenches:
+    """Up to three rows on one link: row i of `ang` and `lin` is the direction of row i, world axes."""
+
+    ang: wp.mat33
+    lin: wp.mat33
+
+
+@wp.func
+def put_columns(row: int, count: int, entry: int, m: wp.mat33, cone: ConeProblem):
+    """Three entries of one or three rows."""
+    cone.y[row, entry] = m[0, 0]
+    cone.y[row, entry + 1] = m[0, 1]
+    cone.y[row, entry + 2] = m[0, 2]
+    if count == 3:
+        cone.y[row + 1, entry] = m[1, 0]
+        cone.y[row + 1, entry + 1] = m[1, 1]
+        cone.y[row + 1, entry + 2] = m[1, 2]
+        cone.y[row + 2, entry] = m[2, 0]
+        cone.y[row + 2, entry + 1] = m[2, 1]
+        cone.y[row + 2, entry + 2] = m[2, 2]
+
+
+@wp.func
+def walk_rows(
+    block: int, row: int, count: int, entries: int, link0: int, w0: Wrenches, link1: int, w1: Wrenches,
+    topology: Topology, work: Work, cone: ConeProblem,
+) -> int:  # fmt: skip
+    """Appends the responses of `count` rows from `row` on, and their slots, to a block that has `entries` of them;
+    returns how many there are then. -1 is the world.
+
+    As `tree.walk_to_root`, for three rows at once: where the two paths meet, the wrenches are added.
+    """
+    a = link0
+    b = link1
+    a_ang = w0.ang
+    a_lin = w0.lin
+    b_ang = w1.ang
+    b_lin = w1.lin
+    e = int(entries)
+    while a >= 0 or b >= 0:
+        if a == b:
+            a_ang += b_ang
+            a_lin += b_lin
+            b = -1
+        link = wp.max(a, b)
+        ang = a_ang
+        lin = a_lin
+        if b > a:
+            ang = b_ang
+            lin = b_lin
+        first = topology.link_slot[link]
+        if topology.link_type[link] == FREE:
+            y_lin = lin * wp.transpose(work.mass[link])
+            y_ang = (ang - y_lin * work.coupling[link]) * wp.transpose(work.inertia[link])
+            for k in range(3):
+                cone.block_slot[block, e + k] = first + k
+                cone.block_slot[block, e + 3 + k] = first + 3 + k
+            put_columns(row, count, e, y_lin, cone)
+            put_columns(row, count, e + 3, y_ang, cone)
+            e += 6
+        else:
+            end = topology.link_slot[link + 1]
+            for index in range(end - first):
+                slot = end - 1 - index
+                value = (ang * work.s_ang[slot] + lin * work.s_lin[slot]) * work.inv_sqrt_d[slot]
+                cone.block_slot[block, e] = slot
+                cone.y[row, e] = value[0]
+                if count == 3:
+                    cone.y[row + 1, e] = value[1]
+                    cone.y[row + 2, e] = value[2]
+                e += 1
+                ang -= wp.outer(value, work.u_ang[slot])
+                lin -= wp.outer(value, work.u_lin[slot])
+            # ang + shift x lin, row by row: x [shift] of a row vector is shift x of it, up to sign
+            ang -= lin * wp.skew(work.shift[link])
+        parent = topology.link_parent[link]
+        if b > a:
+            b = parent
+            b_ang = ang
+            b_lin = lin
+        else:
+            a = parent
+            a_ang = ang
+            a_lin = lin
+    return e
+
+
+@wp.func
+def walk_slot(block: int, row: int, slot: int, coefficient: float, topology: Topology, work: Work, cone: ConeProblem):
+    """The response of an impulse of size `coefficient` along one slot, as the only row of a block."""
+    link = topology.slot_link[slot]
+    value = coefficient * work.inv_sqrt_d[slot]
+    cone.block_slot[block, 0] = slot
+    cone.y[row, 0] = value
+    ang = -work.u_ang[slot] * value
+    lin = -work.u_lin[slot] * value
+    entries = int(1)
+    for index in range(slot - topology.link_slot[link]):
+        other = slot - 1 - index
+        value = (wp.dot(work.s_ang[other], ang) + wp.dot(work.s_lin[other], lin)) * work.inv_sqrt_d[other]
+        cone.block_slot[block, entries] = other
+        cone.y[row, entries] = value
+        entries += 1
+        ang -= work.u_ang[other] * value
+        lin -= work.u_lin[other] * value
+    w = Wrenches()
+    w.ang = one_row(ang + wp.cross(work.shift[link], lin))
+    w.lin = one_row(lin)
+    cone.block_entries[block] = walk_rows(
+        block, row, 1, entries, topology.link_parent[link], w, -1, Wrenches(), topology, work, cone
+    )
+
+
+@wp.func
+def one_row(v: wp.vec3) -> wp.mat33:
+    """A matrix whose first row is v."""
+    return wp.mat33(v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@wp.func
+def loop_share(block: int, row: int, count: int, topology: Topology, work: Work, cone: ConeProblem):
+    """The loop rows' share w = L^-1 Y_l y of the rows, and their diagonal of S without compliance.
+
+    `slot_sum` is zero before and after.
+    """
+    entries = cone.block_entries[block]
+    for i in range(count):
+        r = row + i
+        total = float(0.0)
+        for e in range(entries):
+            value = cone.y[r, e]
+            total += value * value
+        if topology.row_count > 0:
+            for e in range(entries):
+                cone.slot_sum[cone.block_slot[block, e]] = cone.y[r, e]
+            for loop_row in range(topology.row_count):
+                work.row_r[loop_row] = 0.0
+                for entry in range(topology.row_path[loop_row], topology.row_path[loop_row + 1]):
+                    slot = topology.path_slot[entry]
+                    work.row_r[loop_row] = work.row_r[loop_row] + work.y[loop_row, slot] * cone.slot_sum[slot]
+            solve_rows_forward(topology, work)
+            for loop_row in range(topology.row_count):
+                share = work.row_r[loop_row]
+                cone.w[r, loop_row] = share
+                total -= share * share
+            for e in range(entries):
+                cone.slot_sum[cone.block_slot[block, e]] = 0.0
+        cone.diagonal[r] = total
+
+
+@wp.func
+def gram(r: int, c: int, other: int, entries: int, cone: ConeProblem) -> float:
+    """y_r . y_c, with y_r spread out in `slot_sum`."""
+    total = float(0.0)
+    for e in range(entries):
+        total += cone.y[c, e] * cone.slot_sum[cone.block_slot[other, e]]
+    return total
+
+
+@wp.func
+def gram3(c: int, other: int, entries: int, cone: ConeProblem) -> wp.vec3:
+    """y_r . y of three rows from c on."""
+    total = wp.vec3()
+    for e in range(entries):
+        value = cone.slot_sum[cone.block_slot[other, e]]
+        total += wp.vec3(cone.y[c, e], cone.y[c + 1, e], cone.y[c + 2, e]) * value
+    return total
+
+
+@wp.func
+def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
+    """The dense S = Y Y^T - W W^T + C. `slot_sum` is zero before and after."""
+    for block in range(blocks):
+        entries = cone.block_entries[block]
+        for r in range(cone.block_row[block], cone.block_row[block + 1]):
+            for e in range(entries):
+                cone.slot_sum[cone.block_slot[block, e]] = cone.y[r, e]
+            for other in range(block + 1):
+                other_entries = cone.block_entries[other]
+                first = cone.block_row[other]
+                end = cone.block_row[other + 1]
+                c = int(first)
+                while c + 2 < end:
+                    total = gram3(c, other, other_entries, cone)
+                    for i in range(3):
+                        cone.s[r, c + i] = total[i]
+                        cone.s[c + i, r] = total[i]
+                    c += 3
+                if c < end:
+                    total1 = gram(r, c, other, other_entries, cone)
+                    cone.s[r, c] = total1
+                    cone.s[c, r] = total1
+            for e in range(entries):
+                cone.slot_sum[cone.block_slot[block, e]] = 0.0
+    for r in range(cone.block_row[blocks]):
+        if topology.row_count > 0:
+            for c in range(r + 1):
+                total2 = float(0.0)
+                for loop_row in range(topology.row_count):
+                    total2 += cone.w[r, loop_row] * cone.w[c, loop_row]
+                cone.s[r, c] = cone.s[r, c] - total2
+                cone.s[c, r] = cone.s[r, c]
+        cone.s[r, r] = cone.s[r, r] + cone.compliance[r]

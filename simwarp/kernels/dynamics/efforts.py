@@ -1,0 +1,149 @@
+"""Efforts along one degree of freedom, linearised for an implicit step: gamma = -gain u + effort.
+
+With h the step, k and d the slopes of the passive law, and f its value at the start of the step,
+gain = armature + h d + h² k (+ drive) and effort = armature u0 + h (f + d u0) (+ drive): backward Euler on the
+spring and the damper, which stays stable however stiff they are.
+"""
+
+import warp as wp
+
+from simwarp.kernels.core.tables import ControlArrays, Parameters, Topology, own
+from simwarp.core.types import DriveMode
+
+wp.set_module_options({"enable_backward": False})
+
+POSITION = wp.constant(int(DriveMode.POSITION))
+PRESCRIBED_POSITION = wp.constant(int(DriveMode.PRESCRIBED_POSITION))
+PRESCRIBED_SPEED = wp.constant(int(DriveMode.PRESCRIBED_SPEED))
+INFINITE_EFFORT = wp.constant(1.0e30)
+
+
+@wp.struct
+class Law:
+    """gamma = -gain u + effort [N·s or N·m·s]."""
+
+    gain: float
+    effort: float
+
+
+@wp.func
+def table_segment(table: int, x: wp.float64, topology: Topology) -> int:
+    """Index of the first point of the segment that holds `x` (the end segments extrapolate)."""
+    low = topology.table_start[table]
+    high = topology.table_start[table + 1] - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if topology.table_x[middle] <= x:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@wp.func
+def table_slope(segment: int, topology: Topology) -> wp.float64:
+    """Slope of a segment."""
+    return (topology.table_y[segment + 1] - topology.table_y[segment]) / (
+        topology.table_x[segment + 1] - topology.table_x[segment]
+    )
+
+
+@wp.func
+def table_value(table: int, x: wp.float64, topology: Topology) -> wp.float64:
+    """Piecewise linear value at `x`; float64, so that late times keep their differences."""
+    segment = table_segment(table, x, topology)
+    return topology.table_y[segment] + table_slope(segment, topology) * (x - topology.table_x[segment])
+
+
+@wp.func
+def map_resistance(places: int, q: wp.float64, qd: wp.float64, topology: Topology) -> wp.vec2:
+    """Force of a damper map and its slope over the rate; `places` is the table of its tables."""
+    point = table_segment(places, q, topology)
+    part = (q - topology.table_x[point]) / (topology.table_x[point + 1] - topology.table_x[point])
+    share = wp.clamp(part, wp.float64(0.0), wp.float64(1.0))
+    lower = int(topology.table_y[point])
+    upper = int(topology.table_y[point + 1])
+    keep = wp.float64(1.0) - share
+    force = keep * table_value(lower, qd, topology) + share * table_value(upper, qd, topology)
+    slope = keep * table_slope(table_segment(lower, qd, topology), topology)
+    slope += share * table_slope(table_segment(upper, qd, topology), topology)
+    return wp.vec2(float(force), float(slope))
+
+
+@wp.func
+def applied_effort(world: int, dof: int, control: ControlArrays) -> float:
+    """Effort along a coordinate from the user and from the model's force elements [N or N·m]."""
+    return (
+        control.joint_force[world, dof]
+        + control.element_joint_force[own(world, control.element_joint_force.shape[0]), dof]
+    )
+
+
+@wp.func
+def dof_law(
+    dof: int, world: int, dt: float, q: float, qd: float,
+    topology: Topology, parameters: Parameters, control: ControlArrays,
+) -> Law:  # fmt: skip
+    """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
+    law = Law()
+    armature = parameters.joint_armature[own(world, parameters.joint_armature.shape[0]), dof]
+    k = parameters.joint_stiffness[own(world, parameters.joint_stiffness.shape[0]), dof]
+    d = parameters.joint_damping[own(world, parameters.joint_damping.shape[0]), dof]
+    stretch = q - parameters.joint_rest[own(world, parameters.joint_rest.shape[0]), dof]
+    force = parameters.joint_preload[own(world, parameters.joint_preload.shape[0]), dof]
+    spring_force = -k * stretch
+    damper_force = -d * qd
+    if topology.dof_table[dof, 0] >= 0:
+        table = topology.dof_table[dof, 0]
+        k = float(table_slope(table_segment(table, wp.float64(stretch), topology), topology))
+        spring_force = -float(table_value(table, wp.float64(stretch), topology))
+    if topology.dof_table[dof, 1] >= 0:
+        table = topology.dof_table[dof, 1]
+        d = float(table_slope(table_segment(table, wp.float64(qd), topology), topology))
+        damper_force = -float(table_value(table, wp.float64(qd), topology))
+    if topology.dof_table[dof, 3] >= 0:
+        resistance = map_resistance(topology.dof_table[dof, 3], wp.float64(q), wp.float64(qd), topology)
+        damper_force = -resistance[0]
+        d = resistance[1]
+    force += spring_force + damper_force + applied_effort(world, dof, control)
+    law.gain = armature + dt * d + dt * dt * k
+    law.effort = armature * qd + dt * (force + d * qd)
+    if topology.dof_drive[dof] == POSITION:
+        if parameters.drive_effort_limit[own(world, parameters.drive_effort_limit.shape[0]), dof] >= INFINITE_EFFORT:
+            drive = drive_law(dof, world, dt, q, parameters, control)
+            law.gain += drive.gain
+            law.effort += drive.effort
+    return law
+
+
+@wp.func
+def drive_law(dof: int, world: int, dt: float, q: float, parameters: Parameters, control: ControlArrays) -> Law:
+    """The PD drive alone: stiffness (target_q - q⁺) + damping (target_qd - u)."""
+    law = Law()
+    stiffness = parameters.drive_stiffness[own(world, parameters.drive_stiffness.shape[0]), dof]
+    damping = parameters.drive_damping[own(world, parameters.drive_damping.shape[0]), dof]
+    law.gain = dt * (damping + dt * stiffness)
+    law.effort = dt * (
+        stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof]
+    )
+    return law
+
+
+@wp.func
+def prescribed_rate(
+    dof: int, world: int, dt: float, time: wp.float64, q: wp.float64, limit: float, topology: Topology,
+    control: ControlArrays,
+) -> float:  # fmt: skip
+    """Speed over the step that follows the motion: its own difference quotient plus the clamped correction."""
+    table = topology.dof_table[dof, 2]
+    h = wp.float64(dt)
+    rate = control.joint_target_qd[world, dof]
+    if topology.dof_drive[dof] == PRESCRIBED_SPEED:
+        if table >= 0:
+            rate = float(table_value(table, time + h, topology))
+        return rate
+    target = wp.float64(control.joint_target_q[world, dof])
+    if table >= 0:
+        target = table_value(table, time, topology)
+        rate = float((table_value(table, time + h, topology) - target) / h)
+    return rate + wp.clamp(float((target - q) / h), -limit, limit)

@@ -1,0 +1,47 @@
+"""Mechanical energy of the worlds, for whoever asks: no part of the step."""
+
+import warp as wp
+
+from simwarp.kernels.core.spatial import matrix_to_float
+from simwarp.kernels.core.tables import Parameters, StateArrays, Topology, own
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel(enable_backward=False)
+def measure_energy(
+    # inputs
+    topology: Topology,
+    parameters: Parameters,
+    state: StateArrays,
+    # outputs
+    energy: wp.array[wp.float64],
+):
+    """Kinetic energy of bodies, shafts and armatures, energy of the weights (zero at the origin), and that of linear
+    joint springs [J].
+    """
+    world = wp.tid()
+    total = wp.float64(0.0)
+    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            mass = parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
+            inertia = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
+            v = state.body_v[world, body]
+            spin = state.body_omega[world, body] * matrix_to_float(wp.quat_to_matrix(state.body_rot[world, body]))
+            x = state.body_x[world, body]
+            kinetic = 0.5 * (mass * wp.dot(v, v) + wp.dot(spin, inertia * spin))
+            weight = (
+                wp.float64(gravity[0]) * x[0] + wp.float64(gravity[1]) * x[1] + wp.float64(gravity[2]) * x[2]
+            ) * wp.float64(mass)
+            total += wp.float64(kinetic) - weight
+    for dof in range(topology.dof_count):
+        rate = state.joint_qd[world, dof]
+        stretch = (
+            float(state.joint_x[world, dof]) - parameters.joint_rest[own(world, parameters.joint_rest.shape[0]), dof]
+        )
+        armature = parameters.joint_armature[own(world, parameters.joint_armature.shape[0]), dof]
+        stiffness = parameters.joint_stiffness[own(world, parameters.joint_stiffness.shape[0]), dof]
+        total += wp.float64(0.5 * (armature * rate * rate + stiffness * stretch * stretch))
+    energy[world] = total

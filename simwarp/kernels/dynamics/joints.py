@@ -1,0 +1,242 @@
+"""Joint geometry: frames in the world, motion columns, drift, and measured coordinates.
+
+Both anchors are kept apart (frame 0 on the joint's first body, frame 1 on its second), so that a row is the exact
+time derivative of its violation. Differences are formed in float64 and only then become float32.
+"""
+
+import warp as wp
+
+from simwarp.kernels.core.spatial import clamp_length, column, matrix_to_float, to_float
+from simwarp.kernels.core.tables import Parameters, StepConfig, Topology, Work, own
+from simwarp.core.types import JointType, RowKind
+
+wp.set_module_options({"enable_backward": False})
+
+REVOLUTE = wp.constant(int(JointType.REVOLUTE))
+PRISMATIC = wp.constant(int(JointType.PRISMATIC))
+FIXED = wp.constant(int(JointType.FIXED))
+FREE = wp.constant(int(JointType.FREE))
+CYLINDRICAL = wp.constant(int(JointType.CYLINDRICAL))
+UNIVERSAL = wp.constant(int(JointType.UNIVERSAL))
+PLANAR = wp.constant(int(JointType.PLANAR))
+SPHERICAL = wp.constant(int(JointType.SPHERICAL))
+SHAFT = wp.constant(int(JointType.SHAFT))
+TURN = wp.constant(int(JointType.TURN))
+LINE = wp.constant(int(JointType.LINE))
+BUSHING = wp.constant(int(JointType.BUSHING))
+POINT_ON_PLANE = wp.constant(int(JointType.POINT_ON_PLANE))
+POINT_ON_LINE = wp.constant(int(JointType.POINT_ON_LINE))
+
+POINT_AXIS0 = wp.constant(int(RowKind.POINT_AXIS0))
+POINT_AXIS1 = wp.constant(int(RowKind.POINT_AXIS1))
+DOT = wp.constant(int(RowKind.DOT))
+DISTANCE = wp.constant(int(RowKind.DISTANCE))
+ANGLE0 = wp.constant(int(RowKind.ANGLE0))
+ANGLE1 = wp.constant(int(RowKind.ANGLE1))
+
+PI_D = wp.constant(wp.float64(3.14159265358979323846))
+
+
+@wp.struct
+class JointFrames:
+    """`r0`, `r1`: anchors from their body's centre [m]; `d`: anchor 1 minus anchor 0; axes as columns; world."""
+
+    r0: wp.vec3d
+    r1: wp.vec3d
+    d: wp.vec3d
+    f0: wp.mat33d
+    f1: wp.mat33d
+
+
+@wp.func
+def joint_frames(joint: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> JointFrames:
+    """Frames of `joint` at the poses in `work`."""
+    frames = JointFrames()
+    body0 = topology.joint_body0[joint]
+    body1 = topology.joint_body1[joint]
+    wa = own(world, parameters.joint_anchor0.shape[0])
+    wf = own(world, parameters.joint_frame0.shape[0])
+    anchor0 = parameters.joint_anchor0[wa, joint]
+    anchor1 = parameters.joint_anchor1[own(world, parameters.joint_anchor1.shape[0]), joint]
+    frame0 = parameters.joint_frame0[wf, joint]
+    frame1 = parameters.joint_frame1[own(world, parameters.joint_frame1.shape[0]), joint]
+    x0 = wp.vec3d()
+    x1 = wp.vec3d()
+    if body0 >= 0:
+        x0 = work.x[body0]
+        frames.r0 = work.rot[body0] * anchor0
+        frames.f0 = work.rot[body0] * frame0
+    else:
+        frames.r0 = anchor0
+        frames.f0 = frame0
+    if body1 >= 0:
+        x1 = work.x[body1]
+        frames.r1 = work.rot[body1] * anchor1
+        frames.f1 = work.rot[body1] * frame1
+    else:
+        frames.r1 = anchor1
+        frames.f1 = frame1
+    frames.d = (x1 - x0) + (frames.r1 - frames.r0)
+    return frames
+
+
+@wp.func
+def legal_translation(kind: int, frames: JointFrames) -> wp.vec3d:
+    """The part of `d` that the element allows."""
+    z = column(frames.f0, 2)
+    if kind == PRISMATIC or kind == CYLINDRICAL or kind == POINT_ON_LINE:
+        return z * wp.dot(z, frames.d)
+    if kind == FREE or kind == BUSHING:
+        return frames.d
+    if kind == PLANAR or kind >= POINT_ON_PLANE:
+        return frames.d - z * wp.dot(z, frames.d)
+    return wp.vec3d()
+
+
+@wp.func
+def misalignment(kind: int, frames: JointFrames) -> wp.vec3d:
+    """Rotation vector [rad] by which frame 1 is turned against what the joint allows (small angles)."""
+    error = wp.vec3d()
+    if kind == REVOLUTE or kind == CYLINDRICAL or kind == PLANAR:
+        error = wp.cross(column(frames.f0, 2), column(frames.f1, 2))
+    elif kind == PRISMATIC or kind == FIXED:
+        error = wp.float64(0.5) * (
+            wp.cross(column(frames.f0, 0), column(frames.f1, 0))
+            + wp.cross(column(frames.f0, 1), column(frames.f1, 1))
+            + wp.cross(column(frames.f0, 2), column(frames.f1, 2))
+        )
+    elif kind == UNIVERSAL:
+        x0 = column(frames.f0, 0)
+        y1 = column(frames.f1, 1)
+        error = -wp.dot(x0, y1) * wp.cross(x0, y1)
+    return error
+
+
+@wp.func
+def link_geometry(
+    link: int, world: int, inv_dt: float, topology: Topology, parameters: Parameters, config: StepConfig, work: Work
+) -> float:
+    """Fills shift, drift and motion columns of a link with a joint; returns its position violation [m or rad]."""
+    joint = topology.link_joint[link]
+    kind = topology.link_type[link]
+    sign = topology.link_sign[link]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    legal = legal_translation(kind, frames)
+    e_lin = to_float(frames.d - legal)
+    e_ang = to_float(misalignment(kind, frames))
+    r0 = to_float(frames.r0 + legal)
+    r1 = to_float(frames.r1)
+    child = r1
+    parent = r0
+    if sign < 0.0:
+        child = r0
+        parent = r1
+    if topology.link_parent[link] < 0:
+        parent = wp.vec3()  # the world does not move: no lever, and its anchor may be kilometres long
+    work.shift[link] = parent - child
+    # the drift carries everything that the change of velocity must make good: the correction, and what the velocities
+    # of the step's start violate at its poses
+    above = topology.link_parent[link]
+    ang = clamp_length(e_ang * inv_dt, config.recovery_rate) * (-sign)
+    lin = clamp_length(e_lin * inv_dt, config.recovery_speed) * (-sign)
+    lin -= wp.cross(ang, child)
+    f0 = matrix_to_float(frames.f0)
+    for slot in range(topology.link_slot[link], topology.link_slot[link + 1]):
+        dof = topology.slot_dof[slot]
+        axis = topology.dof_axis[dof]
+        a = wp.vec3()
+        v = wp.vec3()
+        if topology.dof_kind[dof] == POINT_AXIS0:
+            v = wp.vec3(f0[0, axis], f0[1, axis], f0[2, axis]) * sign
+        elif topology.dof_kind[dof] == ANGLE0:
+            a = wp.vec3(f0[0, axis], f0[1, axis], f0[2, axis]) * sign
+            v = wp.cross(child, a)
+        else:
+            a = to_float(column(frames.f1, axis)) * sign
+            v = wp.cross(child, a)
+        work.s_ang[slot] = a
+        work.s_lin[slot] = v
+        rate = work.rate[slot]
+        ang += a * rate
+        lin += v * rate
+    if above >= 0:
+        ang += work.o_ang[above]
+        lin += work.o_lin[above] + wp.cross(work.o_ang[above], parent - child)
+    work.drift_ang[link] = ang - work.o_ang[link]
+    work.drift_lin[link] = lin - work.o_lin[link]
+    return wp.max(wp.length(e_lin), wp.length(e_ang))
+
+
+@wp.func
+def rotation_vector(f0: wp.mat33d, f1: wp.mat33d) -> wp.vec3d:
+    """log(f0^T f1), in axes of frame 0 [rad]."""
+    q = wp.quat_from_matrix(wp.transpose(f0) * f1)
+    if q[3] < wp.float64(0.0):
+        q = -q
+    v = wp.vec3d(q[0], q[1], q[2])
+    s = wp.length(v)
+    if s < wp.float64(1e-9):
+        return wp.float64(2.0) * v
+    return v * (wp.float64(2.0) * wp.atan2(s, q[3]) / s)
+
+
+@wp.func
+def turn(cosine: wp.float64, sine: wp.float64, exact: int) -> wp.float64:
+    """Angle in (-pi, pi]; to float32 accuracy, all that a published coordinate holds, unless `exact`."""
+    if exact == 1:
+        return wp.atan2(sine, cosine)
+    return wp.float64(wp.atan2(float(sine), float(cosine)))
+
+
+@wp.func
+def turned_frames(kind: int, frames: JointFrames) -> wp.vec3d:
+    """Rotation vector of the joints whose coordinates hold one, else zeros."""
+    if kind == SPHERICAL or kind == FREE or kind == BUSHING:
+        return rotation_vector(frames.f0, frames.f1)
+    return wp.vec3d()
+
+
+@wp.func
+def coordinate(kind: int, local: int, exact: int, frames: JointFrames, angles: wp.vec3d) -> wp.float64:
+    """Coordinate `local` of a joint of type `kind`; angles within one turn, lengths [m].
+
+    `angles` is `turned_frames`, computed once per joint.
+    """
+    x0 = column(frames.f0, 0)
+    y0 = column(frames.f0, 1)
+    x1 = column(frames.f1, 0)
+    q = wp.float64(0.0)
+    if kind == REVOLUTE or (kind == CYLINDRICAL and local == 1) or (kind == PLANAR and local == 2):
+        q = turn(wp.dot(x1, x0), wp.dot(x1, y0), exact)
+    elif kind == PRISMATIC or kind == CYLINDRICAL:
+        q = wp.dot(frames.d, column(frames.f0, 2))
+    elif kind == UNIVERSAL:
+        if local == 0:
+            y1 = column(frames.f1, 1)
+            q = turn(wp.dot(y1, y0), wp.dot(y1, column(frames.f0, 2)), exact)
+        else:
+            q = turn(wp.dot(x1, x0), wp.dot(column(frames.f1, 2), x0), exact)
+    elif kind == PLANAR:
+        q = wp.dot(frames.d, column(frames.f0, local))
+    elif kind == LINE:
+        q = wp.length(frames.d)
+    elif kind == SPHERICAL:
+        q = angles[local]
+    elif local < 3:
+        q = wp.dot(frames.d, column(frames.f0, local))
+    else:
+        q = angles[local - 3]
+    return q
+
+
+@wp.func
+def unwrapped(angle: wp.float64, near: wp.float64) -> wp.float64:
+    """`angle` plus the number of whole turns that brings it nearest to `near`."""
+    turns = wp.round((near - angle) / (wp.float64(2.0) * PI_D))
+    return angle + turns * wp.float64(2.0) * PI_D
+
+
+@wp.func
+def wraps(kind: int, row_kind: int) -> bool:
+    """True where a coordinate counts turns."""
+    return (row_kind == ANGLE0 or row_kind == ANGLE1) and kind != SPHERICAL and kind != FREE and kind != BUSHING

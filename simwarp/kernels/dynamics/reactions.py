@@ -1,0 +1,187 @@
+"""Reaction force and torque of every joint, from the balance of impulses of the step."""
+
+import warp as wp
+
+from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, gyroscopic_torque, slot_line
+from simwarp.kernels.cones.problem import ConeProblem
+from simwarp.kernels.dynamics.contact_rows import contact_frame
+from simwarp.kernels.dynamics.joints import FREE, joint_frames
+from simwarp.kernels.dynamics.efforts import applied_effort, dof_law
+from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
+from simwarp.kernels.core.spatial import matrix_to_float, to_float
+from simwarp.kernels.core.tables import (
+    ContactArrays,
+    ControlArrays,
+    Parameters,
+    Reports,
+    StateArrays,
+    StepConfig,
+    Topology,
+    Work,
+    own,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def take_wrench(link: int, ang: wp.vec3, lin: wp.vec3, scale: float, work: Work):
+    """Removes a row's impulse from what the link's tree joint must have transmitted."""
+    if link >= 0:
+        work.f_ang[link] = work.f_ang[link] - ang * scale
+        work.f_lin[link] = work.f_lin[link] - lin * scale
+
+
+@wp.func
+def take_contact(contact: int, world: int, topology: Topology, contacts: ContactArrays, work: Work):
+    """A contact's impulse, off the account of the joints of both links."""
+    frame = contact_frame(contacts.contact_normal_w[world, contact])
+    impulse = contacts.contact_impulse[world, contact] * frame
+    m = contacts.contact_moment[world, contact]
+    moment = wp.vec3(m[2], m[0], m[1]) * frame
+    link0 = link_of(topology.shape_body[contacts.contact_shape0[world, contact]], topology)
+    link1 = link_of(topology.shape_body[contacts.contact_shape1[world, contact]], topology)
+    take_wrench(link0, wp.cross(contacts.contact_arm0[world, contact], impulse) + moment, impulse, -1.0, work)
+    take_wrench(link1, wp.cross(contacts.contact_arm1[world, contact], impulse) + moment, impulse, 1.0, work)
+
+
+@wp.func
+def take_turns(row: int, topology: Topology, work: Work):
+    """A coupling's impulses on the bodies that its TURN terms name, off the account of their joints."""
+    coupling = row - topology.joint_row_count
+    for term in range(topology.coupling_wrench.shape[1]):
+        entry = topology.coupling_wrench[coupling, term]
+        if entry >= 0:
+            joint = topology.dof_joint[topology.coupling_dof[coupling, term]]
+            impulse = work.row_impulse[row]
+            link0 = link_of(topology.joint_body0[joint], topology)
+            link1 = link_of(topology.joint_body1[joint], topology)
+            take_wrench(link0, work.j0_ang[entry], work.j0_lin[entry], impulse, work)
+            take_wrench(link1, work.j1_ang[entry], work.j1_lin[entry], impulse, work)
+
+
+@wp.func
+def take_slot_line(
+    index: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, work: Work, reports: Reports,
+):  # fmt: skip
+    """The impulse of a spring whose effort a slot carries: that line's own reaction, off the account of the joint."""
+    dof = topology.slot_line[index, 0]
+    joint = topology.dof_joint[dof]
+    line = slot_line(index, world, topology, parameters, work)
+    law = dof_law(dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control)
+    impulse = law.effort - law.gain * line.lever * work.qd[topology.slot_line[index, 1]]
+    take_wrench(link_of(topology.joint_body0[joint], topology), line.w0.ang, line.w0.lin, impulse, work)
+    take_wrench(link_of(topology.joint_body1[joint], topology), line.w1.ang, line.w1.lin, impulse, work)
+    frames = joint_frames(joint, world, topology, parameters, work)
+    force = line.w1.lin * (impulse / dt)
+    reports.joint_reaction_force[world, joint] = force
+    reports.joint_reaction_torque[world, joint] = line.w1.ang * (impulse / dt) - wp.cross(to_float(frames.r1), force)
+
+
+@wp.func
+def take_dof(
+    dof: int, impulse: float, world: int, dt: float, topology: Topology, parameters: Parameters, work: Work,
+    reports: Reports,
+):  # fmt: skip
+    """An impulse along a coordinate of a loop joint: part of that joint's reaction, off the tree's account."""
+    joint = topology.dof_joint[dof]
+    frames = joint_frames(joint, world, topology, parameters, work)
+    axis = topology.dof_axis[dof]
+    row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
+    take_wrench(link_of(topology.joint_body0[joint], topology), row.w0.ang, row.w0.lin, impulse, work)
+    take_wrench(link_of(topology.joint_body1[joint], topology), row.w1.ang, row.w1.lin, impulse, work)
+    if topology.joint_type[joint] != FREE:
+        force = row.w1.lin * (impulse / dt)
+        torque = row.w1.ang * (impulse / dt) - wp.cross(to_float(frames.r1), force)
+        reports.joint_reaction_force[world, joint] = reports.joint_reaction_force[world, joint] + force
+        reports.joint_reaction_torque[world, joint] = reports.joint_reaction_torque[world, joint] + torque
+
+
+@wp.func
+def unexplained_impulses(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
+    config: StepConfig, work: Work,
+):  # fmt: skip
+    """F <- change of momentum minus applied impulses of every body [N·s, N·m·s], about its centre."""
+    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        work.f_ang[link] = wp.vec3()
+        work.f_lin[link] = wp.vec3()
+        if body >= 0:
+            rot = matrix_to_float(wp.quat_to_matrix(state.body_rot[world, body]))
+            mass = parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
+            inertia_b = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
+            torque_b = control.body_torque_b[world, body]
+            if config.gyroscopic == 1:
+                torque_b += gyroscopic_torque(
+                    topology.link_alone[link],
+                    inertia_b,
+                    work.o_ang[link] * rot,
+                    state.body_omega_last[world, body] * rot,
+                    dt,
+                )
+            change = inertia_b * (work.v_ang[link] * rot) - dt * torque_b
+            work.f_ang[link] = rot * change - dt * applied_torque(world, body, control)
+            force = applied_force(world, body, rot, control) + mass * gravity
+            work.f_lin[link] = mass * work.v_lin[link] - dt * force
+
+
+@wp.func
+def record_reactions(
+    world: int, dt: float, limits: int, blocks: int, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, contacts: ContactArrays, config: StepConfig, work: Work, cone: ConeProblem,
+    reports: Reports,
+):  # fmt: skip
+    """What each joint applies to its second body, at anchor 1, world axes: drives and limits included."""
+    unexplained_impulses(world, dt, topology, parameters, state, control, config, work)
+    for joint in range(topology.joint_count):
+        reports.joint_reaction_force[world, joint] = wp.vec3()
+        reports.joint_reaction_torque[world, joint] = wp.vec3()
+    for index in range(topology.loop_joint_count):
+        joint = topology.loop_joint[index]
+        link0 = link_of(topology.joint_body0[joint], topology)
+        link1 = link_of(topology.joint_body1[joint], topology)
+        force = wp.vec3()
+        torque = wp.vec3()
+        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+            impulse = work.row_impulse[row]
+            take_wrench(link0, work.j0_ang[row], work.j0_lin[row], impulse, work)
+            take_wrench(link1, work.j1_ang[row], work.j1_lin[row], impulse, work)
+            force += work.j1_lin[row] * impulse
+            torque += work.j1_ang[row] * impulse
+        frames = joint_frames(joint, world, topology, parameters, work)
+        reports.joint_reaction_force[world, joint] = force / dt
+        reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
+    for row in range(topology.joint_row_count, topology.row_count):
+        take_turns(row, topology, work)
+    for index in range(topology.slot_line_count):
+        take_slot_line(index, world, dt, topology, parameters, state, control, work, reports)
+    for block in range(limits):
+        dof = topology.bounded_dof[work.active[block]]
+        if topology.dof_slot[dof] < 0:
+            take_dof(dof, work.b_sign[block] * cone.gamma[block], world, dt, topology, parameters, work, reports)
+    for block in range(limits, blocks):
+        take_contact(work.active[block] - topology.bounded_count, world, topology, contacts, work)
+    for index in range(topology.loop_dof_count):
+        dof = topology.loop_dof[index]
+        take_dof(dof, dt * applied_effort(world, dof, control), world, dt, topology, parameters, work, reports)
+    for index in range(topology.link_count):
+        link = topology.link_count - 1 - index
+        parent = topology.link_parent[link]
+        joint = topology.link_joint[link]
+        ang = work.f_ang[link]
+        lin = work.f_lin[link]
+        if topology.link_body[link] >= 0 and joint >= 0:
+            frames = joint_frames(joint, world, topology, parameters, work)
+            sign = topology.link_sign[link]
+            lever = to_float(frames.r1)
+            if sign < 0.0:
+                # the joint's second body is the parent: the reaction on it, at its anchor
+                lever = to_float(frames.r0 + frames.d)
+            reports.joint_reaction_force[world, joint] = lin * (sign / dt)
+            reports.joint_reaction_torque[world, joint] = (ang - wp.cross(lever, lin)) * (sign / dt)
+        if parent >= 0:
+            work.f_ang[parent] = work.f_ang[parent] + ang + wp.cross(work.shift[link], lin)
+            work.f_lin[parent] = work.f_lin[parent] + lin

@@ -1,0 +1,260 @@
+"""One step of one world: free motion, elimination of the joints, bounded rows, pose update (docs/theory.md)."""
+
+import warp as wp
+
+from simwarp.kernels.dynamics.bodies import (
+    apply_row_forces,
+    load_bodies,
+    load_poses,
+    load_slot_lines,
+    load_slots,
+    publish,
+    total_velocities,
+)
+from simwarp.kernels.dynamics.bounded import apply_cones, collect_bounded
+from simwarp.kernels.dynamics.cone_rows import assemble_dense
+from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
+from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
+from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
+from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
+from simwarp.kernels.dynamics.position_projection import project_positions
+from simwarp.kernels.dynamics.reactions import record_reactions
+from simwarp.kernels.dynamics.bilateral_rows import apply_rows, coupling_row, loop_joint_rows, rows_residual
+from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
+from simwarp.kernels.core.spatial import matrix_to_float
+from simwarp.kernels.core.tables import (
+    ContactArrays,
+    ControlArrays,
+    Parameters,
+    Reports,
+    StateArrays,
+    StepConfig,
+    Topology,
+    Work,
+    own,
+)
+from simwarp.kernels.dynamics.tree import factor_tree, impulses_up, velocities_down
+from simwarp.core.types import WorldStatus
+
+wp.set_module_options({"enable_backward": False})
+
+NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
+
+
+@wp.func
+def tree_geometry(
+    world: int, inv_dt: float, topology: Topology, parameters: Parameters, config: StepConfig, work: Work
+) -> float:
+    """Columns, shifts and drift of all links; returns the largest position violation [m or rad]."""
+    worst = float(0.0)
+    for link in range(topology.link_count):
+        kind = topology.link_type[link]
+        if kind != FREE and kind != SHAFT:
+            worst = wp.max(worst, link_geometry(link, world, inv_dt, topology, parameters, config, work))
+    return worst
+
+
+@wp.func
+def bilateral_rows(
+    world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
+) -> float:  # fmt: skip
+    """Loop, coupling and compliant rows, factorised; returns the largest loop violation."""
+    worst = float(0.0)
+    for row in range(topology.row_count):
+        work.row_impulse[row] = 0.0
+    for index in range(topology.loop_joint_count):
+        worst = wp.max(
+            worst,
+            loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work),
+        )
+    for coupling in range(topology.row_count - topology.joint_row_count):
+        coupling_row(coupling, world, dt, topology, parameters, state, config, work)
+    factor_rows(topology, config.pivot_tolerance, work)
+    return worst
+
+
+@wp.func
+def enforce_rows(
+    world: int, passes: int, topology: Topology, parameters: Parameters, config: StepConfig, work: Work
+) -> float:
+    """Velocities that obey the bilateral rows, and the residual left [m/s or rad/s].
+
+    Every pass is one solve on the true residual, as in iterative refinement; it stops when the rows hold to the
+    solver's tolerance.
+    """
+    residual = rows_residual(topology, parameters, world, work)
+    done = int(0)
+    # the first pass also serves the compliant rows, which the residual does not show
+    while done < passes and (done == 0 or residual > config.row_tolerance):
+        solve_rows(topology, work)
+        apply_rows(topology, work)
+        velocities_down(topology, work)
+        residual = rows_residual(topology, parameters, world, work)
+        done += 1
+    return residual
+
+
+@wp.func
+def refine_free_motion(world: int, topology: Topology, parameters: Parameters, work: Work):
+    """One step of iterative refinement on the free motion: what the rigid bodies' own momentum balance still lacks
+    goes through the tree's factor again. The factor of a light body under a heavy one has lost the light one's digits;
+    the balance has not.
+    """
+    for link in range(topology.link_count):
+        body = topology.link_body[link]
+        if body >= 0:
+            rot = matrix_to_float(work.rot[body])
+            mass = parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
+            inertia_b = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
+            work.p_ang[link] = work.f_ang[link] - rot * (inertia_b * (work.v_ang[link] * rot))
+            work.p_lin[link] = work.f_lin[link] - mass * work.v_lin[link]
+    for slot in range(topology.slot_count):
+        work.k_qd[slot] = work.xi[slot]
+        work.k_effort[slot] = work.effort[slot]
+        if work.gain[slot] > 0.0:
+            work.effort[slot] = work.effort[slot] - work.gain[slot] * (work.qd[slot] - work.rate[slot])
+    impulses_up(0.0, topology, work)
+    for slot in range(topology.slot_count):
+        work.xi[slot] = work.xi[slot] + work.k_qd[slot]
+        work.effort[slot] = work.k_effort[slot]
+    velocities_down(topology, work)
+
+
+@wp.struct
+class Progress:
+    """What the first part of a step leaves to the second: blocks of the cone problem, and measures."""
+
+    limits: int  # blocks on coordinates, in front
+    blocks: int  # all
+    row_residual: float  # of the bilateral rows [m/s or rad/s]
+    position_error: float  # of the joints [m or rad]
+
+
+@wp.func
+def cone_config(config: StepConfig) -> ConeConfig:
+    """Numbers of the cone solve."""
+    numbers = ConeConfig()
+    numbers.law = config.friction_law
+    numbers.solver = config.solver
+    numbers.max_iterations = config.max_iterations
+    numbers.tolerance = config.tolerance
+    return numbers
+
+
+@wp.func
+def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
+    """The problem of the first `blocks` blocks; its Schur complement is formed as long as it is small."""
+    problem = cone
+    problem.block_count = blocks
+    problem.row_count = cone.block_row[blocks]
+    problem.slot_count = topology.slot_count
+    problem.loop_count = topology.row_count
+    problem.dense = 0
+    if problem.row_count <= config.dense_rows:
+        problem.dense = 1
+        assemble_dense(blocks, topology, cone)
+    return problem
+
+
+@wp.func
+def begin_step(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
+    state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+) -> Progress:  # fmt: skip
+    """Free motion with all joints in force, and the rows that the cone problem has to decide on."""
+    dt = config.dt
+    time = state.world_time[world]
+    progress = Progress()
+    load_poses(world, topology, state, work)
+    load_bodies(world, dt, topology, parameters, state, control, config, work)
+    apply_row_forces(world, dt, topology, parameters, control, work)
+    if config.contact_model != RIGID and topology.pair_count > 0:
+        apply_smooth_contacts(world, dt, topology, parameters, contacts, config, work)
+    load_slots(world, dt, time, topology, parameters, state, control, config, work)
+    progress.position_error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
+    load_slot_lines(world, dt, topology, parameters, state, control, work)
+
+    factor_tree(topology, work)
+    for link in range(topology.link_count):
+        work.f_ang[link] = work.p_ang[link]
+        work.f_lin[link] = work.p_lin[link]
+    impulses_up(1.0, topology, work)
+    velocities_down(topology, work)
+    for _ in range(config.refinement):
+        refine_free_motion(world, topology, parameters, work)
+    if topology.row_count > 0:
+        error = bilateral_rows(world, dt, time, topology, parameters, state, control, config, work)
+        progress.position_error = wp.max(progress.position_error, error)
+        progress.row_residual = enforce_rows(world, 2, topology, parameters, config, work)
+
+    if topology.bounded_count > 0 or topology.pair_count > 0:
+        total_velocities(topology, work)
+        for slot in range(topology.slot_count):
+            cone.slot_sum[slot] = 0.0
+        limits = collect_bounded(world, dt, topology, parameters, state, control, config, work, cone)
+        for index in range(topology.bounded_count):
+            state.bounded_impulse[world, index] = 0.0
+        progress.limits = limits
+        progress.blocks = limits
+        cone.block_row[limits] = limits
+        if config.contact_model == RIGID:
+            progress.blocks = collect_contacts(
+                world, dt, limits, limits, topology, parameters, contacts, config, work, cone
+            )
+    return progress
+
+
+@wp.func
+def take_impulses(
+    world: int, progress: Progress, config: StepConfig, topology: Topology, parameters: Parameters,
+    state: StateArrays, work: Work, cone: ConeProblem,
+) -> float:  # fmt: skip
+    """Velocities after the impulses of the cone problem; returns the residual of the bilateral rows."""
+    apply_cones(cone, progress.blocks, topology, work)
+    velocities_down(topology, work)
+    residual = progress.row_residual
+    if topology.row_count > 0:
+        residual = enforce_rows(world, 1, topology, parameters, config, work)
+    for block in range(progress.limits):
+        state.bounded_impulse[world, work.active[block]] = work.b_sign[block] * cone.gamma[block]
+    return residual
+
+
+@wp.func
+def finish_step(
+    world: int, progress: Progress, solution: SolveReport, config: StepConfig, topology: Topology,
+    parameters: Parameters, control: ControlArrays, state: StateArrays, contacts: ContactArrays, reports: Reports,
+    work: Work, cone: ConeProblem,
+):  # fmt: skip
+    """Applies the impulses of the cone problem, moves the poses and publishes."""
+    dt = config.dt
+    residual = progress.row_residual
+    if progress.blocks > 0:
+        residual = take_impulses(world, progress, config, topology, parameters, state, work, cone)
+    if topology.pair_count > 0:
+        publish_contacts(world, dt, progress.limits, progress.blocks, topology, contacts, work, cone)
+    reports.bounded_count[world] = progress.blocks
+    reports.iterations[world] = solution.iterations
+    reports.bounded_residual[world] = solution.residual
+    reports.row_residual[world] = residual
+
+    total_velocities(topology, work)
+    error = progress.position_error
+    projected = int(0)
+    if config.projection_iterations > 0:
+        error = project_positions(world, dt, topology, parameters, state, config, work)
+        projected = 1
+    reports.position_error[world] = error
+    if config.reactions == 1:
+        if projected == 1:
+            load_poses(world, topology, state, work)
+            projected = 0
+        record_reactions(
+            world, dt, progress.limits, progress.blocks, topology, parameters, state, control, contacts, config, work,
+            cone, reports,
+        )  # fmt: skip
+    if publish(world, projected, topology, parameters, dt, state, work) == 0:
+        state.world_status[world] = state.world_status[world] | NON_FINITE
+    else:
+        state.world_time[world] = state.world_time[world] + wp.float64(dt)

@@ -1,0 +1,260 @@
+"""The spanning tree in articulated form: factorisation leaf to root, impulses up, velocities down, rows up.
+
+Featherstone (2008), chapter 7, with one change: every spatial quantity is about the centre of mass of its own link
+and oriented as the world, so that nothing is lost to long lever arms in float32, and the two anchors of a joint enter
+through `shift`. A joint of several degrees of freedom is eliminated one column at a time.
+"""
+
+import warp as wp
+
+from simwarp.kernels.dynamics.joints import FREE, SHAFT
+from simwarp.kernels.core.spatial import cross_columns
+from simwarp.kernels.core.tables import Topology, Work
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def inverse_cholesky(m: wp.mat33) -> wp.mat33:
+    """L^-1 (lower triangular) of a symmetric positive definite m = L L^T."""
+    a = wp.sqrt(m[0, 0])
+    b = m[1, 0] / a
+    c = m[2, 0] / a
+    d = wp.sqrt(m[1, 1] - b * b)
+    e = (m[2, 1] - b * c) / d
+    f = wp.sqrt(m[2, 2] - c * c - e * e)
+    ia = 1.0 / a
+    jd = 1.0 / d
+    jf = 1.0 / f
+    i10 = -b * ia * jd
+    return wp.mat33(ia, 0.0, 0.0, i10, jd, 0.0, -(c * ia + e * i10) * jf, -e * jd * jf, jf)
+
+
+@wp.func
+def factor_free(link: int, work: Work):
+    """6x6 Cholesky of a floating root by blocks: mass <- Lm^-1, coupling <- Lm^-1 H^T, inertia <- La^-1."""
+    inv_lm = inverse_cholesky(work.mass[link])
+    g = inv_lm * wp.transpose(work.coupling[link])
+    work.inertia[link] = inverse_cholesky(work.inertia[link] - wp.transpose(g) * g)
+    work.coupling[link] = g
+    work.mass[link] = inv_lm
+
+
+@wp.func
+def eliminate_columns(link: int, topology: Topology, work: Work):
+    """A <- A - U U^T / D for each column of the link's joint, last first."""
+    first = topology.link_slot[link]
+    end = topology.link_slot[link + 1]
+    inertia = work.inertia[link]
+    coupling = work.coupling[link]
+    mass = work.mass[link]
+    for index in range(end - first):
+        slot = end - 1 - index
+        a = work.s_ang[slot]
+        v = work.s_lin[slot]
+        u_ang = inertia * a + coupling * v
+        u_lin = a * coupling + mass * v
+        d = wp.dot(a, u_ang) + wp.dot(v, u_lin) + work.gain[slot]
+        inv_sqrt_d = float(0.0)
+        if work.gain[slot] >= 0.0:  # a negative gain marks a prescribed rate: nothing to eliminate
+            inv_sqrt_d = 1.0 / wp.sqrt(d)
+        u_ang *= inv_sqrt_d
+        u_lin *= inv_sqrt_d
+        work.inv_sqrt_d[slot] = inv_sqrt_d
+        work.u_ang[slot] = u_ang  # stored as U / sqrt(D)
+        work.u_lin[slot] = u_lin
+        inertia -= wp.outer(u_ang, u_ang)
+        coupling -= wp.outer(u_ang, u_lin)
+        mass -= wp.outer(u_lin, u_lin)
+    work.inertia[link] = inertia
+    work.coupling[link] = coupling
+    work.mass[link] = mass
+
+
+@wp.func
+def factor_tree(topology: Topology, work: Work):
+    """Articulated inertias, leaf to root; on entry `inertia`, `coupling`, `mass` hold the rigid bodies' own."""
+    for index in range(topology.link_count):
+        link = topology.link_count - 1 - index
+        kind = topology.link_type[link]
+        parent = topology.link_parent[link]
+        if kind == FREE:
+            factor_free(link, work)
+        elif kind == SHAFT:
+            slot = topology.link_slot[link]
+            work.u_ang[slot] = wp.vec3()
+            work.u_lin[slot] = wp.vec3()
+            work.shift[link] = wp.vec3()
+            work.inv_sqrt_d[slot] = 0.0
+            if work.gain[slot] >= 0.0:
+                work.inv_sqrt_d[slot] = 1.0 / wp.sqrt(work.gain[slot])
+        else:
+            eliminate_columns(link, topology, work)
+            if parent >= 0:
+                d = work.shift[link]
+                mass = work.mass[link]
+                coupling = work.coupling[link]
+                dm = cross_columns(d, mass)
+                dh = cross_columns(d, wp.transpose(coupling))
+                # [d] M [d]^T = -[d] M [d] = ([d] ([d] M)^T)^T, and [d] M is known
+                work.inertia[parent] = (
+                    work.inertia[parent]
+                    + work.inertia[link]
+                    + dh
+                    + wp.transpose(dh)
+                    + cross_columns(d, wp.transpose(dm))
+                )
+                work.coupling[parent] = work.coupling[parent] + coupling + dm
+                work.mass[parent] = work.mass[parent] + mass
+
+
+@wp.func
+def impulses_up(drift: float, topology: Topology, work: Work):
+    """`xi` (scaled impulse of every slot) from the links' impulses `p` and `drift` times the drift; consumes `p`."""
+    for index in range(topology.link_count):
+        link = topology.link_count - 1 - index
+        kind = topology.link_type[link]
+        first = topology.link_slot[link]
+        end = topology.link_slot[link + 1]
+        p_ang = work.p_ang[link]
+        p_lin = work.p_lin[link]
+        if kind == FREE:
+            y_lin = work.mass[link] * p_lin
+            y_ang = work.inertia[link] * (p_ang - y_lin * work.coupling[link])
+            for k in range(3):
+                work.xi[first + k] = y_lin[k]
+                work.xi[first + 3 + k] = y_ang[k]
+        elif kind == SHAFT:
+            work.xi[first] = work.effort[first] * work.inv_sqrt_d[first]
+        else:
+            for index_slot in range(end - first):
+                slot = end - 1 - index_slot
+                xi = (
+                    wp.dot(work.s_ang[slot], p_ang) + wp.dot(work.s_lin[slot], p_lin) + work.effort[slot]
+                ) * work.inv_sqrt_d[slot]
+                work.xi[slot] = xi
+                p_ang -= work.u_ang[slot] * xi
+                p_lin -= work.u_lin[slot] * xi
+            parent = topology.link_parent[link]
+            if parent >= 0:
+                # the columns see the drift through the velocity on the way down; the parent has to carry it here
+                w_ang = work.drift_ang[link] * drift
+                w_lin = work.drift_lin[link] * drift
+                p_ang -= work.inertia[link] * w_ang + work.coupling[link] * w_lin
+                p_lin -= w_ang * work.coupling[link] + work.mass[link] * w_lin
+                work.p_ang[parent] = work.p_ang[parent] + p_ang + wp.cross(work.shift[link], p_lin)
+                work.p_lin[parent] = work.p_lin[parent] + p_lin
+
+
+@wp.func
+def velocities_down(topology: Topology, work: Work):
+    """Link velocities and slot rates from `xi`, root to leaf. Joint rows hold to rounding by construction."""
+    for link in range(topology.link_count):
+        kind = topology.link_type[link]
+        first = topology.link_slot[link]
+        end = topology.link_slot[link + 1]
+        v_ang = wp.vec3()
+        v_lin = wp.vec3()
+        if kind == FREE:
+            v_ang = wp.vec3(work.xi[first + 3], work.xi[first + 4], work.xi[first + 5]) * work.inertia[link]
+            x_lin = wp.vec3(work.xi[first], work.xi[first + 1], work.xi[first + 2])
+            v_lin = (x_lin - work.coupling[link] * v_ang) * work.mass[link]
+        elif kind == SHAFT:
+            work.qd[first] = work.xi[first] * work.inv_sqrt_d[first] + work.rate[first]
+        else:
+            parent = topology.link_parent[link]
+            if parent >= 0:
+                v_ang = work.v_ang[parent]
+                v_lin = work.v_lin[parent] + wp.cross(v_ang, work.shift[link])
+            v_ang += work.drift_ang[link]
+            v_lin += work.drift_lin[link]
+            for slot in range(first, end):
+                qd = work.inv_sqrt_d[slot] * (
+                    work.xi[slot] - wp.dot(work.u_ang[slot], v_ang) - wp.dot(work.u_lin[slot], v_lin)
+                )
+                v_ang += work.s_ang[slot] * qd
+                v_lin += work.s_lin[slot] * qd
+                work.qd[slot] = qd + work.rate[slot]
+        work.v_ang[link] = v_ang
+        work.v_lin[link] = v_lin
+
+
+@wp.struct
+class Wrench:
+    """A row's direction at a link: about and along world axes at the link's centre."""
+
+    ang: wp.vec3
+    lin: wp.vec3
+
+
+@wp.func
+def walk_to_root(
+    row: int, link0: int, w0: Wrench, link1: int, w1: Wrench, topology: Topology, work: Work, y: wp.array2d[float]
+):
+    """Adds to y[row] the slots between two links and the root that wrench `w0` on link0 and `w1` on link1 move.
+
+    Links are numbered parents first, so the deeper of the two is always the larger; where the paths meet, the
+    wrenches are added before they go on, which keeps the cancellation of a relative row exact. -1 is the world.
+    """
+    a = link0
+    b = link1
+    a_ang = w0.ang
+    a_lin = w0.lin
+    b_ang = w1.ang
+    b_lin = w1.lin
+    while a >= 0 or b >= 0:
+        if a == b:
+            a_ang += b_ang
+            a_lin += b_lin
+            b = -1
+        link = wp.max(a, b)
+        ang = a_ang
+        lin = a_lin
+        if b > a:
+            ang = b_ang
+            lin = b_lin
+        first = topology.link_slot[link]
+        parent = topology.link_parent[link]
+        if topology.link_type[link] == FREE:
+            y_lin = work.mass[link] * lin
+            y_ang = work.inertia[link] * (ang - y_lin * work.coupling[link])
+            for k in range(3):
+                y[row, first + k] = y[row, first + k] + y_lin[k]
+                y[row, first + 3 + k] = y[row, first + 3 + k] + y_ang[k]
+        else:
+            end = topology.link_slot[link + 1]
+            for index in range(end - first):
+                slot = end - 1 - index
+                value = (wp.dot(work.s_ang[slot], ang) + wp.dot(work.s_lin[slot], lin)) * work.inv_sqrt_d[slot]
+                y[row, slot] = y[row, slot] + value
+                ang -= work.u_ang[slot] * value
+                lin -= work.u_lin[slot] * value
+            ang += wp.cross(work.shift[link], lin)
+        if b > a:
+            b = parent
+            b_ang = ang
+            b_lin = lin
+        else:
+            a = parent
+            a_ang = ang
+            a_lin = lin
+
+
+@wp.func
+def project_slot(row: int, slot: int, coefficient: float, topology: Topology, work: Work, y: wp.array2d[float]):
+    """Adds to y[row] the response of a generalised impulse of size `coefficient` on one slot."""
+    link = topology.slot_link[slot]
+    value = coefficient * work.inv_sqrt_d[slot]
+    y[row, slot] = y[row, slot] + value
+    ang = -work.u_ang[slot] * value
+    lin = -work.u_lin[slot] * value
+    for index in range(slot - topology.link_slot[link]):
+        other = slot - 1 - index
+        value = (wp.dot(work.s_ang[other], ang) + wp.dot(work.s_lin[other], lin)) * work.inv_sqrt_d[other]
+        y[row, other] = y[row, other] + value
+        ang -= work.u_ang[other] * value
+        lin -= work.u_lin[other] * value
+    w = Wrench()
+    w.ang = ang + wp.cross(work.shift[link], lin)
+    w.lin = lin
+    walk_to_root(row, topology.link_parent[link], w, -1, Wrench(), topology, work, y)

@@ -1,0 +1,77 @@
+"""Specific force and angular velocity at a point of a body, in axes of the sensor."""
+
+import warp as wp
+
+from simwarp.kernels.sensors.clock import BEGIN, IDLE, ClockSettings, Tick
+from simwarp.kernels.sensors.vector_sensor import write_vector
+from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, body_velocity
+from simwarp.kernels.sensors.noise import NoiseArrays
+from simwarp.kernels.core.spatial import to_double, to_float, turned
+from simwarp.kernels.core.tables import Parameters, StateArrays, own
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+
+@wp.struct
+class InertialArrays:
+    """What an inertial sensor remembers and where it writes."""
+
+    accelerometer: int  # first channel of the specific force, -1: none
+    gyroscope: int  # of the angular velocity
+    velocity: wp.array[wp.vec3d]  # of the point in the middle of the last sub-step, world [m/s]
+    sums: wp.array2d[wp.float64]  # over the window
+
+
+@wp.kernel
+def sample_inertial(
+    # inputs
+    dt: wp.float64,
+    clock: ClockSettings,
+    mount: MountArrays,
+    parameters: Parameters,
+    state: StateArrays,
+    tick: Tick,
+    # in and out
+    inertial: InertialArrays,
+    accelerometer_noise: NoiseArrays,
+    gyroscope_noise: NoiseArrays,
+    # outputs
+    truth: wp.array2d[float],
+    data: wp.array2d[float],
+):
+    """After a sub-step. A step's velocities hold in its middle; their change acts at the end of the step before.
+
+    The point's velocity in the middle of a sub-step is v + omega x (R p), R the orientation there. Two of them differ
+    by the acceleration at the end of the first, in whose axes it is given. So a steady turn shows omega^2 r along the
+    radius alone, up to (omega dt)^2 / 24 of it.
+    """
+    world = wp.tid()
+    if tick.mode[world] == IDLE:
+        return
+    rotation = mount.rotation[own(world, mount.rotation.shape[0])]
+    point = mount.position[own(world, mount.position.shape[0])]
+    omega = body_rate(world, mount.body, state)
+    velocity = body_velocity(world, mount.body, state)
+    before = rotation
+    if mount.body >= 0:
+        q = state.body_rot[world, mount.body]
+        middle = turned(q, to_float(omega * (wp.float64(-0.5) * dt)))
+        velocity += wp.cross(omega, wp.quat_rotate(middle, point))
+        before = turned(q, to_float(omega * -dt)) * rotation
+        if tick.mode[world] == BEGIN:
+            before = q * rotation
+    acceleration = wp.vec3d()
+    if tick.mode[world] != BEGIN:
+        acceleration = (velocity - inertial.velocity[world]) / dt
+    inertial.velocity[world] = velocity
+    if tick.collecting[world] == 0:
+        return
+    if inertial.accelerometer >= 0:
+        gravity = to_double(parameters.gravity[own(world, parameters.gravity.shape[0])])
+        force = wp.quat_rotate_inv(before, acceleration - gravity)
+        write_vector(
+            world, inertial.accelerometer, force, clock, tick, state, accelerometer_noise, inertial.sums, truth, data
+        )
+    if inertial.gyroscope >= 0:
+        rate = wp.quat_rotate_inv(before, omega)
+        write_vector(world, inertial.gyroscope, rate, clock, tick, state, gyroscope_noise, inertial.sums, truth, data)

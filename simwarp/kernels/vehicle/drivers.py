@@ -1,0 +1,84 @@
+"""Drivers: scripted inputs over time, with a speed controller, for all worlds at once."""
+
+import warp as wp
+
+from simwarp.kernels.core.tables import StateArrays
+
+wp.set_module_options({"enable_backward": False})
+
+STEERING = wp.constant(0)
+THROTTLE = wp.constant(1)
+BRAKING = wp.constant(2)
+SPEED = wp.constant(3)
+
+
+@wp.struct
+class Script:
+    """Four piecewise linear functions of time, constant beyond their ends, shared by all worlds: steering, throttle,
+    braking, and the speed to hold [m/s]; a negative speed leaves the pedals to their own functions.
+    """
+
+    start: wp.array[int]  # CSR over the four
+    time: wp.array[float]  # s
+    value: wp.array[float]
+    proportional: float  # pedal per m/s
+    integral: float  # pedal per m
+    brake_share: float  # braking per pedal below zero
+
+
+@wp.func
+def script_value(channel: int, time: float, script: Script) -> float:
+    """A function of the script; of two points at one time the later one counts from then on."""
+    low = int(script.start[channel])
+    high = int(script.start[channel + 1] - 1)
+    if time < script.time[low]:
+        return script.value[low]
+    if time >= script.time[high]:
+        return script.value[high]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if script.time[middle] <= time:
+            low = middle
+        else:
+            high = middle
+    part = (time - script.time[low]) / (script.time[high] - script.time[low])
+    return script.value[low] + part * (script.value[high] - script.value[low])
+
+
+@wp.func
+def forward_speed(world: int, chassis: int, reference: wp.vec3, state: StateArrays) -> float:
+    """Speed of a point of the chassis along its x axis [m/s]."""
+    q = state.body_rot[world, chassis]
+    rotation = wp.quat(float(q[0]), float(q[1]), float(q[2]), float(q[3]))
+    omega = state.body_omega[world, chassis]
+    v = state.body_v[world, chassis] + wp.cross(omega, wp.quat_rotate(rotation, reference))
+    return wp.dot(v, wp.quat_rotate(rotation, wp.vec3(1.0, 0.0, 0.0)))
+
+
+@wp.kernel
+def run_script(
+    # inputs
+    dt: float,
+    script: Script,
+    chassis: int,
+    reference: wp.vec3,
+    state: StateArrays,
+    # outputs
+    error_sum: wp.array[float],  # (W,) integral of the speed error [m]
+    vehicle_input: wp.array2d[float],
+):
+    """A script's inputs at this time; the speed controller is a PI whose integral rests while a pedal is at its end."""
+    world = wp.tid()
+    time = float(state.world_time[world])
+    vehicle_input[world, 0] = script_value(STEERING, time, script)
+    target = script_value(SPEED, time, script)
+    if target < 0.0:
+        vehicle_input[world, 1] = script_value(THROTTLE, time, script)
+        vehicle_input[world, 2] = script_value(BRAKING, time, script)
+        return
+    error = target - forward_speed(world, chassis, reference, state)
+    pedal = script.proportional * error + script.integral * error_sum[world]
+    if wp.abs(pedal) < 1.0:
+        error_sum[world] = error_sum[world] + dt * error
+    vehicle_input[world, 1] = wp.clamp(pedal, 0.0, 1.0)
+    vehicle_input[world, 2] = wp.clamp(-script.brake_share * pedal, 0.0, 1.0)

@@ -1,0 +1,334 @@
+"""Engine, transmission and driveline torques of a vehicle, and its gear changes. Speeds are positive forwards."""
+
+from enum import IntEnum
+
+import warp as wp
+
+from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays
+
+wp.set_module_options({"enable_backward": False})
+
+
+class EngineKind(IntEnum):
+    """Which law gives the engine's torque."""
+
+    NONE = 0
+    SIMPLE = 1
+    MAP = 2
+    SHAFTS = 3
+
+
+class TransmissionKind(IntEnum):
+    """What lies between the engine and the drive shaft."""
+
+    NONE = 0
+    AUTOMATIC_MAP = 1
+    AUTOMATIC_SHAFTS = 2
+    MANUAL_SHAFTS = 3
+    CVT = 4
+
+
+ENGINE_SIMPLE = wp.constant(int(EngineKind.SIMPLE))
+ENGINE_MAP = wp.constant(int(EngineKind.MAP))
+ENGINE_SHAFTS = wp.constant(int(EngineKind.SHAFTS))
+AUTOMATIC_MAP = wp.constant(int(TransmissionKind.AUTOMATIC_MAP))
+AUTOMATIC_SHAFTS = wp.constant(int(TransmissionKind.AUTOMATIC_SHAFTS))
+MANUAL_SHAFTS = wp.constant(int(TransmissionKind.MANUAL_SHAFTS))
+CVT = wp.constant(int(TransmissionKind.CVT))
+
+CURVE_THROTTLE = wp.constant(0)
+CURVE_IDLE = wp.constant(1)
+CURVE_CAPACITY = wp.constant(2)
+CURVE_RATIO = wp.constant(3)
+
+
+@wp.struct
+class Powertrain:
+    """Constant data, shared by all worlds. Curves: full throttle (or torque), zero throttle (or losses), capacity
+    factor and torque ratio of the converter.
+    """
+
+    engine: int  # EngineKind
+    transmission: int  # TransmissionKind
+    motor_dof: int  # -1: the engine turns with the drive shaft
+    input_dof: int
+    drive_dof: int  # -1: a simple driveline
+    slip_dof: int  # of a manual clutch, -1: none
+    gear_coupling: int
+    split_count: int
+    gear_count: int  # forward gears
+    max_torque: float
+    max_power: float
+    max_speed: float
+    latency: float  # s
+    clutch_limit: float  # N·m
+    efficiency: float
+    input_inertia: float  # kg·m²
+    drive_inertia: float
+    gear_reaction: float  # torque on the chassis about x per torque on the drive shaft
+    shaft_reaction: float  # the same, of the driveline behind it
+    wheel_reaction: float  # share of the wheels' torque that acts back on the chassis, of a simple driveline
+    ratio_low: float  # of the CVT
+    ratio_high: float
+    speed_low: float
+    speed_high: float
+
+    curve_start: wp.array[int]  # CSR
+    curve_x: wp.array[float]
+    curve_y: wp.array[float]
+    ratio: wp.array[float]  # reverse, neutral (0), forward gears
+    shift_down: wp.array[float]  # rad/s, per forward gear
+    shift_up: wp.array[float]
+    split_dof: wp.array2d[int]  # (axles, 2): turn of the left and the right wheel
+    split_share: wp.array[float]
+    split_ratio: wp.array[float]
+    split_bias: wp.array[float]
+
+
+@wp.struct
+class PowertrainState:
+    """What a powertrain remembers and reports, per world."""
+
+    gear: wp.array[int]  # -1 reverse, 0 neutral
+    shift_time: wp.array[wp.float64]  # of the last gear change [s]
+    engine_speed: wp.array[float]
+    engine_torque: wp.array[float]
+    drive_speed: wp.array[float]
+    drive_torque: wp.array[float]
+    last_input: wp.array[float]  # speeds one step ago [rad/s]
+    last_drive: wp.array[float]
+
+
+@wp.func
+def curve_value(curve: int, x: float, powertrain: Powertrain) -> float:
+    """Piecewise linear, constant beyond its ends."""
+    low = int(powertrain.curve_start[curve])
+    high = int(powertrain.curve_start[curve + 1] - 1)
+    if x <= powertrain.curve_x[low]:
+        return powertrain.curve_y[low]
+    if x >= powertrain.curve_x[high]:
+        return powertrain.curve_y[high]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if powertrain.curve_x[middle] <= x:
+            low = middle
+        else:
+            high = middle
+    part = (x - powertrain.curve_x[low]) / (powertrain.curve_x[high] - powertrain.curve_x[low])
+    return powertrain.curve_y[low] + part * (powertrain.curve_y[high] - powertrain.curve_y[low])
+
+
+@wp.func
+def engine_torque(throttle: float, speed: float, powertrain: Powertrain) -> float:
+    """Torque on the motor shaft [N·m]."""
+    torque = float(0.0)
+    if powertrain.engine == ENGINE_SIMPLE:
+        if speed < powertrain.max_speed:
+            torque = throttle * wp.min(powertrain.max_torque, powertrain.max_power / wp.max(speed, 1.0e-3))
+    elif powertrain.engine == ENGINE_MAP:
+        w = wp.clamp(speed, 0.0, powertrain.max_speed)
+        idle = curve_value(CURVE_IDLE, w, powertrain)
+        torque = idle + throttle * (curve_value(CURVE_THROTTLE, w, powertrain) - idle)
+    elif powertrain.engine == ENGINE_SHAFTS:
+        torque = throttle * curve_value(CURVE_THROTTLE, speed, powertrain) + curve_value(CURVE_IDLE, speed, powertrain)
+    return torque
+
+
+@wp.func
+def converter_torques(impeller: float, turbine: float, powertrain: Powertrain) -> wp.vec2:
+    """Torques of a hydrodynamic converter on its impeller and its turbine [N·m].
+
+    The impeller takes (speed / K)², the turbine gets this times the torque ratio; K and the ratio depend on the speed
+    ratio. A turbine that overruns drives the impeller back without multiplication.
+    """
+    if impeller < 0.0:
+        return wp.vec2()
+    ratio = float(0.0)
+    if impeller > 1.0e-8 and wp.abs(turbine) > 1.0e-8:
+        ratio = turbine / impeller
+    overrun = int(0)
+    if ratio > 1.0:
+        ratio = 2.0 - ratio
+        overrun = 1
+    ratio = wp.max(ratio, 0.0)
+    share = impeller / curve_value(CURVE_CAPACITY, ratio, powertrain)
+    torque = share * share
+    if overrun == 1:
+        return wp.vec2(torque, -torque)
+    return wp.vec2(-torque, curve_value(CURVE_RATIO, ratio, powertrain) * torque)
+
+
+@wp.func
+def next_gear(gear: int, speed: float, elapsed: float, powertrain: Powertrain) -> int:
+    """The forward gear for a speed of the shaft before the gears [rad/s]."""
+    following = gear
+    if gear >= 1 and elapsed >= powertrain.latency:
+        if speed > powertrain.shift_up[gear - 1] and gear < powertrain.gear_count:
+            following = gear + 1
+        elif speed < powertrain.shift_down[gear - 1] and gear > 1:
+            following = gear - 1
+    return following
+
+
+@wp.func
+def engage(world: int, ratio: float, powertrain: Powertrain, coefficient: wp.array3d[float]):
+    """Sets the gears' viscous coupling to a ratio; neutral (0) couples nothing."""
+    row = powertrain.gear_coupling
+    if coefficient[world, row, 0] == ratio:
+        return
+    engaged = wp.where(ratio == 0.0, 0.0, -1.0)
+    coefficient[world, row, 0] = ratio
+    if powertrain.drive_dof >= 0:
+        coefficient[world, row, 1] = engaged
+    for axle in range(powertrain.split_count):
+        part = 0.5 * powertrain.split_share[axle] / powertrain.split_ratio[axle]
+        coefficient[world, row, 1 + 2 * axle] = engaged * part
+        coefficient[world, row, 2 + 2 * axle] = engaged * part
+
+
+@wp.func
+def differential_share(slower: float, faster: float, max_bias: float) -> float:
+    """Share of the torque that goes to the slower wheel of a biasing differential."""
+    difference = wp.abs(faster) - wp.abs(slower)
+    bias = 1.0 + (max_bias - 1.0) * wp.clamp((wp.abs(difference) - 0.25) / 0.25, 0.0, 1.0)
+    return bias / (1.0 + bias)
+
+
+@wp.func
+def split_speed(world: int, powertrain: Powertrain, state: StateArrays) -> float:
+    """Speed of the drive shaft of a simple driveline [rad/s]."""
+    speed = float(0.0)
+    for axle in range(powertrain.split_count):
+        left = state.joint_qd[world, powertrain.split_dof[axle, 0]]
+        right = state.joint_qd[world, powertrain.split_dof[axle, 1]]
+        speed += powertrain.split_share[axle] * 0.5 * (left + right) / powertrain.split_ratio[axle]
+    return speed
+
+
+@wp.func
+def split_torque(
+    world: int, torque: float, even: float, powertrain: Powertrain, state: StateArrays, joint_force: wp.array2d[float]
+):  # fmt: skip
+    """The drive shaft's torque on the wheels of a simple driveline; `even`: each wheel's share of its axle's torque
+    that the gears' coupling brings already, 0 or one half.
+    """
+    for axle in range(powertrain.split_count):
+        left = powertrain.split_dof[axle, 0]
+        right = powertrain.split_dof[axle, 1]
+        part = torque * powertrain.split_share[axle] / powertrain.split_ratio[axle]
+        w_left = state.joint_qd[world, left]
+        w_right = state.joint_qd[world, right]
+        slow = differential_share(w_left, w_right, powertrain.split_bias[axle])
+        if wp.abs(w_left) < wp.abs(w_right):
+            joint_force[world, left] = (slow - even) * part
+            joint_force[world, right] = (1.0 - slow - even) * part
+        else:
+            joint_force[world, left] = (1.0 - slow - even) * part
+            joint_force[world, right] = (slow - even) * part
+
+
+@wp.func
+def drive_shafts(
+    world: int, dt: float, throttle: float, clutch: float, time: wp.float64, powertrain: Powertrain,
+    memory: PowertrainState, parameters: Parameters, state: StateArrays, joint_force: wp.array2d[float],
+):  # fmt: skip
+    """Transmissions with shafts of their own: torques on motor and input shaft, gears as a coupling."""
+    motor_speed = state.joint_qd[world, powertrain.motor_dof]
+    input_speed = state.joint_qd[world, powertrain.input_dof]
+    torque = engine_torque(throttle, motor_speed, powertrain)
+    drive_torque = float(0.0)
+    if powertrain.transmission == AUTOMATIC_SHAFTS:
+        pair = converter_torques(motor_speed, input_speed, powertrain)
+        joint_force[world, powertrain.motor_dof] = torque + pair[0]
+        joint_force[world, powertrain.input_dof] = pair[1]
+        drive_torque = pair[1]
+        elapsed = float(time - memory.shift_time[world])
+        gear = next_gear(memory.gear[world], input_speed, elapsed, powertrain)
+        if gear != memory.gear[world]:
+            memory.gear[world] = gear
+            memory.shift_time[world] = time
+    else:
+        joint_force[world, powertrain.motor_dof] = torque
+        limit = powertrain.clutch_limit * (1.0 - clutch)
+        parameters.joint_friction[world, powertrain.slip_dof] = limit
+        drive_torque = wp.min(torque, limit)
+    ratio = powertrain.ratio[memory.gear[world] + 1]
+    engage(world, ratio, powertrain, parameters.coupling_coefficient)
+    if ratio != 0.0:
+        # what accelerates the input shaft does not reach the drive shaft
+        change = powertrain.input_inertia * (input_speed - memory.last_input[world]) / dt
+        drive_torque = (drive_torque - change) / ratio
+    split_torque(world, drive_torque, 0.5, powertrain, state, joint_force)
+    memory.last_input[world] = input_speed
+    memory.engine_speed[world] = motor_speed
+    memory.engine_torque[world] = torque
+    memory.drive_torque[world] = drive_torque
+
+
+@wp.func
+def drive_directly(
+    world: int, throttle: float, time: wp.float64, powertrain: Powertrain, memory: PowertrainState, state: StateArrays,
+    joint_force: wp.array2d[float],
+):  # fmt: skip
+    """Transmissions whose engine turns with the drive shaft."""
+    speed = memory.drive_speed[world]
+    gear = memory.gear[world]
+    ratio = powertrain.ratio[gear + 1]
+    efficiency = float(1.0)
+    if powertrain.transmission == CVT:
+        part = (wp.abs(speed) - powertrain.speed_low) / (powertrain.speed_high - powertrain.speed_low)
+        forward = powertrain.ratio_low + wp.clamp(part, 0.0, 1.0) * (powertrain.ratio_high - powertrain.ratio_low)
+        ratio = float(gear) * forward
+        efficiency = powertrain.efficiency
+    motor_speed = float(0.0)
+    torque = float(0.0)
+    drive_torque = float(0.0)
+    if ratio != 0.0:
+        motor_speed = wp.abs(speed / ratio)
+        torque = engine_torque(throttle, motor_speed, powertrain)
+        drive_torque = efficiency * torque / ratio
+    if powertrain.transmission == AUTOMATIC_MAP:
+        memory.gear[world] = next_gear(gear, motor_speed, float(time), powertrain)
+    memory.engine_speed[world] = motor_speed
+    memory.engine_torque[world] = torque
+    memory.drive_torque[world] = drive_torque
+    if powertrain.drive_dof >= 0:
+        joint_force[world, powertrain.drive_dof] = drive_torque
+    else:
+        split_torque(world, drive_torque, 0.0, powertrain, state, joint_force)
+
+
+@wp.func
+def run_powertrain(
+    world: int, dt: float, throttle: float, clutch: float, powertrain: Powertrain, memory: PowertrainState,
+    parameters: Parameters, control: ControlArrays, state: StateArrays,
+) -> wp.vec3:  # fmt: skip
+    """Torques of this step into `element_joint_force`, and the gear for it; returns a torque on the chassis in its own
+    axes.
+
+    In a closed balance it is zero: shafts turn in the chassis, so that the torques between them cancel, and what drives
+    the wheels acts back on it through their `TURN` joints. The reactions stand for arrangements that are described by
+    no body of their own, such as a counter-rotating driveline.
+    """
+    if powertrain.drive_dof >= 0:
+        memory.drive_speed[world] = state.joint_qd[world, powertrain.drive_dof]
+    else:
+        memory.drive_speed[world] = split_speed(world, powertrain, state)
+    if powertrain.engine == 0:
+        return wp.vec3()
+    time = state.world_time[world]
+    if powertrain.motor_dof >= 0:
+        drive_shafts(
+            world, dt, throttle, clutch, time, powertrain, memory, parameters, state, control.element_joint_force
+        )
+    else:
+        drive_directly(world, throttle, time, powertrain, memory, state, control.element_joint_force)
+    torque = memory.drive_torque[world]
+    speed = memory.drive_speed[world]
+    onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[world]) / dt
+    memory.last_drive[world] = speed
+    rolling = powertrain.gear_reaction * torque + powertrain.shaft_reaction * onward
+    pitching = float(0.0)
+    for axle in range(powertrain.split_count):
+        pitching += torque * powertrain.split_share[axle] / powertrain.split_ratio[axle]
+    return wp.vec3(rolling, (1.0 - powertrain.wheel_reaction) * pitching, 0.0)

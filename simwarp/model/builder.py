@@ -1,0 +1,481 @@
+"""ModelBuilder: host-side lists of bodies, shafts, joints and couplings; `finalize` makes a Model of W worlds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.model.checks import (
+    check_link_across_axis,
+    check_perpendicular,
+    checked_dofs,
+    checked_inertia,
+    checked_name,
+    checked_pose,
+    distance_between,
+    dof_from_options,
+    finite_number,
+    positive_number,
+)
+from simwarp.model.couplings import CouplingList
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
+from simwarp.model.shapes import ShapeList
+from simwarp.core.types import (
+    WORLD,
+    Dof,
+    JointType,
+    ModelError,
+    Pose,
+    Quat,
+    Vec3,
+    checked_rotation,
+    finite_vector,
+    shown,
+)
+from simwarp.core.types import (
+    pose as make_pose,
+)
+
+if TYPE_CHECKING:
+    from simwarp.model.model import Model
+
+Array = npt.NDArray[np.float64]
+
+
+WITHOUT_AXIS: Final = (JointType.FIXED, JointType.SPHERICAL, JointType.ROD, JointType.LINE)
+"""Joints whose frames have the world's axes."""
+FLAT: Final = (JointType.PLANAR, JointType.POINT_ON_PLANE, JointType.OLDHAM)
+"""Joints whose axis is the normal of a plane."""
+ANCHORED: Final = (
+    JointType.SPHERICAL, JointType.UNIVERSAL, JointType.POINT_ON_PLANE, JointType.POINT_ON_LINE, JointType.OLDHAM,
+    JointType.BUSHING,
+)  # fmt: skip
+"""Joints whose anchor has to be given; that of others is the child's centre unless it is."""
+IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+@dataclasses.dataclass(frozen=True)
+class BodySpec:
+    """One rigid body: mass [kg], inertia about its centre of mass in body axes [kg·m²], initial state (world)."""
+
+    name: str
+    mass: float
+    inertia: Array
+    pose: Pose
+    velocity: Array
+    omega: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """A frame on a body: origin [m] relative to the centre of mass and xyzw orientation, in body axes."""
+
+    position: Array
+    rotation: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class JointSpec:
+    """One element between frame 0 on body `parent` and frame 1 on body `child`.
+
+    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²].
+    """
+
+    name: str
+    type: JointType
+    parent: int
+    child: int
+    frame0: Frame
+    frame1: Frame
+    dofs: tuple[Dof, ...]
+    offset: float = 0.0
+    inertia: float = 0.0
+    initial_q: float = 0.0
+    initial_qd: float = 0.0
+
+
+class ModelBuilder(ShapeList, CouplingList):
+    """Collects the bodies and joints of one world; every world of a Model shares this topology.
+
+    Poses, anchors and axes are given in world coordinates of the initial configuration [m, rad]. The frames of a
+    joint coincide in that configuration, so its coordinates start at zero. The exceptions: a spring or a distance
+    with limits starts at its length, a FREE joint at the pose of its frame in the world, a shaft at its `position`.
+    Indices returned here are those of the arrays of Model, State and Control.
+
+    Args:
+        gravity: acceleration [m/s²], world frame.
+    """
+
+    def __init__(self, gravity: Vec3 = (0.0, 0.0, -9.81)) -> None:
+        super().__init__()
+        self.gravity = finite_vector("ModelBuilder", "gravity", gravity, 3)
+        self.bodies: list[BodySpec] = []
+
+    # ---- nodes -------------------------------------------------------------------------------------------------
+
+    def add_body(
+        self,
+        name: str,
+        *,
+        mass: float,
+        inertia: Vec3 | Sequence[Sequence[float]] | Array,
+        pose: Pose | None = None,
+        velocity: Vec3 = (0.0, 0.0, 0.0),
+        omega: Vec3 = (0.0, 0.0, 0.0),
+        strict: bool = True,
+    ) -> int:
+        """A rigid body; returns its index.
+
+        Args:
+            mass: [kg], > 0.
+            inertia: [kg·m²] about the centre of mass in body axes: three diagonal entries or a 3x3 matrix.
+            pose: of the centre of mass in the world; identity when None.
+            velocity: of the centre of mass [m/s], world frame.
+            omega: [rad/s], world frame.
+            strict: refuse an inertia that no distribution of mass has (a + b < c for principal moments); published
+                data of vehicles sometimes break the rule, and the equations of motion do not need it.
+        """
+        thing = self._new_name("body", name, (body.name for body in self.bodies))
+        spec = BodySpec(
+            name,
+            positive_number(thing, "mass", mass, "kg", "use WORLD for what never moves"),
+            checked_inertia(thing, inertia, strict=strict),
+            checked_pose(thing, pose),
+            finite_vector(thing, "velocity", velocity, 3),
+            finite_vector(thing, "omega", omega, 3),
+        )
+        self.bodies.append(spec)
+        return len(self.bodies) - 1
+
+    def add_shaft(self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Any) -> int:
+        """A shaft: a node of one rotation, coupled to others by `add_coupling`; returns its joint index.
+
+        Args:
+            inertia: [kg·m²], > 0.
+            position: initial angle [rad].
+            speed: initial speed [rad/s].
+            options: the fields of `Dof`.
+        """
+        thing = checked_name("shaft", name)
+        origin = Frame(np.zeros(3), IDENTITY)
+        return self._append(
+            JointSpec(
+                name, JointType.SHAFT, WORLD, WORLD, origin, origin, (dof_from_options(thing, options),),
+                inertia=positive_number(thing, "inertia", inertia, "kg·m²", "couple joints directly if it has none"),
+                initial_q=finite_number(thing, "position", position),
+                initial_qd=finite_number(thing, "speed", speed),
+            )
+        )  # fmt: skip
+
+    # ---- joints that can be eliminated ---------------------------------------------------------------------------
+
+    def add_joint_fixed(self, name: str, parent: int, child: int, *, anchor: Vec3 | None = None) -> int:
+        """No relative motion. `anchor` (default: the child's centre) is where the reaction is reported."""
+        return self._add(JointType.FIXED, name, parent, child, anchor, None, ())
+
+    def add_joint_revolute(
+        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, **options: Any
+    ) -> int:
+        """A hinge about `axis` through `anchor`; q [rad] turns the child positively about the axis.
+
+        Args:
+            axis: direction, world frame; any length but zero.
+            anchor: a point on the axis, world frame [m]; the child's centre when None.
+            options: the fields of `Dof` (limit, armature, stiffness, damping, friction, drive ...).
+        """
+        return self._add_single(JointType.REVOLUTE, name, parent, child, anchor, axis, options)
+
+    def add_joint_prismatic(
+        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, **options: Any
+    ) -> int:
+        """A slide along `axis`, fixed in the parent; q [m]. Arguments as for `add_joint_revolute`."""
+        return self._add_single(JointType.PRISMATIC, name, parent, child, anchor, axis, options)
+
+    def add_joint_spherical(self, name: str, parent: int, child: int, *, anchor: Vec3, dofs: Sequence[Dof] = ()) -> int:
+        """A ball joint; q is the rotation vector [rad], qd the relative angular velocity, in axes of frame 0."""
+        return self._add(JointType.SPHERICAL, name, parent, child, anchor, None, dofs)
+
+    def add_joint_cylindrical(
+        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, dofs: Sequence[Dof] = ()
+    ) -> int:
+        """Slide along and turn about `axis`: q = (m, rad)."""
+        return self._add(JointType.CYLINDRICAL, name, parent, child, anchor, axis, dofs)
+
+    def add_joint_universal(
+        self, name: str, parent: int, child: int, *, anchor: Vec3, axis0: Vec3, axis1: Vec3, dofs: Sequence[Dof] = ()
+    ) -> int:
+        """A Cardan joint: `axis0` is fixed in the parent, `axis1` (perpendicular to it) in the child; q [rad, rad]."""
+        frame = frame_from_axes(checked_name("joint", name), axis0, axis1)
+        return self._add(JointType.UNIVERSAL, name, parent, child, anchor, None, dofs, rotation=frame)
+
+    def add_joint_planar(
+        self, name: str, parent: int, child: int, *, normal: Vec3, anchor: Vec3 | None = None, dofs: Sequence[Dof] = ()
+    ) -> int:
+        """Motion in the plane through `anchor` with `normal`: q = (m, m, rad); axes x, y of frame 0, then normal."""
+        return self._add(JointType.PLANAR, name, parent, child, anchor, normal, dofs)
+
+    def add_joint_free(self, name: str, child: int, *, anchor: Vec3 | None = None) -> int:
+        """Names the six coordinates of a floating body: q = (position of the frame in the world [m], rotation
+        vector [rad]), qd = (its velocity [m/s], angular velocity [rad/s]), all in world axes.
+
+        Args:
+            anchor: origin of the frame on the body, world frame [m]; the body's centre when None.
+
+        Raises:
+            ModelError: the body is tied to the world by joints already added, or floats under another FREE joint.
+        """
+        thing = checked_name("joint", name)
+        body = self._body(thing, "child", child)
+        self._check_floats(thing, child)
+        offset = np.zeros(3)
+        if anchor is not None:
+            offset = finite_vector(thing, "anchor", anchor, 3) - body.pose.position
+        frame1 = Frame(rotate(quat_conjugate(body.pose.rotation), offset), IDENTITY)
+        return self._append(
+            JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), IDENTITY), frame1, (Dof(),) * 6)
+        )
+
+    # ---- elements that only add rows ------------------------------------------------------------------------------
+
+    def add_joint_point_on_plane(self, name: str, parent: int, child: int, *, anchor: Vec3, normal: Vec3) -> int:
+        """A point of the child stays in a plane of the parent."""
+        return self._add(JointType.POINT_ON_PLANE, name, parent, child, anchor, normal, ())
+
+    def add_joint_point_on_line(self, name: str, parent: int, child: int, *, anchor: Vec3, axis: Vec3) -> int:
+        """A point of the child stays on a line of the parent."""
+        return self._add(JointType.POINT_ON_LINE, name, parent, child, anchor, axis, ())
+
+    def add_joint_parallel(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
+        """An axis of the child stays parallel to one of the parent."""
+        return self._add(JointType.PARALLEL, name, parent, child, None, axis, ())
+
+    def add_joint_perpendicular(self, name: str, parent: int, child: int, *, axis0: Vec3, axis1: Vec3) -> int:
+        """`axis1` of the child stays perpendicular to `axis0` of the parent."""
+        thing = checked_name("joint", name)
+        frame_from_axes(thing, axis0, axis1)
+        return self._add(
+            JointType.PERPENDICULAR, name, parent, child, None, None, (),
+            rotation=frame_from_axis(thing, axis0), rotation1=frame_from_axis(thing, axis1),
+        )  # fmt: skip
+
+    def add_joint_oldham(self, name: str, parent: int, child: int, *, anchor: Vec3, normal: Vec3) -> int:
+        """Translation in a plane without relative rotation."""
+        return self._add(JointType.OLDHAM, name, parent, child, anchor, normal, ())
+
+    def add_joint_distance(
+        self,
+        name: str,
+        parent: int,
+        child: int,
+        *,
+        anchor0: Vec3,
+        anchor1: Vec3,
+        length: float | None = None,
+        limit: tuple[float, float] | None = None,
+    ) -> int:
+        """A massless rod between two points: its length is kept, or held within `limit` = (min, max) [m].
+
+        Args:
+            anchor0: the point of the parent, world frame.
+            anchor1: the point of the child, world frame.
+            length: [m]; the initial distance when None.
+        """
+        thing = checked_name("joint", name)
+        if limit is not None and length is not None:
+            raise ModelError(f"{thing}: give length (a rod) or limit (min, max), got both; drop one")
+        if limit is not None:
+            return self._add_line(name, parent, child, anchor0, anchor1, (Dof(limit=limit),))
+        offset = distance_between(thing, anchor0, anchor1)
+        if length is not None:
+            offset = positive_number(thing, "length", length, "m", "use add_joint_spherical for length 0")
+        return self._add(JointType.ROD, name, parent, child, anchor0, None, (), anchor1=anchor1, offset=offset)
+
+    def add_joint_revolute_spherical(
+        self, name: str, parent: int, child: int, *, anchor0: Vec3, axis: Vec3, anchor1: Vec3
+    ) -> int:
+        """A massless link: hinged to the parent at `anchor0` about `axis`, a ball at `anchor1` of the child.
+        The link is perpendicular to the axis.
+        """
+        thing = checked_name("joint", name)
+        offset = distance_between(thing, anchor0, anchor1)
+        check_link_across_axis(thing, anchor0, anchor1, axis)
+        return self._add(
+            JointType.REVOLUTE_SPHERICAL, name, parent, child, anchor0, axis, (), anchor1=anchor1, offset=offset
+        )
+
+    def add_joint_revolute_translational(
+        self, name: str, parent: int, child: int, *, anchor0: Vec3, axis: Vec3, anchor1: Vec3, direction: Vec3
+    ) -> int:
+        """A massless link: hinged to the parent at `anchor0` about `axis`; the child slides along the direction
+        perpendicular to both `axis` and `direction`, at the initial distance along `direction`. `axis` is
+        perpendicular to `direction` and to anchor1 - anchor0.
+        """
+        thing = checked_name("joint", name)
+        check_perpendicular(thing, "axis", axis, "direction", direction)
+        check_link_across_axis(thing, anchor0, anchor1, axis)
+        x1 = unit_vector(thing, "direction", direction)
+        rotation1 = frame_from_axes(thing, x1, np.cross(unit_vector(thing, "axis", axis), x1))
+        ends = finite_vector(thing, "anchor0", anchor0, 3), finite_vector(thing, "anchor1", anchor1, 3)
+        offset = float((ends[1] - ends[0]) @ x1)
+        return self._add(
+            JointType.REVOLUTE_TRANSLATIONAL, name, parent, child, anchor0, axis, (),
+            anchor1=anchor1, rotation1=rotation1, offset=offset,
+        )  # fmt: skip
+
+    def add_spring(self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, **options: Any) -> int:
+        """A translational spring-damper-actuator: its coordinate is the length [m]; `rest` defaults to the
+        initial length, `joint_force` pushes the ends apart [N], `limit` are hard bump stops.
+
+        Args:
+            options: the fields of `Dof`.
+        """
+        thing = checked_name("spring", name)
+        options.setdefault("rest", distance_between(thing, anchor0, anchor1))
+        return self._add_line(name, parent, child, anchor0, anchor1, (dof_from_options(thing, options),))
+
+    def add_bushing(
+        self,
+        name: str,
+        parent: int,
+        child: int,
+        *,
+        anchor: Vec3,
+        rotation: Quat = (0.0, 0.0, 0.0, 1.0),
+        stiffness: Sequence[float],
+        damping: Sequence[float] = (0.0,) * 6,
+    ) -> int:
+        """Six compliant rows: stiffness [N/m x3, N·m/rad x3] and damping along and about the frame's axes."""
+        thing = checked_name("bushing", name)
+        k = finite_vector(thing, "stiffness", stiffness, 6)
+        d = finite_vector(thing, "damping", damping, 6)
+        dofs = tuple(Dof(stiffness=float(a), damping=float(b)) for a, b in zip(k, d, strict=True))
+        frame = checked_rotation(thing, "rotation", rotation)
+        return self._add(JointType.BUSHING, name, parent, child, anchor, None, dofs, rotation=frame)
+
+    def add_turn(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
+        """The rotation of the child about an axis of its own, seen from the parent: a coordinate for couplings, as
+        where a shaft with joints drives a wheel that also steers. It constrains nothing.
+
+        Its rate [rad/s] is the relative angular velocity along the axis; its angle is that rate integrated, since a
+        rotation about an axis that itself turns has no other.
+
+        Args:
+            axis: direction, world frame, fixed in the child.
+        """
+        return self._add_single(JointType.TURN, name, parent, child, None, axis, {})
+
+    # ---- finish --------------------------------------------------------------------------------------------------
+
+    @property
+    def body_total(self) -> int:
+        """Bodies added so far."""
+        return len(self.bodies)
+
+    def finalize(
+        self, world_count: int, device: str | None = None, *, per_world: Iterable[str] = (),
+        contact_capacity: int | None = None,
+    ) -> Model:  # fmt: skip
+        """The Model of `world_count` worlds on `device` ("cpu", "cuda:0"; the best there is when None).
+
+        Args:
+            per_world: names of Model arrays that get a copy per world, to be randomised (`model.PARAMETERS`).
+            contact_capacity: contact slots of every world; enough for most scenes when None.
+
+        Raises:
+            ModelError: the worlds, the device or the topology are not usable; says which and why.
+        """
+        from simwarp.model.model import Model
+
+        return Model.from_builder(self, world_count, device, per_world=per_world, contact_capacity=contact_capacity)
+
+    # ---- checks --------------------------------------------------------------------------------------------------
+
+    def _new_name(self, kind: str, name: str, taken: Iterable[str]) -> str:
+        thing = checked_name(kind, name)
+        if name in set(taken):
+            raise ModelError(f"{thing}: the name is taken by another {kind}; choose one of its own")
+        return thing
+
+    def _body(self, thing: str, role: str, index: int) -> BodySpec:
+        if not isinstance(index, (int, np.integer)) or isinstance(index, bool) or not 0 <= index < len(self.bodies):
+            raise ModelError(
+                f"{thing}: {role} must be a body index in 0..{len(self.bodies) - 1} or WORLD, got {shown(index)}; "
+                "pass what add_body returned"
+            )
+        return self.bodies[index]
+
+    def _pose_of(self, thing: str, role: str, index: int) -> Pose:
+        world = isinstance(index, (int, np.integer)) and index == WORLD
+        return make_pose() if world else self._body(thing, role, index).pose
+
+    def _frame(self, thing: str, role: str, body: int, anchor: Array, rotation: Array) -> Frame:
+        body_pose = self._pose_of(thing, role, body)
+        inverse = quat_conjugate(body_pose.rotation)
+        return Frame(rotate(inverse, anchor - body_pose.position), quat_multiply(inverse, rotation))
+
+    def _add_single(
+        self, kind: JointType, name: str, parent: int, child: int, anchor: Vec3 | None, axis: Vec3,
+        options: Mapping[str, Any],
+    ) -> int:  # fmt: skip
+        return self._add(
+            kind, name, parent, child, anchor, axis, (dof_from_options(checked_name("joint", name), options),)
+        )
+
+    def _add_line(self, name: str, parent: int, child: int, anchor0: Vec3, anchor1: Vec3, dofs: Sequence[Dof]) -> int:
+        distance_between(checked_name("joint", name), anchor0, anchor1)
+        return self._add(JointType.LINE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
+
+    def _add(
+        self, kind: JointType, name: str, parent: int, child: int, anchor: Any, axis: Any,
+        dofs: Sequence[Dof], *, anchor1: Vec3 | None = None, rotation: Array | None = None,
+        rotation1: Array | None = None, offset: float = 0.0,
+    ) -> int:  # fmt: skip
+        thing = checked_name("joint", name)
+        child_pose = self._pose_of(thing, "child", child)
+        self._pose_of(thing, "parent", parent)
+        if parent == child:
+            raise ModelError(f"{thing}: parent and child must differ, got {shown(parent)} for both; name two bodies")
+        centred = anchor is None and kind not in ANCHORED
+        point = child_pose.position if centred else finite_vector(thing, "anchor", anchor, 3)
+        point1 = point if anchor1 is None else finite_vector(thing, "anchor1", anchor1, 3)
+        if rotation is None:
+            unturned = kind in WITHOUT_AXIS
+            rotation = IDENTITY if unturned else frame_from_axis(thing, axis, "normal" if kind in FLAT else "axis")
+        checked = checked_dofs(thing, kind.name, len(ELEMENTS[kind].dofs), dofs)
+        return self._append(
+            JointSpec(
+                name, kind, int(parent), int(child),
+                self._frame(thing, "parent", parent, point, rotation),
+                self._frame(thing, "child", child, point1, rotation if rotation1 is None else rotation1),
+                checked, offset=offset,
+            )
+        )  # fmt: skip
+
+    def _append(self, spec: JointSpec) -> int:
+        self._new_name("joint", spec.name, (joint.name for joint in self.joints))
+        self.joints.append(spec)
+        return len(self.joints) - 1
+
+    def _check_floats(self, thing: str, child: int) -> None:
+        """A FREE joint only makes sense on a floating tree, and once: its coordinates would contradict others."""
+        tied = {child}
+        fresh = True
+        while fresh:
+            fresh = False
+            for spec in self.joints:
+                ends = {spec.parent, spec.child}
+                if not ELEMENTS[spec.type].tree or spec.type == JointType.SHAFT or not (ends & tied):
+                    continue
+                if WORLD in ends:
+                    how = "floats under" if spec.type == JointType.FREE else "is tied to the world by"
+                    raise ModelError(
+                        f"{thing}: body '{self.bodies[child].name}' must float and have no other FREE joint, but it "
+                        f"{how} joint '{spec.name}'; leave this one out"
+                    )
+                fresh = fresh or not ends <= tied
+                tied |= ends

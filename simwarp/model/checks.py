@@ -1,0 +1,340 @@
+"""Checks of what a ModelBuilder is given: every error names the thing, the rule, the value received and the remedy."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.rotation import unit_vector
+from simwarp.core.types import (
+    FLOAT32_LEAST,
+    FLOAT32_MAX,
+    Dof,
+    ModelError,
+    Pose,
+    PositionDrive,
+    PrescribedPosition,
+    PrescribedSpeed,
+    Vec3,
+    VelocityMotor,
+    finite_vector,
+    number,
+    numbers,
+    shown,
+)
+from simwarp.core.types import (
+    pose as make_pose,
+)
+
+Array = npt.NDArray[np.float64]
+
+PERPENDICULAR = 1.0e-6
+"""Largest cosine between two directions that have to be perpendicular."""
+
+
+LONGEST_NAME: Final = 255
+"""Bytes of the longest name in UTF-8: of a body, a joint, a shape, a sensor."""
+
+INFINITE: Final = 1.0e30
+"""Stands for "no limit" in float32 parameters."""
+
+
+def finite_number(thing: str, field: str, value: Any, remedy: str = "pass a number") -> float:
+    """`value` as a float that float32 holds, or a ModelError."""
+    given = number(value)
+    if not abs(given) <= FLOAT32_MAX:
+        raise ModelError(f"{thing}: {field} must be a finite number{_beyond(value)}, got {shown(value)}; {remedy}")
+    return given
+
+
+def positive_number(thing: str, field: str, value: Any, unit: str, remedy: str) -> float:
+    """`value` as a float above zero that stays so in float32, or a ModelError."""
+    given = number(value)
+    if FLOAT32_LEAST <= given <= FLOAT32_MAX:
+        return given
+    unit = unit and f" {unit}"
+    rule = f"at least 1.2e-38{unit} (float32)" if given > 0.0 and math.isfinite(given) and not _beyond(value) else ""
+    rule = rule or f"finite and > 0{unit}{_beyond(value)}"
+    raise ModelError(f"{thing}: {field} must be {rule}, got {shown(value)}; {remedy}")
+
+
+def not_negative(thing: str, field: str, value: Any, unit: str = "", remedy: str = "use 0 for none") -> float:
+    """`value` as a float of zero or more that float32 holds, or a ModelError."""
+    given = number(value)
+    if not 0.0 <= given <= FLOAT32_MAX:
+        unit = unit and f" {unit}"
+        rule = f"finite and >= 0{unit}{_beyond(value)}"
+        raise ModelError(f"{thing}: {field} must be {rule}, got {shown(value)}; {remedy}")
+    return given
+
+
+def _beyond(value: Any) -> str:
+    """What to add to a rule where `value` is a number, but none of float32."""
+    given = number(value)
+    beyond = (isinstance(value, int) and math.isinf(given)) or (math.isfinite(given) and abs(given) > FLOAT32_MAX)
+    return " and at most 3.4e38" if beyond else ""
+
+
+def whole_number(thing: str, field: str, value: Any, least: int, most: int, remedy: str) -> int:
+    """`value` as an int between `least` and `most`, or a ModelError; truth values are no numbers."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or not least <= value <= most:
+        rule = f">= {least} and <= {most}" if number(value) > most else f">= {least}"
+        raise ModelError(f"{thing}: {field} must be an integer {rule}, got {shown(value)}; {remedy}")
+    return int(value)
+
+
+def checked_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> str:
+    """`value` as one of the known words, or a ModelError that lists them."""
+    if not isinstance(value, str) or value not in known:
+        near = difflib.get_close_matches(value[:LONGEST_NAME], known, n=1) if isinstance(value, str) else []
+        hint = f"did you mean '{near[0]}'?" if near else "choose one of them"
+        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {shown(value)}; {hint}")
+    return value
+
+
+def checked_flag(thing: str, field: str, value: Any) -> bool:
+    """`value` as a bool, or a ModelError: nothing else is true or false here."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ModelError(f"{thing}: {field} must be True or False, got {shown(value)}; choose one")
+    return bool(value)
+
+
+def checked_names(thing: str, field: str, given: Any, known: Iterable[str]) -> set[str]:
+    """The names in a collection, all of them known ones, or a ModelError."""
+    if isinstance(given, str):
+        raise ModelError(f"{thing}: {field} must be a list of names, got {shown(given)}; write [{shown(given)}]")
+    try:
+        names = list(given)
+    except TypeError:
+        raise ModelError(
+            f"{thing}: {field} must be a list of names, got {shown(given)}; leave it out for none"
+        ) from None
+    listed = list(known)
+    for name in names:
+        if not isinstance(name, str) or name not in listed:
+            near = difflib.get_close_matches(name[:LONGEST_NAME], listed, n=1) if isinstance(name, str) else []
+            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(listed[:8])}, ..."
+            raise ModelError(f"{thing}: {field} names an unknown parameter {shown(name)}; {hint}")
+    return set(names)
+
+
+def checked_name(kind: str, name: Any) -> str:
+    """The thing's name for errors, such as "body 'arm'"; a ModelError where `name` cannot be one."""
+    if not isinstance(name, str) or not name:
+        raise ModelError(f"{kind}: name must be a non-empty string, got {shown(name)}; give it one")
+    if any(unicodedata.category(letter) in ("Cc", "Cs", "Zl", "Zp") for letter in name):
+        raise ModelError(f"{kind}: name must be one line of printable text, got {shown(name)}; leave such letters out")
+    length = len(name.encode("utf-8"))
+    if length > LONGEST_NAME:
+        raise ModelError(
+            f"{kind}: name must have at most {LONGEST_NAME} bytes, got {length}: {shown(name)}; shorten it"
+        )
+    return f"{kind} '{name}'"
+
+
+def checked_pose(thing: str, value: Any) -> Pose:
+    """A Pose with a unit quaternion; identity when None."""
+    if value is None:
+        return make_pose()
+    if not isinstance(value, Pose):
+        raise ModelError(f"{thing}: pose must be a Pose, got {shown(value)}; write simwarp.pose(position, rotation)")
+    return make_pose(value.position, value.rotation)
+
+
+def distance_between(thing: str, anchor0: Vec3, anchor1: Vec3) -> float:
+    """Distance of two anchors that must be apart [m]."""
+    p0, p1 = finite_vector(thing, "anchor0", anchor0, 3), finite_vector(thing, "anchor1", anchor1, 3)
+    distance = float(np.linalg.norm(p1 - p0))
+    if distance < 1e-9:
+        raise ModelError(f"{thing}: anchor0 and anchor1 must be apart, got {distance} m between them; move one")
+    return distance
+
+
+def check_link_across_axis(thing: str, anchor0: Vec3, anchor1: Vec3, axis: Vec3) -> None:
+    """A massless hinged link lies in the plane through `anchor0` across its axis.
+
+    Raises:
+        ModelError: anchor1 is off that plane by more than 1e-6 of the distance.
+    """
+    p0, p1 = finite_vector(thing, "anchor0", anchor0, 3), finite_vector(thing, "anchor1", anchor1, 3)
+    along = float((p1 - p0) @ unit_vector(thing, "axis", axis))
+    if abs(along) > PERPENDICULAR * max(float(np.linalg.norm(p1 - p0)), 1e-9):
+        raise ModelError(
+            f"{thing}: anchor1 - anchor0 must be perpendicular to axis, got {along:.3g} m along it; "
+            "move anchor0 along the axis by that much"
+        )
+
+
+def check_perpendicular(thing: str, name0: str, vector0: Vec3, name1: str, vector1: Vec3) -> None:
+    """Two directions at a right angle, to 1e-6, or a ModelError."""
+    cosine = float(unit_vector(thing, name0, vector0) @ unit_vector(thing, name1, vector1))
+    if abs(cosine) > PERPENDICULAR:
+        raise ModelError(
+            f"{thing}: {name0} and {name1} must be perpendicular, got a cosine of {cosine:.3g}; "
+            f"take the component of {name1} along {name0} out"
+        )
+
+
+def checked_inertia(thing: str, inertia: Any, strict: bool = True) -> Array:
+    """A 3x3 inertia, symmetrised; one that some body can have unless not `strict`."""
+    checked_flag(thing, "strict", strict)
+    matrix = numbers(inertia)
+    if matrix.shape == (3,):
+        matrix = np.diag(matrix)
+    if matrix.shape != (3, 3) or not bool((np.abs(matrix) <= FLOAT32_MAX).all()):
+        beyond = " of at most 3.4e38" if matrix.shape == (3, 3) and np.isfinite(matrix).all() else ""
+        raise ModelError(
+            f"{thing}: inertia must be three diagonal entries or a 3x3 matrix of finite numbers{beyond} [kg·m²], "
+            f"got {shown(inertia)}; pass for example (ixx, iyy, izz)"
+        )
+    # relative to the largest entry, so that grams and millimetres are judged like tonnes
+    if not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-6 * float(np.abs(matrix).max())):
+        raise ModelError(f"{thing}: inertia must be symmetric, got {shown(inertia)}; symmetrise it")
+    values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    if values[0] <= 0.0:
+        raise ModelError(
+            f"{thing}: inertia must be positive definite, got principal values {values.tolist()}; "
+            "give a thin body a small inertia, not zero"
+        )
+    if values[0] < FLOAT32_LEAST:
+        raise ModelError(
+            f"{thing}: inertia must have principal values of at least 1.2e-38 kg·m² (float32), got {values.tolist()}; "
+            "give a thin body a larger one"
+        )
+    # 1 % of slack: published tables are rounded
+    if strict and values[2] > (values[0] + values[1]) * 1.01:
+        raise ModelError(
+            f"{thing}: principal inertias must obey a + b >= c, got {values.tolist()}; check units and axes, "
+            "or pass strict=False for published data"
+        )
+    return 0.5 * (matrix + matrix.T)
+
+
+def dof_from_options(thing: str, options: Mapping[str, Any]) -> Dof:
+    """A checked Dof from keyword arguments; an unknown one is answered with the nearest name."""
+    known = [field.name for field in dataclasses.fields(Dof)]
+    for key in options:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
+            raise ModelError(f"{thing}: unknown option '{key}'; {hint}")
+    return checked_dof(thing, Dof(**options))
+
+
+def checked_dofs(thing: str, kind: str, count: int, dofs: Sequence[Dof]) -> tuple[Dof, ...]:
+    """`count` checked degrees of freedom; none given means passive ones."""
+    if not isinstance(dofs, Sequence):
+        raise ModelError(f"{thing}: dofs must be a sequence of Dof, got {shown(dofs)}; write dofs=[Dof(...), ...]")
+    if len(dofs) not in (0, count):
+        raise ModelError(
+            f"{thing}: dofs must have {count} entries for a {kind} joint, got {len(dofs)}; "
+            "write Dof() for a coordinate without anything on it"
+        )
+    return tuple(checked_dof(thing, dof) for dof in dofs) or (Dof(),) * count
+
+
+def checked_dof(thing: str, dof: Dof) -> Dof:
+    """The Dof itself, or a ModelError for the first field that cannot be used."""
+    if not isinstance(dof, Dof):
+        raise ModelError(f"{thing}: a degree of freedom must be a Dof, got {shown(dof)}; write Dof(stiffness=...)")
+    for field in ("armature", "stiffness", "damping", "friction"):
+        not_negative(thing, field, getattr(dof, field))
+    for field in ("preload", "rest"):
+        finite_number(thing, field, getattr(dof, field), "use 0 for none")
+    _check_limit(thing, dof.limit)
+    for field in ("spring_table", "damper_table"):
+        _check_table(f"{thing}: {field}", getattr(dof, field))
+    if dof.damper_map is not None:
+        _check_map(f"{thing}: damper_map", dof.damper_map)
+    _check_drive(thing, dof.drive)
+    return dof
+
+
+def _check_limit(thing: str, limit: Any) -> None:
+    if limit is None:
+        return
+    pair = numbers(limit)
+    lower, upper = pair.tolist() if pair.shape == (2,) else (math.nan, math.nan)
+    if not lower < upper:  # also where one is NaN
+        raise ModelError(
+            f"{thing}: limit must be (lower, upper) with lower < upper, got {shown(limit)}; "
+            "use float('inf') for a side without a stop, None for no limit"
+        )
+    if lower >= INFINITE or upper <= -INFINITE:
+        raise ModelError(
+            f"{thing}: limit must be (lower, upper) with a stop nearer than 1e30, got {shown(limit)}; use None for none"
+        )
+
+
+def _check_map(thing: str, table: Any) -> None:
+    parts = _arrays(table, 3)
+    if [part.ndim for part in parts] != [1, 1, 2]:
+        raise ModelError(
+            f"{thing} must be (coordinates, rates, forces[rate][coordinate]), got {shown(table)}; give three of them"
+        )
+    places, rates, forces = parts
+    if forces.shape != (len(rates), len(places)):
+        raise ModelError(
+            f"{thing}: forces must have {len(rates)} rows of {len(places)} numbers, got {forces.shape}; "
+            "one row for every rate"
+        )
+    for row in forces:
+        _check_table(thing, (places, row))
+    _check_table(thing, (rates, forces[:, 0] if len(places) else rates))
+
+
+def _arrays(table: Any, count: int) -> list[Array]:
+    """The arrays of a table; none where it has another number of them."""
+    some = isinstance(table, Sequence) or (isinstance(table, np.ndarray) and table.ndim > 0)
+    return [numbers(part) for part in table] if some and len(table) == count else []
+
+
+def _check_drive(thing: str, drive: Any) -> None:
+    match drive:
+        case None:
+            return
+        case PositionDrive():
+            for field in ("stiffness", "damping"):
+                not_negative(thing, f"drive {field}", getattr(drive, field))
+            if not number(drive.effort_limit) >= FLOAT32_LEAST:
+                raise ModelError(
+                    f"{thing}: drive effort_limit must be > 0, got {shown(drive.effort_limit)}; "
+                    "use float('inf') for none"
+                )
+        case VelocityMotor():
+            positive_number(
+                thing,
+                "drive effort_limit",
+                drive.effort_limit,
+                "N or N·m",
+                "use PrescribedSpeed for a motor without one",
+            )
+        case PrescribedPosition() | PrescribedSpeed():
+            _check_table(f"{thing}: drive table", drive.table)
+        case _:
+            raise ModelError(
+                f"{thing}: drive must be None or a PositionDrive, VelocityMotor, PrescribedPosition or "
+                f"PrescribedSpeed, got {shown(drive)}; construct one of them"
+            )
+
+
+def _check_table(thing: str, table: Any) -> None:
+    if table is None:
+        return
+    rule = "must be two equally long sequences of finite numbers with increasing abscissae"
+    remedy = "write ((x0, x1, ...), (y0, y1, ...)) with at least two points"
+    parts = _arrays(table, 2)
+    usable = [part.ndim for part in parts] == [1, 1] and parts[0].shape == parts[1].shape and len(parts[0]) >= 2
+    if usable:
+        within = all(bool((np.abs(part) <= FLOAT32_MAX).all()) for part in parts)
+        usable = within and bool((np.diff(parts[0]) > 0.0).all())
+    if not usable:
+        raise ModelError(f"{thing} {rule}, got {shown(table)}; {remedy}")

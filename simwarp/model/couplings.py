@@ -1,0 +1,146 @@
+"""Couplings: bilateral rows on the coordinates of joints, as a list of a builder."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from simwarp.model.checks import checked_name, finite_number, not_negative
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, shown
+
+if TYPE_CHECKING:
+    from simwarp.model.builder import JointSpec
+
+MAX_COUPLING_TERMS: Final = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class CouplingSpec:
+    """sum of coefficient x coordinate = offset, over up to six degrees of freedom (public dof indices); with
+    `damping`, effort = -damping x sum of coefficient x rate instead.
+    """
+
+    name: str
+    terms: tuple[tuple[int, float], ...]
+    offset: float | None
+    damping: float = 0.0
+
+
+class CouplingList:
+    """The couplings of a builder, which tie the coordinates of its joints."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.joints: list[JointSpec] = []
+        self.couplings: list[CouplingSpec] = []
+
+    def add_coupling(
+        self, name: str, terms: Iterable[tuple[int, float] | tuple[int, int, float]], *, offset: float | None = None,
+        damping: float = 0.0,
+    ) -> int:  # fmt: skip
+        """One bilateral row on coordinates: sum of coefficient x q = offset (the initial value when None).
+
+        Gears, racks, screws, belts and planetary sets are couplings: see `add_gear`, `add_rack`, `add_screw`.
+
+        Args:
+            terms: (joint, coefficient) or (joint, local dof, coefficient), at most six.
+            damping: of a viscous coupling, whose sum may slip [N·m·s/rad or N·s/m]; 0 holds it rigidly.
+        """
+        thing = checked_name("coupling", name)
+        if any(coupling.name == name for coupling in self.couplings):
+            raise ModelError(f"{thing}: the name is taken by another coupling; choose one of its own")
+        try:
+            listed = list(terms)
+        except TypeError:
+            raise ModelError(
+                f"{thing}: terms must be a list, got {shown(terms)}; write [(joint, coefficient), ...]"
+            ) from None
+        resolved = tuple(self._term(thing, term) for term in listed)
+        if not 1 <= len(resolved) <= MAX_COUPLING_TERMS:
+            raise ModelError(f"{thing}: needs 1 to {MAX_COUPLING_TERMS} terms, got {len(resolved)}; chain couplings")
+        constant = None if offset is None else finite_number(thing, "offset", offset, "None keeps the initial value")
+        viscous = not_negative(thing, "damping", damping, "N·m·s/rad", "0 holds it rigidly")
+        self.couplings.append(CouplingSpec(name, resolved, constant, viscous))
+        return len(self.couplings) - 1
+
+    def add_gear(self, name: str, joint0: int, joint1: int, *, ratio: float) -> int:
+        """q1 = ratio · q0 (negative for external teeth)."""
+        return self.add_coupling(name, [(joint0, ratio), (joint1, -1.0)])
+
+    def add_rack(self, name: str, pinion: int, rack: int, *, radius: float) -> int:
+        """q_rack = radius · q_pinion [m per rad]."""
+        thing = checked_name("rack", name)
+        self._check_kind(thing, "pinion", pinion, 0, lengths=False)
+        self._check_kind(thing, "rack", rack, 0, lengths=True)
+        return self.add_coupling(name, [(pinion, radius), (rack, -1.0)])
+
+    def add_screw(self, name: str, cylindrical: int, *, lead: float) -> int:
+        """The slide of a cylindrical joint advances `lead` [m] per turn."""
+        thing = checked_name("screw", name)
+        spec, _ = self._coordinate(thing, cylindrical, 0)
+        if spec.type != JointType.CYLINDRICAL:
+            raise ModelError(
+                f"{thing}: joint must be CYLINDRICAL, got {spec.type.name} joint '{spec.name}'; "
+                "use add_coupling for two joints"
+            )
+        rate = finite_number(thing, "lead", lead) / (2.0 * math.pi)
+        return self.add_coupling(name, [(cylindrical, 0, -1.0), (cylindrical, 1, rate)])
+
+    @property
+    def dof_count(self) -> int:
+        """Number of joint coordinates: the second axis of `joint_q`."""
+        return sum(len(ELEMENTS[joint.type].dofs) for joint in self.joints)
+
+    def dof_start(self, joint: int) -> int:
+        """First column of `joint_q` that belongs to `joint`; of the number of joints their total."""
+        if isinstance(joint, bool) or not isinstance(joint, (int, np.integer)) or not 0 <= joint <= len(self.joints):
+            raise ModelError(
+                f"dof_start: joint must be in 0..{len(self.joints)}, got {shown(joint)}; "
+                "pass what add_joint_... returned"
+            )
+        return sum(len(ELEMENTS[spec.type].dofs) for spec in self.joints[:joint])
+
+    def _coordinate(self, thing: str, joint: Any, local: Any) -> tuple[JointSpec, int]:
+        """A joint of this builder and an index of one of its coordinates."""
+        integers = (int, np.integer)
+        if not isinstance(joint, integers) or isinstance(joint, bool) or not 0 <= joint < len(self.joints):
+            raise ModelError(
+                f"{thing}: joint must be in 0..{len(self.joints) - 1}, got {shown(joint)}; "
+                "pass what add_joint_... returned"
+            )
+        spec = self.joints[joint]
+        count = len(ELEMENTS[spec.type].dofs)
+        if not isinstance(local, integers) or isinstance(local, bool) or not 0 <= local < count:
+            raise ModelError(
+                f"{thing}: joint '{spec.name}' has {count} coordinates, got index {shown(local)}; "
+                "couple joints that have coordinates"
+            )
+        return spec, int(local)
+
+    def _term(self, thing: str, term: Any) -> tuple[int, float]:
+        if not isinstance(term, Sequence) or isinstance(term, (str, bytes)) or len(term) not in (2, 3):
+            raise ModelError(
+                f"{thing}: a term must be (joint, coefficient) or (joint, local dof, coefficient), got {shown(term)}; "
+                "pass a list of such tuples"
+            )
+        joint, local, coefficient = (term[0], 0, term[1]) if len(term) == 2 else term
+        self._coordinate(thing, joint, local)
+        factor = finite_number(thing, "coefficient (or ratio, radius, lead)", coefficient)
+        if abs(factor) < FLOAT32_LEAST:
+            raise ModelError(f"{thing}: coefficient must not be 0, got {shown(coefficient)}; leave the term out")
+        return self.dof_start(joint) + int(local), factor
+
+    def _check_kind(self, thing: str, role: str, joint: int, local: int, lengths: bool) -> None:
+        spec, index = self._coordinate(thing, joint, local)
+        kind = ELEMENTS[spec.type].dofs[index].kind
+        if (kind in (RowKind.POINT_AXIS0, RowKind.POINT_AXIS1, RowKind.DISTANCE)) != lengths:
+            wanted = "a length (a prismatic joint)" if lengths else "an angle (a revolute joint or a shaft)"
+            raise ModelError(
+                f"{thing}: {role} must have {wanted} as coordinate, got {spec.type.name} joint '{spec.name}'; "
+                "use add_coupling for anything else"
+            )

@@ -1,0 +1,167 @@
+"""What a parameter acts on: kernels read an entry only where the model was built with the row that it belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.model.model import Model
+from simwarp.core.types import BoundedKind, DriveMode, JointType, ShapeType
+
+Mask = npt.NDArray[np.bool_]
+
+SEEN: Final = ("shape_x", "shape_rot", "shape_size", "shape_asset", "shape_enabled")
+"""Parameters of shapes that rays of sensors read too: no contact is needed."""
+
+WITH_OFFSET: Final = (JointType.ROD, JointType.REVOLUTE_SPHERICAL, JointType.REVOLUTE_TRANSLATIONAL)
+
+
+class Effect(NamedTuple):
+    """Where a parameter acts.
+
+    Attributes:
+        entries: which of its entries (bodies, joints, coordinates, couplings, shapes) do what they are there for.
+        rule: why the others do not, for errors.
+    """
+
+    entries: Mask
+    rule: str
+
+
+def effect_of(model: Model, name: str, *, contact_model: str = "rigid", also: Collection[str] = ()) -> Effect:
+    """Where a parameter acts in a model.
+
+    Args:
+        model: that it belongs to.
+        name: of one of `PARAMETERS`.
+        contact_model: as in `SolverOptions`.
+        also: parameters that are changed beside it: zero stiffness and damping as built may become something.
+    """
+    if name.startswith("shape_"):
+        return _of_shapes(model, name, contact_model, also)
+    if name in _DOFS:
+        return _DOFS[name](model, also)
+    if name.startswith("coupling_"):
+        return _of_couplings(model, name)
+    if name == "joint_offset":
+        holds = np.array([kind in WITH_OFFSET for kind in model.joint_types], bool)
+        return Effect(holds, "only rods and other massless links have a length of their own")
+    if name.startswith("joint_"):  # anchors and frames
+        bodies = np.array([kind is not JointType.SHAFT for kind in model.joint_types], bool)
+        return Effect(bodies, "shafts have no anchors and frames")
+    count = model.body_count if name.startswith("body_") else 1
+    return Effect(np.ones(count, bool), "the model has no bodies")
+
+
+def _bounded(model: Model, *kinds: BoundedKind) -> Mask:
+    """Coordinates with rows of these kinds."""
+    mask = np.zeros(model.dof_count, bool)
+    mask[[dof for dof, kind in model.tables.bounded if kind in kinds]] = True
+    return mask
+
+
+def _friction(model: Model, also: Collection[str]) -> Effect:
+    rule = "dry friction acts only on coordinates that were built with friction > 0"
+    return Effect(_bounded(model, BoundedKind.FRICTION), rule)
+
+
+def _limit(model: Model, also: Collection[str]) -> Effect:
+    return Effect(_bounded(model, BoundedKind.LIMIT), "stops act only on coordinates that were built with a limit")
+
+
+def _effort_limit(model: Model, also: Collection[str]) -> Effect:
+    rule = "it acts only where a VelocityMotor, or a PositionDrive with a finite effort_limit, was built"
+    return Effect(_bounded(model, BoundedKind.MOTOR, BoundedKind.DRIVE), rule)
+
+
+def _position_drive(model: Model, also: Collection[str]) -> Effect:
+    drives = np.array([law.mode is DriveMode.POSITION for law in model.dof_laws], bool)
+    return Effect(drives, "it acts only on coordinates that were built with a PositionDrive")
+
+
+def _law(model: Model) -> Mask:
+    """Coordinates whose passive law a step computes: those of the tree, and those of loops built with one."""
+    tables = model.tables
+    mask = np.array([slot >= 0 for slot in tables.dof_slot], bool)
+    mask[[dof for dof in tables.row_dof if dof >= 0]] = True
+    mask[[dof for dof, _ in tables.slot_line]] = True
+    mask[tables.loop_dof] = False
+    return mask & np.array([law.mode < DriveMode.PRESCRIBED_POSITION for law in model.dof_laws], bool)
+
+
+def _passive(model: Model, also: Collection[str]) -> Effect:
+    rule = "it acts on coordinates of the tree, or of loops that were built with a law; not on prescribed or free ones"
+    return Effect(_law(model), rule)
+
+
+def _stiffness(model: Model, also: Collection[str]) -> Effect:
+    tables = np.array([law.spring_table for law in model.dof_laws], bool)
+    return Effect(_law(model) & ~tables, "it acts on coordinates with a law of their own and no spring_table")
+
+
+def _damping(model: Model, also: Collection[str]) -> Effect:
+    tables = np.array([law.damper_table for law in model.dof_laws], bool)
+    return Effect(_law(model) & ~tables, "it acts on coordinates with a law of their own, no damper_table and no map")
+
+
+def _rest(model: Model, also: Collection[str]) -> Effect:
+    springs = np.array([law.spring_table or law.stiff for law in model.dof_laws], bool)
+    springs |= "joint_stiffness" in also
+    return Effect(_law(model) & springs, "it acts only on coordinates that were built with a spring")
+
+
+_DOFS: Final[dict[str, Callable[[Model, Collection[str]], Effect]]] = {
+    "joint_friction": _friction,
+    "joint_limit_lower": _limit,
+    "joint_limit_upper": _limit,
+    "drive_effort_limit": _effort_limit,
+    "drive_stiffness": _position_drive,
+    "drive_damping": _position_drive,
+    "joint_stiffness": _stiffness,
+    "joint_damping": _damping,
+    "joint_rest": _rest,
+    "joint_armature": _passive,
+    "joint_preload": _passive,
+}
+
+
+def _of_couplings(model: Model, name: str) -> Effect:
+    count = model.coupling_offset.shape[1]
+    if name == "coupling_offset":
+        rigid = model.coupling_damping.numpy()[0] == 0.0
+        return Effect(rigid, "only couplings that were built without damping keep a sum of coordinates")
+    return Effect(np.ones(count, bool), "the model has no couplings")
+
+
+def _of_shapes(model: Model, name: str, contact_model: str, also: Collection[str]) -> Effect:
+    every = np.ones(model.shape_count, bool)
+    if not model.shape_count:
+        return Effect(every, "the model has no shapes")
+    if name == "shape_size":
+        sized = np.array([kind is not ShapeType.PLANE for kind in model.shape_types], bool)
+        return Effect(sized, "planes have no size")
+    if name in SEEN:
+        return Effect(every, "")
+    smooth = contact_model != "rigid"
+    never = np.zeros(model.shape_count, bool)
+    if name in ("shape_young_modulus", "shape_poisson_ratio") and not smooth:
+        return Effect(never, "it acts only with SolverOptions(contact_model='smooth' or 'smooth_hooke')")
+    if name in ("shape_rolling_friction", "shape_spinning_friction"):
+        if smooth:
+            return Effect(never, "the smooth contact model has no rolling or spinning friction")
+        if not model.has_rolling_friction:
+            return Effect(never, "contacts roll freely: no shape was built with rolling or spinning friction > 0")
+    if name in ("shape_compliance", "shape_damping") and smooth:
+        return Effect(never, "contacts of the smooth model take their stiffness from Young's modulus")
+    if name == "shape_damping" and "shape_compliance" not in also and not _any(model.shape_compliance):
+        return Effect(never, "only compliant contacts relax, and no shape was built with compliance > 0")
+    return Effect(
+        model.shapes_that_meet, "shapes whose groups, masks and bodies let them meet no other have no contacts"
+    )
+
+
+def _any(array: Any) -> bool:
+    return bool((array.numpy() != 0).any())

@@ -1,0 +1,380 @@
+"""Model: everything that is constant during a run. Parameters may differ per world; the topology may not."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.core.arrays import FixedAttributes, WritableArray, writable_from
+from simwarp.model.checks import LONGEST_NAME, checked_names, whole_number
+from simwarp.model.topology import (
+    BuiltLaw,
+    Tables,
+    build_tables,
+    collect_tables,
+    coupling_width,
+    dof_joints,
+    drive_mode,
+    longest_path,
+    row_paths,
+)
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.geometry.assets import add_ground_assets, hull_assets
+from simwarp.simulation.identity import model_identity
+from simwarp.kernels.core.tables import Parameters, Topology
+from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
+from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
+from simwarp.model.shapes import contact_limit, shape_pairs
+from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
+
+if TYPE_CHECKING:
+    from simwarp.model.builder import ModelBuilder
+
+CONTACTS_PER_BODY = 12
+"""Default contact slots per body: a brick in a wall has eight to twelve."""
+
+LISTED_PAIRS = 2000
+"""Pairs of shapes up to which every step goes through a list of them; above, a grid finds the near ones."""
+
+BYTES_PER_PAIR: Final = 40
+"""Of the host, while it is found out which shapes can meet."""
+
+MOST_LISTED: Final = 12
+"""Names that an error lists."""
+
+FEWER: Final = "take fewer worlds or a smaller contact_capacity"
+
+
+class Model(FixedAttributes):
+    """Constant data of `world_count` worlds on one device. Made by `ModelBuilder.finalize`.
+
+    Every parameter of `PARAMETERS` is an attribute: an array of leading dimension 1 (shared by all worlds) or W
+    (named in `finalize(per_world=...)`), read by the kernels as `array[world % array.shape[0]]`. Write into it
+    between steps, never replace it.
+
+    Attributes:
+        world_count, body_count, joint_count, dof_count, shape_count: sizes of the arrays.
+        body_names, joint_names, shape_names: in index order.
+        contact_capacity: contact slots of every world.
+        has_rolling_friction: whether contacts carry rolling and spinning friction.
+        path_length: most slots between a link and the root of its tree.
+        turn_count: terms of couplings that are rotations between two bodies.
+        has_loops: whether joints close loops: rows that no compliance softens.
+        mass_ratio: of the heaviest body to the lightest, as built.
+        joint_dof_start: first coordinate of each joint, plus the total at the end.
+        joint_types, shape_types: in index order.
+        dof_laws: what of each coordinate's law is fixed.
+        shapes_that_meet: which shapes may touch another one.
+        identity: what of it a snapshot must have in common.
+    """
+
+    gravity: WritableArray
+    body_mass: WritableArray
+    body_inertia_b: WritableArray
+    joint_anchor0: WritableArray
+    joint_anchor1: WritableArray
+    joint_frame0: WritableArray
+    joint_frame1: WritableArray
+    joint_offset: WritableArray
+    joint_armature: WritableArray
+    joint_stiffness: WritableArray
+    joint_rest: WritableArray
+    joint_damping: WritableArray
+    joint_preload: WritableArray
+    joint_friction: WritableArray
+    joint_limit_lower: WritableArray
+    joint_limit_upper: WritableArray
+    drive_stiffness: WritableArray
+    drive_damping: WritableArray
+    drive_effort_limit: WritableArray
+    coupling_coefficient: WritableArray
+    coupling_offset: WritableArray
+    coupling_damping: WritableArray
+    shape_x: WritableArray
+    shape_rot: WritableArray
+    shape_size: WritableArray
+    shape_margin: WritableArray
+    shape_asset: WritableArray
+    shape_enabled: WritableArray
+    shape_friction: WritableArray
+    shape_rolling_friction: WritableArray
+    shape_spinning_friction: WritableArray
+    shape_restitution: WritableArray
+    shape_cohesion: WritableArray
+    shape_compliance: WritableArray
+    shape_damping: WritableArray
+    shape_young_modulus: WritableArray
+    shape_poisson_ratio: WritableArray
+
+    def __init__(
+        self, world_count: int, device: Any, builder: ModelBuilder, tables: Tables, contact_capacity: int | None = None
+    ) -> None:
+        self.world_count = world_count
+        self.device = device
+        self.body_count = len(builder.bodies)
+        self.joint_count = len(builder.joints)
+        self.dof_count = builder.dof_count
+        self.body_names = tuple(body.name for body in builder.bodies)
+        self.joint_names = tuple(joint.name for joint in builder.joints)
+        self.joint_dof_start = tuple(builder.dof_start(joint) for joint in range(self.joint_count + 1))
+        self.bounded_count = len(tables.bounded)
+        masses = [body.mass for body in builder.bodies] or [1.0]
+        self.mass_ratio = max(masses) / min(masses)
+        self.has_loops = any(dof < 0 for dof in tables.row_dof)
+        self.shape_count = len(builder.shapes)
+        self.shape_names = tuple(shape.name for shape in builder.shapes)
+        self.has_rolling_friction = any(
+            shape.material.rolling_friction > 0.0 or shape.material.spinning_friction > 0.0 for shape in builder.shapes
+        )
+        candidates = self.shape_count * (self.shape_count - 1) // 2
+        what = f"finalize: the {candidates} pairs of {self.shape_count} shapes"
+        check_fits(what, BYTES_PER_PAIR * candidates, wp.get_device("cpu"), "use fewer shapes")
+        pairs = shape_pairs(builder.shapes, _never_meet(builder))
+        self.contact_capacity = default_capacity(builder, pairs) if contact_capacity is None else contact_capacity
+        self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
+        self.shape_types = tuple(shape.type for shape in builder.shapes)
+        self.joint_types = tuple(joint.type for joint in builder.joints)
+        self.dof_laws = tuple(BuiltLaw.of(dof) for joint in builder.joints for dof in joint.dofs)
+        self.path_length = longest_path(tables)
+        self.turn_count = len(turn_terms(builder))
+        self.tables = tables
+        self.initial = _initial_state(builder)
+        self.topology = _device_topology(builder, tables, pairs, device)
+        self.parameters = Parameters()
+        self.assets = hull_assets(builder.hulls, device)
+        # the assets hold their ids only
+        self.meshes = add_ground_assets(self.assets, builder.height_fields, builder.meshes, device)
+        self.identity = model_identity(builder, self)
+
+    @classmethod
+    def from_builder(
+        cls, builder: ModelBuilder, world_count: int, device: str | None, *, per_world: Iterable[str] = (),
+        contact_capacity: int | None = None,
+    ) -> Model:  # fmt: skip
+        """See `ModelBuilder.finalize`."""
+        worlds = whole_number("finalize", "world_count", world_count, 1, MOST_ROWS, "give the number of worlds")
+        if contact_capacity is not None:
+            contact_capacity = whole_number(
+                "finalize", "contact_capacity", contact_capacity, 1, MOST_ROWS, "None chooses it"
+            )
+        from simwarp.simulation.requirements import run_layouts  # which knows State, and that this Model
+
+        wanted = checked_names("finalize", "per_world", per_world, PARAMETERS)
+        if not builder.bodies and not builder.joints:
+            raise ModelError("finalize: the builder has no body; call add_body first")
+        values = parameter_values(builder)
+        model = cls(worlds, resolve_device(device), builder, build_tables(builder), contact_capacity)
+        layouts = {
+            name: ArrayLayout((worlds if name in wanted else 1, *_lengths(array, name)), PARAMETERS[name].dtype)
+            for name, array in values.items()
+        }
+        check_layouts(f"finalize: {worlds} worlds", layouts | run_layouts(model), model.device, FEWER)
+        for name, layout in layouts.items():
+            shared = layout.shape[0] == 1 < worlds
+            array = writable_from(
+                np.repeat(values[name][None], layout.shape[0], axis=0), layout.dtype, model.device,
+                label=f"model.{name}",
+                domain=asset_domain(builder) if name == "shape_asset" else PARAMETERS[name].domain,
+                hint=f"all worlds share it: finalize(per_world=('{name}',)) gives each its own" if shared else "",
+            )  # fmt: skip
+            setattr(model, name, array)
+            setattr(model.parameters, name, array)
+        model._fix()
+        return model
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a Model cannot be pickled or copied: it refers to memory of a device; keep its ModelBuilder, which can, "
+            "and finalize that again"
+        )
+
+    def body(self, name: str) -> int:
+        """Index of a body by name."""
+        return _index(name, self.body_names, "body")
+
+    def joint(self, name: str) -> int:
+        """Index of a joint by name."""
+        return _index(name, self.joint_names, "joint")
+
+    def dof(self, joint: str, local: int = 0) -> int:
+        """Column of `joint_q` of a joint's coordinate."""
+        index = self.joint(joint)
+        first, end = self.joint_dof_start[index : index + 2]
+        if isinstance(local, bool) or not isinstance(local, (int, np.integer)) or not 0 <= local < end - first:
+            raise ModelError(
+                f"model: joint '{joint}' has {end - first} coordinates, got index {shown(local)}; count from 0"
+            )
+        return first + int(local)
+
+
+def resolve_device(device: str | None) -> Any:
+    """The Warp device of a name; the preferred one when None.
+
+    Raises:
+        ModelError: there is no such device; lists those there are.
+    """
+    try:
+        return wp.get_device(device)
+    except Exception as error:  # warp raises several kinds for unknown names and absent drivers
+        known = ", ".join(str(each) for each in wp.get_devices())
+        raise ModelError(f"device {shown(device)} is not available; use one of: {known}") from error
+
+
+def _index(name: str, names: tuple[str, ...], kind: str) -> int:
+    if not isinstance(name, str) or name not in names:
+        near = difflib.get_close_matches(name[:LONGEST_NAME], names, n=3) if isinstance(name, str) else []
+        some = ", ".join(map(repr, near or names[:MOST_LISTED])) + (", ..." if len(names) > MOST_LISTED else "")
+        raise ModelError(f"model has no {kind} {shown(name)}; " + (f"did you mean {some}?" if some else "it has none"))
+    return names.index(name)
+
+
+def _lengths(values: npt.NDArray[Any], name: str) -> tuple[int, ...]:
+    """Axes of one world's parameter without those of its vectors and matrices."""
+    return values.shape[: values.ndim - len(getattr(PARAMETERS[name].dtype, "_shape_", ()))]
+
+
+def _initial_state(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
+    """Poses and velocities of one world as built; coordinates are measured on the device."""
+    bodies = builder.bodies
+    joint_x, joint_qd = [], []
+    for joint in builder.joints:
+        count = len(ELEMENTS[joint.type].dofs)
+        joint_x += [joint.initial_q] * count
+        joint_qd += [joint.initial_qd] * count
+    return {
+        "body_x": np.array([body.pose.position for body in bodies], np.float64).reshape(-1, 3),
+        "body_rot": np.array([body.pose.rotation for body in bodies], np.float64).reshape(-1, 4),
+        "body_v": np.array([body.velocity for body in bodies], np.float32).reshape(-1, 3),
+        "body_omega": np.array([body.omega for body in bodies], np.float32).reshape(-1, 3),
+        "body_omega_last": np.array([body.omega for body in bodies], np.float32).reshape(-1, 3),
+        "joint_x": np.array(joint_x, np.float64),
+        "joint_qd": np.array(joint_qd, np.float32),
+    }
+
+
+def _pair_topology(
+    t: Topology, builder: ModelBuilder, pairs: npt.NDArray[np.int32], ints: Callable[[Any], Any]
+) -> None:
+    """Shapes, and which of them can meet."""
+    shapes = builder.shapes
+    t.shape_count, t.pair_count = len(shapes), len(pairs)
+    t.grid_buckets = 1 << (2 * len(shapes)).bit_length() if len(pairs) > LISTED_PAIRS else 0
+    t.shape_body = ints([shape.body for shape in shapes])
+    t.shape_type = ints([shape.type for shape in shapes])
+    t.shape_group = ints([shape.group for shape in shapes])
+    t.shape_mask = ints([shape.mask for shape in shapes])
+    listed = pairs if t.grid_buckets == 0 else pairs[:0]
+    t.pair_start = ints(np.searchsorted(listed[:, 0], np.arange(len(shapes) + 1)))
+    t.pair_other = ints(listed[:, 1])
+    apart: list[list[int]] = [[] for _ in range(len(builder.bodies) + 1)]
+    for low, high in sorted(_never_meet(builder)):
+        apart[low + 1].append(high)
+    t.excluded_start, t.excluded_body = _csr(apart, ints)
+
+
+def _never_meet(builder: ModelBuilder) -> set[tuple[int, int]]:
+    """Pairs of bodies whose shapes never meet: excluded, or tied by a joint."""
+    joints = [
+        joint for joint in builder.joints if joint.type != JointType.SHAFT and WORLD not in (joint.parent, joint.child)
+    ]
+    return builder.excluded_bodies | {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
+
+
+def default_capacity(builder: ModelBuilder, pairs: npt.NDArray[np.int32]) -> int:
+    """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
+    shapes = builder.shapes
+    total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
+    return min(total, max(24, CONTACTS_PER_BODY * len(builder.bodies)))
+
+
+def turn_terms(builder: ModelBuilder) -> list[tuple[int, int]]:
+    """(coupling, term) of every coupling term on the rotation between two bodies."""
+    owner = dof_joints(builder)
+    return [
+        (row, term)
+        for row, coupling in enumerate(builder.couplings)
+        for term, (dof, _) in enumerate(coupling.terms)
+        if builder.joints[owner[dof]].type == JointType.TURN
+    ]
+
+
+def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
+    """Start indices and concatenated entries."""
+    return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
+
+
+def _joined(curves: Sequence[Sequence[float]], device: Any) -> Any:
+    """All numbers of the tables; one where there is none."""
+    return wp.array(np.concatenate(curves or [[0.0]]).astype(np.float64), dtype=wp.float64, device=device)
+
+
+def _device_topology(builder: ModelBuilder, tables: Tables, pairs: npt.NDArray[np.int32], device: Any) -> Topology:
+    def ints(values: Any) -> Any:
+        data = np.asarray(values, np.int32)
+        return wp.array(data if data.size else np.full((1, *data.shape[1:]), -1, np.int32), dtype=int, device=device)
+
+    links, joints = tables.links, builder.joints
+    body_link = np.full(max(len(builder.bodies), 1), -1, np.int32)
+    for index, link in enumerate(links):
+        if link.body >= 0:
+            body_link[link.body] = index
+    dof_rows = [(joint, row, dof) for joint, spec in enumerate(joints)
+                for row, dof in zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)]  # fmt: skip
+    coupling_dof = np.full((len(builder.couplings), coupling_width(builder)), -1, np.int32)
+    for row, coupling in enumerate(builder.couplings):
+        coupling_dof[row, : len(coupling.terms)] = [dof for dof, _ in coupling.terms]
+    wrench = np.full_like(coupling_dof, -1)
+    for entry, (row, term) in enumerate(turn_terms(builder)):
+        wrench[row, term] = tables.row_count + len(builder.couplings) + entry
+    curves, dof_table = collect_tables(builder)
+    starts = np.cumsum([0] + [len(x) for x, _ in curves])
+    t = Topology()
+    t.link_count, t.slot_count, t.dof_count = len(links), len(tables.slot_dof), builder.dof_count
+    t.joint_count, t.loop_joint_count = len(joints), len(tables.loop_joint)
+    t.joint_row_count, t.row_count = tables.row_count, tables.row_count + len(builder.couplings)
+    t.bounded_count, t.loop_dof_count = len(tables.bounded), len(tables.loop_dof)
+    t.slot_line_count = len(tables.slot_line)
+    t.link_body = ints([link.body for link in links])
+    t.link_parent = ints([link.parent for link in links])
+    t.link_joint = ints([link.joint for link in links])
+    t.link_type = ints([link.type for link in links])
+    t.link_sign = wp.array([link.sign for link in links] or [1.0], dtype=float, device=device)
+    touched = {body for joint in joints for body in (joint.parent, joint.child)}
+    t.link_alone = ints([link.body >= 0 and link.body not in touched for link in links])
+    t.link_slot, t.slot_dof, t.slot_link = ints(tables.link_slot), ints(tables.slot_dof), ints(tables.slot_link)
+    t.body_link = ints(body_link)
+    t.joint_type = ints([joint.type for joint in joints])
+    t.joint_body0 = ints([joint.parent for joint in joints])
+    t.joint_body1 = ints([joint.child for joint in joints])
+    t.joint_dof = ints([builder.dof_start(joint) for joint in range(len(joints) + 1)])
+    t.dof_joint = ints([joint for joint, _, _ in dof_rows])
+    t.dof_slot = ints(tables.dof_slot)
+    t.dof_kind = ints([row.kind for _, row, _ in dof_rows])
+    t.dof_axis = ints([max(row.axis0, row.axis1) for _, row, _ in dof_rows])
+    t.dof_drive = ints([drive_mode(dof) for _, _, dof in dof_rows])
+    coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
+    t.dof_coupled = ints([dof in coupled for dof in range(builder.dof_count)])
+    t.dof_table = ints(dof_table)
+    t.table_start = ints(starts)
+    t.table_x = _joined([x for x, _ in curves], device)
+    t.table_y = _joined([y for _, y in curves], device)
+    t.loop_joint, t.loop_row = ints(tables.loop_joint), ints(tables.loop_row)
+    t.row_kind = ints([row.kind for row in tables.rows])
+    t.row_axis0 = ints([row.axis0 for row in tables.rows])
+    t.row_axis1 = ints([max(row.axis1, row.axis0) if dof >= 0 else row.axis1
+                        for row, dof in zip(tables.rows, tables.row_dof, strict=True)])  # fmt: skip
+    t.row_dof = ints(tables.row_dof)
+    t.coupling_dof, t.coupling_wrench = ints(coupling_dof), ints(wrench)
+    paths = row_paths(builder, tables)
+    t.row_path, t.path_slot = _csr(paths, ints)
+    t.loop_dof = ints(tables.loop_dof)
+    t.slot_line = ints(np.array(tables.slot_line, np.int32).reshape(-1, 2))
+    t.bounded_dof = ints([dof for dof, _ in tables.bounded])
+    t.bounded_kind = ints([kind for _, kind in tables.bounded])
+    _pair_topology(t, builder, pairs, ints)
+    return t

@@ -1,0 +1,367 @@
+"""What bodies collide with: shapes on bodies, their materials and groups, as lists of a builder."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
+from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, convex_hull, height_field, shape_mass, triangle_mesh
+from simwarp.core.rotation import rotate
+from simwarp.core.types import WORLD, Material, ModelError, Pose, ShapeType, Vec3, finite_vector, numbers, shown
+from simwarp.core.types import pose as make_pose
+
+Array = npt.NDArray[np.float64]
+
+ALL_GROUPS: Final = 0x7FFFFFFF
+ONE_POINT: Final = (ShapeType.SPHERE, ShapeType.ELLIPSOID)
+TURNED: Final = (ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.CONE)
+"""Shapes of a radius and a half length."""
+NOT_CONVEX: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH)
+MANIFOLD_CONTACTS: Final = 8
+"""Contacts that one pair of shapes can have (kernels/collision/narrow.py)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ShapeSpec:
+    """One shape slot: geometry on a body. `pose` is relative to the body's centre of mass, in its axes."""
+
+    name: str
+    body: int
+    type: ShapeType
+    pose: Pose
+    size: Array
+    material: Material
+    margin: float
+    group: int
+    mask: int
+    asset: int
+
+
+class ShapeList:
+    """The shapes of a builder and the pairs of them that can meet.
+
+    Every `add_shape_...` takes the body (or WORLD), sizes in metres, and by keyword: `pose` of the shape's frame
+    relative to the body's centre of mass in body axes (world axes on WORLD), `material`, `margin` by which the surface
+    is thickened [m], `group` and `mask`: bits; two shapes meet if each one's group is in the other's mask.
+    Returns the index of the shape slot.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.shapes: list[ShapeSpec] = []
+        self.hulls: list[Hull] = []
+        self.height_fields: list[HeightField] = []
+        self.meshes: list[TriangleMesh] = []
+        self.excluded_bodies: set[tuple[int, int]] = set()
+
+    def add_shape_plane(self, body: int = WORLD, **options: Any) -> int:
+        """The half-space below z = 0 of its frame."""
+        return self._add_shape(ShapeType.PLANE, body, (0.0, 0.0, 0.0), options)
+
+    def add_shape_sphere(self, body: int, *, radius: float, **options: Any) -> int:
+        """A ball."""
+        return self._add_shape(ShapeType.SPHERE, body, (radius, radius, radius), options)
+
+    def add_shape_capsule(self, body: int, *, radius: float, half_length: float, **options: Any) -> int:
+        """A segment of z from -half_length to half_length, thickened by radius."""
+        return self._add_shape(ShapeType.CAPSULE, body, (radius, half_length, radius), options)
+
+    def add_shape_cylinder(self, body: int, *, radius: float, half_length: float, **options: Any) -> int:
+        """A cylinder about z."""
+        return self._add_shape(ShapeType.CYLINDER, body, (radius, half_length, radius), options)
+
+    def add_shape_box(self, body: int, *, half: Vec3, **options: Any) -> int:
+        """A box of half lengths `half`."""
+        return self._add_shape(ShapeType.BOX, body, half, options)
+
+    def add_shape_ellipsoid(self, body: int, *, half: Vec3, **options: Any) -> int:
+        """An ellipsoid of half axes `half`."""
+        return self._add_shape(ShapeType.ELLIPSOID, body, half, options)
+
+    def add_shape_cone(self, body: int, *, radius: float, half_length: float, **options: Any) -> int:
+        """A cone about z: its base at -half_length, its tip at half_length."""
+        return self._add_shape(ShapeType.CONE, body, (radius, half_length, radius), options)
+
+    def add_shape_hull(self, body: int, points: npt.ArrayLike, *, scale: Vec3 = (1.0, 1.0, 1.0), **options: Any) -> int:
+        """The convex hull of points (N, 3) [m], times `scale`. Equal points share one asset."""
+        return self._add_shape(ShapeType.HULL, body, scale, options, self._hull_asset(points))
+
+    def add_shape_height_field(
+        self, body: int, heights: npt.ArrayLike, *, size: Sequence[float], scale: Vec3 = (1.0, 1.0, 1.0), **options: Any
+    ) -> int:
+        """Terrain: heights (rows, columns) [m] above z = 0 of its frame, columns along x, rows along y, spread over
+        size (x, y) [m] about its origin; all times `scale`. It is solid below. Meets convex shapes only.
+        """
+        asset = self.add_height_field_asset(heights, size=size)
+        return self._add_shape(ShapeType.HEIGHT_FIELD, body, scale, options, asset)
+
+    def add_shape_mesh(
+        self, body: int, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None, *,
+        scale: Vec3 = (1.0, 1.0, 1.0), convex: bool = False, decompose: bool | dict[str, Any] = False, **options: Any,
+    ) -> int | list[int]:  # fmt: skip
+        """Triangles, times `scale`, that meet convex shapes only. They have one outer side, from which their corners
+        are counter-clockwise; what touches them from the other side is taken to be sunk, and lifted out.
+
+        Args:
+            body: or WORLD.
+            vertices: (V, 3) [m], or the path of an OBJ, STL, PLY or GLB file.
+            triangles: (T, 3) vertex indices; None with a path.
+            scale: factors of x, y, z.
+            convex: take their convex hull instead, which meets everything.
+            decompose: take several hulls instead (needs coacd or vhacdx; a dict holds its options).
+            options: see `ShapeList`.
+
+        Returns:
+            The index of the shape slot; with `decompose` a list of them.
+        """
+        checked_flag("add_shape_mesh", "convex", convex)
+        if not isinstance(decompose, (bool, dict)):
+            raise ModelError(
+                f"add_shape_mesh: decompose must be True, False or a dict of options, got {shown(decompose)}; choose"
+            )
+        if convex and decompose is not False:
+            raise ModelError("add_shape_mesh: give convex or decompose, got both; drop one")
+        points, corners = loaded_mesh(vertices, triangles)
+        if convex:
+            return self.add_shape_hull(body, points, scale=scale, **options)
+        if decompose is False:
+            asset = self.add_mesh_asset(points, corners)
+            return self._add_shape(ShapeType.MESH, body, scale, options, asset)
+        from simwarp.geometry.mesh_files import convex_parts  # trimesh takes a while to import
+
+        mesh = triangle_mesh(points, corners)
+        try:
+            parts = convex_parts(mesh.vertices, mesh.triangles, **(decompose if isinstance(decompose, dict) else {}))
+        except TypeError as error:
+            raise ModelError(f"add_shape_mesh: decompose has options that there are not: {error}; drop them") from None
+        name = options.pop("name", f"mesh{len(self.shapes)}")
+        return [
+            self.add_shape_hull(body, part, scale=scale, name=f"{name}_{index}", **options)
+            for index, part in enumerate(parts)
+        ]
+
+    def add_hull_asset(self, points: npt.ArrayLike) -> int:
+        """A hull that no shape shows as built: index for `Model.shape_asset` of HULL shapes. Equal ones share it."""
+        return self._hull_asset(points)
+
+    def add_height_field_asset(self, heights: npt.ArrayLike, *, size: Sequence[float]) -> int:
+        """The same for HEIGHT_FIELD shapes; see `add_shape_height_field`."""
+        field = height_field(heights, size)
+        for index, other in enumerate(self.height_fields):
+            if field.spacing == other.spacing and np.array_equal(field.heights, other.heights):
+                return index
+        self.height_fields.append(field)
+        return len(self.height_fields) - 1
+
+    def add_mesh_asset(self, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None) -> int:
+        """The same for MESH shapes; see `add_shape_mesh`."""
+        mesh = triangle_mesh(*loaded_mesh(vertices, triangles))
+        for index, other in enumerate(self.meshes):
+            if np.array_equal(mesh.vertices, other.vertices) and np.array_equal(mesh.triangles, other.triangles):
+                return index
+        self.meshes.append(mesh)
+        return len(self.meshes) - 1
+
+    def add_solid(
+        self, name: str, kind: ShapeType | str, size: Vec3 | float | None = None, *, mass: float | None = None,
+        density: float | None = None, points: npt.ArrayLike | None = None, pose: Pose | None = None,
+        velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0), **options: Any,
+    ) -> int:  # fmt: skip
+        """A homogeneous body and its shape in one; returns the body's index.
+
+        Args:
+            name: of both.
+            kind: a convex `ShapeType` or its name ("box").
+            size: as `ShapeType` tells: half lengths (one number for three equal ones), radius of a sphere, or radius
+                and half length [m]; of a hull its scale (1 when None).
+            mass: [kg]; or
+            density: [kg/m³].
+            points: of a hull.
+            pose: of the shape's frame in the world: the centre of mass follows from the geometry.
+            velocity: of the centre of mass [m/s], world frame.
+            omega: [rad/s], world frame.
+            options: `material`, `margin`, `group`, `mask` of the shape.
+        """
+        thing = checked_name("solid", name)
+        shape_type = checked_kind(thing, kind)
+        asset = self._hull_asset(points) if shape_type == ShapeType.HULL and points is not None else -1
+        if size is None:
+            size = (1.0, 1.0, 1.0) if shape_type == ShapeType.HULL else ()
+        values = numbers(size)
+        if values.shape == () or (values.shape == (2,) and shape_type in TURNED):
+            values = values.reshape(-1)[[0, -1, 0]]
+        extent = checked_size(thing, shape_type, values)
+        if (mass is None) == (density is None):
+            raise ModelError(
+                f"{thing}: give mass or density, got mass={shown(mass)}, density={shown(density)}; drop one"
+            )
+        solid = shape_mass(shape_type, extent.tolist(), 1.0, self.hulls[asset] if asset >= 0 else None)
+        if density is None:
+            weight = positive_number(thing, "mass", mass, "kg", "give density instead")
+        else:
+            weight = positive_number(thing, "density", density, "kg/m³", "give mass instead") * solid.mass
+        frame = checked_pose(thing, pose)
+        offset = {"name": name, "pose": make_pose(-solid.centre)}
+        shape = self._shape_spec(shape_type, self.body_total, extent, {**offset, **options}, asset)
+        body = self.add_body(
+            name, mass=weight, inertia=solid.inertia * (weight / solid.mass), velocity=velocity, omega=omega,
+            pose=make_pose(frame.position + rotate(frame.rotation, solid.centre), frame.rotation),
+        )  # fmt: skip
+        self.shapes.append(shape)
+        return body
+
+    def add_body(
+        self, name: str, *, mass: float, inertia: Any, pose: Pose | None = None, velocity: Vec3 = (0.0, 0.0, 0.0),
+        omega: Vec3 = (0.0, 0.0, 0.0),
+    ) -> int:  # fmt: skip
+        """See `ModelBuilder.add_body`."""
+        raise NotImplementedError
+
+    def _hull_asset(self, points: npt.ArrayLike) -> int:
+        """Index of the hull of these points."""
+        hull = convex_hull(points)
+        for index, other in enumerate(self.hulls):
+            if np.array_equal(hull.vertices, other.vertices):
+                return index
+        self.hulls.append(hull)
+        return len(self.hulls) - 1
+
+    def exclude_collision(self, body0: int, body1: int) -> None:
+        """Shapes of these two bodies never meet. Bodies that a joint ties together do not meet anyway."""
+        for body in (body0, body1):
+            self._check_body("exclude_collision", body)
+        self.excluded_bodies.add((min(body0, body1), max(body0, body1)))
+
+    @property
+    def body_total(self) -> int:
+        """Bodies added so far."""
+        raise NotImplementedError
+
+    def _check_body(self, thing: str, body: int) -> None:
+        if isinstance(body, bool) or not isinstance(body, (int, np.integer)) or not WORLD <= body < self.body_total:
+            raise ModelError(
+                f"{thing}: body must be WORLD or in 0..{self.body_total - 1}, got {shown(body)}; "
+                "pass what add_body returned"
+            )
+
+    def _add_shape(
+        self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: dict[str, Any], asset: int = -1
+    ) -> int:
+        self._check_body(checked_name("shape", options.get("name", f"{kind.name.lower()}{len(self.shapes)}")), body)
+        self.shapes.append(self._shape_spec(kind, body, size, options, asset))
+        return len(self.shapes) - 1
+
+    def _shape_spec(
+        self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: dict[str, Any], asset: int
+    ) -> ShapeSpec:
+        """The shape, checked but not added."""
+        values = dict(options)
+        name = values.pop("name", f"{kind.name.lower()}{len(self.shapes)}")
+        thing = checked_name("shape", name)
+        if any(shape.name == name for shape in self.shapes):
+            raise ModelError(f"{thing}: the name must be unique, got it twice; choose another")
+        pose = checked_pose(thing, values.pop("pose", None))
+        material = values.pop("material", None)
+        margin = not_negative(thing, "margin", values.pop("margin", 0.0), "m", "make the shape smaller instead")
+        group, mask = values.pop("group", 1), values.pop("mask", ALL_GROUPS)
+        if values:
+            raise ModelError(
+                f"{thing}: unknown option {shown(next(iter(values)))}; known: name, pose, material, margin, group, mask"
+            )
+        if material is not None and not isinstance(material, Material):
+            raise ModelError(f"{thing}: material must be a Material, got {shown(material)}; write Material(...)")
+        for field, bits in (("group", group), ("mask", mask)):
+            if isinstance(bits, bool) or not isinstance(bits, (int, np.integer)) or not 0 <= bits <= ALL_GROUPS:
+                raise ModelError(f"{thing}: {field} must be 31 bits, got {shown(bits)}; 1 is the default group")
+        return ShapeSpec(
+            name, int(body), kind, pose, checked_size(thing, kind, size),
+            checked_material(thing, material or Material()), margin, group, mask, asset,
+        )  # fmt: skip
+
+
+def loaded_mesh(
+    vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None
+) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+    """Vertices and triangles, from a file where a path is given."""
+    if isinstance(vertices, (str, Path)):
+        if triangles is not None:
+            raise ModelError("mesh: vertices name a file, which has its own triangles, got both; leave triangles out")
+        from simwarp.geometry.mesh_files import load_mesh  # trimesh takes a while to import
+
+        return load_mesh(vertices)
+    if triangles is None:
+        raise ModelError("mesh: triangles must be given with vertices, got None; pass (T, 3) indices or a path")
+    return vertices, triangles
+
+
+def checked_kind(thing: str, kind: ShapeType | str) -> ShapeType:
+    """A convex shape type, from itself or its name."""
+    convex = [member for member in ShapeType if member not in NOT_CONVEX]
+    if isinstance(kind, ShapeType) and kind in convex:
+        return kind
+    for member in convex:
+        if isinstance(kind, str) and kind.upper() == member.name:
+            return member
+    names = ", ".join(member.name.lower() for member in convex)
+    raise ModelError(
+        f"{thing}: kind must be one of {names}, got {shown(kind)}; other shapes go on a body with add_shape_..."
+    )
+
+
+def checked_size(thing: str, kind: ShapeType, size: Vec3 | Sequence[float]) -> Array:
+    """Three finite numbers, positive where the kind needs them."""
+    values = finite_vector(thing, "size", size, 3)
+    if kind in (ShapeType.HULL, ShapeType.HEIGHT_FIELD, ShapeType.MESH):
+        for value in values.tolist():
+            positive_number(thing, "scale", value, "along every axis", "mirror the geometry itself")
+    elif kind != ShapeType.PLANE:
+        for value in values:
+            positive_number(thing, "every size (radius, half_length, half)", value, "m", "sizes are half lengths")
+    return values
+
+
+def checked_material(thing: str, material: Material) -> Material:
+    """The material, with every field in its range."""
+    for field in dataclasses.fields(material):
+        value = finite_number(thing, f"material.{field.name}", getattr(material, field.name))
+        highest = {"restitution": 1.0, "poisson_ratio": 0.5}.get(field.name, float("inf"))
+        if not 0.0 <= value <= highest:
+            limits = f"between 0 and {highest:g}" if highest < 10.0 else ">= 0"
+            raise ModelError(f"{thing}: material.{field.name} must be {limits}, got {shown(value)}; see Material")
+    return material
+
+
+def contact_limit(a: ShapeType, b: ShapeType) -> int:
+    """Most contacts that a pair of shape types can have."""
+    if a in ONE_POINT or b in ONE_POINT:
+        return MANIFOLD_CONTACTS if {a, b} & {ShapeType.MESH, ShapeType.HEIGHT_FIELD} else 1
+    if ShapeType.CAPSULE in (a, b) and not {a, b} & {ShapeType.MESH, ShapeType.HEIGHT_FIELD}:
+        return 2
+    return MANIFOLD_CONTACTS
+
+
+def shape_pairs(shapes: Sequence[ShapeSpec], apart: set[tuple[int, int]]) -> npt.NDArray[np.int32]:
+    """(pairs, 2) indices of shapes that can meet, in lexicographic order; `apart` are pairs of bodies that do not."""
+    count = len(shapes)
+    if count < 2:
+        return np.zeros((0, 2), np.int32)
+    body = np.array([shape.body for shape in shapes])
+    group = np.array([shape.group for shape in shapes])
+    mask = np.array([shape.mask for shape in shapes])
+    flat = np.array([shape.type in NOT_CONVEX for shape in shapes])
+    first, second = np.triu_indices(count, 1)
+    keep = (body[first] != body[second]) & ~(flat[first] & flat[second])
+    keep &= ((group[first] & mask[second]) != 0) & ((group[second] & mask[first]) != 0)
+    first, second = first[keep], second[keep]
+    if apart:
+        low, high = np.minimum(body[first], body[second]), np.maximum(body[first], body[second])
+        codes = {(a + 1) * (body.max() + 2) + b + 1 for a, b in apart}
+        together = np.isin((low + 1) * (body.max() + 2) + high + 1, list(codes))
+        first, second = first[~together], second[~together]
+    return np.stack([first, second], axis=1).astype(np.int32)

@@ -1,0 +1,361 @@
+"""Spanning tree and level-ordered tables of a model: computed once on the host, shared by all worlds.
+
+A maximum spanning tree over the joints, weighted by the rows that elimination saves, keeps the loop system small;
+joints whose coordinates carry laws or couplings are preferred, since a slot serves them for free.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.model.joint_types import ELEMENTS, Row
+from simwarp.core.types import (
+    WORLD,
+    BoundedKind,
+    Dof,
+    DriveMode,
+    JointType,
+    ModelError,
+    PositionDrive,
+    PrescribedPosition,
+    PrescribedSpeed,
+    Table,
+    VelocityMotor,
+)
+
+if TYPE_CHECKING:
+    from simwarp.model.builder import JointSpec, ModelBuilder
+
+IntArray = npt.NDArray[np.int32]
+NOT_COUPLABLE: Final = (JointType.FREE, JointType.SPHERICAL, JointType.BUSHING)
+
+
+@dataclasses.dataclass(frozen=True)
+class Link:
+    """A node of the tree: a body or a shaft, with the joint that ties it to its parent link."""
+
+    body: int
+    parent: int
+    joint: int
+    type: JointType
+    sign: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Tables:
+    """The tables of `kernels.tables.Topology` as lists, before they go to a device."""
+
+    links: list[Link]
+    link_slot: list[int]
+    slot_dof: list[int]
+    slot_link: list[int]
+    dof_slot: list[int]
+    loop_joint: list[int]
+    loop_row: list[int]
+    rows: list[Row]
+    row_dof: list[int]
+    loop_dof: list[int]
+    slot_line: list[tuple[int, int]]
+    bounded: list[tuple[int, BoundedKind]]
+
+    @property
+    def row_count(self) -> int:
+        """Rows of loop joints, compliant rows included, couplings not."""
+        return len(self.rows)
+
+
+def row_paths(builder: ModelBuilder, tables: Tables) -> list[list[int]]:
+    """Slots between each row's bodies (or coordinates) and the roots of their trees: loop rows, then couplings."""
+    body_link = {link.body: index for index, link in enumerate(tables.links) if link.body >= 0}
+
+    def above(link: int) -> set[int]:
+        slots: set[int] = set()
+        while link >= 0:
+            slots.update(range(tables.link_slot[link], tables.link_slot[link + 1]))
+            link = tables.links[link].parent
+        return slots
+
+    paths = []
+    for index, joint in enumerate(tables.loop_joint):
+        ends = (builder.joints[joint].parent, builder.joints[joint].child)
+        slots = set().union(*(above(body_link[body]) for body in ends if body != WORLD))
+        paths += [sorted(slots)] * (tables.loop_row[index + 1] - tables.loop_row[index])
+    owner = dof_joints(builder)
+    for coupling in builder.couplings:
+        links: list[int] = []
+        for dof, _ in coupling.terms:
+            spec = builder.joints[owner[dof]]
+            if tables.dof_slot[dof] >= 0:
+                links.append(tables.slot_link[tables.dof_slot[dof]])
+            else:
+                links += [body_link[body] for body in (spec.parent, spec.child) if body != WORLD]
+        paths.append(sorted(set().union(*(above(link) for link in links))))
+    return paths
+
+
+def dof_joints(builder: ModelBuilder) -> list[int]:
+    """The joint of every degree of freedom."""
+    return [joint for joint, spec in enumerate(builder.joints) for _ in spec.dofs]
+
+
+def longest_path(tables: Tables) -> int:
+    """Most slots between any link and the root of its tree."""
+    lengths: list[int] = []
+    for index, link in enumerate(tables.links):
+        above = lengths[link.parent] if link.parent >= 0 else 0
+        lengths.append(above + tables.link_slot[index + 1] - tables.link_slot[index])
+    return max(lengths, default=0)
+
+
+def coupling_width(builder: ModelBuilder) -> int:
+    """Terms of the longest coupling."""
+    return max((len(coupling.terms) for coupling in builder.couplings), default=1)
+
+
+def drive_mode(dof: Dof) -> DriveMode:
+    """The DriveMode of a degree of freedom's drive."""
+    match dof.drive:
+        case None:
+            return DriveMode.NONE
+        case PositionDrive():
+            return DriveMode.POSITION
+        case VelocityMotor():
+            return DriveMode.VELOCITY
+        case PrescribedPosition():
+            return DriveMode.PRESCRIBED_POSITION
+        case PrescribedSpeed():
+            return DriveMode.PRESCRIBED_SPEED
+
+
+@dataclasses.dataclass(frozen=True)
+class BuiltLaw:
+    """What of a coordinate's law is fixed when the model is made: kind of drive, tables, whether it has a spring."""
+
+    mode: DriveMode
+    spring_table: bool
+    damper_table: bool
+    stiff: bool
+
+    @classmethod
+    def of(cls, dof: Dof) -> BuiltLaw:
+        """That of a degree of freedom."""
+        damper = dof.damper_table is not None or dof.damper_map is not None
+        return cls(drive_mode(dof), dof.spring_table is not None, damper, dof.stiffness > 0.0)
+
+
+def has_law(dof: Dof) -> bool:
+    """Whether the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
+    mode = drive_mode(dof)
+    passive = (dof.armature, dof.stiffness, dof.damping, dof.preload)
+    return (
+        any(value != 0.0 for value in passive)
+        or dof.spring_table is not None
+        or dof.damper_table is not None
+        or dof.damper_map is not None
+        or mode in (DriveMode.POSITION, DriveMode.PRESCRIBED_POSITION, DriveMode.PRESCRIBED_SPEED)
+    )
+
+
+def build_tables(builder: ModelBuilder) -> Tables:
+    """Tables of the builder's model."""
+    dof_start = _dof_starts(builder)
+    coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
+    tree = _spanning_tree(builder, dof_start, coupled)
+    links = _ordered_links(builder, tree)
+    link_slot: list[int] = [0]
+    slot_dof: list[int] = []
+    slot_link: list[int] = []
+    dof_slot = [-1] * builder.dof_count
+    for index, link in enumerate(links):
+        count = len(ELEMENTS[link.type].dofs)
+        for local in range(count):
+            dof = -1 if link.joint < 0 else dof_start[link.joint] + local
+            if dof >= 0:
+                dof_slot[dof] = len(slot_dof)
+            slot_dof.append(dof)
+            slot_link.append(index)
+        link_slot.append(len(slot_dof))
+    _check_couplings(builder, dof_slot, dof_start)
+    in_tree = {link.joint for link in links}
+    loop_joint: list[int] = []
+    loop_row: list[int] = [0]
+    rows: list[Row] = []
+    row_dof: list[int] = []
+    loop_dof: list[int] = []
+    slot_line: list[tuple[int, int]] = []
+    single = _single_slots(links, link_slot)
+    for joint, spec in enumerate(builder.joints):
+        if spec.type == JointType.FREE and joint in in_tree:
+            loop_dof += range(dof_start[joint], dof_start[joint] + 6)
+        if joint in in_tree:
+            continue
+        between = single.get(frozenset((spec.parent, spec.child)))
+        if spec.type == JointType.LINE and between is not None and _acts_on_slot(spec.dofs[0]):
+            slot_line.append((dof_start[joint], between))
+            continue
+        before = len(rows)
+        for row in ELEMENTS[spec.type].rows:
+            rows.append(row)
+            row_dof.append(-1)
+        for local, (row, law) in enumerate(zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)):
+            if has_law(law) or (spec.type in (JointType.LINE, JointType.BUSHING) and _passive(law)):
+                rows.append(row)
+                row_dof.append(dof_start[joint] + local)
+            else:
+                loop_dof.append(dof_start[joint] + local)
+        if len(rows) > before:
+            loop_joint.append(joint)
+            loop_row.append(len(rows))
+    bounded = _bounded_rows(builder, dof_start)
+    return Tables(
+        links, link_slot, slot_dof, slot_link, dof_slot, loop_joint, loop_row, rows, row_dof, loop_dof, slot_line,
+        bounded,
+    )  # fmt: skip
+
+
+def _single_slots(links: list[Link], link_slot: list[int]) -> dict[frozenset[int], int]:
+    """Pairs of bodies that a tree joint of one degree of freedom ties, and its slot."""
+    slots = {}
+    for index, link in enumerate(links):
+        if link.body >= 0 and link.joint >= 0 and link_slot[index + 1] - link_slot[index] == 1:
+            parent = WORLD if link.parent < 0 else links[link.parent].body
+            slots[frozenset((link.body, parent))] = link_slot[index]
+    return slots
+
+
+def _acts_on_slot(dof: Dof) -> bool:
+    """Whether a line's effort can be that of the one coordinate that its length depends on: springs and dampers."""
+    return (has_law(dof) or _passive(dof)) and drive_mode(dof) < DriveMode.PRESCRIBED_POSITION
+
+
+def collect_tables(builder: ModelBuilder) -> tuple[list[Table], IntArray]:
+    """All tables of the model, and their indices per degree of freedom (dofs, 4): spring, damper, motion, and that of
+    a damper map, which gives for each coordinate the index of its own table of forces over rates.
+    """
+    tables: list[Table] = []
+    index = np.full((builder.dof_count, 4), -1, np.int32)
+    dofs = [dof for joint in builder.joints for dof in joint.dofs]
+    for row, dof in enumerate(dofs):
+        motion = dof.drive.table if isinstance(dof.drive, PrescribedPosition | PrescribedSpeed) else None
+        for column, table in enumerate((dof.spring_table, dof.damper_table, motion)):
+            if table is not None:
+                index[row, column] = len(tables)
+                tables.append(table)
+        if dof.damper_map is not None:
+            places, rates, forces = dof.damper_map
+            columns = [(rates, [forces_at[place] for forces_at in forces]) for place in range(len(places))]
+            index[row, 3] = len(tables)
+            tables.append((places, [len(tables) + 1.0 + place for place in range(len(places))]))
+            tables += columns
+    return tables, index
+
+
+def _passive(dof: Dof) -> bool:
+    tables = (dof.spring_table, dof.damper_table, dof.damper_map)
+    return any(table is not None for table in tables) or dof.stiffness > 0 or dof.damping > 0
+
+
+def _dof_starts(builder: ModelBuilder) -> list[int]:
+    starts, total = [], 0
+    for joint in builder.joints:
+        starts.append(total)
+        total += len(ELEMENTS[joint.type].dofs)
+    return starts
+
+
+def _spanning_tree(builder: ModelBuilder, dof_start: list[int], coupled: set[int]) -> set[int]:
+    """Joints of a maximum spanning forest (Kruskal); ties keep the order in which joints were added."""
+
+    def weight(joint: int) -> tuple[int, int]:
+        spec = builder.joints[joint]
+        count = len(spec.dofs)
+        is_coupled = any(dof_start[joint] + local in coupled for local in range(count))
+        laws = sum(has_law(dof) for dof in spec.dofs)
+        return (100 * is_coupled + len(ELEMENTS[spec.type].rows) + laws, -joint)
+
+    group = list(range(len(builder.bodies) + 1))  # the last is the world
+
+    def root(node: int) -> int:
+        while group[node] != node:
+            group[node] = group[group[node]]
+            node = group[node]
+        return node
+
+    eligible = [j for j, spec in enumerate(builder.joints) if ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT]
+    tree: set[int] = set()
+    for joint in sorted(eligible, key=weight, reverse=True):
+        a, b = root(builder.joints[joint].parent), root(builder.joints[joint].child)
+        if a != b:
+            group[a] = b
+            tree.add(joint)
+    return tree
+
+
+def _ordered_links(builder: ModelBuilder, tree: set[int]) -> list[Link]:
+    """Links in breadth-first order from the world, then from the heaviest body of every floating tree, shafts last."""
+    neighbours: dict[int, list[tuple[int, int, float]]] = {body: [] for body in range(-1, len(builder.bodies))}
+    for joint in sorted(tree):
+        spec = builder.joints[joint]
+        neighbours[spec.parent].append((joint, spec.child, 1.0))
+        neighbours[spec.child].append((joint, spec.parent, -1.0))
+    links: list[Link] = []
+    placed: dict[int, int] = {WORLD: -1}
+
+    def grow(frontier: list[int]) -> None:
+        while frontier:
+            following = []
+            for body in frontier:
+                for joint, other, sign in neighbours[body]:
+                    if other not in placed:
+                        placed[other] = len(links)
+                        links.append(Link(other, placed[body], joint, builder.joints[joint].type, sign))
+                        following.append(other)
+            frontier = following
+
+    grow([WORLD])
+    for body in sorted(range(len(builder.bodies)), key=lambda index: (-builder.bodies[index].mass, index)):
+        if body not in placed:
+            placed[body] = len(links)
+            links.append(Link(body, -1, -1, JointType.FREE, 1.0))
+            grow([body])
+    for joint, spec in enumerate(builder.joints):
+        if spec.type == JointType.SHAFT:
+            links.append(Link(-1, -1, joint, JointType.SHAFT, 1.0))
+    return links
+
+
+def _check_couplings(builder: ModelBuilder, dof_slot: list[int], dof_start: list[int]) -> None:
+    owner = dof_joints(builder)
+    for coupling in builder.couplings:
+        for dof, _ in coupling.terms:
+            spec: JointSpec = builder.joints[owner[dof]]
+            if spec.type in NOT_COUPLABLE:
+                raise ModelError(
+                    f"coupling '{coupling.name}': joint '{spec.name}' is {spec.type.name}, whose angles are no "
+                    "integrable coordinates; couple revolute, prismatic, cylindrical, universal or planar joints"
+                )
+            if dof_slot[dof] < 0 and spec.type != JointType.TURN:
+                raise ModelError(
+                    f"coupling '{coupling.name}': joint '{spec.name}' closes a loop of coupled joints; "
+                    "couple another joint of that loop"
+                )
+
+
+def _bounded_rows(builder: ModelBuilder, dof_start: list[int]) -> list[tuple[int, BoundedKind]]:
+    rows = []
+    for joint, spec in enumerate(builder.joints):
+        for local, dof in enumerate(spec.dofs):
+            index = dof_start[joint] + local
+            if dof.limit is not None:
+                rows.append((index, BoundedKind.LIMIT))
+            if dof.friction > 0.0:
+                rows.append((index, BoundedKind.FRICTION))
+            if isinstance(dof.drive, VelocityMotor):
+                rows.append((index, BoundedKind.MOTOR))
+            if isinstance(dof.drive, PositionDrive) and np.isfinite(dof.drive.effort_limit):
+                rows.append((index, BoundedKind.DRIVE))
+    return rows

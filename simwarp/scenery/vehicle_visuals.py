@@ -1,0 +1,136 @@
+"""What the shipped vehicles look like: a body in the vehicle's frame of reference, and wheels of their own."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from simwarp.scenery.vehicle_bodies import STYLES, BodyStyle, wheel_mesh
+from simwarp.scenery.prop import Label, Prop, Proxy
+from simwarp.scenery.solids import Array, mirrored, moved
+from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
+from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.geometry.visual_mesh import VisualMesh, joined
+
+if TYPE_CHECKING:
+    from simwarp.sensors.scene import Visuals
+    from simwarp.vehicle.construction import VehicleParts
+    from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+
+VEHICLES: Final = tuple(STYLES)
+"""Vehicles that have a body."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VehicleLook:
+    """A vehicle's picture.
+
+    Attributes:
+        body: in the vehicle's frame of reference (X forward, Y left, Z up), without wheels.
+        wheels: front left, front right, rear left, rear right, about their own middles; they spin about y.
+        places: (4, 3) middles of the wheels in the vehicle's frame when it stands on them [m].
+    """
+
+    body: VisualMesh
+    wheels: tuple[VisualMesh, ...]
+    places: Array
+
+
+def vehicle_look(name: str, *, color: Vec3 | None = None) -> VehicleLook:
+    """The picture of a shipped vehicle: 430 to 700 triangles for its body, 280 for a wheel.
+
+    Args:
+        name: one of `VEHICLES`, or that with a hyphen and more, such as "hmmwv-reduced".
+        color: of its paint, linear; None: its own.
+    """
+    style, spec = _style(name), load_vehicle(_kind(name))
+    places = _places(spec)
+    axles = np.array([(places[index, 0], style.axles[index // 2]) for index in (0, 2)])
+    radii = [spec.axles[axle].tire.radius for axle in (0, -1)]
+    body = joined(style.parts(_paint(style, color)))
+    # the body stands level over its wheels, which need not be level in the frame of reference
+    (front, rear), (high, low) = axles[:, 0], axles[:, 1] - radii
+    points = body.vertices + np.array([0.5 * (front + rear), 0.0, 0.0])
+    points[:, 2] += low + (high - low) * (points[:, 0] - rear) / (front - rear)
+    places[:, 2] = np.repeat(axles[:, 1], 2)
+    return VehicleLook(body=dataclasses.replace(body, vertices=points), wheels=_wheels(style, spec), places=places)
+
+
+def vehicle_prop(name: str, *, color: Vec3 | None = None) -> Prop:
+    """A whole vehicle as one thing that stands on level ground, its wheels still: for parked cars, and for ghosts that
+    are moved as one.
+
+    Args:
+        name, color: as of `vehicle_look`.
+
+    Returns:
+        A prop with one BOX around it without its mirrors; its origin is below that of the vehicle's frame.
+    """
+    style, spec = _style(name), load_vehicle(_kind(name))
+    places = _places(spec)
+    middle = 0.5 * (places[0, 0] + places[-1, 0])
+    body = moved(joined(style.parts(_paint(style, color))), (middle, 0.0, 0.0))
+    wheels = [
+        moved(wheel, (*place[:2], spec.axles[-(index // 2)].tire.radius))
+        for index, (wheel, place) in enumerate(zip(_wheels(style, spec), places.tolist(), strict=True))
+    ]
+    mesh = joined([body, *wheels])
+    (long, wide, tall), at = style.size, 0.5 * float(mesh.vertices[:, 0].min() + mesh.vertices[:, 0].max())
+    box = Proxy(
+        kind=ShapeType.BOX, size=(0.5 * long, 0.5 * wide, 0.5 * tall), pose=pose((at, 0.0, 0.5 * tall))
+    )  # fmt: skip
+    return Prop(name=_kind(name), mesh=mesh, proxies=(box,), label=Label.VEHICLE, reflectance=0.6)
+
+
+def add_vehicle_picture(
+    visuals: Visuals, parts: VehicleParts, *, like: str | None = None, color: Vec3 | None = None, prefix: str = "",
+    **look: Any,
+) -> list[int]:  # fmt: skip
+    """The body on the chassis and a wheel on every spindle, so that wheels spin and steer; returns the instances.
+
+    Args:
+        visuals: of the builder that `parts` was added to.
+        parts: from `simwarp.vehicle.construction.add_vehicle`.
+        like: name of the body; None: that of the vehicle's description.
+        color: of the paint, linear; None: the body's own.
+        prefix: of the names of the instances, "body" and "wheel_0" to "wheel_3".
+        look: fields of `Look`; label and reflectance are those of vehicles unless given.
+    """
+    name = parts.spec.name if like is None else like
+    look = {"label": int(Label.VEHICLE), "reflectance": 0.6, **look}
+    body = vehicle_look(name, color=color).body
+    instances = [visuals.add_mesh(parts.chassis, body, name=f"{prefix}body", pose=pose(parts.reference), **look)]
+    for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(_style(name), parts.spec), strict=True)):
+        instances.append(visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", **look))
+    return instances
+
+
+def _kind(name: str) -> str:
+    for kind in VEHICLES:
+        if name == kind or name.startswith(f"{kind}-"):
+            return kind
+    raise ModelError(f"vehicle picture: name must be one of {', '.join(VEHICLES)}, got {name!r}; say which it is like")
+
+
+def _style(name: str) -> BodyStyle:
+    return STYLES[_kind(name)]
+
+
+def _paint(style: BodyStyle, color: Vec3 | None) -> Array:
+    return style.color if color is None else finite_vector("vehicle picture", "color", color, 3)
+
+
+def _wheels(style: BodyStyle, spec: VehicleSpec) -> tuple[VisualMesh, ...]:
+    """Two per axle, left and right, in the sizes of its tires."""
+    left = [wheel_mesh(style, axle.tire.radius, axle.tire.width) for axle in spec.axles]
+    return tuple(wheel for mesh in left for wheel in (mesh, mirrored(mesh)))
+
+
+def _places(spec: VehicleSpec) -> Array:
+    """(wheels, 3) middles of the wheels in the vehicle's frame, as built [m]."""
+    return np.array([
+        np.add(axle.location, np.multiply(axle.suspension.spindle.com, (1.0, side, 1.0)))
+        for axle in spec.axles for side in (1.0, -1.0)
+    ])  # fmt: skip

@@ -1,0 +1,213 @@
+"""Textures of surfaces, and the tables in which kernels find them: one atlas that all worlds share."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.model.checks import positive_number
+from simwarp.kernels.sensors.cameras.appearance import Appearance, TextureKind
+from simwarp.core.types import ModelError, Vec3, finite_vector, shown
+from simwarp.geometry.visual_mesh import Image, VisualMesh, linear_from_srgb
+
+Extent: TypeAlias = float | Sequence[float]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class ImageTexture:
+    """A picture on a surface, repeated; sampled bilinearly.
+
+    Attributes:
+        image: (height, width, 3) uint8 sRGB with the top row first, or the path of an image file.
+        metres: what one repeat covers along x and y of the instance's frame, seen along its z: for grounds, height
+            fields and boxes. None: the picture goes by the texture coordinates of the mesh.
+    """
+
+    image: npt.NDArray[np.uint8] | str | Path
+    metres: Extent | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class CheckerTexture:
+    """Squares of two colours over x and y of the instance's frame; far squares blend into their mean.
+
+    Attributes:
+        colors: linear, of the square from the origin towards +x, +y and of its neighbours.
+        metres: side of a square [m].
+    """
+
+    colors: tuple[Vec3, Vec3] = ((0.32, 0.34, 0.36), (0.46, 0.48, 0.5))
+    metres: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class NoiseTexture:
+    """Smooth random patches between two colours over x and y of the instance's frame: soil, grass, asphalt.
+
+    Attributes:
+        colors: linear.
+        metres: side of the largest patches [m].
+    """
+
+    colors: tuple[Vec3, Vec3] = ((0.1, 0.16, 0.05), (0.3, 0.34, 0.16))
+    metres: float = 1.0
+
+
+Texture: TypeAlias = ImageTexture | CheckerTexture | NoiseTexture
+
+
+@dataclasses.dataclass(frozen=True)
+class _Entry:
+    """A texture as the tables have it."""
+
+    kind: TextureKind
+    image: Image | None
+    metres: tuple[float, float]
+    colors: tuple[Vec3, Vec3]
+
+
+class AppearanceList:
+    """Textures and looks of meshes, collected before `tables`."""
+
+    def __init__(self) -> None:
+        self._textures: list[_Entry] = []
+        self._given: dict[Texture, int] = {}
+
+    def add(self, texture: Texture) -> int:
+        """Number of a texture, for `Look.texture` and `Scene.texture`. The same object has one number.
+
+        Raises:
+            ModelError: it is no texture, its image cannot be read, or a size or colour is not usable.
+        """
+        known = isinstance(texture, (ImageTexture, CheckerTexture, NoiseTexture))
+        if not known:
+            raise ModelError(
+                "texture: must be an ImageTexture, CheckerTexture or NoiseTexture, "
+                f"got {shown(texture)}; make one of them"
+            )
+        if texture not in self._given:
+            self._given[texture] = len(self._textures)
+            self._textures.append(_entry(texture))
+        return self._given[texture]
+
+    def check(self, thing: str, texture: int, look: VisualMesh | None) -> None:
+        """An instance's texture has to exist, and to know where it lies on the surface.
+
+        Raises:
+            ModelError: there is no such texture, or it is an image and neither it nor the mesh says where.
+        """
+        if not -1 <= texture < len(self._textures):
+            raise ModelError(
+                f"{thing}: texture must be -1 or below {len(self._textures)}, got {texture}; "
+                "pass what Visuals.texture returned"
+            )
+        if texture < 0:
+            return
+        entry = self._textures[texture]
+        if entry.kind == TextureKind.IMAGE and entry.metres[0] == 0.0 and (look is None or look.uv is None):
+            raise ModelError(
+                f"{thing}: an image needs texture coordinates (UVs), got geometry without; unwrap the mesh, "
+                "or give ImageTexture(metres=...) to lay it along x and y"
+            )
+
+    def tables(self, looks: Sequence[VisualMesh | None], device: Any) -> Appearance:
+        """Everything on a device.
+
+        Args:
+            looks: per tree of the scene; None: it has none.
+            device: Warp device.
+        """
+        textures = list(self._textures)
+        tree_look, colors, uvs, triangle_texture = [-1] * len(looks), [], [], []
+        rows = 0
+        for tree, look in enumerate(looks):
+            if look is None or (look.color is None and look.uv is None):
+                continue
+            count = len(look.triangles)
+            tree_look[tree] = rows
+            rows += count
+            colors.append(np.ones((count, 3, 3), np.float32) if look.color is None else look.color)
+            uvs.append(np.zeros((count, 3, 2), np.float32) if look.uv is None else look.uv)
+            own = np.full(count, -1, np.int32) if look.texture is None else look.texture
+            triangle_texture.append(np.where(own >= 0, own + len(textures), -1))
+            textures += [_Entry(TextureKind.IMAGE, image, (0.0, 0.0), ((1, 1, 1), (1, 1, 1))) for image in look.images]
+        made = Appearance()
+        _texture_tables(made, textures, device)
+        made.tree_look = _array(tree_look, np.int32, wp.int32, (), device)
+        made.corner_color = _array([c.reshape(-1, 3) for c in colors], np.float32, wp.vec3, (3,), device, join=True)
+        made.corner_uv = _array([c.reshape(-1, 2) for c in uvs], np.float32, wp.vec2, (2,), device, join=True)
+        made.triangle_texture = _array(triangle_texture, np.int32, wp.int32, (), device, join=True)
+        return made
+
+
+def _array(values: Any, dtype: Any, kind: Any, tail: tuple[int, ...], device: Any, join: bool = False) -> wp.array:
+    data = np.concatenate([np.zeros((0, *tail), dtype), *values]) if join else np.asarray(values, dtype)
+    return wp.array(data.astype(dtype).reshape(-1, *tail), dtype=kind, device=device)
+
+
+def _texture_tables(made: Appearance, textures: list[_Entry], device: Any) -> None:
+    sizes = [(0, 0) if t.image is None else (t.image.shape[1], t.image.shape[0]) for t in textures]
+    starts = np.cumsum([0] + [width * height for width, height in sizes])
+    packed = []
+    for texture in textures:
+        if texture.image is not None:
+            levels = texture.image.reshape(-1, 3).astype(np.uint32)
+            packed.append(levels[:, 0] | levels[:, 1] << 8 | levels[:, 2] << 16)
+    made.texture_kind = _array([int(t.kind) for t in textures], np.int32, wp.int32, (), device)
+    made.texture_start = _array(starts[: len(textures)], np.int32, wp.int32, (), device)
+    made.texture_pixels = _array(sizes, np.int32, wp.vec2i, (2,), device)
+    made.texture_metres = _array([t.metres for t in textures], np.float32, wp.vec2, (2,), device)
+    for index, name in enumerate(("texture_color0", "texture_color1")):
+        setattr(made, name, _array([t.colors[index] for t in textures], np.float32, wp.vec3, (3,), device))
+    made.texel = _array(packed, np.uint32, wp.uint32, (), device, join=True)
+    made.decode = _array(linear_from_srgb(np.arange(256) / 255.0), np.float32, wp.float32, (), device)
+
+
+def _entry(texture: Texture) -> _Entry:
+    white = (1.0, 1.0, 1.0)
+    if isinstance(texture, ImageTexture):
+        extent = (0.0, 0.0) if texture.metres is None else _extent(texture.metres)
+        return _Entry(TextureKind.IMAGE, _image(texture.image), extent, (white, white))
+    name = type(texture).__name__
+    if len(texture.colors) != 2:
+        raise ModelError(
+            f"{name}: colors must be two colours, got {shown(texture.colors)}; pass ((r, g, b), (r, g, b))"
+        )
+    for color in texture.colors:
+        values = finite_vector(name, "colors", color, 3)
+        if values.min() < 0.0 or values.max() > 1.0:
+            raise ModelError(f"{name}: colors must be between 0 and 1, got {shown(color)}; they are linear albedos")
+    side = positive_number(name, "metres", texture.metres, "m", "give the side of a square or patch")
+    kind = TextureKind.CHECKER if isinstance(texture, CheckerTexture) else TextureKind.NOISE
+    return _Entry(kind, None, (side, side), texture.colors)
+
+
+def _extent(metres: Extent) -> tuple[float, float]:
+    values = (metres, metres) if isinstance(metres, (int, float)) else tuple(metres)
+    if len(values) != 2:
+        raise ModelError(
+            f"ImageTexture: metres must be one or two lengths, got {shown(metres)}; pass (along x, along y)"
+        )
+    x, y = (positive_number("ImageTexture", "metres", value, "m", "pass what one repeat covers") for value in values)
+    return x, y
+
+
+def _image(source: Any) -> Image:
+    """(height, width, 3) uint8."""
+    if isinstance(source, (str, Path)):
+        from simwarp.geometry.mesh_files import read_image  # imports trimesh, which takes a while
+
+        return read_image(source)
+    image = np.asarray(source)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
+        raise ModelError(
+            f"ImageTexture: image must be (height, width, 3) uint8 or a path, got {image.dtype}{image.shape}; "
+            "scale values to 0..255"
+        )
+    return image

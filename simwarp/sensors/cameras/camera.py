@@ -1,0 +1,323 @@
+"""Cameras: pictures, depth, normals and segmentation of all worlds, as the lens, the lights and the chip make them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import warp as wp
+
+from simwarp.model.checks import finite_number
+from simwarp.kernels.sensors.cameras.image import Camera as CameraNumbers
+from simwarp.kernels.sensors.cameras.image import Outputs, Views, aim_views, render
+from simwarp.core.rotation import quat_from_matrix
+from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS
+from simwarp.sensors.cameras.image_processing import Development, Imaging
+from simwarp.sensors.cameras.lenses import Lens, Pinhole
+from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
+from simwarp.sensors.cameras.lights import Lighting, Lights
+from simwarp.sensors.ranging.scanning import scene_model
+from simwarp.sensors.scene import ALL_GROUPS, Scene
+from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
+
+if TYPE_CHECKING:
+    from simwarp.simulation.simulation import Simulation
+
+OUTPUTS: Final[dict[str, tuple[int, int, Any]]] = {
+    "rgb": (1, 3, wp.uint8),
+    "grey": (2, 1, wp.uint8),
+    "depth": (4, 1, wp.float32),
+    "range": (8, 1, wp.float32),
+    "normals": (16, 3, wp.float32),
+    "instance": (32, 1, wp.int32),
+    "semantic": (64, 1, wp.int32),
+}
+"""Bit in the kernels, channels and dtype of each output."""
+LIGHT_OUTPUTS: Final = ("rgb", "grey")
+MOST_SAMPLES: Final = 16
+MOST_PIXELS: Final = 32768
+"""Along either side of an image."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CameraConfig:
+    """What a camera is. It looks along X of its mount; Y is to the left, Z up.
+
+    Attributes:
+        schedule: when it takes pictures. With a window `rgb` and `grey` are means over it (motion blur); depth, normals
+            and labels are those at its end.
+        width, height: of the image [pixels].
+        lens: `Pinhole`, `FishEye` or `Radial`.
+        outputs: any of `rgb`, `grey` (uint8), `depth` (along the axis), `range` (along the ray) [m], `normals` (unit,
+            camera axes, towards the camera), `instance` (index in the scene), `semantic` (label); nothing is seen: the
+            reach, zeros, -1. The first one is `Camera.data`.
+        samples: s: s x s rays for each pixel of `rgb` and `grey`, one at random in each of as many squares. With a
+            window there is at least one ray per sub-step.
+        near: what is nearer is not seen, such as the housing [m].
+        reach: what is farther is not seen [m].
+        imaging: exposure, response, vignetting and noise.
+        grey_weights: of red, green and blue in `grey`.
+        groups: bits of the groups of instances that are seen.
+
+    Raises:
+        ModelError: a number, an output or the lens is not usable.
+    """
+
+    schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=30.0))
+    width: int = 80
+    height: int = 45
+    lens: Lens = dataclasses.field(default_factory=Pinhole)
+    outputs: Sequence[str] = ("rgb",)
+    samples: int = 1
+    near: float = 0.0
+    reach: float = 1000.0
+    imaging: Imaging = dataclasses.field(default_factory=Imaging)
+    grey_weights: Vec3 = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+    groups: int = ALL_GROUPS
+
+    def __post_init__(self) -> None:
+        camera_numbers(self)
+
+
+class Camera:
+    """A camera on a body, or fixed in the world, in every world.
+
+    Args:
+        scene: what there is to see.
+        mount: where it sits.
+        config: what it is.
+        lights: of the scene; several cameras may share one `Lights`.
+        name: unique in the Simulation.
+        seed: of its noise, with the name.
+        per_world: arrays that get a row per world: names of `Development`, of `Lights` (where a `Lighting` is given),
+            and "mount".
+
+    Attributes:
+        outputs: by name, (W, height, width, channels): one array each, the same memory throughout.
+        lights: the light's arrays, to write into.
+        development: the arrays of exposure and noise, to write into.
+        mount: the mount's arrays, to write into.
+
+    Raises:
+        ModelError: the body, or a name in `per_world`, is not usable.
+    """
+
+    def __init__(
+        self, scene: Scene, mount: Mount, config: CameraConfig | None = None, *,
+        lights: Lights | Lighting | None = None, name: str = "camera", seed: int = 0, per_world: Iterable[str] = (),
+    ) -> None:  # fmt: skip
+        config = checked_config(name, config, CameraConfig)
+        model = scene_model(f"camera '{name}'", scene)
+        wanted = wanted_arrays(f"camera '{name}'", per_world, (*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
+        self.name, self.scene, self.config = name, scene, config
+        self.numbers = camera_numbers(config)
+        fields = {
+            output: Field((config.height, config.width, OUTPUTS[output][1]), OUTPUTS[output][2])
+            for output in config.outputs
+        }
+        self.frames = Frames(name, config.schedule, model, fields, seed=seed)
+        copies = model.world_count if "mount" in wanted else 1
+        self.mount = mount_arrays(name, mount, model, copies)
+        self.development = Development(config.imaging, model.world_count, model.device, wanted & {*IMAGING_ARRAYS})
+        self.lights = lights_of(lights, scene, wanted & {*LIGHT_ARRAYS})
+        self._tables = scene.tables(config.groups)
+        self._views = make_views(model.world_count, model.device)
+        self._sums = wp.zeros((0, 0), dtype=wp.vec3, device=model.device)
+
+    @property
+    def data(self) -> wp.array:
+        """(W, height, width, channels) of the first output."""
+        return self.outputs[self.config.outputs[0]]
+
+    @property
+    def outputs(self) -> dict[str, wp.array]:
+        """The published frames by name of the output."""
+        return self.frames.data
+
+    @property
+    def timestamp(self) -> wp.array:
+        """(W,) float64 [s]: end of the frame."""
+        return self.frames.timestamp
+
+    @property
+    def valid(self) -> wp.array:
+        """(W,) bool."""
+        return self.frames.valid
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """Frames, clock, and the light of a frame that is being collected."""
+        return {**self.frames.memory, **({"sums": self._sums} if self._sums.size else {})}
+
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """See `sensor_protocol.Sensor`."""
+        lit = any(output in LIGHT_OUTPUTS for output in self.config.outputs)
+        blurred = lit and self.config.schedule.steps(dt).window > 1
+        sums = 12 * self.scene.model.world_count * self.config.width * self.config.height
+        self.frames.check(simulation, dt, sums if blurred else 0)
+
+    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+        """See `sensor_protocol.Sensor`."""
+        return self.frames.record(simulation, dt, lambda: self._samples(simulation))
+
+    def begin(self, simulation: Simulation, mask: wp.array) -> None:
+        """See `sensor_protocol.Sensor`."""
+        self.frames.begin(simulation, mask)
+
+    def _samples(self, simulation: Simulation) -> list[Any]:
+        """Launches of a sub-step: place the scene, aim, cast."""
+        model, config, tick = self.scene.model, self.config, self.frames.tick
+        window = max(self.frames.steps.window, 1)
+        lit = any(output in LIGHT_OUTPUTS for output in config.outputs)
+        self.numbers.samples = window * math.ceil(config.samples**2 / window)
+        if lit and window > 1:
+            pixels = config.width * config.height
+            self._sums = wp.zeros((model.world_count, pixels), dtype=wp.vec3, device=model.device)
+        due = tick.collecting if lit else tick.complete
+        aim = wp.launch(
+            aim_views, dim=model.world_count, device=model.device, record_cmd=True,
+            inputs=[self.numbers, self.mount, tick, simulation.state.arrays, self._tables], outputs=[self._views],
+        )  # fmt: skip
+        cast = launch_render(
+            self.numbers, self._views, self.scene, self._tables, self.lights, self.development, self._sums,
+            self.frames.ring, record=True,
+        )  # fmt: skip
+        return [self.scene.place(simulation.state, self._tables, due, record=True), aim, cast]
+
+
+def look_at(eye: Vec3, target: Vec3, up: Vec3 = (0.0, 0.0, 1.0)) -> Pose:
+    """The pose of a camera at `eye` that looks at `target`, the image's upper side towards `up`.
+
+    Raises:
+        ModelError: eye and target are the same place.
+    """
+    place = finite_vector("look_at", "eye", eye, 3)
+    way = finite_vector("look_at", "target", target, 3) - place
+    if float(np.linalg.norm(way)) < 1e-9:
+        raise ModelError(f"look_at: eye and target must be apart, got {shown(eye)} for both; move one")
+    forward = way / np.linalg.norm(way)
+    left = np.cross(finite_vector("look_at", "up", up, 3), forward)
+    if float(np.linalg.norm(left)) < 1e-9:  # straight up or down: the image's upper side is X
+        left = np.cross((1.0, 0.0, 0.0), forward)
+    left /= np.linalg.norm(left)
+    return pose(place, quat_from_matrix(np.stack([forward, left, np.cross(forward, left)], axis=1)))
+
+
+def camera_numbers(config: CameraConfig) -> CameraNumbers:
+    """The camera as kernels read it.
+
+    Raises:
+        ModelError: a number, an output or the lens is not usable.
+    """
+    thing = "CameraConfig"
+    for field, least in (("width", 1), ("height", 1), ("samples", 1), ("groups", 0)):
+        value = getattr(config, field)
+        if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
+            raise ModelError(f"{thing}: {field} must be an integer >= {least}, got {shown(value)}")
+        if field == "groups" and value > ALL_GROUPS:
+            raise ModelError(f"{thing}: groups must be bits below 2^31, got {shown(value)}; leave out the higher ones")
+        if field in ("width", "height") and value > MOST_PIXELS:
+            raise ModelError(
+                f"{thing}: {field} must be an integer from 1 to {MOST_PIXELS}, got {shown(value)}; use fewer pixels"
+            )
+    if config.samples > MOST_SAMPLES:
+        raise ModelError(
+            f"{thing}: samples must be at most {MOST_SAMPLES}, got {shown(config.samples)}: s x s rays are cast"
+        )
+    names = tuple(config.outputs) if isinstance(config.outputs, (tuple, list)) else ()
+    known = all(isinstance(name, str) and name in OUTPUTS for name in names)
+    if not names or not known or len(set(names)) < len(names):
+        raise ModelError(
+            f"{thing}: outputs must be different ones of {', '.join(OUTPUTS)}, got {shown(config.outputs)}; "
+            'write for example ("rgb", "depth")'
+        )
+    near = finite_number(thing, "near", config.near, "0 sees everything")
+    reach = finite_number(thing, "reach", config.reach, "pass metres")
+    for field, number, rule, usable, remedy in (
+        ("near", near, ">= 0", near >= 0.0, "0 sees everything"),
+        ("reach", reach, "> 0", reach > 0.0, "give the largest distance that is seen"),
+    ):
+        if not usable:
+            raise ModelError(f"{thing}: {field} must be {rule} m, got {number:g}; {remedy}")
+    if not near < reach:
+        raise ModelError(f"{thing}: 0 <= near < reach must hold, got near={near:g}, reach={reach:g} m; swap them")
+    if not isinstance(config.schedule, Schedule):
+        found = shown(config.schedule)
+        raise ModelError(f"{thing}: schedule must be a Schedule, got {found}; write Schedule(rate=...)")
+    if isinstance(config.lens, type) or not (hasattr(config.lens, "numbers") and hasattr(config.lens, "points")):
+        found = shown(config.lens)
+        raise ModelError(f"{thing}: lens must be a lens, got {found}; write Pinhole(fov=1.0), FishEye or Radial")
+    numbers = CameraNumbers()
+    numbers.width, numbers.height = int(config.width), int(config.height)
+    numbers.lens = config.lens.numbers(config.height / config.width)
+    numbers.outputs = sum(OUTPUTS[name][0] for name in names)
+    numbers.side = int(config.samples)
+    numbers.stride = _stride(config.samples**2)
+    numbers.samples = config.samples**2
+    numbers.near, numbers.reach = near, reach
+    numbers.spread = 2.0 * numbers.lens.scale / (config.width * config.samples)
+    numbers.grey = wp.vec3(*finite_vector(thing, "grey_weights", config.grey_weights, 3))
+    return numbers
+
+
+def _stride(strata: int) -> int:
+    """A step that visits all strata, soon every part of the pixel: near the golden section, no common divisor."""
+    steps = [step for step in range(1, strata + 1) if math.gcd(step, strata) == 1]
+    return min(steps, key=lambda step: abs(step - 0.618 * strata))
+
+
+def lights_of(lights: Lights | Lighting | None, scene: Scene, per_world: Iterable[str]) -> Lights:
+    """The lights themselves, or those of a description on the scene's device.
+
+    Raises:
+        ModelError: they are of another sort, device or number of worlds, or `per_world` is asked of lights that are
+            there already.
+    """
+    if lights is not None and not isinstance(lights, (Lights, Lighting)):
+        raise ModelError(
+            f"camera: lights must be Lights or a Lighting, got {shown(lights)}; write Lighting(suns=[Sun(...)])"
+        )
+    if isinstance(lights, Lights):
+        lights.check(scene.model)
+        for name in per_world:
+            raise ModelError(
+                f"camera: '{name}' belongs to the Lights, which are made already; make them with per_world"
+            )
+        return lights
+    return Lights(Lighting() if lights is None else lights, scene.model.world_count, scene.model.device, per_world)
+
+
+def make_views(count: int, device: Any) -> Views:
+    """Room for views."""
+    struct: Any = Views
+    views = Views()
+    for name, hint in struct.vars.items():
+        setattr(views, name, wp.zeros(count, dtype=hint.type.dtype, device=device))
+    return views
+
+
+def launch_render(
+    numbers: CameraNumbers, views: Views, scene: Scene, tables: Any, lights: Lights, development: Development,
+    sums: wp.array, frames: Mapping[str, wp.array], *, record: bool = False,
+) -> Any:  # fmt: skip
+    """Casts and develops all views that are due into rows of `frames`."""
+    device = scene.model.device
+    outputs = Outputs()
+    for name, frame in frames.items():
+        rows = frame.shape[0]
+        setattr(outputs, name, wp.array(
+            ptr=frame.ptr, dtype=frame.dtype, shape=(rows, frame.size // rows), device=device, copy=False,
+        ))  # fmt: skip
+    pixels = numbers.width * numbers.height
+    # a launch on a CPU is serial: few threads; on a GPU one each
+    chunk = 1 if device.is_cuda else numbers.width
+    return wp.launch(
+        render, dim=(views.world.shape[0], -(-pixels // chunk)), device=device, record_cmd=record,
+        inputs=[chunk, numbers, views, tables, scene.model.assets, scene.appearance, lights.arrays, development.arrays],
+        outputs=[sums, outputs],
+    )  # fmt: skip

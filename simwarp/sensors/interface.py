@@ -1,0 +1,169 @@
+"""What all sensors share: when they measure, where they sit, and what a Simulation asks of them.
+
+A sensor is made from a model, a `Mount` and a frozen configuration with a `schedule`, and is handed to a Simulation:
+`Simulation(model, dt, sensors=[sensor])`. Its results are `data`, `timestamp` and `valid`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal, NamedTuple, TypeVar
+
+import numpy as np
+
+from simwarp.model.checks import checked_pose, finite_number, positive_number
+from simwarp.model.model import Model
+from simwarp.simulation.sensor_protocol import Sensor
+from simwarp.core.types import WORLD, ModelError, Pose, pose, shown
+
+Config = TypeVar("Config")
+
+__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index", "checked_config", "checked_model", "checked_outputs"]
+
+
+class Steps(NamedTuple):
+    """A schedule in whole sub-steps."""
+
+    period: int
+    window: int
+    lag: int
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """When a sensor measures. Times are rounded to the nearest whole number of sub-steps.
+
+    Frame k begins at s = phase + k / rate, collects over (s, s + window], is complete at its end and is published `lag`
+    later. Time counts from the moment at which the world's state was set.
+
+    Attributes:
+        rate: frames per second [Hz]; at most one per sub-step.
+        window: how long a frame collects, at most 1 / rate [s]; 0: one instant.
+        lag: from completion to publication [s].
+        phase: "zero", or "random": a whole number of sub-steps within a period, per world and episode.
+
+    Raises:
+        ModelError: a value breaks its rule.
+    """
+
+    rate: float
+    window: float = 0.0
+    lag: float = 0.0
+    phase: Literal["zero", "random"] = "zero"
+
+    def __post_init__(self) -> None:
+        positive_number("Schedule", "rate", self.rate, "Hz", "give the frames per second")
+        for field in ("window", "lag"):
+            if not finite_number("Schedule", field, getattr(self, field), "use 0 for none") >= 0.0:
+                raise ModelError(f"Schedule: {field} must be >= 0 s, got {shown(getattr(self, field))}; use 0 for none")
+        if self.window > (1.0 + 1.0e-9) / self.rate:
+            raise ModelError(
+                f"Schedule: window must not be longer than a period (1 / rate = {1.0 / self.rate:.6g} s), "
+                f"got {shown(self.window)} s; shorten it or lower the rate"
+            )
+        if not isinstance(self.phase, str) or self.phase not in ("zero", "random"):
+            raise ModelError(f"Schedule: phase must be 'zero' or 'random', got {shown(self.phase)}; choose one of them")
+
+    def steps(self, dt: float) -> Steps:
+        """The schedule in sub-steps of `dt` seconds: the nearest whole numbers (halves up), a period of at least 1."""
+
+        def nearest(time: float) -> int:
+            # the quotient of two decimals is off by its rounding: 0.025 / 0.01 is meant to be a half
+            return math.floor(time / dt + 0.5 + 1.0e-9)
+
+        return Steps(max(nearest(1.0 / self.rate), 1), nearest(self.window), nearest(self.lag))
+
+
+@dataclasses.dataclass(frozen=True)
+class Mount:
+    """Where a sensor sits: X forward, Y left, Z up in its own frame.
+
+    Attributes:
+        body: name or index of a body; `WORLD` for a fixed place.
+        pose: of the sensor, in axes of the body, from its centre of mass [m]; world axes for `WORLD`.
+
+    Raises:
+        ModelError: the pose is none.
+    """
+
+    body: int | str = WORLD
+    pose: Pose = dataclasses.field(default_factory=pose)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", checked_pose("Mount", self.pose))
+
+
+def checked_model(sensor: str, model: Any) -> Model:
+    """The model that a sensor is made for, or a ModelError."""
+    if isinstance(model, Model):
+        return model
+    remedy = "pass scene.model" if isinstance(getattr(model, "model", None), Model) else "pass what finalize returned"
+    raise ModelError(f"sensor '{sensor}': model must be a Model, got {shown(model)}; {remedy}")
+
+
+def checked_config(sensor: str, config: Any, kind: type[Config], default: bool = True) -> Config:
+    """The configuration of a sensor; None: the default of its kind, where there is one.
+
+    Raises:
+        ModelError: it is that of another sort of sensors, or none at all.
+    """
+    if config is None and default:
+        return kind()
+    if isinstance(config, kind):
+        return config
+    others = ", or give it to make_sensor, which finds the class" if dataclasses.is_dataclass(config) else ""
+    raise ModelError(
+        f"sensor '{sensor}': config must be of class {kind.__name__}, got {shown(config)}; "
+        f"write {kind.__name__}(...){others}"
+    )
+
+
+def body_index(sensor: str, body: int | str, model: Model) -> int:
+    """Index of the body that a sensor names.
+
+    Raises:
+        ModelError: the model has no such body.
+    """
+    if isinstance(body, str):
+        try:
+            return model.body(body)
+        except ModelError as error:
+            raise ModelError(f"sensor '{sensor}': {error}") from None
+    usable = isinstance(body, (int, np.integer)) and not isinstance(body, bool)
+    if not usable or not (body == WORLD or 0 <= body < model.body_count):
+        raise ModelError(
+            f"sensor '{sensor}': body must be WORLD (-1), an index below {model.body_count} or a name, "
+            f"got {shown(body)}; take what add_body returned"
+        )
+    return int(body)
+
+
+def wanted_arrays(thing: str, per_world: Iterable[str], known: Sequence[str]) -> set[str]:
+    """The names of the arrays that get a row per world.
+
+    Raises:
+        ModelError: one is unknown, or they are no collection of names.
+    """
+    if isinstance(per_world, str) or not isinstance(per_world, Iterable):
+        raise ModelError(f"{thing}: per_world must be a collection of names, got {shown(per_world)}; pass a tuple")
+    wanted = set(per_world)
+    for name in sorted(wanted - set(known), key=str):
+        raise ModelError(f"{thing}: per_world names an unknown array '{name}'; known: {', '.join(known)}")
+    return wanted
+
+
+def checked_outputs(thing: str, outputs: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """The outputs that a configuration asks for, each once and at least one.
+
+    Raises:
+        ModelError: one is unknown or named twice, or there is none.
+    """
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, (tuple, list)) else ()
+    strange = any(not isinstance(name, str) or name not in known for name in names)
+    if not names or strange or len(set(names)) < len(names):
+        raise ModelError(
+            f"{thing}: outputs must be some of {', '.join(known)}, each once, got {shown(outputs)}; choose"
+        )
+    return names

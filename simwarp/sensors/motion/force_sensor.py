@@ -1,0 +1,212 @@
+"""Force sensors: what a body feels in contact, and what a joint transmits."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import warp as wp
+
+from simwarp.model.checks import finite_number
+from simwarp.kernels.sensors.motion.force_sensor import sample_forces, sample_touch
+from simwarp.model.model import Model
+from simwarp.sensors.clock import Field, mount_arrays
+from simwarp.sensors.interface import Mount, Schedule, body_index, checked_config
+from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.noise import Noise, NoiseChain
+from simwarp.core.types import WORLD, ModelError, Quat, pose, shown
+
+if TYPE_CHECKING:
+    from simwarp.simulation.simulation import Simulation
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ContactSensorConfig:
+    """A sensor of contact forces.
+
+    Attributes:
+        schedule: when it measures; frames are means over the window.
+        threshold: of the measured force from which on `touch` is true [N]; 0: any force.
+        noise: of the force [N], per axis or for all.
+    """
+
+    schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=1000.0))
+    threshold: float = 0.0
+    noise: tuple[Noise, ...] = ()
+
+    def __post_init__(self) -> None:
+        if finite_number("ContactSensorConfig", "threshold", self.threshold) < 0.0:
+            raise ModelError(
+                f"ContactSensorConfig: threshold must be >= 0 N, got {shown(self.threshold)}; use 0 for any"
+            )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LoadCellConfig:
+    """A sensor of what a joint transmits.
+
+    Attributes:
+        schedule: when it measures; frames are means over the window.
+        noise: of the force [N], per axis or for all.
+        torque_noise: of the torque [N·m], per axis or for all.
+    """
+
+    schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=1000.0))
+    noise: tuple[Noise, ...] = ()
+    torque_noise: tuple[Noise, ...] = ()
+
+
+class ContactSensor(Instrument):
+    """The sum of all contact forces on a body, in axes of the sensor. Tires are force elements: they are not in it.
+
+    Forces of a sub-step are told in the axes that the sensor had at its beginning.
+
+    Args:
+        model: whose worlds it measures; with shapes.
+        mount: the body, and the axes of the sensor on it; its place does not matter.
+        config: schedule, threshold and noise.
+        name: unique in a Simulation.
+        seed: of the noise, together with the name.
+        randomised: whether every world has rows of its own in noise parameters and mount.
+
+    Attributes:
+        data: (W, 3) float32 [N]; zero until the first step after a state was set.
+        truth: the same without noise.
+        touch: (W,) uint8, 1 where the measured force reaches the threshold.
+        noise: numbers of the noise (`NoiseChain.parameter`).
+
+    Raises:
+        ModelError: the body does not exist, or nothing can touch it.
+    """
+
+    def __init__(
+        self, model: Model, mount: Mount, config: ContactSensorConfig | None = None, *, name: str = "contact",
+        seed: int = 0, randomised: bool = False,
+    ) -> None:  # fmt: skip
+        self.config = checked_config(name, config, ContactSensorConfig)
+        noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 3)}
+        super().__init__(
+            model, name, self.config.schedule, 3, noise, seed=seed, randomised=randomised,
+            others={"touch": Field((), wp.uint8)},
+        )  # fmt: skip
+        self.mount: Any = mount_arrays(name, mount, model, self.copies)
+        self._body = body_index(name, mount.body, model)
+        if self._body == WORLD or not (model.topology.shape_body.numpy() == self._body).any():
+            raise ModelError(
+                f"sensor '{name}': body must have a shape, got {shown(mount.body)}; add one with add_shape_..."
+            )
+
+    @property
+    def touch(self) -> wp.array:
+        """(W,) uint8."""
+        return self.frames.data["touch"]
+
+    @property
+    def noise(self) -> NoiseChain:
+        """Noise of the force."""
+        return self._chains["noise"]
+
+    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+        model, frames = simulation.model, self.frames
+        forces = simulation.contacts.body_contact_force
+        no_torques = wp.zeros((model.world_count, 0), dtype=wp.vec3, device=model.device)
+        touch = wp.launch(
+            sample_touch, dim=model.world_count, device=model.device, record_cmd=True,
+            inputs=[self.config.threshold, frames.tick, frames.ring["data"]], outputs=[frames.ring["touch"]],
+        )  # fmt: skip
+        return [_record_forces(self, self.mount, forces, no_torques, self._body, simulation), touch]
+
+
+class LoadCell(Instrument):
+    """Force and torque that a joint applies to its second body, at anchor 1, drives and limits included.
+
+    Needs `Simulation(..., joint_reactions=True)`.
+
+    Args:
+        model: whose worlds it measures.
+        joint: by name or index.
+        config: schedule and noise.
+        name: unique in a Simulation.
+        rotation: xyzw, of the sensor's axes on the joint's second body.
+        seed: of the noise, together with the name.
+        randomised: whether every world has rows of its own in noise parameters and mount.
+
+    Attributes:
+        data: (W, 6) float32: force [N], then torque about anchor 1 [N·m], in axes of the sensor; zero until the first
+            step after a state was set.
+        truth: the same without noise.
+        noise, torque_noise: numbers of the noise (`NoiseChain.parameter`).
+
+    Raises:
+        ModelError: the joint does not exist, or the Simulation records no reactions.
+    """
+
+    def __init__(
+        self, model: Model, joint: str | int, config: LoadCellConfig | None = None, *, name: str = "load_cell",
+        rotation: Quat = (0.0, 0.0, 0.0, 1.0), seed: int = 0, randomised: bool = False,
+    ) -> None:  # fmt: skip
+        self.config = checked_config(name, config, LoadCellConfig)
+        noise: Mapping[str, tuple[Sequence[Noise], int]] = {
+            "noise": (self.config.noise, 3), "torque_noise": (self.config.torque_noise, 3),
+        }  # fmt: skip
+        super().__init__(model, name, self.config.schedule, 6, noise, seed=seed, randomised=randomised)
+        self._joint = _joint_index(name, joint, model)
+        body = int(model.topology.joint_body1.numpy()[self._joint])
+        self.mount: Any = mount_arrays(name, Mount(body, pose(rotation=rotation)), model, self.copies)
+
+    @property
+    def noise(self) -> NoiseChain:
+        """Noise of the force."""
+        return self._chains["noise"]
+
+    @property
+    def torque_noise(self) -> NoiseChain:
+        """Noise of the torque."""
+        return self._chains["torque_noise"]
+
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """Refuses a Simulation that it cannot be part of."""
+        super().check(simulation, dt)
+        if simulation.diagnostics.joint_reaction_force.shape[0] == 0:
+            raise ModelError(
+                f"sensor '{self.name}': reactions must be recorded, got joint_reactions=False; "
+                "write Simulation(..., joint_reactions=True)"
+            )
+
+    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+        reports = simulation.diagnostics
+        return [
+            _record_forces(
+                self, self.mount, reports.joint_reaction_force, reports.joint_reaction_torque, self._joint, simulation
+            )
+        ]
+
+
+def _record_forces(
+    sensor: ContactSensor | LoadCell, mount: Any, force: wp.array, torque: wp.array, index: int, simulation: Simulation
+) -> Any:
+    model, frames = simulation.model, sensor.frames
+    torque_noise = sensor.torque_noise if isinstance(sensor, LoadCell) else sensor.noise
+    return wp.launch(
+        sample_forces, dim=model.world_count, device=model.device, record_cmd=True,
+        inputs=[
+            frames.dt, frames.clock, mount, force, torque, index, simulation.state.arrays, frames.tick,
+            sensor.noise.arrays, torque_noise.arrays, sensor._sums,
+        ],
+        outputs=[frames.ring["truth"], frames.ring["data"]],
+    )  # fmt: skip
+
+
+def _joint_index(sensor: str, joint: str | int, model: Model) -> int:
+    if isinstance(joint, str):
+        try:
+            return model.joint(joint)
+        except ModelError as error:
+            raise ModelError(f"sensor '{sensor}': {error}") from None
+    if isinstance(joint, bool) or not isinstance(joint, int) or not 0 <= joint < model.joint_count:
+        raise ModelError(
+            f"sensor '{sensor}': joint must be a name or an index below {model.joint_count}, got {shown(joint)}; "
+            "take what add_joint_... returned"
+        )
+    return joint

@@ -1,0 +1,206 @@
+"""Satellite receiver: latitude, longitude and altitude of a point of a body, and its velocity."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import numpy as np
+import warp as wp
+
+from simwarp.model.checks import finite_number
+from simwarp.kernels.sensors.motion.geodesy import GeoFrame
+from simwarp.kernels.sensors.motion.gps import GpsRings, sample_gps
+from simwarp.model.model import Model
+from simwarp.sensors.clock import Field, mount_arrays
+from simwarp.sensors.interface import Mount, Schedule, checked_config
+from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.noise import Noise, NoiseChain
+from simwarp.core.types import ModelError, shown
+
+if TYPE_CHECKING:
+    from simwarp.simulation.simulation import Simulation
+
+MAJOR = 6378137.0
+"""Equatorial radius of WGS84 [m]."""
+ECCENTRICITY2 = (2.0 - 1.0 / 298.257223563) / 298.257223563
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GeoOrigin:
+    """Where on the Earth the world's origin is. The world's z is the normal of the ellipsoid there.
+
+    Attributes:
+        latitude: geodetic, -90 to 90 [deg].
+        longitude: -180 to 180, positive to the east [deg].
+        altitude: above the ellipsoid [m].
+        heading: angle from east to the world's X axis, counter-clockwise [rad]: 0 puts X east and Y north.
+
+    Raises:
+        ModelError: a value is outside its range.
+    """
+
+    latitude: float = 43.07
+    longitude: float = -89.40
+    altitude: float = 260.0
+    heading: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, limit in (("latitude", 90.0), ("longitude", 180.0), ("altitude", 1.0e9), ("heading", 1.0e9)):
+            value = finite_number("GeoOrigin", name, getattr(self, name))
+            if abs(value) > limit:
+                raise ModelError(
+                    f"GeoOrigin: {name} must be within ±{limit:g}, got {shown(value)}; "
+                    "angles on the Earth are in degrees"
+                )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GpsConfig:
+    """A satellite receiver.
+
+    Attributes:
+        schedule: when it measures; a frame holds the latest sample of its window.
+        origin: where the world is.
+        earth: "wgs84", or "sphere" of 6371 km, on which metres north and east are turned into angles one by one.
+        noise: of the position east, north and up [m], per axis or for all.
+        velocity_noise: of the velocity east, north and up [m/s].
+    """
+
+    schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=10.0))
+    origin: GeoOrigin = dataclasses.field(default_factory=GeoOrigin)
+    earth: Literal["wgs84", "sphere"] = "wgs84"
+    noise: tuple[Noise, ...] = ()
+    velocity_noise: tuple[Noise, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.earth, str) or self.earth not in ("wgs84", "sphere"):
+            raise ModelError(
+                f"GpsConfig: earth must be 'wgs84' or 'sphere', got {shown(self.earth)}; choose one of them"
+            )
+
+
+def geo_frame(origin: GeoOrigin, spherical: bool = False) -> GeoFrame:
+    """The origin as kernels read it.
+
+    Raises:
+        ModelError: it is none.
+    """
+    if not isinstance(origin, GeoOrigin):
+        raise ModelError(f"origin must be a GeoOrigin, got {shown(origin)}; write GeoOrigin(latitude=..., ...)")
+    frame = GeoFrame()
+    frame.spherical = int(spherical)
+    latitude, longitude = math.radians(origin.latitude), math.radians(origin.longitude)
+    frame.latitude, frame.longitude = wp.float64(latitude), wp.float64(longitude)
+    frame.altitude = wp.float64(origin.altitude)
+    s, c = math.sin(origin.heading), math.cos(origin.heading)
+    frame.local = wp.mat33d(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+    sp, cp, sl, cl = math.sin(latitude), math.cos(latitude), math.sin(longitude), math.cos(longitude)
+    frame.axes = wp.mat33d(-sl, -sp * cl, cp * cl, cl, -sp * sl, cp * sl, 0.0, cp, sp)
+    across = MAJOR / math.sqrt(1.0 - ECCENTRICITY2 * sp * sp)
+    up = (across + origin.altitude) * cp
+    frame.place = wp.vec3d(up * cl, up * sl, (across * (1.0 - ECCENTRICITY2) + origin.altitude) * sp)
+    return frame
+
+
+def to_local(origin: GeoOrigin, latitude: Any, longitude: Any, altitude: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """World coordinates (..., 3) [m] of places on the Earth [deg, deg, m] (WGS84): waypoints of a map, say."""
+    frame = geo_frame(origin)
+    phi, lam, h = (np.asarray(v, np.float64) for v in (np.radians(latitude), np.radians(longitude), altitude))
+    across = MAJOR / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(phi) ** 2)
+    place = np.stack(
+        np.broadcast_arrays(
+            (across + h) * np.cos(phi) * np.cos(lam), (across + h) * np.cos(phi) * np.sin(lam),
+            (across * (1.0 - ECCENTRICITY2) + h) * np.sin(phi),
+        ),
+        axis=-1,
+    )  # fmt: skip
+    axes = np.array(frame.axes).reshape(3, 3) @ np.array(frame.local).reshape(3, 3)
+    return np.asarray((place - np.array(frame.place)) @ axes)
+
+
+class Gps(Instrument):
+    """Where a point of a body is on the Earth, and how it moves.
+
+    The world is a plane that touches the ellipsoid at `config.origin`: one kilometre away, z = 0 lies 8 cm above it.
+
+    Args:
+        model: whose worlds it measures.
+        mount: place on a body; its axes do not matter.
+        config: schedule, origin and noise.
+        name: unique in a Simulation.
+        seed: of the noise, together with the name.
+        randomised: whether every world has rows of its own in noise parameters and mount.
+
+    Attributes:
+        data: (W, 3) float64: latitude, longitude [deg], altitude above the ellipsoid [m].
+        truth: the same without noise.
+        position: (W, 3) float32, the measured place in the world's own axes, from its origin [m]: for networks, since
+            degrees do not fit into float32.
+        velocity: (W, 3) float32, east, north and up at the place [m/s].
+        velocity_truth: the same without noise.
+        noise, velocity_noise: numbers of the noise (`NoiseChain.parameter`).
+        mount: (1 or W,) `position` vec3d [m] on the body, to be written between steps.
+
+    Raises:
+        ModelError: the body does not exist, or noise does not fit the channels.
+    """
+
+    def __init__(
+        self, model: Model, mount: Mount, config: GpsConfig | None = None, *, name: str = "gps", seed: int = 0,
+        randomised: bool = False,
+    ) -> None:  # fmt: skip
+        self.config = checked_config(name, config, GpsConfig)
+        noise: Mapping[str, tuple[Sequence[Noise], int]] = {
+            "noise": (self.config.noise, 3), "velocity_noise": (self.config.velocity_noise, 3),
+        }  # fmt: skip
+        metres = Field((3,), wp.float32)
+        super().__init__(
+            model, name, self.config.schedule, 3, noise, dtype=wp.float64, seed=seed, randomised=randomised,
+            others={"velocity": metres, "velocity_truth": metres, "position": metres},
+        )  # fmt: skip
+        self.mount: Any = mount_arrays(name, mount, model, self.copies)
+        self._frame = geo_frame(self.config.origin, self.config.earth == "sphere")
+
+    @property
+    def position(self) -> wp.array:
+        """(W, 3) float32, measured, world axes [m]."""
+        return self.frames.data["position"]
+
+    @property
+    def velocity(self) -> wp.array:
+        """(W, 3) float32, measured, east, north, up [m/s]."""
+        return self.frames.data["velocity"]
+
+    @property
+    def velocity_truth(self) -> wp.array:
+        """(W, 3) float32, without noise, east, north, up [m/s]."""
+        return self.frames.data["velocity_truth"]
+
+    @property
+    def noise(self) -> NoiseChain:
+        """Noise of the position."""
+        return self._chains["noise"]
+
+    @property
+    def velocity_noise(self) -> NoiseChain:
+        """Noise of the velocity."""
+        return self._chains["velocity_noise"]
+
+    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+        model, frames = simulation.model, self.frames
+        rings = cast(Any, GpsRings())
+        for name, ring in frames.ring.items():
+            setattr(rings, name, ring)
+        return [
+            wp.launch(
+                sample_gps, dim=model.world_count, device=model.device, record_cmd=True,
+                inputs=[
+                    self._frame, self.mount, simulation.state.arrays, frames.tick, self.noise.arrays,
+                    self.velocity_noise.arrays,
+                ],
+                outputs=[rings],
+            )
+        ]  # fmt: skip

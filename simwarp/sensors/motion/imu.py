@@ -1,0 +1,114 @@
+"""Inertial sensors: accelerometer and gyroscope, in one unit or each alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import warp as wp
+
+from simwarp.kernels.sensors.motion.imu import InertialArrays, sample_inertial
+from simwarp.model.model import Model
+from simwarp.sensors.clock import mount_arrays
+from simwarp.sensors.interface import Mount, Schedule, checked_config, checked_outputs
+from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.noise import Noise, NoiseChain
+
+if TYPE_CHECKING:
+    from simwarp.simulation.simulation import Simulation
+
+PARTS: Final = ("accelerometer", "gyroscope")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ImuConfig:
+    """An inertial unit.
+
+    Attributes:
+        schedule: when it measures; frames are means over the window.
+        outputs: "accelerometer", "gyroscope" or both.
+        accelerometer_noise: of the specific force [m/s²], per axis or for all.
+        gyroscope_noise: of the angular velocity [rad/s].
+    """
+
+    schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=100.0))
+    outputs: tuple[str, ...] = PARTS
+    accelerometer_noise: tuple[Noise, ...] = ()
+    gyroscope_noise: tuple[Noise, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "outputs", checked_outputs("ImuConfig", self.outputs, PARTS))
+
+
+class Imu(Instrument):
+    """Specific force and angular velocity at a point of a body, in axes of the sensor.
+
+    The specific force is Rᵀ (a - g), with the acceleration a of the mounted point and gravity g: a sensor at rest reads
+    +9.81 along the axis that points up, one in free fall zero. There is a sample after every sub-step of the window.
+
+    Args:
+        model: whose worlds it measures.
+        mount: place and axes on a body.
+        config: schedule, parts and noise.
+        name: unique in a Simulation.
+        seed: of the noise, together with the name.
+        randomised: whether every world has rows of its own in noise parameters and mount.
+
+    Attributes:
+        data: (W, 3 or 6) float32: specific force [m/s²], angular velocity [rad/s], in the order of `config.outputs`.
+        truth: the same without noise.
+        accelerometer_noise, gyroscope_noise: numbers of the noise (`NoiseChain.parameter`).
+        mount: (1 or W,) `position` vec3d [m] and `rotation` quatd on the body, to be written between steps.
+
+    Raises:
+        ModelError: the body does not exist, or noise does not fit the channels.
+    """
+
+    def __init__(
+        self, model: Model, mount: Mount, config: ImuConfig | None = None, *, name: str = "imu", seed: int = 0,
+        randomised: bool = False,
+    ) -> None:  # fmt: skip
+        self.config = checked_config(name, config, ImuConfig)
+        noise: Mapping[str, tuple[Sequence[Noise], int]] = {
+            "accelerometer_noise": (self.config.accelerometer_noise, 3),
+            "gyroscope_noise": (self.config.gyroscope_noise, 3),
+        }
+        outputs = self.config.outputs
+        super().__init__(
+            model, name, self.config.schedule, 3 * len(outputs), noise, seed=seed, randomised=randomised
+        )  # fmt: skip
+        self.mount: Any = mount_arrays(name, mount, model, self.copies)
+        self._inertial = cast(Any, InertialArrays())
+        for part in PARTS:
+            setattr(self._inertial, part, 3 * outputs.index(part) if part in outputs else -1)
+        self._inertial.velocity = wp.zeros(model.world_count, dtype=wp.vec3d, device=model.device)
+        self._inertial.sums = self._sums
+
+    @property
+    def accelerometer_noise(self) -> NoiseChain:
+        """Noise of the specific force."""
+        return self._chains["accelerometer_noise"]
+
+    @property
+    def gyroscope_noise(self) -> NoiseChain:
+        """Noise of the angular velocity."""
+        return self._chains["gyroscope_noise"]
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """What a snapshot keeps."""
+        return {**super().memory, "point velocity": self._inertial.velocity}
+
+    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+        model, frames = simulation.model, self.frames
+        return [
+            wp.launch(
+                sample_inertial, dim=model.world_count, device=model.device, record_cmd=True,
+                inputs=[
+                    frames.dt, frames.clock, self.mount, model.parameters, simulation.state.arrays, frames.tick,
+                    self._inertial, self.accelerometer_noise.arrays, self.gyroscope_noise.arrays,
+                ],
+                outputs=[frames.ring["truth"], frames.ring["data"]],
+            )
+        ]  # fmt: skip

@@ -1,0 +1,103 @@
+"""Magnetometer: the Earth's field, that of a dipole, in axes of the sensor."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import warp as wp
+
+from simwarp.model.checks import finite_number
+from simwarp.kernels.sensors.motion.gps import sample_magnetometer
+from simwarp.model.model import Model
+from simwarp.sensors.clock import mount_arrays
+from simwarp.sensors.interface import Mount, Schedule, checked_config
+from simwarp.sensors.motion.gps import GeoOrigin, geo_frame
+from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.noise import Noise, NoiseChain
+
+if TYPE_CHECKING:
+    from simwarp.simulation.simulation import Simulation
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MagnetometerConfig:
+    """A magnetometer.
+
+    Attributes:
+        schedule: when it measures; frames are means over the window.
+        origin: where the world is.
+        noise: [T], per axis or for all; a constant bias (hard iron) is the mean of a `NormalNoise`.
+        strength: of the field at the magnetic equator [T].
+        pole_latitude, pole_longitude: of the geomagnetic north pole [deg].
+    """
+
+    schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=100.0))
+    origin: GeoOrigin = dataclasses.field(default_factory=GeoOrigin)
+    noise: tuple[Noise, ...] = ()
+    strength: float = 3.05e-5
+    pole_latitude: float = 80.65
+    pole_longitude: float = -72.68
+
+    def __post_init__(self) -> None:
+        for name in ("strength", "pole_latitude", "pole_longitude"):
+            finite_number("MagnetometerConfig", name, getattr(self, name))
+
+
+class Magnetometer(Instrument):
+    """The magnetic field at a point of a body, in axes of the sensor.
+
+    The field is that of a dipole in the Earth's centre, whose axis leaves it at the geomagnetic north pole. Measured
+    fields differ from it by up to a fifth in strength and some degrees in direction.
+
+    Args:
+        model: whose worlds it measures.
+        mount: place and axes on a body.
+        config: schedule, origin, field and noise.
+        name: unique in a Simulation.
+        seed: of the noise, together with the name.
+        randomised: whether every world has rows of its own in noise parameters and mount.
+
+    Attributes:
+        data: (W, 3) float32 [T].
+        truth: the same without noise.
+        noise: numbers of the noise (`NoiseChain.parameter`).
+        mount: (1 or W,) `position` vec3d [m] and `rotation` quatd on the body, to be written between steps.
+
+    Raises:
+        ModelError: the body does not exist, or noise does not fit the channels.
+    """
+
+    def __init__(
+        self, model: Model, mount: Mount, config: MagnetometerConfig | None = None, *, name: str = "magnetometer",
+        seed: int = 0, randomised: bool = False,
+    ) -> None:  # fmt: skip
+        self.config = checked_config(name, config, MagnetometerConfig)
+        noise: Mapping[str, tuple[Sequence[Noise], int]] = {"noise": (self.config.noise, 3)}
+        super().__init__(model, name, self.config.schedule, 3, noise, seed=seed, randomised=randomised)
+        self.mount: Any = mount_arrays(name, mount, model, self.copies)
+        self._frame = geo_frame(self.config.origin)
+        latitude, longitude = math.radians(self.config.pole_latitude), math.radians(self.config.pole_longitude)
+        self._pole = wp.vec3d(
+            math.cos(latitude) * math.cos(longitude), math.cos(latitude) * math.sin(longitude), math.sin(latitude)
+        )
+
+    @property
+    def noise(self) -> NoiseChain:
+        """Noise of the field."""
+        return self._chains["noise"]
+
+    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+        model, frames = simulation.model, self.frames
+        return [
+            wp.launch(
+                sample_magnetometer, dim=model.world_count, device=model.device, record_cmd=True,
+                inputs=[
+                    frames.clock, self._frame, self._pole, self.config.strength, self.mount, simulation.state.arrays,
+                    frames.tick, self.noise.arrays, self._sums,
+                ],
+                outputs=[frames.ring["truth"], frames.ring["data"]],
+            )
+        ]  # fmt: skip

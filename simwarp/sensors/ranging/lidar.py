@@ -1,0 +1,247 @@
+"""Lidar: beams that sweep the scene and come back as a point cloud, a range image, or both."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import warp as wp
+
+from simwarp.kernels.sensors.ranging.lidar import LidarFlaws, LidarSettings, count_returns, scan_lidar
+from simwarp.kernels.sensors.ranging.returns import ReturnMode
+from simwarp.sensors.ranging.beams import Beam, BeamTable
+from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.ranging.scanning import (
+    PerWorld,
+    check_choice,
+    check_reach,
+    check_scan,
+    check_shares,
+    lane_count,
+    noise_arrays,
+    rows_of,
+    scan_tables,
+    scene_model,
+    set_sweep,
+)
+from simwarp.sensors.scene import ALL_GROUPS, Scene
+from simwarp.core.types import ModelError, shown
+
+if TYPE_CHECKING:
+    from simwarp.simulation.simulation import Simulation
+
+MODES: Final = tuple(mode.name.lower() for mode in ReturnMode)
+OUTPUTS: Final = ("points", "ranges")
+MISSES: Final = ("zero", "inf", "far")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LidarNoise:
+    """What a lidar gets wrong: a number, or one per world.
+
+    Attributes:
+        range: standard deviation of ranges [m].
+        azimuth, elevation: of the angles under which a point is reported [rad].
+        intensity: of intensities; what they would make negative is shown as 1e-6.
+        threshold: returns whose measured intensity is below it are lost.
+        dropout: probability that a beam is lost.
+
+    Raises:
+        ModelError: a number is negative, or a probability above 1.
+    """
+
+    range: PerWorld = 0.0
+    azimuth: PerWorld = 0.0
+    elevation: PerWorld = 0.0
+    intensity: PerWorld = 0.0
+    threshold: PerWorld = 0.0
+    dropout: PerWorld = 0.0
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            check_shares("LidarNoise", field.name, getattr(self, field.name), 1.0 if field.name == "dropout" else None)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LidarConfig:
+    """A lidar.
+
+    Attributes:
+        schedule: the window is the time of one sweep: column c of C fires at window · c / C; 0: all fire at once.
+        beams: where they point.
+        beam: how wide one is.
+        mode: "strongest", "first", "last", "mean", or "dual" (strongest and first: twice the channels).
+        near, far: ranges between which surfaces are seen [m]. Rays begin at `near`: a housing inside it hides nothing.
+        noise: see `LidarNoise`.
+        outputs: "points", "ranges" or both; the first is `data`.
+        miss: what the range image shows where nothing returns: "zero", "inf" or "far". Intensities are 0 there, and
+            only there; points are zero in all their components.
+        sweep: columns fire from where the sensor is at their own time, to first order between sub-steps; else from
+            where it is at the end of the sub-step in which their time falls.
+        groups: bits of the groups of instances that it sees (`Look.group`).
+
+    Raises:
+        ModelError: a value breaks its rule.
+    """
+
+    schedule: Schedule
+    beams: BeamTable
+    beam: Beam = dataclasses.field(default_factory=Beam)
+    mode: str = "strongest"
+    near: float = 1.0e-3
+    far: float = 100.0
+    noise: LidarNoise = dataclasses.field(default_factory=LidarNoise)
+    outputs: Sequence[str] = OUTPUTS
+    miss: str = "zero"
+    sweep: bool = True
+    groups: int = ALL_GROUPS
+
+    def __post_init__(self) -> None:
+        for field, kind in (("schedule", Schedule), ("beams", BeamTable), ("beam", Beam), ("noise", LidarNoise)):
+            if not isinstance(getattr(self, field), kind):
+                value = getattr(self, field)
+                raise ModelError(f"LidarConfig: {field} must be a {kind.__name__}, got {shown(value)}; construct one")
+        check_choice("LidarConfig", "mode", self.mode, MODES)
+        check_choice("LidarConfig", "miss", self.miss, MISSES)
+        check_reach("LidarConfig", self.near, self.far)
+        check_scan("LidarConfig", self.sweep, self.groups)
+        names = (self.outputs,) if not isinstance(self.outputs, (tuple, list)) else tuple(self.outputs)
+        for name in names or ("",):
+            check_choice("LidarConfig", "outputs", name, OUTPUTS)
+        if len(set(names)) < len(names):
+            raise ModelError(f"LidarConfig: outputs must be different, got {shown(names)}; name each once")
+        object.__setattr__(self, "outputs", names)
+
+
+class Lidar:
+    """Scans every world; a `Sensor` for `Simulation(sensors=[...])`.
+
+    Sensor axes: x ahead, y left, z up, those of the mount. Points are given in the axes that the sensor had when their
+    beam fired: the cloud of a moving sensor is sheared, as a real one's is. The other bodies stand, within a sub-step,
+    where they are at its end.
+
+    Args:
+        scene: what it sees (`Visuals.finalize`).
+        mount: where it sits.
+        config: see `LidarConfig`; there is no default.
+        name: unique in a Simulation; part of its randomness.
+        seed: of its randomness.
+        per_world: names of numbers of the noise, and "mount", that get a row per world, to be written between steps.
+
+    Attributes:
+        mount: `position` (1 or W,) vec3d [m] and `rotation` quatd on the body.
+        noise: arrays (1 or W,) by the names of `LidarNoise`.
+
+    Raises:
+        ModelError: the body does not exist, the noise does not fit the worlds, or `per_world` names something else.
+    """
+
+    def __init__(
+        self, scene: Scene, mount: Mount, config: LidarConfig | None = None, *, name: str = "lidar", seed: int = 0,
+        per_world: Iterable[str] = (),
+    ) -> None:  # fmt: skip
+        thing = f"lidar '{name}'"
+        model = scene_model(thing, scene)
+        config = checked_config(name, config, LidarConfig, default=False)
+        self.name, self.model, self.config, self.scene = name, model, config, scene
+        wanted = wanted_arrays(thing, per_world, (*vars(config.noise), "mount"))
+        self.returns = 2 if config.mode == "dual" else 1
+        rows, columns = config.beams.shape
+        widths = {"points": 4 * self.returns, "ranges": 2 * self.returns}
+        fields = {output: Field((rows, columns, widths[output]), wp.float32) for output in config.outputs}
+        self.frames = Frames(
+            name, config.schedule, model, {**fields, "count": Field((), wp.int32)}, seed=seed, gradual=True
+        )  # fmt: skip
+        self.noise = noise_arrays(thing, config.noise, model, wanted)
+        self.mount = mount_arrays(name, mount, model, model.world_count if "mount" in wanted else 1)
+        self._scan = scan_tables(self.mount, config.beams, config.near, config.far, model.device)
+        self._settings = LidarSettings()
+        self._settings.mode = int(ReturnMode[config.mode.upper()])
+        self._settings.miss = {"zero": 0.0, "inf": math.inf, "far": config.far}[config.miss]
+        self._settings.points = int("points" in config.outputs)
+        self._settings.ranges = int("ranges" in config.outputs)
+        self._settings.ray = wp.array(np.tan(config.beam.offsets()), dtype=wp.vec2, device=model.device)
+        self._nowhere = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
+        self._flaws = LidarFlaws()
+        for key, array in self.noise.items():
+            setattr(self._flaws, key, array)
+
+    @property
+    def data(self) -> wp.array:
+        """The first of the outputs."""
+        return self.frames.data[self.config.outputs[0]]
+
+    @property
+    def points(self) -> wp.array:
+        """(W, rows, columns, 4) float32: x, y, z [m] in sensor axes, intensity. In mode dual 8: strongest, first."""
+        return self._output("points")
+
+    @property
+    def ranges(self) -> wp.array:
+        """(W, rows, columns, 2) float32: range [m], intensity. In mode dual 4: strongest, first."""
+        return self._output("ranges")
+
+    @property
+    def count(self) -> wp.array:
+        """(W,) int32: returns in the frame; those of mode dual count twice."""
+        return self.frames.data["count"]
+
+    @property
+    def timestamp(self) -> wp.array:
+        """(W,) float64: the world's time when the sweep was complete [s]."""
+        return self.frames.timestamp
+
+    @property
+    def valid(self) -> wp.array:
+        """(W,) bool, false in frozen worlds."""
+        return self.frames.valid
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """Clock and frames."""
+        return self.frames.memory
+
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """Refuses a Simulation that it cannot be part of."""
+        self.frames.check(simulation, dt)
+
+    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+        """The launches of a sub-step."""
+        return self.frames.record(simulation, dt, lambda: self._samples(simulation))
+
+    def begin(self, simulation: Simulation, mask: wp.array) -> None:
+        """A frame of the present state, as if the worlds of the mask had always stood so."""
+        self.frames.begin(simulation, mask)
+
+    def _samples(self, simulation: Simulation) -> list[Any]:
+        frames, state, device = self.frames, simulation.state, self.model.device
+        tables = self.scene.tables(self.config.groups)
+        set_sweep(self._scan, frames, self.config.sweep)
+        lanes = lane_count(self.config.beams, frames, device)
+        flat = {name: rows_of(frames.ring[name]) for name in self.config.outputs}
+        points, ranges = (flat.get(name, self._nowhere) for name in OUTPUTS)
+        scan = wp.launch(
+            scan_lidar, dim=(self.model.world_count, lanes), device=device, record_cmd=True,
+            inputs=[
+                lanes, self._scan, self._settings, self._flaws, state.arrays, tables, self.model.assets, frames.tick,
+            ],
+            outputs=[points, ranges],
+        )  # fmt: skip
+        first = self.config.outputs[0]
+        count = wp.launch(
+            count_returns, dim=self.model.world_count, device=device, record_cmd=True,
+            inputs=[frames.tick, 4 if first == "points" else 2, flat[first]], outputs=[frames.ring["count"]],
+        )  # fmt: skip
+        return [self.scene.place(state, tables, frames.tick.collecting, record=True), scan, count]
+
+    def _output(self, name: str) -> wp.array:
+        if name not in self.config.outputs:
+            raise ModelError(
+                f"lidar '{self.name}': '{name}' is not among its outputs {shown(self.config.outputs)}; "
+                "add it to LidarConfig.outputs"
+            )
+        return self.frames.data[name]

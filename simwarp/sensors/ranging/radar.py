@@ -1,0 +1,288 @@
+"""Radar: where something reflects and how fast it recedes, ray by ray and gathered into clusters."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from simwarp.core.arrays import writable_from
+from simwarp.model.checks import finite_number, positive_number
+from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
+from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarFlaws, scan_radar
+from simwarp.sensors.ranging.beams import BeamTable
+from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.ranging.scanning import (
+    PerWorld,
+    check_reach,
+    check_scan,
+    check_shares,
+    lane_count,
+    noise_arrays,
+    rows_of,
+    scan_tables,
+    scene_model,
+    set_sweep,
+)
+from simwarp.sensors.scene import ALL_GROUPS, Scene
+from simwarp.core.types import ModelError, shown
+
+if TYPE_CHECKING:
+    from simwarp.simulation.simulation import Simulation
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RadarNoise:
+    """What a radar gets wrong: a number, or one per world.
+
+    Attributes:
+        range: standard deviation of ranges [m].
+        azimuth, elevation: of angles [rad].
+        velocity: of range rates [m/s].
+        amplitude: of amplitudes.
+        threshold: returns whose measured amplitude is below it are lost.
+        dropout: probability that a ray is lost.
+
+    Raises:
+        ModelError: a number is negative, or a probability above 1.
+    """
+
+    range: PerWorld = 0.0
+    azimuth: PerWorld = 0.0
+    elevation: PerWorld = 0.0
+    velocity: PerWorld = 0.0
+    amplitude: PerWorld = 0.0
+    threshold: PerWorld = 0.0
+    dropout: PerWorld = 0.0
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            check_shares("RadarNoise", field.name, getattr(self, field.name), 1.0 if field.name == "dropout" else None)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Clusters:
+    """How returns are gathered: DBSCAN in which every return counts (least 1), by distance in space alone.
+
+    Attributes:
+        distance: returns at most this far apart belong together [m].
+        least: clusters of fewer returns are dropped.
+        capacity: of a world.
+
+    Raises:
+        ModelError: a value breaks its rule.
+    """
+
+    distance: float = 1.0
+    least: int = 1
+    capacity: int = 64
+
+    def __post_init__(self) -> None:
+        positive_number("Clusters", "distance", self.distance, "m", "give the largest gap within a cluster")
+        for field in ("least", "capacity"):
+            value = getattr(self, field)
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+                raise ModelError(f"Clusters: {field} must be an integer >= 1, got {shown(value)}")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RadarConfig:
+    """A radar.
+
+    Attributes:
+        schedule: column c of C is measured at window · c / C; with window 0 all are measured at once.
+        rays: where it looks.
+        near, far: ranges between which surfaces are seen [m].
+        noise: see `RadarNoise`.
+        falloff: k of the amplitude's law r^-k with r in metres: 0 none, 4 the radar equation.
+        clusters: how returns are gathered; None: not at all.
+        sweep: see `LidarConfig`.
+        groups: bits of the groups of instances that it sees (`Look.group`).
+
+    Raises:
+        ModelError: a value breaks its rule.
+    """
+
+    schedule: Schedule
+    rays: BeamTable
+    near: float = 1.0e-3
+    far: float = 100.0
+    noise: RadarNoise = dataclasses.field(default_factory=RadarNoise)
+    falloff: float = 0.0
+    clusters: Clusters | None = None
+    sweep: bool = True
+    groups: int = ALL_GROUPS
+
+    def __post_init__(self) -> None:
+        for field, kind in (("schedule", Schedule), ("rays", BeamTable), ("noise", RadarNoise)):
+            if not isinstance(getattr(self, field), kind):
+                value = getattr(self, field)
+                raise ModelError(f"RadarConfig: {field} must be a {kind.__name__}, got {shown(value)}; construct one")
+        if not (self.clusters is None or isinstance(self.clusters, Clusters)):
+            raise ModelError(f"RadarConfig: clusters must be None or Clusters, got {shown(self.clusters)}")
+        check_reach("RadarConfig", self.near, self.far)
+        check_scan("RadarConfig", self.sweep, self.groups)
+        if not finite_number("RadarConfig", "falloff", self.falloff) >= 0.0:
+            raise ModelError(
+                f"RadarConfig: falloff must be >= 0, got {shown(self.falloff)}; use 4 for the radar equation"
+            )
+
+
+class Radar:
+    """Measures range, direction and range rate in every world; a `Sensor` for `Simulation(sensors=[...])`.
+
+    The range rate is that of the surface that a ray meets, seen from the moving sensor, positive where it goes away:
+    what stands beside the road comes closer.
+
+    Args:
+        scene: what it sees (`Visuals.finalize`).
+        mount: where it sits; x ahead, y left, z up.
+        config: see `RadarConfig`; there is no default.
+        name: unique in a Simulation; part of its randomness.
+        seed: of its randomness.
+        per_world: names of numbers of the noise, "mount" and "backscatter", that get a row per world, to be written
+            between steps.
+
+    Attributes:
+        mount: `position` (1 or W,) vec3d [m] and `rotation` quatd on the body.
+        noise: arrays (1 or W,) by the names of `RadarNoise`.
+        backscatter: (1 or W, instances) of the scene; as built its reflectances.
+
+    Raises:
+        ModelError: the body does not exist, the noise does not fit the worlds, or `per_world` names something else.
+    """
+
+    def __init__(
+        self, scene: Scene, mount: Mount, config: RadarConfig | None = None, *, name: str = "radar", seed: int = 0,
+        per_world: Iterable[str] = (),
+    ) -> None:  # fmt: skip
+        thing = f"radar '{name}'"
+        model = scene_model(thing, scene)
+        config = checked_config(name, config, RadarConfig, default=False)
+        self.name, self.model, self.config, self.scene = name, model, config, scene
+        wanted = wanted_arrays(thing, per_world, (*vars(config.noise), "mount", "backscatter"))
+        rows, columns = config.rays.shape
+        fields = {"returns": Field((rows, columns, CHANNELS), wp.float32)}
+        if config.clusters is not None:
+            fields["clusters"] = Field((config.clusters.capacity, CLUSTER_CHANNELS), wp.float32)
+            fields["cluster_count"] = fields["cluster_overflow"] = Field((), wp.int32)
+        self.frames = Frames(name, config.schedule, model, fields, seed=seed, gradual=True)
+        self.noise = noise_arrays(thing, config.noise, model, wanted)
+        values = scene.reflectance.numpy()
+        copies = model.world_count if "backscatter" in wanted and len(values) == 1 else 1
+        self.backscatter = writable_from(np.tile(values, (copies, 1)), wp.float32, model.device)
+        self.mount = mount_arrays(name, mount, model, model.world_count if "mount" in wanted else 1)
+        self._scan = scan_tables(self.mount, config.rays, config.near, config.far, model.device)
+        self._flaws = RadarFlaws()
+        for key, array in self.noise.items():
+            setattr(self._flaws, key, array)
+
+    @property
+    def data(self) -> wp.array:
+        """(W, rows, columns, 6) float32 by ray: range [m], azimuth (to the left), elevation (upwards) [rad], range rate
+        (positive: going away) [m/s], amplitude, index of the scene's instance. Nothing: zeros and instance -1.
+        """
+        return self.frames.data["returns"]
+
+    @property
+    def clusters(self) -> wp.array:
+        """(W, capacity, 6) float32: centroid x, y, z in sensor axes [m], mean range rate [m/s], sum of amplitudes,
+        number of returns. Ordered by their first ray (row by row from the top); zeros beyond `cluster_count`.
+        """
+        return self._of_clusters("clusters")
+
+    @property
+    def cluster_count(self) -> wp.array:
+        """(W,) int32: clusters in the frame, at most the capacity."""
+        return self._of_clusters("cluster_count")
+
+    @property
+    def cluster_overflow(self) -> wp.array:
+        """(W,) int32: clusters that found no place; raise `Clusters.capacity` if it is not 0."""
+        return self._of_clusters("cluster_overflow")
+
+    @property
+    def timestamp(self) -> wp.array:
+        """(W,) float64: the world's time when the frame was complete [s]."""
+        return self.frames.timestamp
+
+    @property
+    def valid(self) -> wp.array:
+        """(W,) bool, false in frozen worlds."""
+        return self.frames.valid
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """Clock and frames."""
+        return self.frames.memory
+
+    def check(self, simulation: Simulation, dt: float) -> None:
+        """Refuses a Simulation that it cannot be part of."""
+        self.frames.check(simulation, dt, self._scratch_bytes())
+
+    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+        """The launches of a sub-step."""
+        return self.frames.record(simulation, dt, lambda: self._samples(simulation))
+
+    def begin(self, simulation: Simulation, mask: wp.array) -> None:
+        """A frame of the present state, as if the worlds of the mask had always stood so."""
+        self.frames.begin(simulation, mask)
+
+    def _samples(self, simulation: Simulation) -> list[Any]:
+        frames, state, device = self.frames, simulation.state, self.model.device
+        tables = self.scene.tables(self.config.groups)
+        set_sweep(self._scan, frames, self.config.sweep)
+        lanes = lane_count(self.config.rays, frames, device)
+        returns = rows_of(frames.ring["returns"])
+        scan = wp.launch(
+            scan_radar, dim=(self.model.world_count, lanes), device=device, record_cmd=True,
+            inputs=[
+                lanes, self._scan, float(self.config.falloff), self.backscatter, self._flaws, state.arrays, tables,
+                self.model.assets, frames.tick,
+            ],
+            outputs=[returns],
+        )  # fmt: skip
+        commands = [self.scene.place(state, tables, frames.tick.collecting, record=True), scan]
+        return commands if self.config.clusters is None else [*commands, self._gather(self.config.clusters, returns)]
+
+    def _gather(self, config: Clusters, returns: wp.array) -> Any:
+        """The launch that finds the clusters."""
+        worlds, device, ring = self.model.world_count, self.model.device, self.frames.ring
+        results: Any = ClusterFrames()
+        results.cluster = rows_of(ring["clusters"])
+        results.count, results.overflow = ring["cluster_count"], ring["cluster_overflow"]
+        self._scratch = cluster_scratch(worlds, returns.shape[1] // CHANNELS, device)
+        return wp.launch(
+            cluster_returns, dim=worlds, device=device, record_cmd=True,
+            inputs=[
+                float(config.distance), int(config.least), int(config.capacity), returns, self._scratch,
+                self.frames.tick,
+            ],
+            outputs=[results],
+        )  # fmt: skip
+
+    def _scratch_bytes(self) -> int:
+        """Bytes of what gathers the clusters."""
+        rays = self.config.rays.shape[0] * self.config.rays.shape[1]
+        words = 12 + (1 << (2 * rays - 1).bit_length()) / rays
+        return 0 if self.config.clusters is None else round(4 * self.model.world_count * rays * words)
+
+    def _of_clusters(self, name: str) -> wp.array:
+        if self.config.clusters is None:
+            raise ModelError(f"radar '{self.name}': there are no clusters; pass RadarConfig(clusters=Clusters())")
+        return self.frames.data[name]
+
+
+def cluster_scratch(worlds: int, rays: int, device: Any) -> ClusterScratch:
+    """Scratch of `cluster_returns` for this many rays in each world."""
+    slots = 1 << (2 * rays - 1).bit_length()
+    scratch: Any = ClusterScratch()
+    fields: Any = ClusterScratch
+    for name, hint in fields.vars.items():
+        length = slots if name == "table" else rays
+        setattr(scratch, name, wp.zeros((worlds, length), dtype=hint.type.dtype, device=device))
+    return scratch

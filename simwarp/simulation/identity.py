@@ -1,0 +1,164 @@
+"""What a model and a Simulation are made of, so that a state only ever goes where it belongs."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from simwarp.model.topology import drive_mode, has_law
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+from simwarp.core.types import Dof, PositionDrive, shown
+
+if TYPE_CHECKING:
+    from simwarp.model.builder import JointSpec, ModelBuilder
+    from simwarp.model.model import Model
+
+VERSION: Final = "1"
+"""Of the layout of states: another one is another identity."""
+
+LONGEST_PART: Final = 60
+
+
+@dataclasses.dataclass(frozen=True)
+class Identity:
+    """What a Simulation is made of, in lines that people read.
+
+    Part of it are the worlds, bodies, joints with their kinds, stops and drives, couplings, shapes with their
+    geometries, capacities, force elements and sensors. Not part of it are the values of what may differ per world
+    (`PARAMETERS`: masses, frictions, sizes ...), poses as built, and the numbers of the solver: a snapshot holds none
+    of them, and whoever randomises them restores the same snapshot under all.
+
+    Attributes:
+        parts: lines by section.
+        digest: of all of them: equal ones mean equal simulations.
+    """
+
+    parts: Mapping[str, tuple[str, ...]]
+    digest: str
+
+    @classmethod
+    def of(cls, parts: Mapping[str, Sequence[str]]) -> Identity:
+        """That of the given sections."""
+        lines = {name: tuple(values) for name, values in parts.items()}
+        text = "\0".join(f"{name}\1" + "\2".join(values) for name, values in lines.items())
+        return cls(lines, _digest(text.encode("utf-8")))
+
+    def extended(self, parts: Mapping[str, Sequence[str]]) -> Identity:
+        """With more sections."""
+        return Identity.of({**self.parts, **parts})
+
+    def difference(self, other: Identity) -> str:
+        """The first thing that differs, as "its bodies: here 3, there 4"; empty for equal ones."""
+        if self.digest == other.digest:
+            return ""
+        for name in dict.fromkeys((*self.parts, *other.parts)):
+            mine, theirs = self.parts.get(name, ()), other.parts.get(name, ())
+            if mine == theirs:
+                continue
+            if len(mine) != len(theirs):
+                return f"{name}: here {len(mine)}, there {len(theirs)}"
+            here, there = next(pair for pair in zip(mine, theirs, strict=True) if pair[0] != pair[1])
+            return f"{name}: here {_short(here)}, there {_short(there)}"
+        return "its layout"
+
+
+def model_identity(builder: ModelBuilder, model: Model) -> Identity:
+    """That of a model: everything that all worlds share for good."""
+    assets: list[Hull | HeightField | TriangleMesh] = [*builder.hulls, *builder.height_fields, *builder.meshes]
+    return Identity.of(
+        {
+            "version": [VERSION],
+            "worlds": [str(model.world_count)],
+            "bodies": [f"'{name}'" for name in model.body_names],
+            "joints": [_joint_line(joint) for joint in builder.joints],
+            "couplings": [
+                f"'{coupling.name}' of coordinates {', '.join(str(dof) for dof, _ in coupling.terms)}"
+                for coupling in builder.couplings
+            ],
+            "shapes": [
+                f"'{shape.name}' ({shape.type.name.lower()} on {shape.body}, group {shape.group}, mask {shape.mask:x})"
+                for shape in builder.shapes
+            ],
+            "geometries": [_asset_line(asset) for asset in assets],
+            "excluded pairs": [f"{a} and {b}" for a, b in sorted(builder.excluded_bodies)],
+            "contact capacity": [str(model.contact_capacity)],
+            "rolling friction": [str(model.has_rolling_friction)],
+        }
+    )
+
+
+def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float) -> dict[str, list[str]]:
+    """What a Simulation adds to its model: force elements, and sensors, whose clocks count sub-steps of `dt` [s]."""
+    clock = [f"sub-steps of {dt!r} s"] if sensors else []
+    parts = (*elements, *sensors)
+    return {
+        "force elements": [_part_line(part) for part in elements],
+        "sensors": [_part_line(part) for part in sensors],
+        "clock of the sensors": clock,
+        "arrays of force elements and sensors": [
+            f"{_part_line(part)}: {name} {array.dtype.__name__}{shown(tuple(array.shape))}"
+            for part in parts
+            for name, array in part.memory.items()
+        ],
+    }
+
+
+def _part_line(part: Any) -> str:
+    """Kind and name of a force element or sensor."""
+    name = getattr(part, "name", None)
+    return f"{type(part).__name__} '{name}'" if isinstance(name, str) else type(part).__name__
+
+
+def _joint_line(joint: JointSpec) -> str:
+    laws = [_law(dof) for dof in joint.dofs]
+    said = f" with {', '.join(laws)}" if any(laws) else ""
+    assert len(joint.dofs) == len(ELEMENTS[joint.type].dofs)
+    return f"'{joint.name}' ({joint.type.name.lower()} {joint.parent} to {joint.child}{said})"
+
+
+def _law(dof: Dof) -> str:
+    """What of a coordinate's law is fixed when the model is made: which rows it has, and its tables."""
+    tables = [dof.spring_table, dof.damper_table, dof.damper_map, getattr(dof.drive, "table", None)]
+    words = {
+        "limit": dof.limit is not None,
+        "friction": dof.friction > 0.0,
+        "effort limit": isinstance(dof.drive, PositionDrive) and math.isfinite(dof.drive.effort_limit),
+        "law": has_law(dof),
+        f"drive {drive_mode(dof).name.lower()}": dof.drive is not None,
+        f"tables {_digest(repr(_plain(tables)).encode())[:8]}": any(table is not None for table in tables),
+    }
+    return " ".join(word for word, there in words.items() if there)
+
+
+def _plain(value: Any) -> Any:
+    """Nested tables as lists of floats: equal numbers look alike whatever held them."""
+    if value is None:
+        return None
+    return [_plain(part) for part in value] if isinstance(value, (Sequence, np.ndarray)) else float(value)
+
+
+def _asset_line(asset: Hull | HeightField | TriangleMesh) -> str:
+    if isinstance(asset, Hull):
+        return f"hull of {len(asset.vertices)} points {_array_digest(asset.vertices)}"
+    if isinstance(asset, HeightField):
+        content = _array_digest(asset.heights, np.array(asset.spacing))
+        return f"height field of {shown(asset.heights.shape)} {content}"
+    return f"mesh of {len(asset.triangles)} triangles {_array_digest(asset.vertices, asset.triangles)}"
+
+
+def _array_digest(*arrays: Any) -> str:
+    return _digest(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays))[:16]
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
+def _short(line: str) -> str:
+    return line if len(line) <= LONGEST_PART else f"{line[: LONGEST_PART - 4]} ..."

@@ -1,0 +1,449 @@
+"""Simulation: owns the buffers of a run, steps all worlds, resets and sets some of them, takes snapshots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, ClassVar, Final, NoReturn, cast
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.core.arrays import FixedAttributes, on_host
+from simwarp.model.checks import checked_flag, whole_number
+from simwarp.simulation.contacts import Contacts
+from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
+from simwarp.simulation.force_elements import ForceElement, words
+from simwarp.simulation.identity import run_parts
+from simwarp.kernels.collision.collide import collide_worlds, make_collision_scratch
+from simwarp.kernels.dynamics.energy import measure_energy
+from simwarp.kernels.core.tables import StepConfig
+from simwarp.kernels.dynamics.world import Operation, copy_rows, copy_worlds, flag_worlds, make_scratch, run_worlds_kernel
+from simwarp.core.memory import check_layouts
+from simwarp.model.model import FEWER, Model
+from simwarp.simulation.requirements import lanes_of, run_layouts, step_layouts, step_sizes
+from simwarp.simulation.sensor_protocol import Sensor
+from simwarp.simulation.snapshot import Snapshot
+from simwarp.simulation.solver_options import CONTACT_MODELS, LAWS, SOLVERS, SolverOptions
+from simwarp.simulation.state import Control, State, initial_arrays
+from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
+
+__all__ = ["Simulation", "Snapshot", "SolverOptions"]
+
+REFINED_MASS_RATIO: Final = 100.0
+
+SHORTEST_STEP: Final = 1.0e-9
+"""Of a sub-step [s]: kernels divide by it in float32."""
+LONGEST_STEP: Final = 1.0e6
+MOST_SUBSTEPS: Final = 1_000_000
+
+
+class Simulation(FixedAttributes):
+    """Steps `model.world_count` worlds together.
+
+    Nothing is allocated and nothing is read back to the host in `step`.
+
+    Args:
+        model: from `ModelBuilder.finalize`.
+        dt: time of one `step` call [s].
+        substeps: equal parts that it is divided into.
+        solver: see `SolverOptions`.
+        joint_reactions: record the force and torque of every joint (`diagnostics.joint_reaction_force`).
+        elements: force elements, such as a Vehicle's, launched before each sub-step.
+        sensors: cameras, inertial units and others of `simwarp.sensors`, launched after each sub-step.
+        read_every: calls of `step` between two looks at the sensors' data; frames that nobody would see are not taken.
+            With 1, every frame that is the latest after some `step` is there.
+
+    Raises:
+        ModelError: dt, substeps or read_every is not usable, two sensors have the same name, or one cannot be part of
+            this Simulation. No sensor belongs to it then, and all may be used in another.
+    """
+
+    FIXED: ClassVar = (
+        "model", "dt", "substeps", "solver", "read_every", "elements", "sensors", "state", "control", "contacts",
+        "diagnostics", "memory", "identity",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        model: Model,
+        dt: float,
+        *,
+        substeps: int = 1,
+        solver: SolverOptions | None = None,
+        joint_reactions: bool = False,
+        elements: Sequence[ForceElement] = (),
+        sensors: Sequence[Sensor] = (),
+        read_every: int = 1,
+    ) -> None:
+        if not isinstance(model, Model):
+            raise ModelError(f"Simulation: model must be a Model, got {shown(model)}; pass what finalize returned")
+        if solver is not None and not isinstance(solver, SolverOptions):
+            raise ModelError(f"Simulation: solver must be SolverOptions, got {shown(solver)}; write SolverOptions(...)")
+        self.model = model
+        self.substeps = whole_number("Simulation", "substeps", substeps, 1, MOST_SUBSTEPS, "1 is the default")
+        self.dt = _checked_dt(dt, self.substeps)
+        self.solver = solver if solver is not None else SolverOptions()
+        most = (2**31 - 1) // self.substeps  # clocks of sensors count sub-steps in 32 bits
+        self.read_every = whole_number("Simulation", "read_every", read_every, 1, most, "1 is the default")
+        reactions = checked_flag("Simulation", "joint_reactions", joint_reactions)
+        self.elements = _checked_elements(elements)
+        self.sensors = _named_apart(sensors)
+        rescue = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
+        other = self.solver.solver != ConeSolver.APGD.name.lower()
+        all_solvers = other or (rescue if self.solver.rescue is None else self.solver.rescue)
+        sizes = step_sizes(model, self.solver.dense_rows, all_solvers)
+        element_memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
+        layouts = run_layouts(model, elements=bool(self.elements), reactions=reactions) | step_layouts(model, sizes)
+        copies = sum(4 * array.size for array in element_memory)
+        check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
+        self.control = Control(model, elements=bool(self.elements))
+        self.diagnostics = Diagnostics(model, reactions=reactions)
+        self._config = self._step_config(reactions)
+        for sensor in self.sensors:  # all of them before any belongs to this Simulation
+            if hasattr(sensor, "check"):
+                sensor.check(self, self._config.dt)
+        self._kernel = run_worlds_kernel(all_solvers)
+        self._no_coordinates = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
+        self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
+        self._scratch = make_scratch(model.device, lanes_of(model), sizes)
+        self.contacts = Contacts(model)
+        self._collision_scratch = make_collision_scratch(
+            model.device, lanes_of(model), model.shape_count, model.contact_capacity, model.topology.grid_buckets
+        )
+        self.state = initial_arrays(model)
+        self._launch(Operation.MEASURE, self._all_worlds)
+        self._initial = State(model)
+        self._initial.copy_from(self.state)
+        self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
+        self.physics_commands = self._record_step()
+        """Recorded launches of a sub-step; those of the sensors come after them."""
+        self.sensor_commands = [launch for sensor in self.sensors for launch in sensor.record(self, self._config.dt)]
+        self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
+        """What force elements and sensors remember; `Snapshot.memory` holds a copy."""
+        self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
+        """What a snapshot must have in common with this Simulation."""
+        self._begin_sensors(self._all_worlds)
+        self._fix()
+
+    @property
+    def time(self) -> wp.array:
+        """(W,) float64 [s]: how long each world has run since its last reset."""
+        return self.state.world_time
+
+    def step(self) -> None:
+        """Advances every world by `dt`, in `substeps` parts. Frozen (non-finite) worlds stay as they are."""
+        for _ in range(self.substeps):
+            for command in self.physics_commands:
+                command.launch()
+            for command in self.sensor_commands:
+                command.launch()
+
+    def reset(self, world_mask: Any = None, *, sensors: bool = True) -> None:
+        """Puts the worlds of the mask (all when None) back to the model's initial state.
+
+        Args:
+            world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads.
+            sensors: take their first frames now; where more is set before a world is ready, leave it to
+                `begin_sensors`.
+        """
+        mask = self._mask(world_mask)
+        wp.launch(
+            copy_worlds, dim=self.model.world_count, device=self.model.device,
+            inputs=[mask, self._initial.arrays], outputs=[self.state.arrays, self.contacts.arrays],
+        )  # fmt: skip
+        for present, initial in self._initial_memory:
+            wp.launch(
+                copy_rows, dim=self.model.world_count, device=self.model.device,
+                inputs=[mask, initial], outputs=[present],
+            )  # fmt: skip
+        if sensors:
+            self._begin_sensors(mask)
+
+    def begin_sensors(self, world_mask: Any = None) -> None:
+        """Starts the sensors' clocks in the worlds of the mask anew, with a frame of the present state."""
+        self._begin_sensors(self._mask(world_mask))
+
+    def keep_as_initial(self) -> None:
+        """From now on a reset brings back the present state, at time 0: of a vehicle that has settled, say."""
+        self._initial.copy_from(self.state)
+        self._initial.world_time.zero_()
+        for present, initial in self._initial_memory:
+            wp.copy(initial, present)
+
+    def set_joint_state(self, world_mask: Any, q: Any, qd: Any) -> None:
+        """Sets coordinates and rates in the worlds of the mask: forward kinematics over the tree, then the loops
+        are closed by Newton's method from there, and rates become consistent with them.
+
+        Coordinates of joints that close loops only help to count turns. Floating bodies without a FREE joint stay.
+        Worlds whose loops do not close get `WorldStatus.NOT_ASSEMBLED`.
+
+        Args:
+            world_mask: (W,) bool; all worlds when None.
+            q: (W, dofs) [m or rad]; the present ones when None.
+            qd: (W, dofs) [m/s or rad/s]; zeros when None.
+
+        Raises:
+            ModelError: shapes do not fit, or a value of the mask's worlds is not finite. Values on a GPU are not read
+                back: there such worlds get `WorldStatus.NON_FINITE`, and are frozen until they are set again.
+        """
+        shape = (self.model.world_count, self.model.dof_count)
+        mask = self._mask(world_mask)
+        position = wp.clone(self.state.joint_q) if q is None else self._values("q", q, shape, mask)
+        rate = self._values("qd", np.zeros(shape, np.float32) if qd is None else qd, shape, mask)
+        self._launch(Operation.ASSEMBLE, mask, position, rate)
+        if self.model.device.is_cuda:
+            wp.launch(
+                flag_worlds, dim=self.model.world_count, device=self.model.device,
+                inputs=[mask, position, rate], outputs=[self.state.world_status],
+            )  # fmt: skip
+        self._begin_sensors(mask)
+
+    def measure(self, world_mask: Any = None, *, sensors: bool = True) -> None:
+        """Publishes `body_q` and joint coordinates after a user wrote `body_x`, `body_rot` or velocities.
+
+        `sensors`: as in `reset`.
+        """
+        mask = self._mask(world_mask)
+        self._launch(Operation.MEASURE, mask)
+        if sensors:
+            self._begin_sensors(mask)
+
+    def measure_energy(self) -> wp.array:
+        """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of linear springs."""
+        wp.launch(
+            measure_energy, dim=self.model.world_count, device=self.model.device,
+            inputs=[self.model.topology, self.model.parameters, self.state.arrays], outputs=[self.diagnostics.energy],
+        )  # fmt: skip
+        return self.diagnostics.energy
+
+    def problems(self) -> list[str]:
+        """One line for each world that is in trouble: what it is, and what helps. Waits for the device."""
+        return explain_worlds(self.state, self.contacts, self.diagnostics, self.solver.tolerance)
+
+    def snapshot(self) -> Snapshot:
+        """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
+        snapshot = self.empty_snapshot()
+        for kept, present in zip(snapshot.arrays().values(), self._arrays(), strict=True):
+            wp.copy(kept, present)
+        return snapshot
+
+    def empty_snapshot(self) -> Snapshot:
+        """A snapshot that holds nothing yet, in the layout of this Simulation's."""
+        return Snapshot.empty(
+            self.model, elements=bool(self.elements), memory=self.memory, identity=self.identity
+        )  # fmt: skip
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Brings back what `snapshot` held, in place: views and captured steps stay valid.
+
+        It must be of a Simulation with the same `identity`: worlds, bodies, joints, couplings, shapes with their
+        geometries, capacities, force elements and sensors. Parameters of the model and options of the solver may
+        differ: they are not part of a snapshot.
+
+        Raises:
+            ModelError: it is that of another simulation; says what differs. Nothing has changed then.
+        """
+        if not isinstance(snapshot, Snapshot):
+            raise ModelError(f"restore: snapshot must be a Snapshot, got {shown(snapshot)}; pass what snapshot() made")
+        difference = self.identity.difference(snapshot.identity)
+        kept, present = list(snapshot.arrays().values()), self._arrays()
+        if not difference and [(a.shape, a.dtype) for a in kept] != [(a.shape, a.dtype) for a in present]:
+            difference = "shapes of its arrays"
+        if difference:
+            raise ModelError(
+                "restore: the snapshot must be of a Simulation with the same model, force elements and sensors, but "
+                f"they differ ({difference}); make it in this Simulation"
+            )
+        for target, source in zip(present, kept, strict=True):
+            wp.copy(target, source)
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a Simulation cannot be pickled or copied: it refers to memory of a device; build it again from the same "
+            "ModelBuilder and bring its state over with snapshot().save(path) and Snapshot.load(path, simulation)"
+        )
+
+    # ---- inside --------------------------------------------------------------------------------------------------
+
+    def _step_config(self, reactions: bool) -> StepConfig:
+        config = StepConfig()
+        config.dt = self.dt / self.substeps
+        config.recovery_speed = self.solver.recovery_speed
+        config.recovery_rate = self.solver.recovery_rate
+        config.pivot_tolerance = self.solver.pivot_tolerance
+        passes = self.solver.position_projection
+        config.projection_iterations = int(self.model.has_loops) if passes is None else passes
+        refinement = self.solver.refinement
+        config.refinement = int(self.model.mass_ratio > REFINED_MASS_RATIO) if refinement is None else refinement
+        config.max_iterations = self.solver.max_iterations
+        config.tolerance = self.solver.tolerance
+        config.row_tolerance = self.solver.row_tolerance
+        config.reactions = int(reactions)
+        config.gyroscopic = int(self.solver.gyroscopic)
+        config.friction_law = LAWS.index(self.solver.friction_law)
+        config.solver = SOLVERS.index(self.solver.solver)
+        config.contact_model = CONTACT_MODELS.index(self.solver.contact_model)
+        config.bounce_speed = self.solver.bounce_speed
+        config.contact_envelope = self.solver.contact_envelope
+        config.dense_rows = self.solver.dense_rows
+        return config
+
+    def _launch(
+        self, operation: Operation, mask: wp.array, q: wp.array | None = None, qd: wp.array | None = None,
+        *, record: bool = False,
+    ) -> Any:  # fmt: skip
+        q = self._no_coordinates if q is None else q
+        qd = self._no_coordinates if qd is None else qd
+        return wp.launch(
+            self._kernel, dim=self.model.world_count, device=self.model.device, record_cmd=record,
+            inputs=[
+                int(operation), self._config, self.model.topology, self.model.parameters, self.control.arrays,
+                mask, q, qd, self._scratch, self.state.arrays, self.contacts.arrays,
+            ],
+            outputs=[self.diagnostics.arrays],
+        )  # fmt: skip
+
+    def _record_step(self) -> list[Any]:
+        """The physics of a step as recorded launches: a fifth of the host time of fresh ones."""
+        commands = [command for part in self.elements for command in part.record(self, self._config.dt)]
+        if self.model.topology.pair_count > 0:
+            commands.append(
+                wp.launch(
+                    collide_worlds, dim=self.model.world_count, device=self.model.device, record_cmd=True,
+                    inputs=[
+                        self._config, self.model.topology, self.model.parameters, self.model.assets,
+                        self.state.arrays, self._collision_scratch,
+                    ],
+                    outputs=[self.contacts.arrays],
+                )
+            )  # fmt: skip
+        commands.append(self._launch(Operation.STEP, self._all_worlds, record=True))
+        measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
+        return commands + [command for record in measuring for command in record(self, self._config.dt)]
+
+    def _begin_sensors(self, mask: wp.array) -> None:
+        """A frame of the present state, in worlds where somebody set it."""
+        for sensor in self.sensors:
+            sensor.begin(self, mask)
+
+    def _arrays(self) -> list[wp.array]:
+        """What a snapshot holds, in its order."""
+        groups = (self.state, self.control, self.contacts)
+        return [*(getattr(part, name) for part in groups for name in part.NAMES), *self.memory]
+
+    def _mask(self, world_mask: Any) -> wp.array:
+        """The mask as a Warp array of bool on the model's device."""
+        if world_mask is None:
+            return self._all_worlds
+        shape = (self.model.world_count,)
+        kind = str(getattr(world_mask, "dtype", "")).lower()
+        if isinstance(world_mask, wp.array):
+            if world_mask.dtype != wp.bool:
+                raise ModelError(f"world_mask must be of bool, got a Warp array of {world_mask.dtype.__name__}")
+            mask = world_mask
+        elif hasattr(world_mask, "data_ptr"):
+            if "bool" not in kind:
+                raise ModelError(f"world_mask must be of bool, got a tensor of {kind}; compare it first")
+            mask = cast(wp.array, wp.from_torch(world_mask.contiguous(), dtype=wp.bool))
+        else:
+            try:
+                values = np.asarray(world_mask)
+            except ValueError:
+                raise ModelError(f"world_mask must have shape {shape} (worlds), got {shown(world_mask)}") from None
+            if values.dtype != np.bool_:
+                raise ModelError(f"world_mask must be of bool, got {values.dtype}; it is no list of indices")
+            mask = wp.array(values, dtype=wp.bool, device=self.model.device)
+        if tuple(mask.shape) != shape:
+            raise ModelError(f"world_mask must have shape {shape} (worlds), got {tuple(mask.shape)}")
+        return mask
+
+    def _values(self, name: str, values: Any, shape: tuple[int, int], mask: wp.array) -> wp.array:
+        """Coordinates or rates as a Warp array of float32 on the model's device; host values may broadcast."""
+        thing = f"set_joint_state: {name} must"
+        if isinstance(values, wp.array) and values.dtype == wp.float32 and values.is_contiguous:
+            array = values
+        elif hasattr(values, "data_ptr"):
+            array = cast(wp.array, wp.from_torch(values.detach().float().contiguous(), dtype=wp.float32))
+        else:
+            given = numbers(values.numpy() if isinstance(values, wp.array) else values)
+            if given.ndim == 0 and not np.isfinite(given):
+                raise ModelError(f"{thing} be finite numbers of shape {shape} (worlds, dofs), got {shown(values)}")
+            try:
+                data = np.broadcast_to(given, shape)
+            except ValueError:
+                raise ModelError(f"{thing} have shape {shape} (worlds, dofs), got {given.shape}") from None
+            with np.errstate(over="ignore"):  # told below
+                single = np.ascontiguousarray(data, dtype=np.float32)
+            self._check_finite(name, single, mask)
+            return wp.array(single, dtype=wp.float32, device=self.model.device)
+        if tuple(array.shape) != shape:
+            raise ModelError(f"{thing} have shape {shape} (worlds, dofs), got {array.shape}")
+        if on_host(array):
+            self._check_finite(name, array.numpy(), mask)
+        return array
+
+    def _check_finite(self, name: str, values: npt.NDArray[np.float32], mask: wp.array) -> None:
+        """Raises where a world of the mask would get NaN or infinity; a mask on a GPU is not read back."""
+        bad = ~np.isfinite(values).all(axis=1)
+        if mask is not self._all_worlds:
+            if not on_host(mask):
+                return
+            bad &= mask.numpy()
+        if bad.any():
+            world = int(np.argmax(bad))
+            value = next(value for value in values[world].tolist() if not math.isfinite(value))
+            raise ModelError(
+                f"set_joint_state: {name} must be finite (float32), got {value!r} for world {world}; leave such worlds "
+                "out of the mask"
+            )
+
+
+def _named_apart(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
+    """The sensors, whose names are all different: their randomness hangs on them."""
+    if not isinstance(sensors, (list, tuple)):
+        if isinstance(sensors, Iterable) and not isinstance(sensors, (str, bytes, dict)):
+            sensors = tuple(sensors)
+        else:
+            raise ModelError(f"Simulation: sensors must be a list, got {shown(sensors)}; write sensors=[...]")
+    for sensor in sensors:
+        known = all(hasattr(sensor, part) for part in ("name", "memory", "record", "begin"))
+        if isinstance(sensor, type) or not known:
+            raise ModelError(
+                f"Simulation: sensors must be sensors, got {shown(sensor)} among them; make one first, such as "
+                "Camera(scene, mount, config)"
+            )
+    names = [sensor.name for sensor in sensors]
+    for name in names:
+        if names.count(name) > 1:
+            raise ModelError(f"Simulation: two sensors are called '{name}'; give one another name")
+    return tuple(sensors)
+
+
+def _checked_elements(elements: Any) -> tuple[ForceElement, ...]:
+    """The force elements, all of which can be one."""
+    if isinstance(elements, (str, bytes, dict)) or not isinstance(elements, Iterable):
+        raise ModelError(f"Simulation: elements must be a list, got {shown(elements)}; write elements=[...]")
+    listed = tuple(elements)
+    for part in listed:
+        if isinstance(part, type) or not (hasattr(part, "memory") and hasattr(part, "record")):
+            raise ModelError(
+                f"Simulation: elements must be force elements, got {shown(part)} among them; make one first, such as "
+                "Vehicle(model, ...)"
+            )
+    return listed
+
+
+def _checked_dt(dt: Any, substeps: int) -> float:
+    """Time of a step [s], whose sub-steps float32 can divide by."""
+    given = number(dt)
+    if not 0.0 < given <= FLOAT32_MAX:
+        finite = "" if given <= 0.0 else " and finite"
+        raise ModelError(f"Simulation: dt must be > 0 s{finite}, got {shown(dt)}; give the time of a step")
+    if not SHORTEST_STEP <= given / substeps <= LONGEST_STEP:
+        raise ModelError(
+            f"Simulation: dt / substeps must be in {SHORTEST_STEP:g}..{LONGEST_STEP:g} s, got {given:g} / {substeps}; "
+            "take a time that float32 resolves"
+        )
+    return given

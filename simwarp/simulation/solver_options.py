@@ -1,0 +1,103 @@
+"""SolverOptions: the numbers of the solver, checked where they are written."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Final
+
+from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
+from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, number, shown
+
+SOLVERS: Final = tuple(solver.name.lower() for solver in ConeSolver)
+LAWS: Final = tuple(law.name.lower() for law in FrictionLaw)
+CONTACT_MODELS: Final = tuple(model.name.lower() for model in ContactModel)
+
+MOST_ITERATIONS: Final = 10_000_000
+"""Forty gradient steps may stand for each one: their number stays below 2^31."""
+MOST_PASSES: Final = 1000
+MOST_DENSE_ROWS: Final = 32_768
+"""Of a matrix of 4 GiB, whose entries kernels number with 32 bits."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SolverOptions:
+    """Numbers of the solver (docs/theory.md). Every field is checked when the options are written.
+
+    Attributes:
+        recovery_speed: fastest correction of a position error, >= 0 [m/s].
+        recovery_rate: the same for angles, >= 0 [rad/s].
+        position_projection: passes that move positions onto the joints after each step, 0 to 1000; when None, 1 for
+            models with closed loops (whose energy it keeps over long runs) and 0 for trees.
+        refinement: passes of iterative refinement on the free motion, 0 to 1000; when None, 1 for models whose heaviest
+            body has more than 100 times the mass of the lightest, else 0.
+        pivot_tolerance: a row whose pivot falls below this share of its diagonal counts as redundant; >= 0 and < 1.
+        max_iterations: of the solve of limits, friction and contacts, 1 to 10 000 000.
+        tolerance: residual at which it stops, >= 0 [m/s or rad/s].
+        row_tolerance: residual above which bilateral rows are solved a second time, >= 0 [m/s or rad/s].
+        gyroscopic: whether spinning bodies precess.
+        solver: of limits, friction and contacts: "apgd", "psor", "spg", "padmm" or "interior_point". The last two need
+            a dense Schur complement: worlds with more rows than `dense_rows` are solved by "apgd" in their place.
+        rescue: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;
+            when None, where models have contacts and masses that differ by more than 100.
+        friction_law: "exact" (Coulomb) or "convex" (its relaxation, in which sliding contacts separate).
+        contact_model: "rigid" (unilateral rows), "smooth" or "smooth_hooke" (penalty forces by the law of Hertz or
+            Hooke from Young's modulus and Poisson's ratio; dt has to resolve the collision time).
+        bounce_speed: restitution acts where the rebound is faster than this, >= 0 [m/s].
+        contact_envelope: a contact takes part if its gap, after a step without contacts, would be below this, >= 0 [m].
+        dense_rows: most rows for which the Schur complement of the contacts is formed, 0 to 32 768; larger worlds apply
+            it row by row. 0: all do.
+
+    Raises:
+        ModelError: a value lies outside its domain.
+    """
+
+    recovery_speed: float = 0.6
+    recovery_rate: float = 3.0
+    position_projection: int | None = None
+    refinement: int | None = None
+    pivot_tolerance: float = 1.0e-5
+    max_iterations: int = 1000
+    tolerance: float = 1.0e-5
+    row_tolerance: float = 5.0e-6
+    gyroscopic: bool = True
+    solver: str = "apgd"
+    rescue: bool | None = None
+    friction_law: str = "exact"
+    contact_model: str = "rigid"
+    bounce_speed: float = 0.15
+    contact_envelope: float = 1.0e-3
+    dense_rows: int = 128
+
+    def __post_init__(self) -> None:
+        thing = "SolverOptions"
+        units = {
+            "recovery_speed": "m/s", "recovery_rate": "rad/s", "tolerance": "m/s", "row_tolerance": "m/s",
+            "bounce_speed": "m/s", "contact_envelope": "m",
+        }  # fmt: skip
+        checked: dict[str, Any] = {
+            field: not_negative(thing, field, getattr(self, field), unit, f"the default is {_default(field)}")
+            for field, unit in units.items()
+        }
+        if not 0.0 <= number(self.pivot_tolerance) < 1.0:
+            raise ModelError(
+                f"{thing}: pivot_tolerance must be >= 0 and < 1, got {shown(self.pivot_tolerance)}; try 1e-5"
+            )
+        checked["pivot_tolerance"] = number(self.pivot_tolerance)
+        for field, least, most in (
+            ("position_projection", 0, MOST_PASSES), ("refinement", 0, MOST_PASSES),
+            ("max_iterations", 1, MOST_ITERATIONS), ("dense_rows", 0, MOST_DENSE_ROWS),
+        ):  # fmt: skip
+            if getattr(self, field) is not None or _default(field) is not None:
+                remedy = f"the default is {_default(field)}"
+                checked[field] = whole_number(thing, field, getattr(self, field), least, most, remedy)
+        for field in ("gyroscopic", "rescue"):
+            if getattr(self, field) is not None or _default(field) is not None:
+                checked[field] = checked_flag(thing, field, getattr(self, field))
+        for field, known in (("solver", SOLVERS), ("friction_law", LAWS), ("contact_model", CONTACT_MODELS)):
+            checked[field] = checked_choice(thing, field, getattr(self, field), known)
+        for field, value in checked.items():  # numbers of NumPy become Python's
+            object.__setattr__(self, field, value)
+
+
+def _default(field: str) -> Any:
+    return SolverOptions.__dataclass_fields__[field].default

@@ -1,0 +1,129 @@
+"""From the description of a vehicle to the bodies, joints, shafts and couplings of a ModelBuilder."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+
+import numpy as np
+
+from simwarp.model.builder import ModelBuilder
+from simwarp.core.rotation import quat_multiply, rotate
+from simwarp.core.types import Pose, pose
+from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.vehicle.drivetrain.drivelines import DrivelineParts, add_clutch, add_driveline
+from simwarp.vehicle.spec.masses import merged
+from simwarp.vehicle.initial_velocity import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
+from simwarp.vehicle.spec.vehicle_spec import AutomaticShafts, ManualShafts, SpecError, VehicleSpec
+from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
+from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
+
+
+@dataclasses.dataclass(frozen=True)
+class VehicleParts:
+    """Indices, in the builder, of what a vehicle is made of."""
+
+    spec: VehicleSpec
+    chassis: int
+    reference: Array
+    """(3,) origin of the vehicle's frame of reference from the chassis' centre of mass, body axes [m]."""
+    sides: tuple[Side, ...]
+    """Wheels: front left, front right, then those of the axles behind."""
+    steerings: tuple[SteeringParts, ...]
+    driveline: DrivelineParts
+    motor_shaft: int
+    """Shaft that the engine drives, -1 without one."""
+    input_shaft: int
+    """Shaft between converter or clutch and gears, -1 without one."""
+    gear_coupling: int
+    """Coupling of the gears, -1 without one."""
+    clutch_shaft: int
+    """Slip of a manual clutch: a coordinate whose dry friction is the clutch's torque; -1 without one."""
+    start: Rolling
+    """Speed, gear and shaft speeds at the start."""
+
+
+def add_vehicle(
+    builder: ModelBuilder, spec: VehicleSpec, *, at: Pose | None = None, prefix: str = "", speed: float = 0.0,
+    gear: int | None = None,
+) -> VehicleParts:  # fmt: skip
+    """Adds a vehicle that stands, or rolls straight on.
+
+    Args:
+        at: pose of its frame of reference in the world; `spec.start_height` above the origin when None.
+        prefix: of the names of its bodies and joints.
+        speed: forwards [m/s]. Wheels roll on their unloaded radius; driveline, transmission and engine turn with them.
+        gear: -1 reverse, 0 neutral, 1 and up forward; None: the one that an automatic takes at that speed, of a
+            manual one the lowest in which the engine does not race.
+
+    Raises:
+        SpecError: parts do not fit together, or there is no such gear.
+    """
+    if isinstance(speed, bool) or not isinstance(speed, numbers.Real) or not math.isfinite(speed):
+        raise SpecError(f"speed: must be a finite number, got {speed!r}")
+    first_body = len(builder.bodies)
+    origin = pose((0.0, 0.0, spec.start_height)) if at is None else at
+    mass, com, inertia = merged(spec.chassis.components)
+    center = pose(origin.position + rotate(origin.rotation, com), origin.rotation)
+    chassis = builder.add_body(f"{prefix}chassis", mass=mass, inertia=inertia, pose=center)
+
+    def place(name: str, location: object, side: float = 1.0, turn: object = (0.0, 0.0, 0.0, 1.0)) -> Frame:
+        position = origin.position + rotate(origin.rotation, np.asarray(location, float))
+        rotation = quat_multiply(origin.rotation, np.asarray(turn, float))
+        return Frame(builder, f"{prefix}{name}", pose(position, rotation), side)
+
+    steerings = tuple(
+        add_steering(place(f"steering{index}", mount.location, turn=mount.rotation), mount.steering, chassis)
+        for index, mount in enumerate(spec.steerings)
+    )
+    pairs: list[tuple[Side, Side]] = []
+    for index, axle in enumerate(spec.axles):
+        link = chassis if axle.steering is None else steerings[axle.steering].link
+        left, right = add_axle(place(f"axle{index}", axle.location), index, axle, chassis, link)
+        if axle.antiroll_bar is not None:
+            middle = place(f"axle{index}.antiroll_bar", axle.antiroll_bar.location)
+            add_antiroll_bar(middle, axle.antiroll_bar, chassis, left.bar, right.bar)
+        pairs.append((left, right))
+    first_coupling = len(builder.couplings)
+    driveline = add_driveline(builder, prefix, spec.driveline, pairs)
+    sides = tuple(side for pair in pairs for side in pair)
+    forward = rotate(origin.rotation, np.array([1.0, 0.0, 0.0]))
+    roll_bodies(builder, range(first_body, len(builder.bodies)), sides, spec, speed, forward)
+    couplings = range(first_coupling, len(builder.couplings))
+    drive_speed = roll_driveline(builder, driveline, couplings, sides, spec, speed)
+    start = start_of(spec.transmission, speed, drive_speed, gear)
+    shafts = _add_transmission(builder, prefix, spec, driveline, start)
+    return VehicleParts(spec, chassis, -com, sides, steerings, driveline, *shafts, start)
+
+
+EXCHANGE_TIME = 1.0e-3
+"""The drive shaft of a transmission slips against that of the driveline like a viscous coupling of inertia / this time
+[s]: what the exchange of speed and torque between the two amounts to in the models that the data are from.
+"""
+
+
+def _add_transmission(
+    builder: ModelBuilder, prefix: str, spec: VehicleSpec, driveline: DrivelineParts, start: Rolling
+) -> tuple[int, int, int, int]:
+    """Motor shaft, input shaft, gear coupling and clutch of a transmission that has shafts."""
+    gears = spec.transmission
+    if not isinstance(gears, (AutomaticShafts, ManualShafts)):
+        return -1, -1, -1, -1
+    if spec.driveline is None:
+        raise SpecError(f"transmission: '{gears.template}' needs a driveline; add one, such as 'simple'")
+    motor = builder.add_shaft(f"{prefix}motor_shaft", inertia=gears.motorshaft_inertia)
+    inner = builder.add_shaft(f"{prefix}gear_shaft", inertia=gears.input_inertia)
+    for shaft in (motor, inner):
+        turn_shaft(builder, shaft, start.motor_speed)
+    # neutral takes the coupling out at the first step
+    ratio = gear_ratio(gears, start.gear) or gears.forward_ratios[0]
+    coupling = builder.add_coupling(
+        f"{prefix}gears", [(inner, ratio), *((joint, -value) for joint, value in driveline.speed)], offset=0.0,
+        damping=gears.driveshaft_inertia / EXCHANGE_TIME,
+    )  # fmt: skip
+    slip = -1
+    if isinstance(gears, ManualShafts):
+        inertia = min(gears.motorshaft_inertia, gears.input_inertia)
+        slip = add_clutch(builder, f"{prefix}clutch", (motor, inner), inertia, gears.clutch_limit)
+    return motor, inner, coupling, slip

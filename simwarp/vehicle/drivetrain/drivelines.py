@@ -1,0 +1,137 @@
+"""Driveline templates: shafts, differentials and bevel gears as shafts and couplings of the builder.
+
+Speeds are positive in forward drive. A shaft's speed is seen from the chassis, so that the couplings' reactions act on
+it. Shafts that a rigid gear ties are one coordinate: a differential's box adds ratio² x inertia to the shaft before it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from simwarp.model.builder import ModelBuilder
+from simwarp.vehicle.spec.vehicle_spec import Driveline, ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline, SpecError
+from simwarp.vehicle.suspensions import Side
+
+SLIP_SHARE = 2.0e-3
+"""Inertia of the coordinate that measures a clutch's slip, over the smaller of the two that it ties: too little to be
+felt, enough for float32 to keep what is left of torque / inertia.
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Lock:
+    """A clutch across a differential: the coordinate of its slip, whose dry friction is the clutch's torque."""
+
+    slip: int
+    held: float
+    """Torque of the open clutch, of a limited-slip differential [N·m]."""
+    locking: float
+    """What closing it adds [N·m]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class DrivelineParts:
+    """Where the transmission acts: a shaft, or straight on the axles of a simple driveline.
+
+    `split` lists (left turn, right turn, share of the torque x gear ratio, gear ratio, largest bias).
+    """
+
+    shaft: int = -1
+    locks: tuple[Lock, ...] = ()
+    split: tuple[tuple[int, int, float, float, float], ...] = ()
+
+    @property
+    def speed(self) -> list[tuple[int, float]]:
+        """(shaft or turn, coefficient): the sum is the speed at which the driveline takes the transmission's torque."""
+        if self.shaft >= 0:
+            return [(self.shaft, 1.0)]
+        return [(turn, 0.5 * share / ratio) for left, right, share, ratio, _ in self.split for turn in (left, right)]
+
+
+def add_driveline(
+    builder: ModelBuilder, prefix: str, spec: Driveline | None, sides: list[tuple[Side, Side]]
+) -> DrivelineParts:
+    """Shafts and couplings between the transmission and the axles (left, right)."""
+    match spec:
+        case None:
+            return DrivelineParts()
+        case ShaftsDriveline2WD():
+            return _two_wheels(builder, prefix, spec, sides)
+        case ShaftsDriveline4WD():
+            return _four_wheels(builder, prefix, spec, sides)
+        case SimpleDriveline():
+            front, rear = (sides[axle] for axle in spec.axles)
+            share = spec.front_torque_fraction
+            axles = (
+                (front[0].turn, front[1].turn, share, spec.front_gear_ratio, spec.front_max_bias),
+                (rear[0].turn, rear[1].turn, 1.0 - share, spec.rear_gear_ratio, spec.rear_max_bias),
+            )
+            return DrivelineParts(split=tuple(axle for axle in axles if axle[2] > 0.0))
+    raise SpecError(f"driveline: template '{spec.template}' is not known")
+
+
+def add_clutch(builder: ModelBuilder, name: str, ends: tuple[int, int], inertia: float, torque: float) -> int:
+    """The slip between two shafts or turns, with dry friction up to a torque [N·m]; `inertia`: the smaller of the two
+    [kg·m²]. Returns the coordinate of the slip.
+    """
+    slip = builder.add_shaft(name, inertia=SLIP_SHARE * inertia, friction=torque)
+    builder.add_coupling(name, [(ends[0], 1.0), (ends[1], -1.0), (slip, -1.0)])
+    return slip
+
+
+def _add_lock(
+    builder: ModelBuilder, name: str, ends: tuple[int, int], inertia: float, held: float, locking: float
+) -> tuple[Lock, ...]:
+    """A clutch across a differential; none where it would hold nothing."""
+    if held + locking == 0.0:
+        return ()
+    return (Lock(add_clutch(builder, name, ends, inertia, held + locking), held, locking),)
+
+
+def _add_axle_lock(
+    builder: ModelBuilder, name: str, sides: tuple[Side, Side], held: float, locking: float
+) -> tuple[Lock, ...]:
+    """A clutch between the wheels of an axle."""
+    inertia = min(float(builder.bodies[side.spindle].inertia[1, 1]) for side in sides)
+    return _add_lock(builder, name, (sides[0].turn, sides[1].turn), inertia, held, locking)
+
+
+def _add_differential(builder: ModelBuilder, name: str, shaft: int, ratio: float, sides: tuple[Side, Side]) -> None:
+    """Bevel gear and differential: the wheels' mean speed is ratio x the shaft's."""
+    left, right = sides
+    builder.add_coupling(name, [(left.turn, 0.5), (right.turn, 0.5), (shaft, -ratio)])
+
+
+def _two_wheels(
+    builder: ModelBuilder, prefix: str, spec: ShaftsDriveline2WD, sides: list[tuple[Side, Side]]
+) -> DrivelineParts:
+    inertia = spec.driveshaft_inertia + spec.box_inertia * spec.gear_ratio**2
+    shaft = builder.add_shaft(f"{prefix}driveline.shaft", inertia=inertia)
+    left, right = sides[spec.axle]
+    _add_differential(builder, f"{prefix}driveline.differential", shaft, spec.gear_ratio, (left, right))
+    locking = spec.locking_limit if spec.lockable else 0.0
+    locks = _add_axle_lock(builder, f"{prefix}driveline.lock", (left, right), spec.slip_torque, locking)
+    return DrivelineParts(shaft, locks)
+
+
+def _four_wheels(
+    builder: ModelBuilder, prefix: str, spec: ShaftsDriveline4WD, sides: list[tuple[Side, Side]]
+) -> DrivelineParts:
+    front_inertia = spec.front_shaft_inertia + spec.front_box_inertia * spec.front_gear_ratio**2
+    rear_inertia = spec.rear_shaft_inertia + spec.rear_box_inertia * spec.rear_gear_ratio**2
+    shaft = builder.add_shaft(f"{prefix}driveline.shaft", inertia=spec.driveshaft_inertia)
+    front = builder.add_shaft(f"{prefix}driveline.front_shaft", inertia=front_inertia)
+    rear = builder.add_shaft(f"{prefix}driveline.rear_shaft", inertia=rear_inertia)
+    builder.add_coupling(f"{prefix}driveline.center", [(front, 0.5), (rear, 0.5), (shaft, -1.0)])
+    first, last = (sides[axle] for axle in spec.axles)
+    _add_differential(builder, f"{prefix}driveline.front_differential", front, spec.front_gear_ratio, first)
+    _add_differential(builder, f"{prefix}driveline.rear_differential", rear, spec.rear_gear_ratio, last)
+    axle = spec.axle_locking_limit if spec.lockable else 0.0
+    center = spec.central_locking_limit if spec.lockable else 0.0
+    shafts = min(front_inertia, rear_inertia)
+    locks = (
+        *_add_lock(builder, f"{prefix}driveline.center_lock", (front, rear), shafts, spec.central_slip_torque, center),
+        *_add_axle_lock(builder, f"{prefix}driveline.front_lock", first, spec.axle_slip_torque, axle),
+        *_add_axle_lock(builder, f"{prefix}driveline.rear_lock", last, spec.axle_slip_torque, axle),
+    )
+    return DrivelineParts(shaft, locks)

@@ -1,0 +1,121 @@
+"""Engine and transmission descriptions as the tables of `kernels.powertrain`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from simwarp.kernels.vehicle.powertrain import EngineKind, Powertrain, PowertrainState, TransmissionKind
+from simwarp.model.model import Model
+from simwarp.vehicle.construction import VehicleParts
+from simwarp.vehicle.spec.vehicle_spec import (
+    AutomaticCVT,
+    AutomaticMap,
+    AutomaticShafts,
+    Engine,
+    EngineMap,
+    EngineShafts,
+    EngineSimple,
+    ManualShafts,
+    Points,
+    ShaftsDriveline2WD,
+    ShaftsDriveline4WD,
+    SimpleDriveline,
+    Transmission,
+)
+
+FLAT: Points = ((0.0, 0.0), (1.0, 0.0))
+
+
+def powertrain_tables(parts: VehicleParts, model: Model) -> Powertrain:
+    """Constant data of the powertrain on the model's device."""
+    table = Powertrain()
+
+    def dof(joint: int) -> int:
+        return -1 if joint < 0 else model.joint_dof_start[joint]
+
+    table.motor_dof, table.input_dof = dof(parts.motor_shaft), dof(parts.input_shaft)
+    table.drive_dof, table.slip_dof = dof(parts.driveline.shaft), dof(parts.clutch_shaft)
+    table.gear_coupling = parts.gear_coupling
+    if isinstance(parts.spec.driveline, (ShaftsDriveline2WD, ShaftsDriveline4WD)):
+        table.drive_inertia = parts.spec.driveline.driveshaft_inertia
+        table.shaft_reaction = parts.spec.driveline.reaction
+    elif isinstance(parts.spec.driveline, SimpleDriveline):
+        table.wheel_reaction = parts.spec.driveline.reaction
+    split = parts.driveline.split
+    table.split_count = len(split)
+    table.split_dof = _array([[dof(left), dof(right)] for left, right, *_ in split] or [[0, 0]], int, model)
+    table.split_share = _array([entry[2] for entry in split] or [0.0], float, model)
+    table.split_ratio = _array([entry[3] for entry in split] or [1.0], float, model)
+    table.split_bias = _array([entry[4] for entry in split] or [1.0], float, model)
+    curves = [*_engine(table, parts.spec.engine), *_transmission(table, parts.spec.transmission, model)]
+    table.curve_start = _array(np.cumsum([0] + [len(curve) for curve in curves]), int, model)
+    table.curve_x = _array([x for curve in curves for x, _ in curve], float, model)
+    table.curve_y = _array([y for curve in curves for _, y in curve], float, model)
+    return table
+
+
+def powertrain_state(parts: VehicleParts, model: Model) -> PowertrainState:
+    """The state of all worlds: the gear and the speeds that the vehicle starts with, no shift yet."""
+    state = PowertrainState()
+    count, start = model.world_count, parts.start
+    state.gear = wp.full(count, start.gear, dtype=int, device=model.device)
+    state.shift_time = wp.full(count, -1.0e9, dtype=wp.float64, device=model.device)
+    speeds = {"engine_speed": abs(start.motor_speed), "last_input": start.motor_speed, "last_drive": start.drive_speed}
+    for name in ("engine_speed", "engine_torque", "drive_speed", "drive_torque", "last_input", "last_drive"):
+        setattr(state, name, wp.full(count, speeds.get(name, 0.0), dtype=float, device=model.device))
+    return state
+
+
+def _array(values: Any, dtype: type, model: Model) -> Any:
+    kind = np.int32 if dtype is int else np.float32
+    return wp.array(np.asarray(values, kind), dtype=dtype, device=model.device)
+
+
+def _engine(table: Powertrain, engine: Engine | None) -> tuple[Points, Points]:
+    """Numbers of the engine; returns its curves at full and at no throttle."""
+    match engine:
+        case EngineSimple():
+            table.engine = int(EngineKind.SIMPLE)
+            table.max_torque, table.max_power, table.max_speed = engine.max_torque, engine.max_power, engine.max_speed
+        case EngineMap():
+            table.engine, table.max_speed = int(EngineKind.MAP), engine.max_speed
+            return engine.full_throttle, engine.zero_throttle
+        case EngineShafts():
+            table.engine = int(EngineKind.SHAFTS)
+            return engine.torque, engine.losses
+    return FLAT, FLAT
+
+
+def _transmission(table: Powertrain, gears: Transmission | None, model: Model) -> tuple[Points, Points]:
+    """Numbers of the transmission; returns the curves of its converter."""
+    forward: tuple[float, ...] = (1.0,)
+    reverse = -1.0
+    down: list[float] = [0.0]
+    up: list[float] = [np.inf]
+    curves = FLAT, FLAT
+    match gears:
+        case AutomaticMap():
+            table.transmission = int(TransmissionKind.AUTOMATIC_MAP)
+            forward, reverse = gears.forward_ratios, gears.reverse_ratio
+            down, up = [pair[0] for pair in gears.shift_points], [pair[1] for pair in gears.shift_points]
+        case AutomaticShafts():
+            table.transmission, table.latency = int(TransmissionKind.AUTOMATIC_SHAFTS), gears.shift_latency
+            forward, reverse = gears.forward_ratios, gears.reverse_ratio
+            down, up = [gears.downshift_speed] * len(forward), [gears.upshift_speed] * len(forward)
+            curves = gears.capacity_factor, gears.torque_ratio
+            table.input_inertia, table.gear_reaction = gears.input_inertia, gears.reaction
+        case ManualShafts():
+            table.transmission, table.clutch_limit = int(TransmissionKind.MANUAL_SHAFTS), gears.clutch_limit
+            forward, reverse = gears.forward_ratios, gears.reverse_ratio
+            down, up = [-np.inf] * len(forward), [np.inf] * len(forward)
+        case AutomaticCVT():
+            table.transmission, table.efficiency = int(TransmissionKind.CVT), gears.efficiency
+            table.ratio_low, table.ratio_high = gears.min_ratio, gears.max_ratio
+            table.speed_low, table.speed_high = gears.speed_begin, gears.speed_end
+    table.gear_count = len(forward)
+    table.ratio = _array([reverse, 0.0, *forward], float, model)
+    table.shift_down, table.shift_up = _array(down, float, model), _array(up, float, model)
+    return curves

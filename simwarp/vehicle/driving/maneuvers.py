@@ -1,0 +1,259 @@
+"""Manoeuvres: what a driver does when, on which ground, and how long a run takes."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import inspect
+import math
+from collections.abc import Callable
+from pathlib import Path as FilePath
+from typing import Final
+
+import numpy as np
+
+from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
+from simwarp.vehicle.driving.path_tracking import FollowSpec, PIDGains, look_ahead_for
+from simwarp.vehicle.driving.paths import Path, circle
+from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+
+SETTLING: Final = 1.0
+"""Time with full brakes before a manoeuvre begins [s]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Maneuver:
+    """A script over time from the start of the simulation, or a path to follow.
+
+    It lasts for `duration` [s] from its zero on, which is `start` [s] after the start of the simulation.
+    """
+
+    name: str
+    script: ScriptSpec = dataclasses.field(default_factory=ScriptSpec)
+    duration: float
+    start: float = SETTLING
+    follow: FollowSpec | None = None
+    """Where given, a path follower drives in place of the script."""
+    slope: float = 0.0
+    """Of the ground, rise per run; the vehicle faces uphill."""
+
+
+SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7)}
+"""Speeds of the reference runs that are not the usual 12 and 15 m/s: of the steer and of the brake run [m/s]."""
+
+
+def _after_settling(*points: tuple[float, float], before: float) -> tuple[tuple[float, float], ...]:
+    """Points of the manoeuvre's own time, with a value until it begins."""
+    moved = tuple((SETTLING + time, value) for time, value in points)
+    return ((0.0, before), (SETTLING, before), *moved)
+
+
+SETTLE_BRAKE: Final = _after_settling((0.0, 0.0), before=1.0)
+
+
+def reference_accel(spec: VehicleSpec) -> Maneuver:
+    """Full throttle from rest for 20 s."""
+    script = ScriptSpec(throttle=_after_settling((0.0, 1.0), before=0.0), braking=SETTLE_BRAKE)
+    return Maneuver(name="reference-accel", script=script, duration=20.0)
+
+
+def reference_steer(spec: VehicleSpec) -> Maneuver:
+    """Speed held from rest; at 15 s the steering goes to 0.3 in 0.2 s; until 25 s."""
+    target, _ = SPEEDS.get(spec.name, (12.0, 15.0))
+    script = ScriptSpec(
+        steering=_after_settling((15.0, 0.0), (15.2, 0.3), before=0.0),
+        braking=SETTLE_BRAKE,
+        speed=_after_settling((0.0, target), before=-1.0),
+    )
+    return Maneuver(name="reference-steer", script=script, duration=25.0)
+
+
+def reference_brake(spec: VehicleSpec) -> Maneuver:
+    """Speed held from rest until 20 s, then full brakes for 4 s."""
+    _, target = SPEEDS.get(spec.name, (12.0, 15.0))
+    script = ScriptSpec(
+        braking=(*SETTLE_BRAKE, (SETTLING + 20.0, 0.0), (SETTLING + 20.0, 1.0)),
+        speed=_after_settling((0.0, target), (20.0, target), (20.0, -1.0), before=-1.0),
+    )
+    return Maneuver(name="reference-brake", script=script, duration=24.07)
+
+
+def _usual_speed(spec: VehicleSpec) -> float:
+    return SPEEDS.get(spec.name, (12.0, 15.0))[0]
+
+
+STEP: Final = 15.0
+"""When the steering of step-steer and sine-sweep begins [s]: by then the speed is held."""
+
+
+def step_steer(
+    spec: VehicleSpec, *, speed: float | None = None, steering: float = 0.3, duration: float = 25.0
+) -> Maneuver:
+    """A speed [m/s] held from rest; at 15 s the steering goes to its value (-1..1) in 0.2 s."""
+    target = _usual_speed(spec) if speed is None else speed
+    if duration <= STEP:
+        raise SpecError(f"duration: must be above {STEP:g} s, where the step begins, got {duration!r}")
+    script = ScriptSpec(
+        steering=_after_settling((STEP, 0.0), (STEP + 0.2, steering), before=0.0),
+        braking=SETTLE_BRAKE,
+        speed=_after_settling((0.0, target), before=-1.0),
+    )
+    return Maneuver(name="step-steer", script=script, duration=duration)
+
+
+SWEEP: Final = (0.2, 3.0)
+"""First and last frequency of the sweep [Hz]."""
+LONGEST_SWEEP: Final = 3600.0
+"""[s]: it is a table with two hundred points a second."""
+
+
+def sine_sweep(
+    spec: VehicleSpec, *, speed: float | None = None, steering: float = 0.1, duration: float = 50.0
+) -> Maneuver:
+    """A speed [m/s] held; from 15 s on the steering swings by its amplitude (0..1), from 0.2 to 3 Hz at the end."""
+    target = _usual_speed(spec) if speed is None else speed
+    if duration <= STEP:
+        raise SpecError(f"duration: must be above {STEP:g} s, where the sweep begins, got {duration!r}")
+    if duration > LONGEST_SWEEP:
+        raise SpecError(f"duration: must be at most {LONGEST_SWEEP:g} s of a sweep, got {duration!r}")
+    time = np.arange(0.0, duration - STEP, 0.005)
+    growth = math.log(SWEEP[1] / SWEEP[0]) / (duration - STEP)
+    # the frequency grows by the same share every second
+    phase = 2.0 * math.pi * SWEEP[0] * np.expm1(growth * time) / growth
+    swing = zip((STEP + time).tolist(), (steering * np.sin(phase)).tolist(), strict=True)
+    script = ScriptSpec(
+        steering=_after_settling(*swing, before=0.0),
+        braking=SETTLE_BRAKE,
+        speed=_after_settling((0.0, target), before=-1.0),
+    )
+    return Maneuver(name="sine-sweep", script=script, duration=duration)
+
+
+SLOWEST: Final = 0.01
+FASTEST: Final = 1000.0
+"""Speeds that a manoeuvre can hold [m/s]."""
+SHORTEST: Final = 0.01
+"""A row of the record [s]."""
+
+RADII: Final = {"gator": 15.0, "artcar": 3.0}
+"""Of the circle of vehicles that do not take the usual 30 m [m]."""
+
+LANE_SPEEDS: Final = {"gator": 6.0, "artcar": 1.7}
+"""Through the lane change where it is not the usual 15 m/s."""
+
+_CRUISE: Final = PIDGains(proportional=0.5, integral=0.1)
+"""Of the speed: the reference runs' own."""
+
+
+def _needs_axles(spec: VehicleSpec) -> None:
+    if len(spec.axles) < 2:
+        raise SpecError("axles: must be two or more for a driver who follows a path, got 1; take another manoeuvre")
+
+
+def constant_radius(
+    spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 40.0
+) -> Maneuver:
+    """A path follower on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
+    turn = RADII.get(spec.name, 30.0) if radius is None else radius
+    _needs_axles(spec)
+    # 4 m/s² across: well below what a dry road takes
+    target = min(_usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
+    follow = FollowSpec(
+        paths=(circle(turn),), speed=target, steering=look_ahead_for(spec), speed_gains=_CRUISE, start=SETTLING,
+        ramp=10.0,
+    )  # fmt: skip
+    return Maneuver(name="constant-radius", follow=follow, duration=duration)
+
+
+LANE_CHANGE: Final = ((15.0, 0.0), (45.0, 3.5), (70.0, 3.5), (95.0, 0.0), (125.0, 0.0))
+"""ISO 3888-1: middle of the course, (length along it, offset to the left) where its sections meet [m]. 15 m straight,
+30 m across, 25 m in the other lane, 25 m back, 30 m straight.
+"""
+
+
+def lane_change_path(approach: float) -> Path:
+    """The middle of the double lane change's course, `approach` metres ahead; between lanes without a jerk's jump."""
+    points = [(0.0, 0.0), (approach, 0.0)]
+    for (x0, y0), (x1, y1) in zip(((0.0, 0.0), *LANE_CHANGE), LANE_CHANGE, strict=False):
+        part = np.linspace(0.0, 1.0, 2 if y0 == y1 else 61)[1:]
+        blend = part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+        points += zip((approach + x0 + part * (x1 - x0)).tolist(), (y0 + blend * (y1 - y0)).tolist(), strict=True)
+    return Path(np.array(points))
+
+
+def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duration: float | None = None) -> Maneuver:
+    """A path follower through the course of ISO 3888-1 at a speed [m/s], behind an approach of ten seconds of it."""
+    target = LANE_SPEEDS.get(spec.name, 15.0) if speed is None else speed
+    if not target > 0.0:
+        raise SpecError(f"speed: must be above 0 m/s, got {target!r}")
+    _needs_axles(spec)
+    approach = 10.0 * target
+    follow = FollowSpec(
+        paths=(lane_change_path(approach),), speed=target, steering=look_ahead_for(spec, 0.5, target),
+        speed_gains=_CRUISE, start=SETTLING,
+    )  # fmt: skip
+    # a quarter more than at full speed: it starts from rest
+    total = 1.25 * (approach + LANE_CHANGE[-1][0]) / target + 3.0 if duration is None else duration
+    return Maneuver(name="double-lane-change", follow=follow, duration=total)
+
+
+def slope_hold(spec: VehicleSpec, *, slope: float = 0.2, duration: float = 60.0) -> Maneuver:
+    """Uphill on a slope (rise per run) with full brakes and a free engine."""
+    if not -1.0 <= slope <= 1.0:
+        raise SpecError(f"slope: must be from -1 to 1 (rise per run), got {slope!r}")
+    return Maneuver(name="slope-hold", script=ScriptSpec(braking=((0.0, 1.0),)), duration=duration, slope=slope)
+
+
+MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
+    "reference-accel": reference_accel,
+    "reference-steer": reference_steer,
+    "reference-brake": reference_brake,
+    "step-steer": step_steer,
+    "double-lane-change": double_lane_change,
+    "sine-sweep": sine_sweep,
+    "constant-radius": constant_radius,
+    "slope-hold": slope_hold,
+}
+
+
+def maneuver_options(name: str) -> list[str]:
+    """What of a manoeuvre may be chosen."""
+    return [key for key in inspect.signature(MANEUVERS[name]).parameters if key != "spec"]
+
+
+def maneuver(name: str, spec: VehicleSpec, **options: float) -> Maneuver:
+    """The manoeuvre of that name for a vehicle, or the script of a CSV file (`read_script`).
+
+    Args:
+        name: one of `MANEUVERS`, or a path that ends in .csv.
+        spec: of the vehicle.
+        options: those of the manoeuvre's function, such as speed [m/s].
+
+    Raises:
+        SpecError: there is no such manoeuvre or option, or a value cannot be used.
+    """
+    for key, value in options.items():
+        if key in ("speed", "duration") and not (math.isfinite(value) and value > 0.0):
+            raise SpecError(f"{key}: must be a positive number, got {value!r}")
+        if key == "duration" and value < SHORTEST:
+            raise SpecError(f"duration: must be at least {SHORTEST:g} s, got {value!r}")
+        if key == "speed" and not SLOWEST <= value <= FASTEST:
+            raise SpecError(f"speed: must be from {SLOWEST:g} to {FASTEST:g} m/s, got {value!r}")
+        if not math.isfinite(value) or (key == "steering" and abs(value) > 1.0):
+            rule = "from -1 to 1" if key == "steering" else "a finite number"
+            raise SpecError(f"{key}: must be {rule}, got {value!r}")
+    if name.endswith(".csv"):
+        if options.keys() - {"duration"}:
+            raise SpecError(f"{min(options.keys() - {'duration'})}: no option of a script; it has only duration")
+        script, end = read_script(FilePath(name))
+        return Maneuver(name=FilePath(name).name, script=script, start=0.0, duration=options.get("duration", end))
+    if name not in MANEUVERS:
+        close = difflib.get_close_matches(name, MANEUVERS, n=2, cutoff=0.5)
+        hint = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(MANEUVERS)}"
+        raise SpecError(f"maneuver '{name}' is not known; {hint}")
+    known = maneuver_options(name)
+    for key in options:
+        if key not in known:
+            has = f"it has {', '.join(known)}" if known else "it has none"
+            raise SpecError(f"{key}: no option of the maneuver {name}; {has}")
+    return MANEUVERS[name](spec, **options)

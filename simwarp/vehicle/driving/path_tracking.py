@@ -1,0 +1,241 @@
+"""Drivers that close a loop: along a path at a speed, and towards inputs that a person or a policy asks for."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from simwarp.core.arrays import writable, writable_from
+from simwarp.kernels.vehicle.path_tracking import Follower, FollowerState, Gains, SteeringLaw, approach_target, follow_path
+from simwarp.vehicle.driving.paths import Path, path_tables
+from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+from simwarp.vehicle.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from simwarp.simulation.simulation import Simulation
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PIDGains:
+    """Of a controller: output per error, per its integral [1/s more] and per its rate [s more]."""
+
+    proportional: float
+    integral: float = 0.0
+    derivative: float = 0.0
+
+    def kernel_gains(self) -> Gains:
+        """For kernels."""
+        gains = Gains()
+        gains.proportional, gains.integral, gains.derivative = self.proportional, self.integral, self.derivative
+        return gains
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LookAhead:
+    """Steers by a PID on the distance of a point ahead of the vehicle from the path."""
+
+    distance: float = 5.0
+    """Of that point from the vehicle's frame of reference, straight ahead [m]."""
+    gains: PIDGains = PIDGains(proportional=0.5)
+    """Steering input per metre."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Stanley:
+    """Steers the front axle: along the path's direction, and towards it by atan(gain · distance / speed)."""
+
+    axle: float = 0.0
+    """Of the front axle from the vehicle's frame of reference, forwards [m]."""
+    gains: PIDGains = PIDGains(proportional=1.0)
+    """Approach per distance [1/s]; the integral [1/s²]. The derivative must be 0."""
+    dead_zone: float = 0.0
+    """Distances that are not steered against [m]."""
+    soft_speed: float = 1.0
+    """Added to the speed, so that the wheels stay calm at standstill [m/s]."""
+    full_angle: float = 0.5
+    """Of the road wheels at full input [rad]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FollowSpec:
+    """What a path follower does: paths, a speed to hold, and how.
+
+    Too slow: throttle; too fast with the throttle open by more than `throttle_threshold`: the throttle closes; else
+    brakes.
+    """
+
+    paths: tuple[Path, ...]
+    """One for all worlds, or several to choose from (`PathFollower.path`)."""
+    speed: float
+    """[m/s]."""
+    steering: LookAhead | Stanley = LookAhead()
+    speed_gains: PIDGains = PIDGains(proportional=0.4)
+    """Pedal per speed error [s/m]."""
+    throttle_threshold: float = 0.2
+    start: float = 0.0
+    """Until this time the vehicle stands on its brakes [s]."""
+    ramp: float = 0.0
+    """The speed to hold rises from zero for this long [s]."""
+
+    def __post_init__(self) -> None:
+        if not self.paths:
+            raise SpecError("paths: must be one or more, got none")
+        for name in ("speed", "start", "ramp"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise SpecError(f"{name}: must be a number that is not negative, got {value!r}")
+        if isinstance(self.steering, Stanley):
+            if self.steering.gains.derivative != 0.0:
+                raise SpecError(f"derivative: must be 0 for Stanley's law, got {self.steering.gains.derivative!r}")
+            if not (self.steering.full_angle > 0.0 and self.steering.soft_speed > 0.0):
+                raise SpecError("full_angle, soft_speed: must be above 0")
+
+
+def wheelbase(spec: VehicleSpec) -> float:
+    """Distance of the first and the last axle [m]."""
+    return abs(spec.axles[0].location[0] - spec.axles[-1].location[0])
+
+
+def look_ahead_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) -> LookAhead:
+    """Look-ahead steering for a vehicle of any size: 5 m and 0.5 per metre for a wheelbase of 3.3 m.
+
+    The point is farther ahead at speed, `seconds` of driving at least, and the gain smaller by as much.
+    """
+    size = wheelbase(spec) / 3.3
+    distance = max(5.0 * size, seconds * speed)
+    return LookAhead(distance=distance, gains=PIDGains(proportional=2.5 / distance))
+
+
+def stanley_for(spec: VehicleSpec) -> Stanley:
+    """Stanley's law for a vehicle's front axle."""
+    return Stanley(axle=spec.axles[0].location[0])
+
+
+class PathFollower:
+    """Drives every world along a path: a `ForceElement` that comes before its vehicle.
+
+    Args:
+        vehicle: whose `input` it writes.
+        spec: paths, speed and gains.
+
+    Attributes:
+        path: (W,) which of the paths; write it before the first step or at a reset.
+        target_speed: (W,) [m/s]; write it at any time.
+        distance: (W,) of the steered point from the path [m], positive to the left of it.
+        arc: (W,) its place along the path [m].
+    """
+
+    def __init__(self, vehicle: Vehicle, spec: FollowSpec) -> None:
+        worlds, device = vehicle.model.world_count, vehicle.model.device
+        self.vehicle = vehicle
+        self.spec = spec
+        self.path = writable((worlds,), wp.int32, device)
+        self.target_speed = writable_from(np.full(worlds, spec.speed), wp.float32, device)
+        self._tables = path_tables(spec.paths, device)
+        self._follower = _follower(vehicle, spec)
+        self._state = FollowerState()
+        self._state.segment = wp.full(worlds, -1, dtype=int, device=device)
+        names = ("steering_error", "steering_sum", "speed_error", "speed_sum", "throttle", "distance", "arc")
+        for name in names:
+            setattr(self._state, name, wp.zeros(worlds, dtype=float, device=device))
+        self._state.started = wp.zeros(worlds, dtype=int, device=device)
+        self._memory = {name: getattr(self._state, name) for name in ("segment", "started", *names)}
+
+    @property
+    def distance(self) -> wp.array:
+        """(W,) [m]."""
+        return self._state.distance
+
+    @property
+    def arc(self) -> wp.array:
+        """(W,) [m]."""
+        return self._state.arc
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """Place on the path, integrals and last errors of the controllers."""
+        return self._memory
+
+    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+        """The launch that writes the inputs."""
+        return [
+            wp.launch(
+                follow_path, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
+                inputs=[dt, self._follower, self._tables, self.path, self.target_speed, simulation.state.arrays],
+                outputs=[self._state, self.vehicle.input],
+            )
+        ]  # fmt: skip
+
+
+def _follower(vehicle: Vehicle, spec: FollowSpec) -> Follower:
+    table = Follower()
+    steering = spec.steering
+    table.chassis = vehicle.parts.chassis
+    table.reference = wp.vec3(*vehicle.parts.reference)
+    table.steering = steering.gains.kernel_gains()
+    if isinstance(steering, Stanley):
+        table.law = int(SteeringLaw.STANLEY)
+        table.ahead = steering.axle
+        table.dead_zone, table.soft_speed = steering.dead_zone, steering.soft_speed
+        table.full_angle = steering.full_angle
+    else:
+        table.law = int(SteeringLaw.LOOK_AHEAD)
+        table.ahead = steering.distance
+    table.speed = spec.speed_gains.kernel_gains()
+    table.throttle_threshold = spec.throttle_threshold
+    table.start, table.ramp = spec.start, spec.ramp
+    return table
+
+
+class InteractiveDriver:
+    """Moves a vehicle's inputs towards a target, as a hand or a foot does: a `ForceElement` before its vehicle.
+
+    Each input follows with a lag of first order, gain · (target - input), and no faster than its rate.
+
+    Args:
+        vehicle: whose `input` it writes.
+        gain: of steering, throttle, braking and clutch [1/s]; one number for all, None for no lag.
+        rate: the most that each changes per second; one number for all, None for no limit.
+
+    Attributes:
+        target: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it at any time;
+            a reset brings zeros back.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        *,
+        gain: float | Sequence[float] | None = 4.0,
+        rate: float | Sequence[float] | None = None,
+    ) -> None:
+        self.vehicle = vehicle
+        self.target = writable((vehicle.model.world_count, 4), wp.float32, vehicle.model.device)
+        self._gain, self._rate = _four("gain", gain), _four("rate", rate)
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """The target; the inputs themselves are remembered by the vehicle."""
+        return {"target": self.target}
+
+    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+        """The launch that writes the inputs."""
+        return [
+            wp.launch(
+                approach_target, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
+                inputs=[dt, self._gain, self._rate, self.target], outputs=[self.vehicle.input],
+            )
+        ]  # fmt: skip
+
+
+def _four(name: str, value: float | Sequence[float] | None) -> wp.vec4:
+    """One number per input; -1 stands for none."""
+    numbers = [-1.0] * 4 if value is None else np.broadcast_to(np.asarray(value, dtype=float), (4,)).tolist()
+    if value is not None and not all(math.isfinite(number) and number >= 0.0 for number in numbers):
+        raise SpecError(f"{name}: must be one number or four, none negative, got {value!r}")
+    return wp.vec4(*numbers)

@@ -1,0 +1,204 @@
+"""What a run of a vehicle records: the columns that analysts expect, from the arrays of a Simulation."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.files import replacing
+from simwarp.simulation.simulation import Simulation
+from simwarp.vehicle.spec.deserialisation import read_text
+from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.vehicle import Vehicle
+
+Array = npt.NDArray[np.float64]
+
+COLUMNS: Final = (
+    "t_s", "x_m", "y_m", "z_m", "yaw_rad", "pitch_rad", "roll_rad", "speed_mps", "yawrate_radps", "latacc_com_mps2",
+    "v_times_yawrate_mps2", "omega_FL_radps", "omega_FR_radps", "omega_RL_radps", "omega_RR_radps", "engine_radps",
+    "gear", "Fz_FL_N", "Fz_FR_N", "Fz_RL_N", "Fz_RR_N", "throttle", "brake", "steer", "steerangle_FL_rad",
+    "steerangle_FR_rad",
+)  # fmt: skip
+"""Of the first and the last axle. Wheel speeds are negative in forward drive; position and speed are those of the
+vehicle's frame of reference, pitch is positive nose down, the lateral acceleration is the chassis' centre of mass's.
+"""
+
+
+def matrices(q: Array) -> Array:
+    """(n, 3, 3) rotation matrices of (n, 4) xyzw quaternions."""
+    x, y, z, w = np.moveaxis(q, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+class Recorder:
+    """Collects rows of some worlds; `sample` reads from the device, so call it at the rate of the output.
+
+    Args:
+        simulation: with the vehicle among its elements.
+        vehicle: whose run it is.
+        worlds: which worlds; the first alone by default.
+        start: time of the simulation that counts as zero [s].
+    """
+
+    def __init__(
+        self, simulation: Simulation, vehicle: Vehicle, worlds: slice = slice(0, 1), start: float = 0.0
+    ) -> None:
+        self.simulation, self.vehicle, self.worlds, self.start = simulation, vehicle, worlds, start
+        self.rows: list[Array] = []
+        self._last_v: Array | None = None
+        self._last_t: Array | None = None
+        axles = len(vehicle.parts.spec.axles)
+        self._wheels = [0, 1, 2 * axles - 2, 2 * axles - 1]
+
+    def sample(self) -> None:
+        """One row per world, of the present state."""
+        state, parts, w = self.simulation.state, self.vehicle.parts, self.worlds
+        t = state.world_time.numpy()[w].copy()  # the array itself goes on
+        rotations = matrices(state.body_rot.numpy()[w].astype(float))
+        rotation = rotations[:, parts.chassis]
+        v = state.body_v.numpy()[w, parts.chassis].astype(float)
+        omega = state.body_omega.numpy()[w, parts.chassis].astype(float)
+        arm = rotation @ parts.reference
+        x = state.body_x.numpy()[w, parts.chassis] + arm
+        speed = np.einsum("wi,wi->w", v + np.cross(omega, arm), rotation[:, :, 0])
+        yaw_rate = np.einsum("wi,wi->w", omega, rotation[:, :, 2])
+        acceleration = np.zeros_like(v)
+        if self._last_v is not None and self._last_t is not None:
+            acceleration = (v - self._last_v) / np.maximum(t - self._last_t, 1e-9)[:, None]
+        self._last_v, self._last_t = v, t
+        starts = self.simulation.model.joint_dof_start
+        spins = [starts[parts.sides[k].turn] for k in self._wheels]
+        wheel_speed = -state.joint_qd.numpy()[w][:, spins]
+        inputs = self.vehicle.input.numpy()[w]
+        rolls = [rotations[:, parts.sides[k].spindle, :, 1] for k in (0, 1)]
+        angles = []
+        for axis in rolls:
+            local = np.einsum("wij,wi->wj", rotation, axis)
+            angles.append(np.arctan2(-local[:, 0], local[:, 1]))
+        columns = [
+            self._manoeuvre_time(t), x[:, 0], x[:, 1], x[:, 2], np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]),
+            -np.arcsin(np.clip(rotation[:, 2, 0], -1.0, 1.0)), np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2]),
+            speed, yaw_rate, np.einsum("wi,wi->w", acceleration, rotation[:, :, 1]), speed * yaw_rate,
+            *wheel_speed.T, self.vehicle.engine_speed.numpy()[w], self.vehicle.gear.numpy()[w].astype(float),
+            *self.vehicle.tires.load.numpy()[w][:, self._wheels].T, inputs[:, 1], inputs[:, 2], inputs[:, 0], *angles,
+        ]  # fmt: skip
+        self.rows.append(np.stack(columns, axis=-1))
+
+    def _manoeuvre_time(self, t: Array) -> Array:
+        """Whole steps: the simulation adds up a step of single precision, 30 µs off after ten minutes."""
+        dt = self.simulation.dt
+        return np.asarray(np.round(np.round(t / dt) * dt - self.start, 9))
+
+    def take_inputs(self) -> None:
+        """Enters what the driver did in the step after `sample`: the inputs at the sample's own time."""
+        throttle = COLUMNS.index("throttle")
+        inputs = self.vehicle.input.numpy()[self.worlds]
+        self.rows[-1][:, throttle : throttle + 3] = inputs[:, [1, 2, 0]]
+
+    def table(self) -> Array:
+        """(samples, worlds, columns)."""
+        return np.array(self.rows)
+
+    def column(self, name: str) -> Array:
+        """(samples, worlds) of one of `COLUMNS`."""
+        return self.table()[:, :, COLUMNS.index(name)]
+
+
+def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[float]:
+    """The numbers of a row."""
+    if len(row) != len(header):
+        raise SpecError(f"{path}: line {line}: must have {len(header)} numbers as the header has names, got {len(row)}")
+    found = []
+    for name, cell in zip(header, row, strict=True):
+        try:
+            found.append(float(cell))
+        except ValueError:
+            rule = f"a table of numbers with a header, got {told(cell)} in column {told(name)}"
+            raise SpecError(f"{path}: line {line}: must be {rule}") from None
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A recorded run of one world: `COLUMNS` by name."""
+
+    columns: dict[str, Array]
+
+    @staticmethod
+    def of(recorder: Recorder, world: int = 0) -> Run:
+        """The run of one of the recorder's worlds."""
+        table = recorder.table()[:, world]
+        return Run({name: table[:, index] for index, name in enumerate(COLUMNS)})
+
+    @staticmethod
+    def read(path: Path) -> Run:
+        """A run from a CSV file.
+
+        Raises:
+            SpecError: it cannot be read, or is no table of numbers with a header.
+        """
+        text = read_text(path)
+        try:
+            lines = [(number, row) for number, row in enumerate(csv.reader(io.StringIO(text, newline="")), 1) if row]
+        except csv.Error as error:
+            raise SpecError(f"{path}: must be a table of numbers with a header: {error}") from None
+        if len(lines) < 2:
+            count = len(lines[0][1]) if lines else 1
+            raise SpecError(f"{path}: must have rows of {count} numbers under its header, got none")
+        header = [name.strip() for name in lines[0][1]]
+        twice = next((name for name, count in Counter(header).items() if count > 1), None)
+        if twice is not None:
+            raise SpecError(f"{path}: column {told(twice)}: given twice; give it once")
+        data = np.array([_numbers(path, number, row, header) for number, row in lines[1:]])
+        return Run({name: data[:, index] for index, name in enumerate(header)})
+
+    def write(self, path: Path) -> None:
+        """Writes a CSV file with a header.
+
+        Raises:
+            FileError: the path cannot be written to.
+            OutputError: the disk did not take it.
+        """
+        with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            for row in np.stack([self.columns[name] for name in COLUMNS], axis=1):
+                writer.writerow([f"{value:.9g}" for value in row])
+
+    def resampled(self, every: float) -> Run:
+        """The run at multiples of a time [s], by linear interpolation; gears are those before."""
+        t = self.columns["t_s"]
+        first = math.ceil(t[0] / every - 1e-6)
+        times = np.round(every * np.arange(first, math.floor(t[-1] / every + 1e-6) + 1), 6)
+        before = np.clip(np.searchsorted(t, times + 1e-9, side="right") - 1, 0, None)
+        found = {}
+        for name, values in self.columns.items():
+            if name == "gear":
+                found[name] = values[before]
+            elif name in ("yaw_rad", "roll_rad"):
+                angle = np.interp(times, t, np.unwrap(values))
+                found[name] = np.arctan2(np.sin(angle), np.cos(angle))
+            else:
+                found[name] = np.interp(times, t, values)
+        return Run(found | {"t_s": times})
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def final(self) -> dict[str, Any]:
+        """The last value of every column."""
+        return {name: float(values[-1]) for name, values in self.columns.items()}

@@ -1,0 +1,203 @@
+"""A recorded run as one page: motion, tires, powertrain, inputs, and the way seen from above."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path as FilePath
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from simwarp.core.files import replacing
+from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.driving.paths import Path
+from simwarp.vehicle.results.results import Result
+
+INK: Final = "#1f2933"
+GREY: Final = "#9aa5b1"
+WHEELS: Final = {"FL": "#0b6e99", "FR": "#5bb5d5", "RL": "#b8470f", "RR": "#f0a35e"}
+"""Front wheels blue, rear ones orange; the left ones darker."""
+LINE: Final = 120
+"""Characters of results side by side."""
+NAMES: Final = {"FL": "front left", "FR": "front right", "RL": "rear left", "RR": "rear right"}
+
+
+def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] = (), path: Path | None = None) -> None:
+    """Writes a picture in the format of the file's suffix.
+
+    Args:
+        run: what was recorded.
+        target: .png, .pdf or .svg.
+        title: the heading.
+        results: numbers told below it.
+        path: that the vehicle should follow.
+
+    Raises:
+        FileError: the target cannot be written to.
+        OutputError: the disk did not take it.
+    """
+    figure = Figure(figsize=(12.0, 11.0))
+    figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold", color=INK)
+    told = [f"{item.label} {item.shown} {item.told_unit}".rstrip() for item in results]
+    lines = joined(told)
+    grid = figure.add_gridspec(6, 2, height_ratios=[0.01 + 0.13 * len(lines), 1, 1, 1, 1, 1.5])
+    note = figure.add_subplot(grid[0, :])
+    note.axis("off")
+    note.text(0.0, 1.0, "\n".join(lines), fontsize=10, color=INK, va="top", linespacing=1.6)
+    first: Any = None
+    for index, draw in enumerate(_PANELS):
+        axes = figure.add_subplot(grid[1 + index // 2, index % 2], sharex=first)
+        first = axes if first is None else first
+        _dress(axes)
+        draw(axes, run)
+        if index >= len(_PANELS) - 2:
+            axes.set_xlabel("time [s]", fontsize=9, color=INK)
+    first.set_xlim(run["t_s"][0], max(run["t_s"][-1], run["t_s"][0] + 0.01))
+    above = figure.add_subplot(grid[5, :])
+    _dress(above)
+    _draw_way(above, run, path)
+    with replacing(target) as draft:
+        figure.savefig(draft, dpi=120)
+
+
+def joined(told: Iterable[str]) -> list[str]:
+    """Lines of a page's width, of whole results."""
+    lines: list[str] = []
+    for text in told:
+        longer = f"{lines[-1]}   ·   {text}" if lines else text
+        if lines and len(longer) <= LINE:
+            lines[-1] = longer
+        else:
+            lines.append(text)
+    return lines
+
+
+def _dress(axes: Any) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(GREY)
+    axes.tick_params(colors=INK, labelsize=9)
+    axes.grid(alpha=0.3, linewidth=0.5)
+
+
+def _title(axes: Any, text: str) -> None:
+    axes.set_title(text, loc="left", fontsize=10, color=INK)
+
+
+def _legend(axes: Any) -> None:
+    """Above the panel, beside its title, where no curve comes."""
+    count = len(axes.get_legend_handles_labels()[0])
+    axes.legend(
+        frameon=False, fontsize=8, ncols=count, columnspacing=1.0, handlelength=1.2, loc="lower right",
+        bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0,
+    )  # fmt: skip
+
+
+def _speed(axes: Any, run: Run) -> None:
+    _title(axes, "speed [m/s]")
+    axes.plot(run["t_s"], run["speed_mps"], color=INK, linewidth=1.4)
+    _at_least(axes, 0.05)
+
+
+def _yaw_rate(axes: Any, run: Run) -> None:
+    _title(axes, "yaw rate [rad/s]")
+    axes.plot(run["t_s"], run["yawrate_radps"], color=INK, linewidth=1.2)
+    _at_least(axes, 0.01)
+
+
+def _lateral(axes: Any, run: Run) -> None:
+    _title(axes, "lateral acceleration [m/s²]")
+    t = run["t_s"]
+    axes.plot(t, run["latacc_com_mps2"], color=GREY, linewidth=0.8, label="of the centre of mass")
+    axes.plot(t, run["v_times_yawrate_mps2"], color=INK, linewidth=1.2, label="speed x yaw rate")
+    calm = np.concatenate([run[name][t >= 0.0] for name in ("latacc_com_mps2", "v_times_yawrate_mps2")])
+    if calm.size:
+        # the drop onto the ground before t = 0 would flatten all that follows
+        low, high = min(-0.05, float(calm.min())), max(0.05, float(calm.max()))
+        axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
+    _legend(axes)
+
+
+def _loads(axes: Any, run: Run) -> None:
+    _title(axes, "wheel loads [kN]" if run["Fz_FL_N"].max() > 1e3 else "wheel loads [N]")
+    scale = 1e-3 if run["Fz_FL_N"].max() > 1e3 else 1.0
+    for wheel, colour in WHEELS.items():
+        axes.plot(run["t_s"], scale * run[f"Fz_{wheel}_N"], color=colour, linewidth=1.0, label=NAMES[wheel])
+    late = run["t_s"] >= min(0.0, run["t_s"][-1])
+    top = max(float(run[f"Fz_{wheel}_N"][late].max()) for wheel in WHEELS)
+    axes.set_ylim(0.0, max(1.15 * scale * top, 1e-3))
+    _legend(axes)
+
+
+def _wheels(axes: Any, run: Run) -> None:
+    _title(axes, "wheel speeds [rad/s], forwards positive")
+    for wheel, colour in WHEELS.items():
+        axes.plot(run["t_s"], -run[f"omega_{wheel}_radps"], color=colour, linewidth=1.0, label=NAMES[wheel])
+    _at_least(axes, 0.1)
+
+
+def _engine(axes: Any, run: Run) -> None:
+    _title(axes, "engine [rad/s], and gear")
+    axes.plot(run["t_s"], run["engine_radps"], color=INK, linewidth=1.2)
+    _at_least(axes, 1.0)
+    gears = axes.twinx()
+    gears.spines[["top", "left"]].set_visible(False)
+    gears.spines[["right", "bottom"]].set_color(GREY)
+    gears.step(run["t_s"], run["gear"], color=WHEELS["RL"], linewidth=1.2, where="post")
+    gears.set_ylim(min(-0.2, run["gear"].min() - 0.2), max(3.0, run["gear"].max()) + 0.5)
+    gears.set_yticks(range(int(min(0, run["gear"].min())), int(max(3, run["gear"].max())) + 1))
+    gears.tick_params(colors=WHEELS["RL"], labelsize=9)
+
+
+def _inputs(axes: Any, run: Run) -> None:
+    _title(axes, "inputs")
+    for name, label, colour in (
+        ("steer", "steering", INK), ("throttle", "throttle", WHEELS["FL"]), ("brake", "brake", WHEELS["RL"]),
+    ):  # fmt: skip
+        axes.plot(run["t_s"], run[name], color=colour, linewidth=1.2, label=label)
+    axes.set_ylim(min(-0.1, 1.1 * run["steer"].min()), 1.1)
+    _legend(axes)
+
+
+def _attitude(axes: Any, run: Run) -> None:
+    _title(axes, "pitch (nose down) and roll (to the right) [deg]")
+    late = run["t_s"] >= min(0.0, run["t_s"][-1])
+    for name, label, colour in (("pitch_rad", "pitch", WHEELS["FL"]), ("roll_rad", "roll", WHEELS["RL"])):
+        axes.plot(run["t_s"], np.degrees(run[name]), color=colour, linewidth=1.2, label=label)
+    both = np.degrees(np.concatenate([run["pitch_rad"][late], run["roll_rad"][late]]))
+    low, high = min(-0.1, float(both.min())), max(0.1, float(both.max()))
+    axes.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low))
+    _legend(axes)
+
+
+_PANELS: Final = (_speed, _yaw_rate, _lateral, _loads, _wheels, _engine, _inputs, _attitude)
+
+
+def _at_least(axes: Any, size: float) -> None:
+    """No magnified noise: the axis spans zero and a least size to either side."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, -size), max(high, size))
+
+
+def _draw_way(axes: Any, run: Run, path: Path | None) -> None:
+    _title(axes, "way from above [m], a mark every second")
+    x, y = run["x_m"], run["y_m"]
+    width = max(float(np.ptp(x)), float(np.ptp(y)), 1.0)
+    if path is not None:
+        near = (path.points[:, 0] > x.min() - 0.05 * width) & (path.points[:, 0] < x.max() + 0.05 * width)
+        # what is left out leaves a gap, and no chord across it
+        axes.plot(*np.where(near[:, None], path.points, np.nan).T, color=GREY, linewidth=3.0, alpha=0.6, label="path")
+        _legend(axes)
+    axes.plot(x, y, color=INK, linewidth=1.4)
+    axes.plot(x[::100], y[::100], ".", color=WHEELS["RL"], markersize=4.0)
+    # a straight run stays a line of readable height: its sideways drift is centimetres
+    if float(np.ptp(y)) > 0.04 * width:
+        axes.set_aspect("equal", adjustable="datalim")
+    else:
+        axes.set_ylim(float(y.mean()) - 0.04 * width, float(y.mean()) + 0.04 * width)
+        if float(np.ptp(x)) < width:
+            axes.set_xlim(float(x.mean()) - 0.5 * width, float(x.mean()) + 0.5 * width)
+    axes.set_xlabel("x", fontsize=9, color=INK)

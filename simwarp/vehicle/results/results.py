@@ -1,0 +1,246 @@
+"""What a recorded manoeuvre amounts to: a few numbers, such as times to a speed or the distance to a stop."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.driving.maneuvers import Maneuver
+from simwarp.vehicle.driving.paths import Path
+
+Array = npt.NDArray[np.float64]
+
+MARKS: Final = (5.0, 10.0, 15.0, 20.0, 25.0)
+"""Speeds whose times are told [m/s]."""
+STANDSTILL: Final = 0.05
+"""[m/s]."""
+STEADY: Final = 3.0
+"""At the end of a run, over which steady values are means [s]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """One number of a run; NaN where the run did not come to it."""
+
+    key: str
+    label: str
+    value: float
+    unit: str = ""
+    missing: str = "not reached"
+    """What NaN means."""
+
+    @property
+    def told_unit(self) -> str:
+        """The unit of a number, nothing where there is none."""
+        return "" if math.isnan(self.value) else self.unit
+
+    @property
+    def shown(self) -> str:
+        """The value for people; what is below any meaning is 0."""
+        if math.isnan(self.value):
+            return self.missing
+        return "0" if abs(self.value) < 5e-5 else f"{self.value:.4g}"
+
+
+def results(run: Run, maneuver: Maneuver) -> list[Result]:
+    """The numbers that fit a manoeuvre, then those of every run."""
+    t = run["t_s"]
+    moving = Run({name: values[t >= -1e-9] for name, values in run.columns.items()})
+    if len(moving["t_s"]) < 2:
+        return []
+    special = _SPECIAL.get(maneuver.name)
+    found = [] if special is None else special(moving, maneuver)
+    return [*found, *_missed_speed(moving, maneuver), *_common(moving)]
+
+
+def _missed_speed(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Says so where the driver never got to the speed that he was to hold."""
+    follow = maneuver.follow
+    wanted = max(speed for _, speed in maneuver.script.speed) if follow is None else follow.speed
+    top = float(run["speed_mps"].max())
+    if wanted <= 0.0 or top > 0.95 * wanted:
+        return []
+    return [Result("speed_to_hold", f"speed to hold ({wanted:g} m/s)", math.nan, "m/s", "not reached")]
+
+
+def _common(run: Run) -> list[Result]:
+    t, speed = run["t_s"], run["speed_mps"]
+    return [
+        Result("top_speed", "top speed", float(speed.max()), "m/s"),
+        Result("final_speed", "final speed", float(speed[-1]), "m/s"),
+        Result("distance", "distance", float(np.trapezoid(np.abs(speed), t)), "m"),
+        Result("gear_changes", "gear changes", float(np.count_nonzero(np.diff(run["gear"])))),
+    ]
+
+
+def crossing(t: Array, values: Array, mark: float) -> float:
+    """First time at which the values reach a mark from below, between samples; NaN if never."""
+    above = np.flatnonzero(values >= mark)
+    if above.size == 0:
+        return math.nan
+    index = int(above[0])
+    if index == 0:
+        return float(t[0])
+    part = (mark - values[index - 1]) / (values[index] - values[index - 1])
+    return float(t[index - 1] + part * (t[index] - t[index - 1]))
+
+
+def acceleration(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Times to speeds."""
+    times = [(mark, crossing(run["t_s"], run["speed_mps"], mark)) for mark in MARKS]
+    reached = [(mark, time) for mark, time in times if math.isfinite(time)]
+    return [Result(f"time_to_{mark:g}", f"time to {mark:g} m/s", time, "s") for mark, time in reached]
+
+
+def _mean(run: Run, name: str, last: float = STEADY) -> float:
+    return float(run[name][run["t_s"] > run["t_s"][-1] - last].mean())
+
+
+def steady_turn(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Steady values: means of the last three seconds."""
+    speed, yaw_rate = _mean(run, "speed_mps"), _mean(run, "yawrate_radps")
+    radius = speed / yaw_rate if abs(yaw_rate) > 1e-3 else math.nan
+    return [
+        Result("steady_speed", "steady speed", speed, "m/s"),
+        Result("steady_yaw_rate", "steady yaw rate", yaw_rate, "rad/s"),
+        Result("steady_radius", "steady radius", radius, "m", "it goes straight on"),
+        Result("steady_lateral", "steady speed x yaw rate", speed * yaw_rate, "m/s²"),
+    ]
+
+
+def step_response(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Steady values, and how the yaw rate gets there from where the steering first moves."""
+    steady = steady_turn(run, maneuver)
+    t, yaw_rate = run["t_s"], run["yawrate_radps"]
+    moved = np.flatnonzero(run["steer"] != 0.0)
+    goal = steady[1].value
+    if moved.size == 0 or not abs(goal) > 1e-3:
+        return steady
+    begin = max(int(moved[0]) - 1, 0)
+    share = yaw_rate[begin:] / goal
+    rise = crossing(t[begin:], share, 0.9) - t[begin]
+    return [
+        *steady,
+        Result("yaw_rise_time", "90 % of the yaw rate after", rise, "s"),
+        Result("yaw_rate_peak", "peak yaw rate", float(share.max() * goal), "rad/s"),
+    ]
+
+
+def stop(run: Run, maneuver: Maneuver) -> list[Result]:
+    """From full brakes to standstill."""
+    t, speed = run["t_s"], run["speed_mps"]
+    braked = np.flatnonzero((run["brake"] >= 1.0) & (t > 1.0))
+    if braked.size == 0:
+        return []
+    begin = int(braked[0])
+    still = np.flatnonzero(speed[begin:] < STANDSTILL)
+    end = begin + int(still[0]) if still.size else None
+    distance = time = deceleration = math.nan
+    missing = "still moving at the end"
+    if speed[begin] < STANDSTILL:
+        missing = "it does not drive"
+    elif end is not None:
+        distance = float(np.trapezoid(speed[begin : end + 1], t[begin : end + 1]))
+        time = float(t[end] - t[begin])
+        deceleration = float((speed[begin] - speed[end]) / time)
+    return [
+        Result("braking_from", "braking from", float(speed[begin]), "m/s"),
+        Result("stopping_distance", "stopping distance", distance, "m", missing),
+        Result("stopping_time", "stopping time", time, "s", missing),
+        Result("mean_deceleration", "mean deceleration", deceleration, "m/s²", missing),
+    ]
+
+
+def deviation(run: Run, path: Path) -> Array:
+    """Distance of the vehicle's frame from a path, sample by sample [m]."""
+    place = np.stack([run["x_m"], run["y_m"]], axis=1)
+    start, chord = path.points[:-1], np.diff(path.points, axis=0)
+    squared = (chord * chord).sum(axis=1)
+    found = np.empty(len(place))
+    for index, x in enumerate(place):
+        part = ((x - start) * chord).sum(axis=1) / squared
+        part = np.clip(part, 0.0, 1.0)
+        if not path.closed:
+            # beyond its ends the path goes straight on
+            part[0] = min(part[0], ((x - start[0]) @ chord[0]) / squared[0])
+            part[-1] = max(part[-1], ((x - start[-1]) @ chord[-1]) / squared[-1])
+        found[index] = np.linalg.norm(x - start - part[:, None] * chord, axis=1).min()
+    return found
+
+
+def followed(run: Run, maneuver: Maneuver) -> list[Result]:
+    """How near a follower stays to its path."""
+    if maneuver.follow is None:
+        return []
+    off = deviation(run, maneuver.follow.paths[0])
+    lateral = np.abs(run["v_times_yawrate_mps2"])
+    return [
+        Result("largest_deviation", "largest distance from the path", float(off.max()), "m"),
+        Result("peak_yaw_rate", "peak yaw rate", float(np.abs(run["yawrate_radps"]).max()), "rad/s"),
+        Result("peak_lateral", "peak speed x yaw rate", float(lateral.max()), "m/s²"),
+    ]
+
+
+def circle_driven(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Steady values on a circle, with the steering they take."""
+    found = steady_turn(run, maneuver)
+    found.append(Result("steady_steering", "steady steering input", _mean(run, "steer")))
+    if maneuver.follow is not None:
+        off = deviation(run, maneuver.follow.paths[0])
+        late = off[run["t_s"] > run["t_s"][-1] - STEADY]
+        found.append(Result("steady_deviation", "steady distance from the circle", float(late.mean()), "m"))
+        found.append(Result("largest_deviation", "largest distance from the circle", float(off.max()), "m"))
+    return found
+
+
+def frequency_response(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Yaw rate per steering input at some frequencies of the sweep, and how far it lags."""
+    t, steer = run["t_s"], run["steer"]
+    crossings = np.flatnonzero((steer[:-1] <= 0.0) & (steer[1:] > 0.0))
+    found = []
+    for frequency in (0.3, 0.5, 1.0, 2.0):
+        # the three periods whose mean length is nearest
+        spans = [(t[b] - t[a], a, b) for a, b in zip(crossings[:-3], crossings[3:], strict=True)]
+        if not spans:
+            break
+        length, a, b = min(spans, key=lambda span: abs(math.log(span[0] * frequency / 3.0)))
+        if abs(length * frequency / 3.0 - 1.0) > 0.2:
+            continue
+        wave = np.exp(-2j * math.pi * (3.0 / length) * t[a:b]) * np.hanning(b - a)
+        gain = np.sum(wave * run["yawrate_radps"][a:b]) / np.sum(wave * steer[a:b])
+        label = f"yaw rate per steering at {frequency:g} Hz"
+        found.append(Result(f"yaw_gain_{frequency:g}_hz", label, float(abs(gain)), "rad/s"))
+        lag = -math.degrees(float(np.angle(gain)))
+        found.append(Result(f"yaw_lag_{frequency:g}_hz", f"its lag at {frequency:g} Hz", lag, "deg"))
+    return found
+
+
+def held(run: Run, maneuver: Maneuver) -> list[Result]:
+    """How far a standing vehicle has moved, from the beginning and after five seconds, when the springs are calm."""
+    t = run["t_s"]
+    place = np.stack([run["x_m"], run["y_m"], run["z_m"]], axis=1)
+    found = [Result("moved", "moved since t = 0", 1e3 * float(np.linalg.norm(place[-1] - place[0])), "mm")]
+    if t[-1] > 5.0:
+        calm = place[np.searchsorted(t, 5.0 - 1e-9)]
+        moved = 1e3 * float(np.linalg.norm(place[-1] - calm))
+        found.append(Result("creep", "creep since t = 5 s", moved, "mm"))
+        found.append(Result("creep_rate", "creep per minute", 60.0 * moved / float(t[-1] - 5.0), "mm"))
+    return found
+
+
+_SPECIAL: Final[dict[str, Callable[[Run, Maneuver], list[Result]]]] = {
+    "reference-accel": acceleration,
+    "reference-steer": step_response,
+    "reference-brake": stop,
+    "step-steer": step_response,
+    "double-lane-change": followed,
+    "sine-sweep": frequency_response,
+    "constant-radius": circle_driven,
+    "slope-hold": held,
+}

@@ -1,0 +1,145 @@
+"""A manoeuvre as a simulation: a vehicle in every world, its driver, the ground, and the loop that records it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.force_elements import ForceElement
+from simwarp.core.rotation import rotate
+from simwarp.simulation.simulation import Simulation
+from simwarp.core.types import Material, WorldStatus, pose
+from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.results.channels import Recorder, Run
+from simwarp.vehicle.driving.drivers import ScriptedDriver
+from simwarp.vehicle.driving.path_tracking import PathFollower
+from simwarp.vehicle.driving.maneuvers import Maneuver
+from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
+from simwarp.vehicle.tires.tires import ground
+from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
+
+SAMPLE_TIME = 0.01
+"""Between the rows of a record [s]."""
+
+REFERENCE_FRICTION = 0.9
+FRICTION = (1.0e-4, 10.0)
+"""Least and most of a ground."""
+REFERENCE_DT = 1.0e-3
+
+Progress = Callable[[float], None]
+"""Told the time of the manoeuvre [s] after every row."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Setup:
+    """A manoeuvre ready to run."""
+
+    simulation: Simulation
+    vehicle: Vehicle
+    driver: ForceElement
+    maneuver: Maneuver
+
+
+def set_up(
+    spec: VehicleSpec,
+    maneuver: Maneuver,
+    *,
+    worlds: int = 1,
+    device: str | None = None,
+    dt: float = REFERENCE_DT,
+    friction: float = REFERENCE_FRICTION,
+    randomised: Iterable[str] = (),
+) -> Setup:
+    """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
+
+    Args:
+        spec: of the vehicle.
+        maneuver: of `simwarp.vehicle.driving.maneuvers`.
+        worlds: how many.
+        device: where they run.
+        dt: time step [s].
+        friction: of the ground.
+        randomised: model arrays of which every world needs its own, beside those that a vehicle writes.
+
+    Raises:
+        SpecError: the vehicle, the step or the friction cannot be used.
+    """
+    for name, value in (("dt", dt), ("friction", friction)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise SpecError(f"{name}: must be a positive number, got {value!r}")
+    if not FRICTION[0] <= friction <= FRICTION[1]:
+        raise SpecError(f"friction: must be from {FRICTION[0]:g} to {FRICTION[1]:g}, got {friction!r}")
+    lean = -math.atan(maneuver.slope)
+    rotation = np.array([0.0, math.sin(0.5 * lean), 0.0, math.cos(0.5 * lean)])
+    builder = ModelBuilder()
+    start = pose(rotate(rotation, np.array([0.0, 0.0, spec.start_height])), rotation)
+    parts = add_vehicle(builder, spec, at=start)
+    if any(side.shape >= 0 for side in parts.sides):
+        builder.add_shape_plane(name="ground", pose=pose(rotation=rotation), material=Material(friction=friction))
+    model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
+    vehicle = Vehicle(parts, model, ground=ground(model.device, rotation=rotation))
+    vehicle.tires.ground_friction.fill_(friction)
+    driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
+    if maneuver.follow is not None:
+        driver = PathFollower(vehicle, maneuver.follow)
+    return Setup(Simulation(model, dt, elements=[driver, vehicle], solver=VEHICLE_SOLVER), vehicle, driver, maneuver)
+
+
+def row_steps(dt: float) -> int:
+    """Steps between the rows of a record; 0 where the step [s] does not divide the time between them."""
+    steps = SAMPLE_TIME / dt
+    return round(steps) if steps > 0.5 and abs(steps - round(steps)) < 1e-6 * steps else 0
+
+
+class Drive:
+    """Runs a manoeuvre and records one row every 10 ms, from the settling on.
+
+    Args:
+        setup: of `set_up`.
+        worlds: which ones are recorded; the first alone by default.
+    """
+
+    def __init__(self, setup: Setup, worlds: slice = slice(0, 1)) -> None:
+        self.setup = setup
+        self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start)
+        self._every = row_steps(setup.simulation.dt)
+        """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
+
+    def run(self, progress: Progress | None = None) -> Run:
+        """Steps to the end of the manoeuvre, or until the first world breaks down.
+
+        An interruption leaves what was recorded: `result`.
+        """
+        maneuver, simulation = self.setup.maneuver, self.setup.simulation
+        total = math.ceil((maneuver.start + maneuver.duration) / simulation.dt - 1e-6)
+        every = self._every or 1
+        self.recorder.sample()
+        for step in range(1, total + 1):
+            simulation.step()
+            if (step - 1) % every == 0:
+                self.recorder.take_inputs()
+            if step % every == 0:
+                self.recorder.sample()
+                if self.broken():
+                    # a frozen world shows its last state again
+                    self.recorder.rows.pop()
+                    break
+                if progress is not None:
+                    progress(step * simulation.dt - maneuver.start)
+        return self.result()
+
+    def broken(self) -> bool:
+        """Whether the first recorded world is not finite any more."""
+        world = self.recorder.worlds.start or 0
+        return bool(self.setup.simulation.state.world_status.numpy()[world] & WorldStatus.NON_FINITE)
+
+    def result(self, world: int = 0) -> Run:
+        """What was recorded of one of the recorder's worlds, at multiples of 10 ms."""
+        run = Run.of(self.recorder, world)
+        if self._every:
+            return run
+        return run.resampled(SAMPLE_TIME)

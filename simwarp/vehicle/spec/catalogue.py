@@ -1,0 +1,37 @@
+"""The shipped vehicles, one line each."""
+
+from __future__ import annotations
+
+from simwarp.vehicle.spec.variants import KINDS, option_names
+from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+
+_SUSPENSIONS = {
+    "double-wishbone": "double wishbones",
+    "double-wishbone-reduced": "double wishbones (reduced)",
+    "macpherson-strut": "MacPherson struts",
+    "multi-link": "multi-link",
+    "pinned-axle": "a pinned axle",
+    "rigid-suspension": "no springs",
+    "single-wishbone": "single wishbones",
+    "solid-axle": "a solid axle",
+    "trailing-arm": "trailing arms",
+}
+
+
+def catalogue() -> dict[str, str]:
+    """Name -> what it is, with the names of its options."""
+    return {name: describe(load_vehicle(name)) for name in vehicle_names()}
+
+
+def describe(spec: VehicleSpec) -> str:
+    """Suspensions, chassis mass and the names that `--tire`, `--powertrain` and `--driveline` take."""
+    templates = [getattr(axle.suspension, "template", "") for axle in spec.axles]
+    kinds = list(dict.fromkeys(_SUSPENSIONS.get(template, template) for template in templates))
+    mass = sum(part.mass for part in spec.chassis.components)
+    parts = [f"{', '.join(kinds)}, chassis {mass:.4g} kg"]
+    for kind in KINDS:
+        names = option_names(spec.name, kind)
+        if names:
+            parts.append(f"{kind} {'|'.join(names)}")
+    return "; ".join(parts)

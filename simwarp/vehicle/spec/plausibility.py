@@ -1,0 +1,150 @@
+"""Whether a described vehicle makes sense as a whole: lengths of one scale, wheels near the ground, axles that exist.
+
+Every number may be right by itself and wrong beside the others, as millimetres are. What is refused here would
+otherwise end in a simulation that breaks down, far from its cause.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
+
+from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline
+from simwarp.vehicle.spec.parts import Spec, SpecError, refuse
+
+if TYPE_CHECKING:
+    from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+
+WHEELBASES: Final = (0.05, 50.0)
+"""From model cars to heavy transporters [m]."""
+REACH: Final = 2.0
+"""Longest length of a part and farthest point from its axle's frame, in wheelbases."""
+BODY_REACH: Final = 5.0
+"""The same for the box of the chassis, which may overhang."""
+TIRE_REACH: Final = 20.0
+"""What stands for two wheelbases of a vehicle with one axle, in radii of its tires."""
+SUNK: Final = 0.5
+LIFTED: Final = 5.0
+"""How deep in the ground and how high above it the lowest wheel may start, in radii of its tire."""
+
+LENGTHS: Final = frozenset(
+    {
+        "rest_length", "min_length", "max_length", "offset", "radius", "width", "pinion_radius", "arm_length",
+        "arm_width", "droplink_height",
+    }
+)  # fmt: skip
+CURVES_OVER_LENGTH: Final = frozenset({"spring_curve", "bump_curve"})
+METRES: Final = "give metres, not millimetres"
+
+
+def check_vehicle(spec: VehicleSpec) -> None:
+    """All of it.
+
+    Raises:
+        SpecError: the key that does not fit, with what it is held against.
+    """
+    _check_steerings(spec)
+    _check_driven_axles(spec)
+    _check_lengths(spec)
+    _check_start(spec)
+
+
+def _check_steerings(spec: VehicleSpec) -> None:
+    count = len(spec.steerings)
+    used = set()
+    for index, axle in enumerate(spec.axles):
+        if axle.steering is None:
+            continue
+        key = f"axles[{index}].steering"
+        if count == 0:
+            raise refuse(key, "left out, for the vehicle has no steerings", axle.steering, "or describe one there")
+        if not 0 <= axle.steering < count:
+            raise refuse(key, f"the index of a steering, {_indices(count)}", axle.steering)
+        used.add(axle.steering)
+    for index in range(count):
+        if index not in used:
+            rule = "the steering of an axle: no axle names it"
+            remedy = f'give "steering": {index} to the axle whose tie rods it holds, or leave it out'
+            raise SpecError(f"steerings[{index}]: must be {rule}; {remedy}")
+
+
+def _check_driven_axles(spec: VehicleSpec) -> None:
+    count = len(spec.axles)
+    match spec.driveline:
+        case ShaftsDriveline2WD(axle=axle):
+            if not -1 <= axle < count:
+                rule = f"the index of an axle, {_indices(count)}, or -1 for the last"
+                raise refuse("driveline.axle", rule, axle)
+        case SimpleDriveline(axles=axles) | ShaftsDriveline4WD(axles=axles):
+            for place, axle in enumerate(axles):
+                if not 0 <= axle < count:
+                    raise refuse(f"driveline.axles[{place}]", f"the index of an axle, {_indices(count)}", axle)
+            if axles[0] == axles[1]:
+                raise refuse("driveline.axles", "two different axles", axles)
+
+
+def _indices(count: int) -> str:
+    return "0" if count == 1 else f"0 to {count - 1}"
+
+
+def _check_lengths(spec: VehicleSpec) -> None:
+    places = [axle.location[0] for axle in spec.axles]
+    wheelbase = max(places) - min(places)
+    if len(places) > 1:
+        reach, scale = REACH * wheelbase, f"{REACH:g} wheelbases of {wheelbase:.4g} m"
+        far = max(range(1, len(places)), key=lambda index: abs(places[index] - places[0]))
+        if not WHEELBASES[0] <= wheelbase <= WHEELBASES[1]:
+            rule = f"{WHEELBASES[0]:g} to {WHEELBASES[1]:g} m along x from axles[0].location"
+            raise SpecError(f"axles[{far}].location: must be {rule}, got {wheelbase:.6g} m; {METRES}")
+    else:
+        radius = spec.axles[0].tire.radius
+        reach, scale = TIRE_REACH * radius, f"{TIRE_REACH:g} radii of its tire of {radius:.4g} m"
+    parts: list[tuple[str, Spec]] = [(f"axles[{index}]", axle) for index, axle in enumerate(spec.axles)]
+    parts += [(f"steerings[{index}]", mount) for index, mount in enumerate(spec.steerings)]
+    parts += [(f"chassis.components[{index}]", part) for index, part in enumerate(spec.chassis.components)]
+    for key, part in parts:
+        for where, length, value in lengths(part, key):
+            if length > reach:
+                raise SpecError(f"{where}: must be within {reach:.4g} m ({scale}), got {value}; {METRES}")
+    for key in ("size", "size_center"):
+        value = getattr(spec.chassis, key)
+        if math.hypot(*value) > BODY_REACH / REACH * reach:
+            raise refuse(f"chassis.{key}", f"within {BODY_REACH / REACH * reach:.4g} m", value, METRES)
+
+
+def lengths(part: Spec, key: str) -> Iterator[tuple[str, float, object]]:
+    """Key path, size [m] and value of every point, length and curve over a length in a description and below it."""
+    for field in dataclasses.fields(part):
+        name, value = field.name, getattr(part, field.name)
+        where = f"{key}.{name}"
+        if isinstance(value, Spec):
+            yield from lengths(value, where)
+        elif isinstance(value, float):
+            if name in LENGTHS:
+                yield where, abs(value), value
+        elif isinstance(value, tuple) and value:
+            if isinstance(value[0], Spec):
+                for index, item in enumerate(value):
+                    yield from lengths(item, f"{where}[{index}]")
+            elif name in CURVES_OVER_LENGTH:
+                size = max(abs(x) for x, _ in value)
+                yield where, size, f"one with x up to {size:g}"
+            elif len(value) == 3 and isinstance(value[0], (int, float)) and _is_point(name):
+                yield where, math.hypot(*value), value
+
+
+def _is_point(name: str) -> bool:
+    return not (name.endswith("inertia") or name == "products" or "axis" in name)
+
+
+def _check_start(spec: VehicleSpec) -> None:
+    """The lowest wheel stands near the ground."""
+    heights = [axle.location[2] + axle.suspension.spindle.com[2] - axle.tire.radius for axle in spec.axles]
+    lowest = min(range(len(heights)), key=heights.__getitem__)
+    radius, bottom = spec.axles[lowest].tire.radius, heights[lowest]
+    low, high = -bottom - SUNK * radius, -bottom + LIFTED * radius
+    if not low <= spec.start_height <= high:
+        rule = f"from {low:.4g} to {high:.4g} m, where the wheels are near the ground"
+        raise refuse("start_height", rule, spec.start_height, f"they touch it at {-bottom:.4g}")

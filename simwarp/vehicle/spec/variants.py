@@ -1,0 +1,84 @@
+"""Other tires, powertrains and drivelines for a vehicle, by name.
+
+They lie beside the shipped vehicles: data/NAME/tires, powertrains and drivelines, one file per option. Tires that
+differ between the axles have a folder for the front and one for the rear. `hmmwv-reduced` shares those of `hmmwv`:
+the folder is what stands before the first dash of a vehicle's name.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from simwarp.vehicle.spec.deserialisation import DATA, nearest, read_spec, read_value
+from simwarp.vehicle.spec.vehicle_spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
+from simwarp.vehicle.spec.parts import told
+
+KINDS = ("tire", "powertrain", "driveline")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Powertrain(Spec):
+    """An engine with its transmission: the content of a powertrain's file."""
+
+    engine: Engine
+    transmission: Transmission
+
+
+def folder_of(name: str, kind: str) -> Path:
+    """Where the options of a kind lie."""
+    return DATA / name.partition("-")[0] / f"{kind}s"
+
+
+def option_names(vehicle: str, kind: str) -> list[str]:
+    """Names of the options of a kind ("tire", "powertrain", "driveline") that are shipped for a vehicle."""
+    folder = folder_of(vehicle, kind)
+    split = folder / "front"
+    return sorted(path.stem for path in (split if split.is_dir() else folder).glob("*.json"))
+
+
+def find(spec: VehicleSpec, kind: str, option: str, side: str = "") -> Path:
+    """The file of an option: one of the shipped, or a path that ends in .json."""
+    if option.endswith(".json"):
+        return Path(option)
+    if option.endswith(".tir"):
+        needs = 'template "pacejka2002", mass, inertia, radius, width and "parameters": {"tir": {"file": ...}}'
+        raise SpecError(f"{option}: a property file is no whole tire; give a .json file with {needs} that names it")
+    known = option_names(spec.name, kind)
+    if option not in known:
+        listed = ", ".join(known) if known else "none shipped; give the path of a .json file"
+        raise SpecError(f"{spec.name}: unknown {kind} {told(option)}{nearest(option, known)}; known: {listed}")
+    folder = folder_of(spec.name, kind)
+    return folder / side / f"{option}.json" if (folder / "front").is_dir() else folder / f"{option}.json"
+
+
+def with_options(
+    spec: VehicleSpec, *, tire: str | None = None, powertrain: str | None = None, driveline: str | None = None
+) -> VehicleSpec:
+    """The vehicle with other parts; each is the name of a shipped option or the path of a .json file.
+
+    Raises:
+        SpecError: no such option (the message lists those there are), or a file with a mistake.
+    """
+    if tire is not None:
+        axles = tuple(
+            dataclasses.replace(axle, tire=read_spec(Tire, find(spec, "tire", tire, "front" if index == 0 else "rear")))
+            for index, axle in enumerate(spec.axles)
+        )
+        spec = replaced(spec, tire, axles=axles)
+    if driveline is not None:
+        path = find(spec, "driveline", driveline)
+        spec = replaced(spec, driveline, driveline=read_value(Driveline, path))
+    if powertrain is not None:
+        parts = read_spec(Powertrain, find(spec, "powertrain", powertrain))
+        spec = replaced(spec, powertrain, engine=parts.engine, transmission=parts.transmission)
+    return spec
+
+
+def replaced(spec: VehicleSpec, option: str, **parts: Any) -> VehicleSpec:
+    """The vehicle with other parts, if they fit; the error names the option that they come from."""
+    try:
+        return dataclasses.replace(spec, **parts)
+    except SpecError as error:
+        raise SpecError(f"{Path(option).name}: {error}") from None

@@ -1,0 +1,149 @@
+"""Kinematics of an axle on a bench: angles of its wheels over their travel and the steering, in one batch.
+
+The vehicle's frame of reference is held; every world gets a travel of both wheels and a steering of its own, and its
+linkage is closed there. No force plays a part: springs, bushings' hinges aside, and anti-roll bars change nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Final, cast
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.model.builder import ModelBuilder
+from simwarp.core.rotation import matrix_of
+from simwarp.simulation.simulation import Simulation
+from simwarp.core.types import WORLD, WorldStatus, pose
+from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.vehicle.spec.vehicle_spec import Axle, PinnedAxle, RigidSuspension, SpecError, VehicleSpec
+from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
+from simwarp.vehicle.suspensions import Side, add_axle
+
+STAGE: Final = 0.01
+"""The travel is approached in steps of at most this [m], so that Newton's method stays on its branch."""
+FEWEST_STAGES: Final = 8
+"""The same for the steering, in parts of what is asked for."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TravelTable:
+    """Angles of an axle's wheels; n states, columns left and right. NaN where the linkage does not reach."""
+
+    steering: Array
+    """(n,) -1 to 1, positive to the left."""
+    travel: Array
+    """(n, 2) of the wheels' centres upwards, from the state as built [m]."""
+    steer: Array
+    """(n, 2) heading of the wheels, positive to the left [rad]."""
+    toe: Array
+    """(n, 2) the same, positive where the wheel's front points inwards [rad]."""
+    camber: Array
+    """(n, 2) positive where the wheel's top leans outwards [rad]."""
+    center: Array
+    """(n, 2, 3) of the wheels, in the vehicle's frame of reference [m]."""
+    reached: npt.NDArray[np.bool_]
+    """(n,) whether the linkage closes there."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Bench:
+    """Indices of what holds an axle on its bench."""
+
+    sides: tuple[Side, Side]
+    planes: tuple[int, ...]
+    """Joints that hold the height of the left and the right wheel."""
+    steering: SteeringParts | None
+
+
+def travel_table(
+    spec: VehicleSpec, axle: int, travels: npt.ArrayLike, steering: npt.ArrayLike = 0.0, *,
+    right: npt.ArrayLike | None = None, device: str = "cpu",
+) -> TravelTable:  # fmt: skip
+    """Wheel angles of an axle over travel and steering, which broadcast against each other.
+
+    Args:
+        spec: the vehicle.
+        axle: index, from the front.
+        travels: of the left wheel's centre upwards [m].
+        steering: -1 to 1, positive to the left; without effect on an axle that is not steered.
+        right: travels of the right wheel; those of the left one when None. On a pinned axle it follows by itself.
+
+    Raises:
+        SpecError: no such axle, or a travel other than 0 of rigid wheels.
+    """
+    if not 0 <= axle < len(spec.axles):
+        raise SpecError(f"axle: must be in 0..{len(spec.axles) - 1}, got {axle!r}")
+    other = travels if right is None else right
+    lefts, rights, inputs = (np.ravel(v) for v in np.broadcast_arrays(*map(_floats, (travels, other, steering))))
+    part = spec.axles[axle]
+    if isinstance(part.suspension, RigidSuspension) and (np.any(lefts) or np.any(rights)):
+        raise SpecError(f"travels: must be 0 for the template '{part.suspension.template}', which has no springs")
+    builder = ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    bench = _build(builder, spec, part)
+    heights = np.stack([lefts, rights], axis=1)
+    model = builder.finalize(len(lefts), device, per_world=["joint_anchor0"] if bench.planes else [])
+    simulation = Simulation(model, 1.0e-3)
+    rest = simulation.state.body_x.numpy()[:, [side.spindle for side in bench.sides]]
+    held = cast(wp.array, model.parameters.joint_anchor0)
+    anchors = held.numpy().copy()
+    stages = max(FEWEST_STAGES, math.ceil(float(np.abs(heights).max()) / STAGE))
+    reached = np.full(len(lefts), True)
+    for stage in range(1, stages + 1):
+        share = stage / stages
+        for column, joint in enumerate(bench.planes):
+            anchors[:, joint, 2] = rest[:, column, 2] + share * heights[:, column]
+        held.assign(anchors)
+        q = simulation.state.joint_q.numpy().copy()
+        if bench.steering is not None:
+            q[:, model.joint_dof_start[bench.steering.joint]] = share * inputs * bench.steering.travel
+        simulation.set_joint_state(None, q, None)
+        reached &= (simulation.state.world_status.numpy() & WorldStatus.NOT_ASSEMBLED) == 0
+    return _measure(simulation, bench, rest, inputs, reached)
+
+
+def _floats(values: npt.ArrayLike) -> Array:
+    return np.asarray(values, dtype=np.float64)
+
+
+def _build(builder: ModelBuilder, spec: VehicleSpec, axle: Axle) -> _Bench:
+    """The axle and what steers it on the world; planes hold the centres of the wheels that can move."""
+    link, steering = WORLD, None
+    if axle.steering is not None:
+        mount = spec.steerings[axle.steering]
+        steering = add_steering(Frame(builder, "steering", pose(mount.location, mount.rotation)), mount.steering, WORLD)
+        link = steering.link
+    sides = add_axle(Frame(builder, "axle", pose(axle.location)), 0, axle, WORLD, link)
+    movable: tuple[Side, ...] = sides
+    if isinstance(axle.suspension, RigidSuspension):
+        movable = ()
+    elif isinstance(axle.suspension, PinnedAxle):
+        movable = sides[:1]
+    planes = tuple(
+        builder.add_joint_point_on_plane(
+            f"{side.name}.height", WORLD, side.spindle, anchor=builder.bodies[side.spindle].pose.position,
+            normal=(0.0, 0.0, 1.0),
+        )
+        for side in movable
+    )  # fmt: skip
+    return _Bench(sides, planes, steering)
+
+
+def _measure(
+    simulation: Simulation, bench: _Bench, rest: Array, steering: Array, reached: npt.NDArray[np.bool_]
+) -> TravelTable:
+    """Angles of the wheels' axes, which are y of the spindles."""
+    spindles = [side.spindle for side in bench.sides]
+    signs = np.array([side.side for side in bench.sides])
+    center = np.array(simulation.state.body_x.numpy()[:, spindles], dtype=np.float64)
+    rotations = np.array(simulation.state.body_rot.numpy()[:, spindles], dtype=np.float64)
+    axes = np.array([[matrix_of(q)[:, 1] for q in row] for row in rotations])
+    axes[~reached] = center[~reached] = np.nan
+    steer = np.arctan2(-axes[..., 0], axes[..., 1])
+    return TravelTable(
+        steering=steering, travel=(center - rest)[..., 2], steer=steer, toe=-signs * steer,
+        camber=-signs * np.arcsin(axes[..., 2]), center=center, reached=reached,
+    )  # fmt: skip

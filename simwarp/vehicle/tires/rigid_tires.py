@@ -1,0 +1,103 @@
+"""Tires that are rigid cylinders in ordinary contact: the ground is whatever shapes the builder has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import warp as wp
+
+from simwarp.core.arrays import writable, writable_from
+from simwarp.model.builder import ModelBuilder
+from simwarp.kernels.vehicle.tires.rigid_tires import limit_friction, measure_rigid_tires
+from simwarp.model.model import Model
+from simwarp.simulation.simulation import Simulation
+from simwarp.core.types import Material, pose
+from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire, refuse
+
+TEMPLATE = "rigid"
+ACROSS = (0.7071067811865476, 0.0, 0.0, -0.7071067811865476)
+"""Turns a cylinder's axis, z, into the wheel's, y (xyzw)."""
+
+
+def rigid_parameters(tire: Tire) -> tuple[float, float]:
+    """Friction and restitution of a rigid tire.
+
+    Raises:
+        SpecError: another key, or a value that breaks a rule.
+    """
+    values: dict[str, Any] = dict(tire.parameters)
+    friction, restitution = values.pop("friction", 0.9), values.pop("restitution", 0.0)
+    if values:
+        raise SpecError(f"parameters.{next(iter(values))}: unknown key; known: friction, restitution")
+    for key, value in (("friction", friction), ("restitution", restitution)):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0.0:
+            raise refuse(f"parameters.{key}", "a number, zero or positive", value)
+    return float(friction), float(restitution)
+
+
+def add_rigid_tire(builder: ModelBuilder, name: str, body: int, tire: Tire, key: str = "tire") -> int:
+    """The cylinder of a rigid tire on its spindle; returns its shape. Errors name the tire by its `key`."""
+    try:
+        friction, restitution = rigid_parameters(tire)
+    except SpecError as error:
+        raise SpecError(f"{key}.{error}") from None
+    return builder.add_shape_cylinder(
+        body, radius=tire.radius, half_length=0.5 * tire.width, name=name, pose=pose(rotation=ACROSS),
+        material=Material(friction=friction, restitution=restitution),
+    )  # fmt: skip
+
+
+class RigidTires:
+    """The wheels of a vehicle on rigid tires: what `Tires` tells, as far as contact knows it.
+
+    Args:
+        shapes: of the wheels' cylinders, in the order of the reports.
+        bodies: their spindles.
+        model: of the vehicle.
+
+    Attributes:
+        ground_friction: (1,) or (W,) of the road: a tire grips with the smaller one of this and its own.
+        load: (W, wheels) normal force [N]: the vertical part of the contacts' force.
+        force_w: (W, wheels) vec3 on each wheel, world [N].
+        slip_ratio, slip_angle, camber, deflection, torque_w, state: zeros; contact does not know them.
+    """
+
+    def __init__(self, shapes: Sequence[int], bodies: Sequence[int], model: Model) -> None:
+        device = model.device
+        self.shape = (model.world_count, len(shapes))
+        self._shapes: wp.array = wp.array(list(shapes), dtype=int, device=device)
+        self._bodies: wp.array = wp.array(list(bodies), dtype=int, device=device)
+        frictions = model.shape_friction.numpy()
+        self._own_friction: wp.array = wp.array(frictions[0, list(shapes)], dtype=float, device=device)
+        self.ground_friction = writable_from([float(frictions.max())] * frictions.shape[0], wp.float32, device)
+        for name in ("load", "slip_ratio", "slip_angle", "camber", "deflection"):
+            setattr(self, name, writable(self.shape, wp.float32, device))
+        self.force_w = writable(self.shape, wp.vec3, device)
+        self.torque_w = writable(self.shape, wp.vec3, device)
+        self.state = writable((*self.shape, 1), wp.float32, device)
+
+    load: wp.array
+    slip_ratio: wp.array
+    slip_angle: wp.array
+    camber: wp.array
+    deflection: wp.array
+
+    def record(self, simulation: Simulation) -> list[Any]:
+        """The launch before a sub-step: the road's friction."""
+        friction = simulation.model.shape_friction
+        return [
+            wp.launch(
+                limit_friction, dim=(friction.shape[0], self.shape[1]), device=simulation.model.device,
+                record_cmd=True, inputs=[self._shapes, self._own_friction, self.ground_friction], outputs=[friction],
+            )
+        ]  # fmt: skip
+
+    def record_after(self, simulation: Simulation) -> list[Any]:
+        """The launch after a sub-step: the loads."""
+        return [
+            wp.launch(
+                measure_rigid_tires, dim=self.shape, device=simulation.model.device, record_cmd=True,
+                inputs=[self._bodies, simulation.contacts.body_contact_force], outputs=[self.load, self.force_w],
+            )
+        ]  # fmt: skip

@@ -1,0 +1,251 @@
+"""Parameters of tires by name; `spec.Tire.parameters` holds them, beside its radius and width.
+
+A model takes the keys of several classes here: `CommonParameters` and
+
+| template | also |
+|---|---|
+| tmeasy | `RatedParameters`, `TmeasyParameters` |
+| tmsimple | `RatedParameters`, `TmsimpleParameters` |
+| fiala | `VerticalParameters`, `FialaParameters` |
+| pacejka89 | `VerticalParameters`, `Pacejka89Parameters` |
+| pacejka2002 | `Pacejka2002Parameters` |
+| lugre | `VerticalParameters`, `LugreParameters` |
+
+Units are SI, but for the coefficients of Pacejka 89.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar, Literal, TypeAlias
+
+from simwarp.vehicle.spec.vehicle_spec import Points, Spec, refuse
+
+Pair: TypeAlias = tuple[float, float]
+"""Values at the nominal and at twice the nominal load, or along x and y, or two limits."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CommonParameters(Spec):
+    """What every model takes."""
+
+    POSITIVE: ClassVar = frozenset(
+        {"reference_friction", "friction_limits", "camber_limit", "bristle_stiffness", "blend"}
+    )
+    NOT_NEGATIVE: ClassVar = frozenset({"rolling_resistance", "bristle_damping"})
+
+    contact: Literal["single-point", "four-point", "envelope"] = "single-point"
+    """How the ground is sampled (kernels/vehicle/tires/patch.py)."""
+    reference_friction: float = 0.8
+    """Friction of the road on which the parameters were measured."""
+    friction_limits: Pair = (0.1, 1.0)
+    """The road's friction is clamped to them."""
+    camber_limit: float | None = None
+    """Camber beyond it counts as it [rad]; None: 4° for TMeasy and TMsimple, 3° for the others."""
+    rolling_resistance: float | None = None
+    """Torque over load and radius (Fiala: torque over load [m]); None: 0.015, or that of the property file."""
+    measured_side: Literal["left", "right"] | None = None
+    """Side on which an asymmetric tire was measured; on the other one it is mirrored. None: never."""
+    bristle_stiffness: float = 1.0e5
+    """Of what holds the standing wheel [N/m]."""
+    bristle_damping: float = 5.0e3
+    """[N·s/m]."""
+    blend: Pair = (1.0, 3.0)
+    """Speeds between which the law of slip replaces the bristle [m/s]."""
+
+    def check(self) -> None:
+        """Limits are in order."""
+        for key in ("friction_limits", "blend"):
+            low, high = getattr(self, key)
+            if not low < high:
+                raise refuse(key, "two increasing numbers", (low, high))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VerticalParameters(Spec):
+    """A linear spring, or a table; and a damper."""
+
+    POSITIVE: ClassVar = frozenset({"vertical_stiffness", "load_limit"})
+    NOT_NEGATIVE: ClassVar = frozenset({"vertical_damping"})
+    CURVES: ClassVar = frozenset({"vertical_curve"})
+
+    vertical_stiffness: float | None = None
+    vertical_damping: float = 0.0
+    vertical_curve: Points | None = None
+    """(deflection [m], force [N]); replaces the stiffness."""
+    load_limit: float | None = None
+    """Largest load with which horizontal forces grow [N]; None: for Pacejka 89 where they are largest, else none."""
+
+    def check(self) -> None:
+        """One of the two springs is there."""
+        if self.vertical_stiffness is None and self.vertical_curve is None:
+            raise refuse("vertical_stiffness", "given, or vertical_curve", None)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RatedParameters(Spec):
+    """The pattern and the rated load from which a tire is guessed, and its vertical law, which they give otherwise."""
+
+    POSITIVE: ClassVar = frozenset(
+        {
+            "load", "rim_radius", "design_pressure", "use_pressure", "damping_ratio", "nominal_load", "load_limit",
+            "vertical_stiffness", "bottom_deflection",
+        }
+    )  # fmt: skip
+    NOT_NEGATIVE: ClassVar = frozenset({"vertical_damping", "bottom_stiffness"})
+
+    pattern: Literal["truck", "car"] | None = None
+    """The typical tire whose measured values this one takes."""
+    load: float | None = None
+    """Largest load [N]."""
+    load_index: int | None = None
+    rim_radius: float
+    design_pressure: float = 1.0
+    """Inflation at the rated load, and as it is used; only their ratio counts."""
+    use_pressure: float = 1.0
+    damping_ratio: float = 0.5
+    """Of the tire's mass on its spring."""
+    nominal_load: float | None = None
+    load_limit: float | None = None
+    """Largest load with which horizontal forces grow [N]."""
+    vertical_stiffness: float | None = None
+    vertical_stiffness_square: float = 0.0
+    """[N/m²]."""
+    vertical_damping: float | None = None
+    bottom_deflection: float | None = None
+    """Where the rim touches [m]; None: 10 mm before the rim."""
+    bottom_stiffness: float | None = None
+    """None: five times the vertical stiffness [N/m]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TmeasyParameters(Spec):
+    """Characteristic values of TMeasy; those that are given replace those of the pattern."""
+
+    POSITIVE: ClassVar = frozenset(
+        {
+            "slope_x", "max_x", "slide_x", "max_slip_x", "slide_slip_x", "slope_y", "max_y", "slide_y", "max_slip_y",
+            "slide_slip_y", "trail_zero_slip", "trail_end_slip",
+        }
+    )  # fmt: skip
+    NOT_NEGATIVE: ClassVar = frozenset({"trail"})
+
+    slope_x: Pair | None = None
+    """Initial slope of the force over slip [N]."""
+    max_x: Pair | None = None
+    """Largest force [N], and its slip."""
+    slide_x: Pair | None = None
+    """Force of full sliding [N], and the slip from which it slides."""
+    max_slip_x: Pair | None = None
+    slide_slip_x: Pair | None = None
+    slope_y: Pair | None = None
+    max_y: Pair | None = None
+    slide_y: Pair | None = None
+    max_slip_y: Pair | None = None
+    slide_slip_y: Pair | None = None
+    trail: Pair | None = None
+    """Pneumatic trail over the patch's length at no slip; the slips where it changes its sign and where it ends."""
+    trail_zero_slip: Pair | None = None
+    trail_end_slip: Pair | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TmsimpleParameters(Spec):
+    """Characteristic values of TMsimple; those that are given replace those of the pattern."""
+
+    POSITIVE: ClassVar = frozenset({"slope_x", "max_x", "slide_x", "slope_y", "max_y", "slide_y"})
+
+    slope_x: Pair | None = None
+    max_x: Pair | None = None
+    slide_x: Pair | None = None
+    slope_y: Pair | None = None
+    max_y: Pair | None = None
+    slide_y: Pair | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FialaParameters(Spec):
+    """Fiala's brush."""
+
+    POSITIVE: ClassVar = frozenset({"slip_stiffness", "cornering_stiffness", "friction_sliding", "friction_static"})
+
+    slip_stiffness: float
+    """Longitudinal force over slip [N] (CSLIP)."""
+    cornering_stiffness: float
+    """Lateral force over slip angle [N/rad] (CALPHA)."""
+    friction_sliding: float
+    """At full slip (UMIN)."""
+    friction_static: float
+    """Without slip (UMAX)."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pacejka89Parameters(Spec):
+    """Coefficients of Pacejka 89, in kN, degrees and percent."""
+
+    POSITIVE: ClassVar = frozenset({"lateral_stiffness"})
+
+    lateral_stiffness: float
+    """Of the carcass [N/m]."""
+    lateral: tuple[float, ...]
+    """a0 to a13."""
+    longitudinal: tuple[float, ...]
+    """b0 to b10."""
+    aligning: tuple[float, ...]
+    """c0 to c17."""
+
+    def check(self) -> None:
+        """All coefficients are there."""
+        for key, count in (("lateral", 14), ("longitudinal", 11), ("aligning", 18)):
+            if len(getattr(self, key)) != count:
+                raise refuse(key, f"{count} numbers", getattr(self, key))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pacejka2002Parameters(Spec):
+    """Pacejka 2002 from a property file.
+
+    Recorded runs of Project Chrono come out with argument_limit = pi/2 - 0.01 and rolling_resistance = 0: there the
+    argument of the formula is clamped, and QSY1 does not act.
+    """
+
+    POSITIVE: ClassVar = frozenset({"argument_limit"})
+
+    tir: dict[str, object]
+    """KEY -> value of the file; {"file": "NAME.tir"} stands for them."""
+    mode: int | None = None
+    """0: vertical force only, 1: F_x, 2: F_y and M_z, 3: both, 4: combined; None: USE_MODE of the file."""
+    combined: Literal["friction-ellipse", "weights"] = "friction-ellipse"
+    argument_limit: float | None = None
+    """|B x| is clamped to it before the formula bends it; None: it is not."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LugreParameters(Spec):
+    """LuGre; the defaults are those with which Project Chrono modelled the HMMWV."""
+
+    POSITIVE: ClassVar = frozenset(
+        {"bristle_rate", "kinetic_friction", "static_friction", "stribeck_speed", "disc_count"}
+    )  # fmt: skip
+    NOT_NEGATIVE: ClassVar = frozenset({"bristle_viscosity", "viscosity", "carry_off", "disc_spacing"})
+
+    bristle_rate: Pair = (181.0, 60.0)
+    """sigma0 along x and y: force over load and deflection [1/m]."""
+    bristle_viscosity: Pair = (1.0, 0.1)
+    """sigma1 [s/m]."""
+    viscosity: Pair = (0.02, 0.002)
+    """sigma2 [s/m]."""
+    kinetic_friction: float = 0.75
+    static_friction: float = 0.84
+    stribeck_speed: float = 0.035
+    """[m/s]."""
+    carry_off: float = 1.2
+    """How fast bristles leave the rolling patch, in |omega r| over its length; 0: they do not."""
+    disc_count: int = 3
+    disc_spacing: float | None = None
+    """[m]; None: the outer discs are 0.4 width from the middle."""
+
+    def check(self) -> None:
+        """At most as many discs as are worth their cost."""
+        if self.disc_count > 16:
+            raise refuse("disc_count", "at most 16", self.disc_count)

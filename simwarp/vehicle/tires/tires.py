@@ -1,0 +1,191 @@
+"""The tires of a vehicle: the arrays that the tire kernel works on, and its launch.
+
+    row = tire_row(axle.tire)                             # checked parameters; SpecError names the key
+    tires = Tires([Mount(row, body, (0.0, offset, 0.0), "left"), ...], world_count, body_count, device)
+    tires.apply(dt, state.arrays, model.assets)           # before each step: fills tires.force, tires.torque
+
+What it holds may be read and written between steps: `parameter` (1 or W, wheels, P), `ground_friction` (1 or W,),
+`terrain`. `state` (W, wheels, S) belongs into snapshots; `reset(mask)` zeroes it for worlds that start anew. The
+reports are (W, wheels): `load`, `slip_ratio`, `slip_angle`, `camber`, `deflection`, `force_w`, `torque_w`
+(kernels/vehicle/tires/tires.py tells units and signs). `force` and `torque` are (W, B), world axes, at the centre of mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from simwarp.core.arrays import WritableArray, writable, writable_from
+from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.vehicle.tires.ground import TerrainTables
+from simwarp.kernels.vehicle.tires.tires import TireReports, TireTables, apply_tires, reset_tires
+from simwarp.core.rotation import matrix_of
+from simwarp.core.types import ShapeType
+from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.parameter_vector import TireRow, tire_row
+
+__all__ = ["Mount", "TireRow", "Tires", "ground", "tire_row"]
+
+
+class Mount(NamedTuple):
+    """A tire on its spindle, whose own y axis is the wheel's.
+
+    Attributes:
+        row: of `tire_row`.
+        body: the spindle.
+        offset: of the wheel's centre from the body's centre of mass, body axes [m].
+        side: of the vehicle; matters to asymmetric tires only.
+    """
+
+    row: TireRow
+    body: int
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    side: Literal["left", "right"] = "left"
+
+
+def ground(
+    device: wp.DeviceLike = None,
+    *,
+    kind: ShapeType = ShapeType.PLANE,
+    asset: int | Sequence[int] = 0,
+    x: object = (0.0, 0.0, 0.0),
+    rotation: object = (0.0, 0.0, 0.0, 1.0),
+    scale: object = (1.0, 1.0, 1.0),
+    friction_map: object = None,
+    friction_origin: tuple[float, float] = (0.0, 0.0),
+    friction_cell: tuple[float, float] = (1.0, 1.0),
+) -> TerrainTables:
+    """Terrain for tires: a plane, or a height field or mesh of the model's assets.
+
+    Args:
+        device: of the arrays.
+        kind: PLANE, HEIGHT_FIELD or MESH.
+        asset: index among the model's height fields or meshes; one, or one for each world.
+        x: origin [m], (3,) or (W, 3).
+        rotation: quaternion xyzw, (4,) or (W, 4); height fields may turn about the vertical only.
+        scale: (3,) or (W, 3).
+        friction_map: (rows along y, columns along x) factors of the friction; None: 1 everywhere.
+        friction_origin: corner of its first cell [m].
+        friction_cell: size of its cells [m].
+    """
+    if kind not in (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH):
+        raise SpecError(f"terrain: must be a plane, a height field or a mesh, got {kind!r}")
+    quaternions = np.atleast_2d(np.asarray(rotation, dtype=float))
+    table: Any = TerrainTables()
+    table.kind = int(kind)
+    table.x = wp.array(np.atleast_2d(np.asarray(x, dtype=float)), dtype=wp.vec3d, device=device)
+    axes = np.stack([matrix_of(q / np.linalg.norm(q)) for q in quaternions])
+    if kind == ShapeType.HEIGHT_FIELD and np.any(np.abs(axes[:, 2, 2] - 1.0) > 1.0e-6):
+        raise SpecError(f"terrain: a height field must turn about the vertical only, got the rotation {rotation!r}")
+    table.rot = wp.array(axes, dtype=wp.mat33, device=device)
+    table.scale = wp.array(np.atleast_2d(np.asarray(scale, dtype=float)), dtype=wp.vec3, device=device)
+    table.asset = wp.array(np.atleast_1d(np.asarray(asset)), dtype=int, device=device)
+    factors = np.zeros((0, 0)) if friction_map is None else np.asarray(friction_map, dtype=float)
+    table.friction_map = wp.array(factors, dtype=float, ndim=2, device=device)
+    table.friction_origin = wp.vec2d(*friction_origin)
+    table.friction_cell = wp.vec2d(*friction_cell)
+    terrain: TerrainTables = table
+    return terrain
+
+
+class Tires:
+    """All force-element tires of a model: at most one on a body.
+
+    Args:
+        mounts: the tires, in the order of the reports.
+        world_count: W.
+        body_count: B.
+        device: of the arrays.
+        friction: of the road, for all worlds until `ground_friction` is written.
+        terrain: of `ground`; None: the plane z = 0.
+        randomised: whether every world has rows of its own in `parameter` and an entry in `ground_friction`.
+    """
+
+    def __init__(
+        self,
+        mounts: Sequence[Mount],
+        world_count: int,
+        body_count: int,
+        device: wp.DeviceLike = None,
+        *,
+        friction: float = 0.9,
+        terrain: TerrainTables | None = None,
+        randomised: bool = False,
+    ) -> None:
+        bodies = [mount.body for mount in mounts]
+        if len(set(bodies)) < len(bodies) or not all(0 <= body < body_count for body in bodies):
+            raise SpecError(f"tires: must stand on different bodies below {body_count}, got {bodies}")
+        self.mounts = tuple(mounts)
+        self.device = wp.get_device(device)
+        self.shape = (world_count, len(mounts))
+        rows = np.zeros((world_count if randomised else 1, len(mounts), max(len(m.row.values) for m in mounts)))
+        for wheel, mount in enumerate(mounts):
+            rows[:, wheel, : len(mount.row.values)] = mount.row.values
+        self.parameter = writable_from(rows, wp.float32, self.device)
+        self.ground_friction = writable_from(np.full(len(rows), friction), wp.float32, self.device)
+        self.terrain = ground(self.device) if terrain is None else terrain
+        self.tables = self._make_tables()
+        self.state = writable((*self.shape, max(m.row.state_size for m in mounts)), wp.float32, self.device)
+        self.load = self._report(wp.float32)
+        self.slip_ratio = self._report(wp.float32)
+        self.slip_angle = self._report(wp.float32)
+        self.camber = self._report(wp.float32)
+        self.deflection = self._report(wp.float32)
+        self.force_w = self._report(wp.vec3)
+        self.torque_w = self._report(wp.vec3)
+        self.reports = TireReports()
+        for name in ("load", "slip_ratio", "slip_angle", "camber", "deflection", "force_w", "torque_w"):
+            setattr(self.reports, name, getattr(self, name))
+        self.force = writable((world_count, body_count), wp.vec3, self.device)
+        self.torque = writable((world_count, body_count), wp.vec3, self.device)
+
+    def _report(self, dtype: type) -> WritableArray:
+        return writable(self.shape, dtype, self.device)
+
+    def _make_tables(self) -> TireTables:
+        mounts = self.mounts
+        tables = TireTables()
+        tables.body = wp.array([m.body for m in mounts], dtype=int, device=self.device)
+        tables.model = wp.array([int(m.row.model) for m in mounts], dtype=int, device=self.device)
+        tables.contact = wp.array([int(m.row.contact) for m in mounts], dtype=int, device=self.device)
+        mirrored = [int(m.row.measured_side not in (None, m.side)) for m in mounts]
+        tables.mirrored = wp.array(mirrored, dtype=int, device=self.device)
+        tables.offset_b = wp.array(np.array([m.offset for m in mounts]), dtype=wp.vec3, device=self.device)
+        return tables
+
+    def apply(
+        self,
+        dt: float,
+        state: StateArrays,
+        assets: Assets | None = None,
+        *,
+        force: wp.array | None = None,
+        torque: wp.array | None = None,
+    ) -> None:
+        """Find all forces for a step of `dt` [s]; may be captured in a graph.
+
+        Args:
+            dt: the step [s].
+            state: of the bodies (`State.arrays`).
+            assets: of the model; None on a plane.
+            force: (W, B) vec3 that receives the forces instead of `self.force`; entries of other bodies stay.
+            torque: the same for the torques.
+        """
+        wp.launch(
+            apply_tires,
+            self.shape,
+            inputs=[
+                dt, self.tables, self.parameter, self.ground_friction, self.terrain,
+                Assets() if assets is None else assets, state, self.state, self.reports,
+            ],
+            outputs=[self.force if force is None else force, self.torque if torque is None else torque],
+            device=self.device,
+        )  # fmt: skip
+
+    def reset(self, world_mask: wp.array) -> None:
+        """Zero the state of the worlds in a (W,) bool mask."""
+        wp.launch(reset_tires, self.shape, inputs=[world_mask, self.state], device=self.device)
