@@ -15,9 +15,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import RigidSuspension, VehicleSpec
+from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 
 ROOT = Path(__file__).resolve().parents[1]
 TRAVEL = 0.08

@@ -32,7 +32,7 @@ from simwarp.train.config import Objective  # noqa: E402
 
 from benchmarks import comparing  # noqa: E402
 from benchmarks.comparing import Arm, Budget, Quantity, Study  # noqa: E402
-from simwarp.cli.quiet import start_warp  # noqa: E402
+from simwarp.cli.process import start_warp  # noqa: E402
 
 BASELINE = "baseline"
 QUANTITIES = {

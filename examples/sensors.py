@@ -20,14 +20,14 @@ from simwarp.scenery.rocks import rock
 from simwarp.scenery.textures import ground_texture
 from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.cameras.appearance import ImageTexture
-from simwarp.sensors.ranging.beams import beam_grid
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
+from simwarp.sensors.cameras.lenses import Pinhole
+from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.motion.gps import Gps, GpsConfig
 from simwarp.sensors.motion.imu import Imu, ImuConfig
-from simwarp.sensors.cameras.lenses import Pinhole
-from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
-from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.noise import NormalNoise
+from simwarp.sensors.ranging.beams import beam_grid
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
 from simwarp.sensors.scene import Scene, Visuals
 from simwarp.viewer import caption, grid
 

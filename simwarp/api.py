@@ -1,14 +1,5 @@
 """What `import simwarp as sw` offers: model, simulation, and the types that they take."""
 
-from simwarp.model.builder import ModelBuilder
-from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.diagnostics import Diagnostics
-from simwarp.simulation.cone_problems import ConeSolution, solve_cone_problems
-from simwarp.model.model import Model
-from simwarp.simulation.simulation import Simulation
-from simwarp.simulation.snapshot import Snapshot
-from simwarp.simulation.solver_options import SolverOptions
-from simwarp.simulation.state import Control, State
 from simwarp.core.types import (
     WORLD,
     Dof,
@@ -24,6 +15,15 @@ from simwarp.core.types import (
     WorldStatus,
     pose,
 )
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.model import Model
+from simwarp.simulation.cone_problems import ConeSolution, solve_cone_problems
+from simwarp.simulation.contacts import Contacts
+from simwarp.simulation.diagnostics import Diagnostics
+from simwarp.simulation.simulation import Simulation
+from simwarp.simulation.snapshot import Snapshot
+from simwarp.simulation.solver_options import SolverOptions
+from simwarp.simulation.state import Control, State
 
 __all__ = [
     "WORLD",

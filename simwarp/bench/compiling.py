@@ -13,8 +13,8 @@ import tempfile
 import time
 from typing import NamedTuple
 
-from simwarp.cli import ShortfallError
 from simwarp.bench.workloads import bench_scenes
+from simwarp.cli import ShortfallError
 from simwarp.vehicle.spec.deserialisation import vehicle_names
 
 _PATIENCE_S = 600
@@ -81,7 +81,7 @@ def _first_step(name: str, device: str) -> Start:
 
 
 if __name__ == "__main__":
-    from simwarp.cli.quiet import start_warp
+    from simwarp.cli.process import start_warp
 
     start_warp()
     print(json.dumps(_first_step(sys.argv[1], sys.argv[2])))

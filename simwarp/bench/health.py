@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.simulation.simulation import Simulation
 from simwarp.core.types import WorldStatus
+from simwarp.simulation.simulation import Simulation
 
 Array = npt.NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from simwarp.bench.health import Examiner, Health, Judge
 from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.bench.workloads import BenchScene
 from simwarp.core.memory import check_fits
-from simwarp.simulation.simulation import Simulation
 from simwarp.core.types import ModelError
+from simwarp.simulation.simulation import Simulation
 
 _MIN_HORIZON_STEPS = 50
 _GRAPH_STEPS = 10

@@ -7,16 +7,16 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.bench.health import Health
 from simwarp.bench.measure import Row, TimedRun, measure_run
-from simwarp.sensors.ranging.beams import VLP_16_ELEVATION, BeamTable
+from simwarp.core.types import WORLD, Pose, pose
+from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
 from simwarp.sensors.interface import Mount, Schedule
+from simwarp.sensors.ranging.beams import VLP_16_ELEVATION, BeamTable
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
 from simwarp.sensors.scene import Scene, Visuals
 from simwarp.simulation.simulation import Simulation
-from simwarp.core.types import WORLD, Pose, pose
 
 Floats = npt.NDArray[np.float64]
 

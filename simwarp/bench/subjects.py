@@ -6,10 +6,10 @@ import dataclasses
 import functools
 from collections.abc import Callable
 
-from simwarp.cli import UsageError
 from simwarp.bench.measure import Row, measure_scene
 from simwarp.bench.peers import peer_measures, peer_notes
 from simwarp.bench.workloads import SENSOR_SCENES, bench_scenes, explain_unknown, task_of
+from simwarp.cli import UsageError
 from simwarp.cli.options import check_obs
 from simwarp.vehicle.spec.deserialisation import vehicle_names
 

@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from simwarp import scenes
-from simwarp.model.builder import ModelBuilder
-from simwarp.cli import shortened
 from simwarp.bench.motion import swinging_drives, swinging_joints, twisted_bodies
-from simwarp.simulation.simulation import Simulation, SolverOptions
+from simwarp.cli import shortened
 from simwarp.core.types import WORLD, Material, PositionDrive, pose
+from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.simulation import Simulation, SolverOptions
 from simwarp.vehicle.spec.deserialisation import vehicle_names
 
 CART_MASS = 0.1

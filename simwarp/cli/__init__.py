@@ -14,8 +14,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Sequence
 
-from simwarp.cli.process import ended_by_signals, prepare_streams, silence_output
-from simwarp.cli.quiet import start_warp
+from simwarp.cli.process import ended_by_signals, prepare_streams, silence_output, start_warp
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 HELP = frozenset({"-h", "--help"})
@@ -58,10 +57,10 @@ COMMANDS = {
         Command("clone", "TASK", "a policy that imitates recorded trajectories", "simwarp.cli.clone:run"),
         Command("new-task", "NAME", "a package with a task of your own, ready to change", "simwarp.cli.new_task:run"),
         Command("replay", "FILE", "the steps before a world broke down, once more", "simwarp.cli.replay:run"),
-        Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.bench:main"),
+        Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.cli.benching:run"),
         Command("drive", "VEHICLE", "a manoeuvre with a vehicle: results, CSV, plots", "simwarp.cli.drive:run"),
         Command("sensor-demo", "", "one picture of what all kinds of sensors see", "simwarp.cli.sensor_demo:run"),
-        Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.verify:main"),
+        Command("verify", "[SCENE ...]", "physics against known answers", "simwarp.cli.verifying:run"),
         Command("doctor", "", "device, versions, driver, kernel cache, and what is wrong", "simwarp.cli.doctor:run"),
     )
 }
@@ -118,7 +117,11 @@ def exit_code_of(error: BaseException) -> int | None:
 
 def _is_shortfall(error: BaseException) -> bool:
     """Return whether the work began and could not be brought to its end: learning diverged, or a disk is full."""
-    kinds = (("simwarp.train.trainer", "TrainingError"), ("simwarp.core.files", "OutputError"), (__name__, "ShortfallError"))
+    kinds = (
+        ("simwarp.train.trainer", "TrainingError"),
+        ("simwarp.core.files", "OutputError"),
+        (__name__, "ShortfallError"),
+    )
     return any(name in sys.modules and isinstance(error, getattr(sys.modules[name], kind)) for name, kind in kinds)
 
 

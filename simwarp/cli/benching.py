@@ -12,12 +12,12 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.bench.compiling import cold_and_warm
 from simwarp.bench.machine import describe
 from simwarp.bench.measure import Row
 from simwarp.bench.subjects import find_subject
 from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, names_for_people
+from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import CommonOptions, option_value, parse_options
 from simwarp.cli.values import LARGEST_COUNT
 from simwarp.model.model import resolve_device

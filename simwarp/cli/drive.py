@@ -18,16 +18,16 @@ from rich.table import Table
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.core.files import FileError, parse_json, read_text
-from simwarp.importers.chrono_json import without_comments
 from simwarp.core.memory import check_fits
+from simwarp.importers.chrono_json import without_comments
 from simwarp.model.model import resolve_device
+from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
-from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver
-from simwarp.vehicle.spec.variants import with_options
-from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
 from simwarp.vehicle.results.results import Result, results
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, row_steps, set_up
+from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
+from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 PICTURES = (".png", ".pdf", ".svg")

@@ -1,4 +1,4 @@
-"""The process around a command: signals that end it, and standard streams that are closed, full or not UTF-8."""
+"""The process around a command: start of Warp, signals that end it, and standard streams that are closed, full or not UTF-8."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import io
 import os
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from types import FrameType
@@ -15,6 +16,9 @@ from typing import Any, Final
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command as Ctrl-C does: what it began is tidied up."""
+
+# Warp's native library prints this on every machine without a GPU; `simwarp doctor` says it better
+_NO_DRIVER = "Could not find or load the NVIDIA CUDA driver"
 
 REPEAT_AFTER: Final = 0.05
 """Time after which an interrupt that was lost comes again [s]."""
@@ -89,3 +93,28 @@ def _redirect(stream: Any) -> None:
         os.dup2(null, number)
         os.close(null)
         stream.flush()
+
+
+def start_warp() -> None:
+    """Initialise Warp; its warnings still show, but neither its banner nor that there is no GPU."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_WARNING
+    sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # standard error is closed: nothing to tidy
+        wp.init()
+        return
+    # The message comes from C, so that only the file descriptor can be redirected
+    with tempfile.TemporaryFile() as caught:
+        os.dup2(caught.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+        caught.seek(0)
+        for line in caught.read().decode(errors="replace").splitlines():
+            if _NO_DRIVER not in line:
+                print(line, file=sys.stderr)

@@ -18,10 +18,10 @@ from rich.text import Text
 
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.model.model import resolve_device
 from simwarp.verify import SCENES
 from simwarp.verify.known import EXPLAINED, Verdict, reason, verdict
 from simwarp.verify.report import Row
-from simwarp.model.model import resolve_device
 
 _STYLES = {Verdict.KNOWN: "yellow", Verdict.FAILED: "red"}
 

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.kernels.collision.shape import Assets
 from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, ShapeType, numbers, shown
 from simwarp.geometry.triangle_tree import tree_tables
+from simwarp.kernels.collision.shape import Assets
 
 Array = npt.NDArray[np.float64]
 

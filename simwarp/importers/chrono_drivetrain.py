@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from simwarp.importers.chrono_json import Node
+from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import (
     AutomaticCVT,
     AutomaticMap,
@@ -30,7 +31,6 @@ from simwarp.vehicle.spec.vehicle_spec import (
     Transmission,
     Vec3,
 )
-from simwarp.vehicle.spec.parts import told
 
 RPM = math.pi / 30.0
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from simwarp.vehicle.spec.deserialisation import Place, nearest, parse_json, read_text
-from simwarp.vehicle.spec.vehicle_spec import ZERO, Points, RigidPart, Spec, SpecError, Vec3
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import ZERO, Points, RigidPart, Spec, SpecError, Vec3
 
 S = TypeVar("S", bound=Spec)
 

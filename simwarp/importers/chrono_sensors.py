@@ -16,22 +16,22 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from simwarp.core.types import ModelError, shown
 from simwarp.importers.chrono_json import Node
-from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.cameras.camera import CameraConfig
+from simwarp.sensors.cameras.image_processing import Imaging
+from simwarp.sensors.cameras.lenses import FishEye, Lens, Pinhole
+from simwarp.sensors.configuration_files import nearest
 from simwarp.sensors.interface import Schedule
 from simwarp.sensors.motion.gps import GeoOrigin, GpsConfig
-from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.motion.imu import ImuConfig
-from simwarp.sensors.cameras.lenses import FishEye, Lens, Pinhole
-from simwarp.sensors.ranging.lidar import LidarConfig, LidarNoise
 from simwarp.sensors.motion.magnetometer import MagnetometerConfig
 from simwarp.sensors.noise import BiasWalk, Noise, NormalNoise
+from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
+from simwarp.sensors.ranging.lidar import LidarConfig, LidarNoise
 from simwarp.sensors.ranging.radar import Clusters, RadarConfig
-from simwarp.sensors.configuration_files import nearest
-from simwarp.core.types import ModelError, shown
-from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 GAUSS: Final = 1.0e-4
 """Chrono's magnetometers tell their field in gauss [T]."""

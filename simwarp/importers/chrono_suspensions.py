@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.importers.chrono_json import Node
-from simwarp.vehicle.suspensions.corner import arm_axes
 from simwarp.vehicle.spec.masses import inertia_matrix
+from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import (
     BUMP_STOP,
     AntirollBar,
@@ -31,7 +31,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     TrailingArm,
     Vec3,
 )
-from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.suspensions.corner import arm_axes
 
 DEGRESSIVE_SPEEDS = np.linspace(-2.0, 2.0, 81)
 """Where the law of a degressive damper is sampled [m/s]."""

@@ -8,8 +8,8 @@ from typing import Any
 
 from simwarp.importers.chrono_json import Node
 from simwarp.vehicle.spec.deserialisation import read_text
-from simwarp.vehicle.spec.vehicle_spec import Tire
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import Tire
 from simwarp.vehicle.tires.tire_files import parse_tir
 
 SLOPES = (

@@ -29,6 +29,7 @@ from simwarp.importers.chrono_json import Node
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
 from simwarp.vehicle.spec.deserialisation import nearest, told_path
+from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import (
     AntirollBar,
     Axle,
@@ -40,7 +41,6 @@ from simwarp.vehicle.spec.vehicle_spec import (
     VehicleSpec,
     Wheel,
 )
-from simwarp.vehicle.spec.parts import told
 
 T = TypeVar("T")
 

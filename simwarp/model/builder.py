@@ -9,22 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.checks import (
-    check_link_across_axis,
-    check_perpendicular,
-    checked_dofs,
-    checked_inertia,
-    checked_name,
-    checked_pose,
-    distance_between,
-    dof_from_options,
-    finite_number,
-    positive_number,
-)
-from simwarp.model.couplings import CouplingList
-from simwarp.model.joint_types import ELEMENTS
 from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
-from simwarp.model.shapes import ShapeList
 from simwarp.core.types import (
     WORLD,
     Dof,
@@ -40,6 +25,21 @@ from simwarp.core.types import (
 from simwarp.core.types import (
     pose as make_pose,
 )
+from simwarp.model.checks import (
+    check_link_across_axis,
+    check_perpendicular,
+    checked_dofs,
+    checked_inertia,
+    checked_name,
+    checked_pose,
+    distance_between,
+    dof_from_options,
+    finite_number,
+    positive_number,
+)
+from simwarp.model.couplings import CouplingList
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.shapes import ShapeList
 
 if TYPE_CHECKING:
     from simwarp.model.model import Model

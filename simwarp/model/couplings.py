@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, shown
 from simwarp.model.checks import checked_name, finite_number, not_negative
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, shown
 
 if TYPE_CHECKING:
     from simwarp.model.builder import JointSpec

@@ -8,8 +8,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.model import Model
 from simwarp.core.types import BoundedKind, DriveMode, JointType, ShapeType
+from simwarp.model.model import Model
 
 Mask = npt.NDArray[np.bool_]
 

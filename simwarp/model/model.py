@@ -11,7 +11,14 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import FixedAttributes, WritableArray, writable_from
+from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
+from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
+from simwarp.geometry.assets import add_ground_assets, hull_assets
+from simwarp.kernels.core.tables import Parameters, Topology
 from simwarp.model.checks import LONGEST_NAME, checked_names, whole_number
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
+from simwarp.model.shapes import contact_limit, shape_pairs
 from simwarp.model.topology import (
     BuiltLaw,
     Tables,
@@ -23,14 +30,7 @@ from simwarp.model.topology import (
     longest_path,
     row_paths,
 )
-from simwarp.model.joint_types import ELEMENTS
-from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.simulation.identity import model_identity
-from simwarp.kernels.core.tables import Parameters, Topology
-from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
-from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
-from simwarp.model.shapes import contact_limit, shape_pairs
-from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder

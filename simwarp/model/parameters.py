@@ -11,11 +11,11 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import ANY, NOT_NEGATIVE, POSITIVE, Domain
-from simwarp.model.checks import INFINITE
-from simwarp.model.topology import coupling_width
 from simwarp.core.rotation import matrix_of
-from simwarp.model.shapes import ShapeSpec
 from simwarp.core.types import PositionDrive, ShapeType, VelocityMotor, finite_vector
+from simwarp.model.checks import INFINITE
+from simwarp.model.shapes import ShapeSpec
+from simwarp.model.topology import coupling_width
 
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder

@@ -10,11 +10,19 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
-from simwarp.geometry.assets import HeightField, Hull, TriangleMesh, convex_hull, height_field, shape_mass, triangle_mesh
 from simwarp.core.rotation import rotate
 from simwarp.core.types import WORLD, Material, ModelError, Pose, ShapeType, Vec3, finite_vector, numbers, shown
 from simwarp.core.types import pose as make_pose
+from simwarp.geometry.assets import (
+    HeightField,
+    Hull,
+    TriangleMesh,
+    convex_hull,
+    height_field,
+    shape_mass,
+    triangle_mesh,
+)
+from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
 
 Array = npt.NDArray[np.float64]
 

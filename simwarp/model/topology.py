@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.joint_types import ELEMENTS, Row
 from simwarp.core.types import (
     WORLD,
     BoundedKind,
@@ -26,6 +25,7 @@ from simwarp.core.types import (
     Table,
     VelocityMotor,
 )
+from simwarp.model.joint_types import ELEMENTS, Row
 
 if TYPE_CHECKING:
     from simwarp.model.builder import JointSpec, ModelBuilder

@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
+from simwarp.core.types import ModelError, ShapeType
+from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.model.checks import positive_number
 from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, box, closed_loft, moved, ribbon, stream, tone, varied, volume
 from simwarp.scenery.tracks import Track, offset_line
-from simwarp.core.types import ModelError, ShapeType
-from simwarp.geometry.visual_mesh import VisualMesh, joined
 
 THICKNESS: Final = 0.12
 """Of the walls [m]."""

@@ -9,14 +9,14 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.types import ModelError
+from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.model.checks import positive_number
 from simwarp.scenery.prop import Prop
 from simwarp.scenery.roadside import barrier_chain
 from simwarp.scenery.solids import Array, ribbon, stream, tone, varied
 from simwarp.scenery.tracks import Track
-from simwarp.core.types import ModelError
 from simwarp.vehicle.driving.paths import Path, smooth
-from simwarp.geometry.visual_mesh import VisualMesh
 
 ROAD_HEIGHT: Final = 0.005
 """Of painted roads above the ground, so that one lies on the other [m]."""

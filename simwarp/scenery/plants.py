@@ -8,6 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from simwarp.core.types import ModelError, ShapeType, pose
+from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.model.checks import positive_number
 from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import (
@@ -23,8 +25,6 @@ from simwarp.scenery.solids import (
     tube,
     varied,
 )
-from simwarp.core.types import ModelError, ShapeType, pose
-from simwarp.geometry.visual_mesh import VisualMesh, joined
 
 
 def leaves(

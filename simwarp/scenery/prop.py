@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import quat_multiply, rotate
-from simwarp.scenery.solids import icosphere, moved
 from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
+from simwarp.scenery.solids import icosphere, moved
 
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder

@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
+from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.model.checks import positive_number
 from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, box, lathe, loft, solid, stream, tone, varied
-from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
-from simwarp.geometry.visual_mesh import VisualMesh, joined
 
 _ORANGE, _WHITE, _RED, _GREEN = tone("ff5a10"), tone("f2f2f2"), tone("d81f1f"), tone("18a03c")
 _CONES: Final = {"orange": (_ORANGE, _WHITE), "red": (_RED, _RED), "green": (_GREEN, _GREEN)}

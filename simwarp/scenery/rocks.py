@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
+from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector
 from simwarp.model.checks import positive_number
 from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, between, face_normals, hull_corners, icosphere, solid, stream, tone, varied
-from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector
 
 
 @dataclasses.dataclass(frozen=True)

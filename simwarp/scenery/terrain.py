@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.types import ModelError
 from simwarp.model.checks import finite_number, positive_number
 from simwarp.scenery.solids import stream
-from simwarp.core.types import ModelError
 
 Array = npt.NDArray[np.float64]
 Heights = npt.NDArray[np.float32]

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.scenery.solids import Array, between, stream, tone
 from simwarp.core.types import ModelError
 from simwarp.geometry.visual_mesh import Image, srgb_from_linear
+from simwarp.scenery.solids import Array, between, stream, tone
 
 Layer = Callable[[int, np.random.Generator], Array]
 

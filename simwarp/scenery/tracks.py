@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.types import ModelError
 from simwarp.model.checks import positive_number
 from simwarp.scenery.solids import stream
-from simwarp.core.types import ModelError
 from simwarp.vehicle.driving.paths import Path
 
 Array = npt.NDArray[np.float64]

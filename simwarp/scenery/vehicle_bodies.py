@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from simwarp.scenery.solids import Array, box, lathe, loft, moved, tone, tube, turned_about_y
 from simwarp.geometry.visual_mesh import VisualMesh, joined
+from simwarp.scenery.solids import Array, box, lathe, loft, moved, tone, tube, turned_about_y
 
 Section = tuple[float, Sequence[tuple[float, float]]]
 """x, and the left half of the outline there from the bottom to the top: (y, z) [m]."""

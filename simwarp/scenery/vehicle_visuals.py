@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from simwarp.scenery.vehicle_bodies import STYLES, BodyStyle, wheel_mesh
+from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
+from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, mirrored, moved
-from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
+from simwarp.scenery.vehicle_bodies import STYLES, BodyStyle, wheel_mesh
 from simwarp.vehicle.spec.deserialisation import load_vehicle
-from simwarp.geometry.visual_mesh import VisualMesh, joined
 
 if TYPE_CHECKING:
     from simwarp.sensors.scene import Visuals

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import WORLD, Material, pose
+from simwarp.model.builder import ModelBuilder
 
 ANT_TORSO_RADIUS = 0.25
 ANT_LIMB_RADIUS = 0.04

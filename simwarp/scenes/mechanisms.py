@@ -12,9 +12,9 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import frame_from_axes
 from simwarp.core.types import WORLD, ModelError, Pose, PrescribedPosition, PrescribedSpeed, pose
+from simwarp.model.builder import ModelBuilder
 
 Array = npt.NDArray[np.float64]
 

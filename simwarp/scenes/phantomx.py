@@ -15,9 +15,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import matrix_of, quat_conjugate, quat_multiply, rotate
 from simwarp.core.types import WORLD, Material, PositionDrive, Vec3, pose
+from simwarp.model.builder import ModelBuilder
 
 Array = npt.NDArray[np.float64]
 Quat = tuple[float, float, float, float]

@@ -11,6 +11,8 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable_from
+from simwarp.core.memory import check_fits
+from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.clock import (
     ClockSettings,
     ClockState,
@@ -21,10 +23,8 @@ from simwarp.kernels.sensors.clock import (
     publish_words,
 )
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays
-from simwarp.core.memory import check_fits
 from simwarp.model.model import Model
 from simwarp.sensors.interface import Mount, Schedule, Steps, body_index, checked_model
-from simwarp.core.types import ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 from simwarp.core.files import FileError, parse_json, read_text
-from simwarp.sensors.ranging.beams import BeamTable, beam_grid
+from simwarp.core.types import LONGEST_VALUE, ModelError, shown
 from simwarp.sensors.cameras.lenses import FishEye, Lens, Pinhole, Radial
 from simwarp.sensors.noise import BiasWalk, BoundedDrift, Noise, NormalNoise, Quantisation, Saturation
-from simwarp.core.types import LONGEST_VALUE, ModelError, shown
+from simwarp.sensors.ranging.beams import BeamTable, beam_grid
 
 FAMILIES: Final[dict[Any, dict[str, type]]] = {
     Lens: {"pinhole": Pinhole, "fish-eye": FishEye, "radial": Radial},

@@ -17,6 +17,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
+from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
 from simwarp.kernels.sensors.noise import (
     BIAS_WALK,
     BOUNDED_DRIFT,
@@ -26,7 +27,6 @@ from simwarp.kernels.sensors.noise import (
     NoiseArrays,
 )
 from simwarp.model.model import Model
-from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
 
 Numbers: TypeAlias = float | tuple[float, ...]
 """One for all channels, or one per channel."""

@@ -22,9 +22,11 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from simwarp.core.files import FileError, read_text
+from simwarp.core.types import ModelError, shown
 from simwarp.model.model import Model
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
-from simwarp.sensors.shipped import DATA, sensor_names
+from simwarp.sensors.cameras.image_processing import Development
+from simwarp.sensors.configuration_files import Place, build_object, made, nearest, read_object
 from simwarp.sensors.interface import Sensor
 from simwarp.sensors.motion.encoders import (
     Encoder,
@@ -36,14 +38,12 @@ from simwarp.sensors.motion.encoders import (
 )
 from simwarp.sensors.motion.force_sensor import ContactSensor, ContactSensorConfig, LoadCell, LoadCellConfig
 from simwarp.sensors.motion.gps import Gps, GpsConfig
-from simwarp.sensors.cameras.image_processing import Development
 from simwarp.sensors.motion.imu import Imu, ImuConfig
-from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
 from simwarp.sensors.motion.magnetometer import Magnetometer, MagnetometerConfig
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
 from simwarp.sensors.ranging.radar import Radar, RadarConfig
-from simwarp.sensors.configuration_files import Place, build_object, made, nearest, read_object
 from simwarp.sensors.scene import Scene
-from simwarp.core.types import ModelError, shown
+from simwarp.sensors.shipped import DATA, sensor_names
 
 
 class Kind(NamedTuple):

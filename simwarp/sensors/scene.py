@@ -12,18 +12,18 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
+from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
+from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
+from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
+from simwarp.geometry.visual_mesh import VisualMesh
+from simwarp.kernels.rays.instances import RayScene, place_instances
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
-from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
-from simwarp.kernels.rays.instances import RayScene, place_instances
 from simwarp.model.model import Model
+from simwarp.model.shapes import checked_size, loaded_mesh
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.interface import wanted_arrays
-from simwarp.model.shapes import checked_size, loaded_mesh
 from simwarp.simulation.state import State
-from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
-from simwarp.geometry.visual_mesh import VisualMesh
-from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 
 ALL_GROUPS: Final = 0x7FFFFFFF
 GREY: Final = (0.5, 0.5, 0.5)

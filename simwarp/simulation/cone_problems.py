@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.model.checks import LONGEST_NAME, checked_flag, whole_number
+from simwarp.core.memory import check_layouts
+from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
 from simwarp.kernels.cones.batch import BatchInput, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
-from simwarp.core.memory import check_layouts
+from simwarp.model.checks import LONGEST_NAME, checked_flag, whole_number
 from simwarp.model.model import resolve_device
 from simwarp.simulation.solver_options import MOST_ITERATIONS
-from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
 
 Array = npt.NDArray[np.float64]
 

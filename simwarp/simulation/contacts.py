@@ -7,9 +7,9 @@ from typing import Any
 import warp as wp
 
 from simwarp.core.arrays import FixedAttributes
+from simwarp.core.types import ArrayLayout
 from simwarp.kernels.core.tables import ContactArrays
 from simwarp.model.model import Model
-from simwarp.core.types import ArrayLayout
 
 
 class Contacts(FixedAttributes):

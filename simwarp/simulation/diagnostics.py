@@ -8,9 +8,9 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import FixedAttributes
+from simwarp.core.types import ArrayLayout, WorldStatus
 from simwarp.kernels.core.tables import Reports
 from simwarp.model.model import Model
-from simwarp.core.types import ArrayLayout, WorldStatus
 
 if TYPE_CHECKING:
     from simwarp.simulation.contacts import Contacts

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from simwarp.model.topology import drive_mode, has_law
-from simwarp.model.joint_types import ELEMENTS
-from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.core.types import Dof, PositionDrive, shown
+from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.topology import drive_mode, has_law
 
 if TYPE_CHECKING:
     from simwarp.model.builder import JointSpec, ModelBuilder

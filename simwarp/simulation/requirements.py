@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.diagnostics import Diagnostics
+from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.collide import collision_layouts
 from simwarp.kernels.dynamics.world import Sizes, scratch_layouts
 from simwarp.model.model import Model
+from simwarp.simulation.contacts import Contacts
+from simwarp.simulation.diagnostics import Diagnostics
 from simwarp.simulation.state import Control, State
-from simwarp.core.types import ArrayLayout
 
 
 def run_layouts(model: Model, *, elements: bool = False, reactions: bool = False) -> dict[str, ArrayLayout]:

@@ -11,23 +11,30 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import FixedAttributes, on_host
+from simwarp.core.memory import check_layouts
+from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
+from simwarp.kernels.collision.collide import collide_worlds, make_collision_scratch
+from simwarp.kernels.core.tables import StepConfig
+from simwarp.kernels.dynamics.energy import measure_energy
+from simwarp.kernels.dynamics.world import (
+    Operation,
+    copy_rows,
+    copy_worlds,
+    flag_worlds,
+    make_scratch,
+    run_worlds_kernel,
+)
 from simwarp.model.checks import checked_flag, whole_number
+from simwarp.model.model import FEWER, Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.force_elements import ForceElement, words
 from simwarp.simulation.identity import run_parts
-from simwarp.kernels.collision.collide import collide_worlds, make_collision_scratch
-from simwarp.kernels.dynamics.energy import measure_energy
-from simwarp.kernels.core.tables import StepConfig
-from simwarp.kernels.dynamics.world import Operation, copy_rows, copy_worlds, flag_worlds, make_scratch, run_worlds_kernel
-from simwarp.core.memory import check_layouts
-from simwarp.model.model import FEWER, Model
 from simwarp.simulation.requirements import lanes_of, run_layouts, step_layouts, step_sizes
 from simwarp.simulation.sensor_protocol import Sensor
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, LAWS, SOLVERS, SolverOptions
 from simwarp.simulation.state import Control, State, initial_arrays
-from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 

@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.simulation.contacts import Contacts
 from simwarp.core.files import FileError, check_input, parse_json, replacing
-from simwarp.simulation.identity import Identity, run_parts
 from simwarp.core.memory import check_layouts
+from simwarp.core.types import ModelError, shown
 from simwarp.model.model import Model
+from simwarp.simulation.contacts import Contacts
+from simwarp.simulation.identity import Identity, run_parts
 from simwarp.simulation.requirements import snapshot_layouts
 from simwarp.simulation.state import Control, State
-from simwarp.core.types import ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final
 
-from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
 from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, number, shown
+from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
 
 SOLVERS: Final = tuple(solver.name.lower() for solver in ConeSolver)
 LAWS: Final = tuple(law.name.lower() for law in FrictionLaw)

@@ -8,9 +8,9 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import FixedAttributes, WritableArray, writable
+from simwarp.core.types import ArrayLayout
 from simwarp.kernels.core.tables import ControlArrays, StateArrays
 from simwarp.model.model import Model
-from simwarp.core.types import ArrayLayout
 
 
 class State(FixedAttributes):

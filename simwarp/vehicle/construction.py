@@ -8,16 +8,16 @@ import numbers
 
 import numpy as np
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import Pose, pose
-from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.drivetrain.drivelines import DrivelineParts, add_clutch, add_driveline
-from simwarp.vehicle.spec.masses import merged
 from simwarp.vehicle.initial_velocity import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
+from simwarp.vehicle.spec.masses import merged
 from simwarp.vehicle.spec.vehicle_spec import AutomaticShafts, ManualShafts, SpecError, VehicleSpec
-from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
+from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 
 
 @dataclasses.dataclass(frozen=True)

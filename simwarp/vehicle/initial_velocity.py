@@ -8,13 +8,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import rotate
 from simwarp.core.types import JointType
-from simwarp.vehicle.suspensions.corner import Array
+from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.drivetrain.drivelines import DrivelineParts
-from simwarp.vehicle.spec.vehicle_spec import AutomaticMap, AutomaticShafts, ManualShafts, SpecError, Transmission, VehicleSpec
+from simwarp.vehicle.spec.vehicle_spec import (
+    AutomaticMap,
+    AutomaticShafts,
+    ManualShafts,
+    SpecError,
+    Transmission,
+    VehicleSpec,
+)
 from simwarp.vehicle.suspensions import Side
+from simwarp.vehicle.suspensions.corner import Array
 
 MANUAL_UPSHIFT = 300.0
 """Engine speed up to which a manual gearbox starts in a gear, some 2900 rpm [rad/s]."""

@@ -17,13 +17,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import rotate
-from simwarp.simulation.simulation import Simulation
 from simwarp.core.types import ModelError, Vec3, finite_vector, pose
+from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import VehicleParts
-from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 PAYLOAD: Final = ("body_mass", "body_inertia_b", "joint_anchor0")
 """Model arrays that a load writes: `finalize(per_world=per_world(PAYLOAD))`."""

@@ -9,17 +9,17 @@ from typing import Any, Final
 import warp as wp
 
 from simwarp.core.arrays import writable
+from simwarp.core.types import ModelError, Vec3, finite_vector
+from simwarp.kernels.vehicle.inputs import VehicleMotion, VehicleTables, measure_vehicle, run_vehicle
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import apply_tires
-from simwarp.kernels.vehicle.inputs import VehicleMotion, VehicleTables, measure_vehicle, run_vehicle
 from simwarp.model.model import Model
 from simwarp.simulation.simulation import Simulation, SolverOptions
-from simwarp.core.types import ModelError, Vec3, finite_vector
 from simwarp.vehicle.construction import VehicleParts
 from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
 from simwarp.vehicle.spec.deserialisation import Place
-from simwarp.vehicle.tires.rigid_tires import RigidTires
 from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.rigid_tires import RigidTires
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_row
 
 PER_WORLD: Final = ("joint_friction", "coupling_coefficient")

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from simwarp.verify import chain_problem
+from simwarp.verify import chain_problem, laws
 from simwarp.verify import contact_answers as contact
-from simwarp.verify import laws
 from simwarp.verify import mechanism_answers as mechanisms
 from simwarp.verify import vehicle_runs as vehicles
 from simwarp.verify.report import Row
@@ -56,10 +55,3 @@ SCENES: Final[dict[str, Callable[..., list[Row]]]] = {
     "vehicles": vehicles.vehicles,
 }
 """Name -> check, in the order in which they run. The first argument is the device."""
-
-
-def main(arguments: list[str]) -> int:
-    """``simwarp verify``: see `simwarp.cli.verifying`."""
-    from simwarp.cli.verifying import run
-
-    return run(arguments)

@@ -21,11 +21,11 @@ from importlib.resources import as_file, files
 
 import numpy as np
 
+from simwarp.core.types import WORLD, pose
 from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.simulation import SolverOptions
 from simwarp.verify.probe import Array, Probe
 from simwarp.verify.report import Row, below
-from simwarp.simulation.simulation import SolverOptions
-from simwarp.core.types import WORLD, pose
 
 
 def load() -> dict[str, Array]:

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from simwarp import scenes
+from simwarp.core.types import WORLD, Material, pose
 from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.simulation import SolverOptions
 from simwarp.verify.probe import Probe
 from simwarp.verify.report import Row, below, near
-from simwarp.simulation.simulation import SolverOptions
-from simwarp.core.types import WORLD, Material, pose
 
 G = 9.81
 TOUCHING = 1e-3

@@ -8,9 +8,6 @@ from typing import Any
 import numpy as np
 
 from simwarp import scenes
-from simwarp.model.builder import ModelBuilder
-from simwarp.verify.probe import Array, Probe
-from simwarp.verify.report import Row, below, near
 from simwarp.core.types import (
     WORLD,
     Dof,
@@ -20,6 +17,9 @@ from simwarp.core.types import (
     VelocityMotor,
     pose,
 )
+from simwarp.model.builder import ModelBuilder
+from simwarp.verify.probe import Array, Probe
+from simwarp.verify.report import Row, below, near
 
 G = 9.81
 DT = 1e-3

@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from simwarp import scenes
 from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.simulation import SolverOptions
 from simwarp.verify.probe import Array, HingeRows, Probe, crossings, displaced
 from simwarp.verify.report import Row, below, near
-from simwarp.simulation.simulation import SolverOptions
 
 
 def recorded(name: str) -> npt.NDArray[np.void]:

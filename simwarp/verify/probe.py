@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.builder import BodySpec, Frame, JointSpec, ModelBuilder
 from simwarp.core.rotation import matrix_of
-from simwarp.simulation.simulation import Simulation, SolverOptions
 from simwarp.core.types import WORLD, JointType
+from simwarp.model.builder import BodySpec, Frame, JointSpec, ModelBuilder
+from simwarp.simulation.simulation import Simulation, SolverOptions
 
 Array = npt.NDArray[np.float64]
 

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from simwarp.verify.vehicle_cases import LOADS, Case
 from simwarp.core.files import replacing
 from simwarp.vehicle.results.channels import Run
+from simwarp.verify.vehicle_cases import LOADS, Case
 
 REFERENCE, OURS = "#b8bfc6", "#c8102e"
 LOAD_NAMES = ("front left", "front right", "rear left", "rear right")

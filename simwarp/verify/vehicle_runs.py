@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.vehicle.driving.maneuvers import maneuver
+from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.variants import with_options
 from simwarp.verify.report import Row, below, near
 from simwarp.verify.vehicle_cases import LOADS, Case, read_folder, read_shipped
-from simwarp.vehicle.results.channels import Run
-from simwarp.vehicle.driving.maneuvers import maneuver
-from simwarp.vehicle.spec.variants import with_options
-from simwarp.vehicle.spec.deserialisation import load_vehicle
-from simwarp.vehicle.results.runs import Drive, set_up
 
 Array = npt.NDArray[np.float64]
 

@@ -9,16 +9,16 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.kernels.sensors.cameras.image import aim_freely
 from simwarp.core.rotation import matrix_of
+from simwarp.core.types import ModelError, Pose
+from simwarp.kernels.sensors.cameras.image import aim_freely
 from simwarp.sensors.cameras.camera import OUTPUTS, CameraConfig, camera_numbers, launch_render, lights_of, make_views
-from simwarp.sensors.clock import Field, check_frames
 from simwarp.sensors.cameras.image_processing import Development
 from simwarp.sensors.cameras.lights import Lighting, Lights
+from simwarp.sensors.clock import Field, check_frames
 from simwarp.sensors.ranging.scanning import scene_model
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
-from simwarp.core.types import ModelError, Pose
 
 
 class FreeCamera:

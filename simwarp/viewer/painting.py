@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import quat_from_matrix
+from simwarp.core.types import WORLD, JointType, ShapeType, Vec3, pose
 from simwarp.sensors.cameras.appearance import CheckerTexture
 from simwarp.sensors.scene import GREY, Visuals
-from simwarp.core.types import WORLD, JointType, ShapeType, Vec3, pose
 
 Array = npt.NDArray[np.float64]
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.types import WORLD, Vec3, finite_vector
 from simwarp.sensors.cameras.camera import CameraConfig, look_at
-from simwarp.sensors.interface import body_index
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.cameras.lights import Lighting
+from simwarp.sensors.interface import body_index
 from simwarp.sensors.scene import Scene
-from simwarp.core.types import WORLD, Vec3, finite_vector
 from simwarp.viewer.free_camera import FreeCamera
 
 if TYPE_CHECKING:

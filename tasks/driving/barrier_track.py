@@ -17,9 +17,9 @@ from .base import BY_CAMERA, DrivingConfig, corners
 from .lapping import LappingConfig, LappingTask, Start
 
 if TYPE_CHECKING:
+    from simwarp.geometry.visual_mesh import VisualMesh
     from simwarp.scenery.tracks import Track
     from simwarp.sensors.scene import Visuals
-    from simwarp.geometry.visual_mesh import VisualMesh
 
 WIDTH = 12.5
 """Between the feet of the barriers [m]."""
@@ -99,8 +99,8 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
 
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
         """Return road and barriers."""
-        from simwarp.scenery.course import race_course
         from simwarp.geometry.visual_mesh import joined
+        from simwarp.scenery.course import race_course
 
         course = race_course(track)
         return joined([course.road, course.left.mesh, course.right.mesh])

@@ -188,18 +188,18 @@ class DrivingTask(Task[DrivingT]):
 
     def make_spec(self) -> VehicleSpec:
         """Return the vehicle's description: the reduced or the full model, on this task's tires."""
-        from simwarp.vehicle.spec.variants import with_options
         from simwarp.vehicle.spec.deserialisation import load_vehicle
+        from simwarp.vehicle.spec.variants import with_options
 
         spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
         return with_options(spec, tire=self.tire) if self.tire is not None else spec
 
     def equip(self, model: Model) -> Equipment:
         """Return the vehicle, and the camera where there is one."""
-        from simwarp.sensors.cameras.camera import Camera, CameraConfig
-        from simwarp.sensors.interface import Mount, Schedule
-        from simwarp.sensors.cameras.lenses import Pinhole
         from simwarp.core.types import pose
+        from simwarp.sensors.cameras.camera import Camera, CameraConfig
+        from simwarp.sensors.cameras.lenses import Pinhole
+        from simwarp.sensors.interface import Mount, Schedule
         from simwarp.vehicle.vehicle import Vehicle
 
         config = self.config

@@ -18,10 +18,10 @@ from .base import BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingTask
 
 if TYPE_CHECKING:
+    from simwarp.geometry.visual_mesh import VisualMesh
     from simwarp.scenery.tracks import Track
     from simwarp.sensors.cameras.lights import Lighting
     from simwarp.viewer import Shot
-    from simwarp.geometry.visual_mesh import VisualMesh
 
 WIDTH = 1.1
 """Of the lane between the cones [m]."""
@@ -109,10 +109,10 @@ class HallwayTask(LappingTask[HallwayConfig]):
 
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
         """Return walls, floor, ceiling and cones."""
+        from simwarp.geometry.visual_mesh import joined
         from simwarp.scenery.corridor import corridor
         from simwarp.scenery.prop import arranged
         from simwarp.scenery.roadside import cone
-        from simwarp.geometry.visual_mesh import joined
 
         walls = corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
         left, right = (

@@ -17,9 +17,9 @@ from .base import DrivingConfig, DrivingTask, outline
 from .routes import Routes
 
 if TYPE_CHECKING:
+    from simwarp.geometry.visual_mesh import VisualMesh
     from simwarp.scenery.tracks import Track
     from simwarp.sensors.scene import Scene, Visuals
-    from simwarp.geometry.visual_mesh import VisualMesh
 
 PREVIEW = 5
 """Points of the lane ahead that exact observations tell."""

@@ -41,10 +41,10 @@ class Navigation:
     """
 
     def __init__(self, model: Model, parts: VehicleParts, dt: float, decimation: int, random: WorldRandom) -> None:
+        from simwarp.core.types import pose
         from simwarp.sensors.interface import Mount, Schedule
         from simwarp.sensors.motion.gps import Gps, GpsConfig
         from simwarp.sensors.motion.imu import Imu, ImuConfig
-        from simwarp.core.types import pose
 
         self._period = dt * decimation
         self._random = random

@@ -12,11 +12,8 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import cli, scenes
-from simwarp.bench import health
-from simwarp.bench import measure
-from simwarp.bench import motion
+from simwarp.bench import health, measure, motion, workloads
 from simwarp.bench import vehicle_rows as vehicles
-from simwarp.bench import workloads
 from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.bench.workloads import BenchScene, bench_scenes
 

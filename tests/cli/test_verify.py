@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from simwarp.cli import main
 from simwarp import verify
+from simwarp.cli import main
 from simwarp.verify.report import near
 
 KEYS = {"scene", "quantity", "expected", "got", "tolerance", "pass", "known"}

@@ -6,15 +6,14 @@ import json
 import numpy as np
 import pytest
 
-from simwarp.cli import main
 from simwarp import verify
-from simwarp.verify import known
-from simwarp.verify import vehicle_cases
+from simwarp.cli import main
+from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.verify import known, vehicle_cases
 from simwarp.verify import vehicle_runs as vehicles
 from simwarp.verify.report import below
 from simwarp.verify.vehicle_cases import COLUMNS, LOADS, SHIPPED, Case, case_of, cases_in, read_folder, read_shipped
-from simwarp.vehicle.results.channels import Run
-from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.spec.vehicle_spec import RotaryArm, SpecError, SteeringMount, VehicleSpec
+from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from tests.physics.sample_vehicles import samples, shipped
 from tests.reference.suspension_kinematics import Wheel, axle_wheels
 

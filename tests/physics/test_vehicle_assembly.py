@@ -15,7 +15,6 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.model.topology import build_tables
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.suspensions.kinematics import travel_table
 from simwarp.vehicle.spec.deserialisation import vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import (
     PitmanArm,
@@ -24,6 +23,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
     SpecError,
     VehicleSpec,
 )
+from simwarp.vehicle.suspensions.kinematics import travel_table
 from simwarp.vehicle.vehicle import Vehicle, per_world
 from tests.physics.sample_vehicles import LINES_OF_A_SIDE, samples, shipped, with_antiroll_bars
 from tests.reference.twin_rows import Rows, matrices

@@ -11,8 +11,8 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import slope_hold
-from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.results.runs import set_up
+from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from tests.physics.sample_vehicles import shipped
 from tests.physics.vehicle_energy import (

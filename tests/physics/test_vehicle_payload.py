@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import ModelError
+from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.payload import PAYLOAD, add_payload, box_inertia, set_payload

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import rotate
 from simwarp.core.types import JointType
+from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.initial_velocity import start_of
+from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from tests.physics.sample_vehicles import shipped

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import JointType
+from simwarp.model.builder import ModelBuilder
 from tests.reference.twin_rows import matrices
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 import simwarp as sw
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import quat_multiply
 from simwarp.core.types import Material
+from simwarp.model.builder import ModelBuilder
 
 
 def random_material(rng: np.random.Generator, kinds: str) -> Material:

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from simwarp import scenes
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import WORLD, Dof, JointType, PositionDrive, VelocityMotor, pose
+from simwarp.model.builder import ModelBuilder
 from tests.reference.twin import Twin
 from tests.reference.twin_solve import Bilateral
 

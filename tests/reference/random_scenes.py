@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import simwarp as sw
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import Material, ShapeType
+from simwarp.model.builder import ModelBuilder
 
 KINDS = [
     ShapeType.SPHERE, ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.BOX, ShapeType.ELLIPSOID, ShapeType.CONE,

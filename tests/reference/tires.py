@@ -12,7 +12,17 @@ from typing import Any
 import numpy as np
 from numpy import arctan, cos, exp, hypot, sign, sin, sqrt, tan
 
-from simwarp.kernels.vehicle.tires.parameter_vector import Common, Fiala, Lugre, Pac02, Pac89, TireContact, TireModel, Tmeasy, Tmsimple
+from simwarp.kernels.vehicle.tires.parameter_vector import (
+    Common,
+    Fiala,
+    Lugre,
+    Pac02,
+    Pac89,
+    TireContact,
+    TireModel,
+    Tmeasy,
+    Tmsimple,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 Ground = Callable[[float, float], tuple[float, np.ndarray]]

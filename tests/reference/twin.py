@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import Dof
+from simwarp.model.builder import ModelBuilder
 from tests.reference.twin_laws import DofInput, bounded_rows, implicit_terms, prescribed_speed
 from tests.reference.twin_rows import Rows, matrices, quat_exp, quat_product
 from tests.reference.twin_solve import Bilateral, Boxes, solve_boxes

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from simwarp.core.types import WORLD, JointType, RowKind
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.core.types import WORLD, JointType, RowKind
 
 ETA_LINEAR = 0.6  # m/s
 ETA_ANGULAR = 3.0  # rad/s

@@ -8,8 +8,8 @@ import torch
 from simwarp.tasks import make
 
 from simwarp.core.interop import to_torch
-from simwarp.scenery.terrain import height_at
 from simwarp.core.types import WORLD, ShapeType
+from simwarp.scenery.terrain import height_at
 
 NAMES = ("barrier-track", "convoy", "hallway", "obstacle-avoidance", "off-road")
 SMALL: dict[str, Any] = {"obs": "camera", "camera_width": 40, "camera_height": 36}

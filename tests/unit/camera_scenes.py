@@ -4,9 +4,9 @@ import numpy as np
 
 import simwarp as sw
 from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
-from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lights import Lighting
+from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.scene import Visuals
 
 DARK = Lighting(suns=(), ambient=0.0, ambient_below=0.0, sky=0.0, horizon=0.0, below=0.0)

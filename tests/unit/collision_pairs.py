@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import warp as wp
 
+from simwarp.core.types import ShapeType
 from simwarp.geometry.assets import convex_hull, hull_assets
 from simwarp.kernels.collision.narrow import collide
 from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY, Assets, Manifold, Shape
-from simwarp.core.types import ShapeType
 from tests.reference.collision import TRIANGLE, Solid
 
 PLANE, SPHERE, CAPSULE, CYLINDER = ShapeType.PLANE, ShapeType.SPHERE, ShapeType.CAPSULE, ShapeType.CYLINDER

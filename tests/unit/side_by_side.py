@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 import simwarp as sw
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import JointType
+from simwarp.model.builder import ModelBuilder
 from tests.reference.twin import Twin
 from tests.reference.twin_solve import Bilateral
 

@@ -11,11 +11,11 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
-from simwarp.model.builder import ModelBuilder
+from simwarp.core.types import WORLD, Dof, Material, PositionDrive, PrescribedPosition, VelocityMotor, WorldStatus, pose
 from simwarp.kernels.dynamics.world import Scratch
+from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import PARAMETERS
 from simwarp.simulation.state import State
-from simwarp.core.types import WORLD, Dof, Material, PositionDrive, PrescribedPosition, VelocityMotor, WorldStatus, pose
 from tests.reference.mechanisms import random_mechanism
 
 WORLDS = 5

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.model.builder import ModelBuilder
-from simwarp.model.joint_types import ELEMENTS
 from simwarp.core.types import (
     WORLD,
     Dof,
@@ -24,6 +22,8 @@ from simwarp.core.types import (
     VelocityMotor,
     pose,
 )
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.joint_types import ELEMENTS
 
 INF, NAN = math.inf, math.nan
 BAD_POSE: Any = pose  # for what no type checker lets through

@@ -12,10 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from simwarp.core.types import (
+    WORLD,
+    Dof,
+    Material,
+    ModelError,
+    Pose,
+    PositionDrive,
+    PrescribedPosition,
+    VelocityMotor,
+    pose,
+)
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import PARAMETERS, _initial_state
 from simwarp.model.parameters import parameter_values
-from simwarp.core.types import WORLD, Dof, Material, ModelError, Pose, PositionDrive, PrescribedPosition, VelocityMotor, pose
 
 NAN, INF = float("nan"), float("inf")
 DEEP: list[Any] = []

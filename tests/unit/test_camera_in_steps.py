@@ -10,12 +10,12 @@ import torch
 import simwarp as sw
 from simwarp.core.interop import to_torch
 from simwarp.core.rotation import matrix_of
+from simwarp.core.types import ModelError
 from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
-from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import Pinhole
+from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.scene import Visuals
-from simwarp.core.types import ModelError
 
 SMALL = CameraConfig(schedule=Schedule(rate=100.0), width=16, height=10, lens=Pinhole(fov=1.2))
 NOISY = dataclasses.replace(SMALL, samples=2, imaging=Imaging(noise_sigma=0.05))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import warp as wp
 
+from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.cameras.lenses import Lens, lens_direction
 from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial, directions
-from simwarp.core.types import ModelError
 from tests.reference import lenses as reference
 
 # float32 rounds u, v, and one function each of sin, cos or sqrt: a few units in the last place of 1

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from simwarp.core.types import ModelError
 from simwarp.sensors.cameras.camera import CameraConfig
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lights import Lighting, Sun
-from simwarp.core.types import ModelError
 from tests.unit.camera_scenes import DARK, take, wall_visuals
 
 GREY = dataclasses.replace(DARK, ambient=0.5, ambient_below=0.5)

@@ -9,10 +9,10 @@ import pytest
 import simwarp as sw
 from simwarp.core.rotation import matrix_of
 from simwarp.sensors.cameras.camera import CameraConfig, look_at
-from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial, directions
 from simwarp.sensors.cameras.lights import Lamp, Lighting, Sun
+from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.scene import Visuals
 from tests.reference import pictures
 from tests.unit.camera_scenes import DARK, LINEAR, empty_builder, take, wall_visuals

@@ -10,18 +10,18 @@ import trimesh
 import warp as wp
 
 import simwarp as sw
+from simwarp.core.types import ModelError
+from simwarp.geometry.mesh_files import load_visual_mesh
+from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb, srgb_from_linear
 from simwarp.kernels.sensors.cameras.appearance import (
     Appearance,
     checker_share,
     image_color,
     noise_share,
 )
-from simwarp.geometry.mesh_files import load_visual_mesh
 from simwarp.sensors.cameras.appearance import AppearanceList, CheckerTexture, ImageTexture, NoiseTexture
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.scene import Visuals
-from simwarp.core.types import ModelError
-from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb, srgb_from_linear
 from tests.unit.camera_scenes import DARK, empty_builder, take
 
 FLAT = dataclasses.replace(DARK, ambient=1.0, ambient_below=1.0)

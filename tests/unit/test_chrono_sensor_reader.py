@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from simwarp.core.types import ModelError
 from simwarp.importers.chrono_sensors import load_chrono_sensor
+from simwarp.sensors.cameras.lenses import FishEye, Pinhole
 from simwarp.sensors.interface import Schedule
 from simwarp.sensors.motion.imu import ImuConfig
-from simwarp.sensors.cameras.lenses import FishEye, Pinhole
 from simwarp.sensors.noise import BiasWalk, NormalNoise
 from simwarp.sensors.presets import load_config
-from simwarp.core.types import ModelError
 
 VALUES = json.loads((Path(__file__).parent / "chrono_sensor_files.json").read_text(encoding="utf-8"))
 VLP, CAMERA, GPS, GYRO = "Velodyne/VLP-16.json", "generic/Camera.json", "generic/GPS.json", "generic/Gyroscope.json"

@@ -7,10 +7,10 @@ import pytest
 import warp as wp
 
 from simwarp import WORLD, Material, ModelBuilder, Simulation, SolverOptions, VelocityMotor, pose
+from simwarp.core.types import ModelError, ShapeType
 from simwarp.geometry.assets import add_ground_assets, height_field, neighbour_normals, triangle_mesh
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.collision.surfaces import height_field_height, height_field_ray, mesh_ray
-from simwarp.core.types import ModelError, ShapeType
 from tests.reference.collision import TRIANGLE, Solid, signed_distance
 from tests.reference.terrain import (
     field_triangles,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from simwarp.core.types import BlockKind, ConeSolver, FrictionLaw
 from simwarp.kernels.cones.operator import multiply, natural_residual, refresh, set_scales
 from simwarp.kernels.cones.problem import (
     AX,
@@ -22,7 +23,6 @@ from simwarp.kernels.cones.problem import (
 from simwarp.kernels.cones.projection import project_all
 from simwarp.kernels.cones.solve import solve
 from simwarp.kernels.dynamics.world import CPU_FLAGS
-from simwarp.core.types import BlockKind, ConeSolver, FrictionLaw
 from tests.reference import cones as twin
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})

@@ -10,10 +10,10 @@ import pytest
 
 import simwarp as sw
 import simwarp.model.model
-from simwarp.simulation.contacts import Contacts
-from simwarp.scenes.contact import ant, stack
-from simwarp.simulation.state import State
 from simwarp.core.types import Material
+from simwarp.scenes.contact import ant, stack
+from simwarp.simulation.contacts import Contacts
+from simwarp.simulation.state import State
 
 Arrays = dict[str, np.ndarray]
 

@@ -12,8 +12,8 @@ import warp as wp
 import simwarp as sw
 import simwarp.model.model
 from simwarp.cli import COMMANDS
-from simwarp.model.joint_types import ELEMENTS
 from simwarp.core.types import WorldStatus
+from simwarp.model.joint_types import ELEMENTS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])

@@ -8,10 +8,19 @@ import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp.core.types import (
+    WORLD,
+    Dof,
+    Material,
+    PositionDrive,
+    PrescribedPosition,
+    PrescribedSpeed,
+    VelocityMotor,
+    pose,
+)
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.effects import effect_of
 from simwarp.model.model import PARAMETERS
-from simwarp.core.types import WORLD, Dof, Material, PositionDrive, PrescribedPosition, PrescribedSpeed, VelocityMotor, pose
 
 TABLE = ((-1.0, 0.0, 1.0), (-2.0, 0.0, 3.0))
 MAP = ((0.0, 1.0), (-1.0, 1.0), ((-1.0, -2.0), (1.0, 2.0)))

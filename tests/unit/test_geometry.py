@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from simwarp.geometry.assets import convex_hull, half_extents, hull_assets, hull_mass, shape_mass
 from simwarp.core.types import ModelError, ShapeType
+from simwarp.geometry.assets import convex_hull, half_extents, hull_assets, hull_mass, shape_mass
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-2, 2) for z in (-3, 3)], dtype=float)
 SIZE = (0.4, 0.7, 0.5)

@@ -132,7 +132,10 @@ def test_a_wrong_import_is_found(module, source):
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("simwarp.kernels.dynamics.bilateral_rows", "import warp as wp\nfrom simwarp.core.types import JointType\nfrom . import algebra"),
+        (
+            "simwarp.kernels.dynamics.bilateral_rows",
+            "import warp as wp\nfrom simwarp.core.types import JointType\nfrom . import algebra",
+        ),
         ("simwarp.model.model", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import torch"),
         ("simwarp.core.interop", "import torch"),
         ("simwarp.tasks.ant", "import torch\nfrom simwarp import Simulation"),

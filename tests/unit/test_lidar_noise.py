@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp.core.types import ModelError
 from simwarp.sensors import Mount, Schedule
+from simwarp.sensors.presets import load_config
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
-from simwarp.sensors.presets import load_config
-from simwarp.core.types import ModelError
 from tests.unit.ray_scenes import carrier
 
 RADIUS = 5.0

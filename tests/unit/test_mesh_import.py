@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from simwarp import WORLD, ModelBuilder, Simulation, pose
-from simwarp.geometry.mesh_files import convex_parts, load_mesh
 from simwarp.core.types import ModelError, ShapeType
+from simwarp.geometry.mesh_files import convex_parts, load_mesh
 
 
 def box_mesh():

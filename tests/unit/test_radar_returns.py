@@ -8,13 +8,13 @@ import pytest
 import warp as wp
 
 import simwarp as sw
+from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.clock import Tick
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS
 from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.ranging.beams import BeamTable, beam_grid
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise, cluster_scratch
-from simwarp.core.types import ModelError
 from tests.reference import radar as twin
 from tests.unit.ray_scenes import carrier
 

@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 import simwarp as sw
 from simwarp import scenery
 from simwarp.core.rotation import rotate
+from simwarp.core.types import ShapeType
 from simwarp.scenery import BUSHES, CONES, ROCKS, TREES, Label, Prop, add_collision, add_picture, arranged
 from simwarp.sensors.scene import Visuals
-from simwarp.core.types import ShapeType
 from tests.unit.scenery_meshes import assert_outward, color_of, points_of
 from tests.unit.test_rays import Cast
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp.core.types import ModelError
 from simwarp.scenery import TEXTURES, flattened, ground_texture, height_at, hills, steepness
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.scene import Visuals
-from simwarp.core.types import ModelError
 from tests.unit.test_rays import Cast, built
 
 SIZE = (120.0, 80.0)

@@ -9,8 +9,8 @@ import pytest
 
 import simwarp as sw
 from simwarp import scenery
-from simwarp.scenery import Label, beside, convoy_path, corridor, detour, indoor_track, race_course, race_track, rounded
 from simwarp.core.types import ShapeType
+from simwarp.scenery import Label, beside, convoy_path, corridor, detour, indoor_track, race_course, race_track, rounded
 from simwarp.vehicle.driving.paths import Path
 from tests.unit.scenery_meshes import assert_outward, color_of, points_of
 

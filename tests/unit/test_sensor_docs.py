@@ -12,17 +12,17 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import WORLD, Simulation
+from simwarp.core.types import ModelError
 from simwarp.sensors import Mount, Schedule
-from simwarp.sensors.cameras import lenses
 from simwarp.sensors import noise as noises
+from simwarp.sensors.cameras import lenses
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.cameras.camera import OUTPUTS, Camera, CameraConfig
-from simwarp.sensors.shipped import sensor_names
 from simwarp.sensors.cameras.lenses import Pinhole
-from simwarp.sensors.ranging.lidar import MODES
 from simwarp.sensors.presets import KINDS, load_sensor
+from simwarp.sensors.ranging.lidar import MODES
 from simwarp.sensors.scene import PER_WORLD, Look, Visuals
-from simwarp.core.types import ModelError
+from simwarp.sensors.shipped import sensor_names
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "sensors.md").read_text(encoding="utf-8")
 DTYPES = {"vec3d": wp.vec3d, "quat": wp.quat, "vec3": wp.vec3, "int32": wp.int32, "float32": wp.float32}

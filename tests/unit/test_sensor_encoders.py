@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp.core.types import Material
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.encoders import (
     Encoder,
@@ -18,7 +19,6 @@ from simwarp.sensors.motion.encoders import (
 )
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation, Saturation
 from simwarp.sensors.presets import load_sensor
-from simwarp.core.types import Material
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.vehicle import PER_WORLD, VEHICLE_SOLVER, Vehicle

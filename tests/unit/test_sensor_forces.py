@@ -7,10 +7,10 @@ import pytest
 
 import simwarp as sw
 from simwarp.core.rotation import matrix_of
+from simwarp.core.types import Material
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.force_sensor import ContactSensor, ContactSensorConfig, LoadCell, LoadCellConfig
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation, Saturation
-from simwarp.core.types import Material
 from tests.reference.forces import body_force, in_axes, means
 
 G = 9.81

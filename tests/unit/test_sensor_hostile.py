@@ -11,13 +11,13 @@ import pytest
 
 import simwarp as sw
 from simwarp.core import memory
-from simwarp.sensors.ranging.beams import beam_grid
+from simwarp.core.types import ModelError
 from simwarp.sensors.cameras.camera import CameraConfig
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.presets import KINDS, make_sensor
+from simwarp.sensors.ranging.beams import beam_grid
 from simwarp.sensors.scene import Scene, Visuals
-from simwarp.core.types import ModelError
 
 NAN, INF = float("nan"), float("inf")
 HOSTILE: list[Any] = [

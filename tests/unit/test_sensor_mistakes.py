@@ -10,11 +10,11 @@ import PIL.Image
 import pytest
 
 import simwarp as sw
+from simwarp.core.types import ModelError
 from simwarp.sensors.cameras.camera import CameraConfig
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.presets import KINDS, load_config, make_sensor
 from simwarp.sensors.scene import Scene, Visuals
-from simwarp.core.types import ModelError
 
 EXAMPLES = {
     "camera": "hood-camera", "lidar": "vlp-16", "radar": "generic-radar", "imu": "generic-imu", "gps": "generic-gps",

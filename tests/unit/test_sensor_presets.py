@@ -11,18 +11,18 @@ import pytest
 
 import simwarp as sw
 from simwarp.cli.listing import catalogue as listed
-from simwarp.sensors.ranging.beams import HDL_32E_ELEVATION, VLP_16_ELEVATION, BeamTable
 from simwarp.sensors.cameras.camera import Camera
-from simwarp.sensors.shipped import catalogue, sensor_names
+from simwarp.sensors.cameras.lenses import Pinhole, Radial
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.encoders import Encoder
 from simwarp.sensors.motion.imu import Imu, ImuConfig
-from simwarp.sensors.cameras.lenses import Pinhole, Radial
-from simwarp.sensors.ranging.lidar import Lidar, LidarNoise
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation, Saturation
 from simwarp.sensors.presets import KINDS, load_config, load_sensor, make_sensor
+from simwarp.sensors.ranging.beams import HDL_32E_ELEVATION, VLP_16_ELEVATION, BeamTable
+from simwarp.sensors.ranging.lidar import Lidar, LidarNoise
 from simwarp.sensors.ranging.radar import Clusters
 from simwarp.sensors.scene import Scene, Visuals
+from simwarp.sensors.shipped import catalogue, sensor_names
 
 LIDARS = {"vlp-16": (16, 900), "hdl-32e": (32, 1080), "hdl-32e-lasers": (32, 1080), "generic-lidar": (32, 4500)}
 

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp.core.types import ModelError
 from simwarp.importers.chrono_sensors import load_chrono_sensor
-from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
+from simwarp.sensors.cameras.image_processing import Imaging
+from simwarp.sensors.cameras.lenses import FishEye
+from simwarp.sensors.cameras.lights import Lighting, Lights, Sun
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.encoders import Encoder
 from simwarp.sensors.motion.force_sensor import LoadCell
-from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.motion.imu import Imu, ImuConfig
-from simwarp.sensors.cameras.lenses import FishEye
-from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
-from simwarp.sensors.cameras.lights import Lighting, Lights, Sun
 from simwarp.sensors.presets import load_config, load_sensor
+from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig
 from simwarp.sensors.scene import Scene, Visuals
-from simwarp.core.types import ModelError
 
 HUB = Mount("wheel")
 

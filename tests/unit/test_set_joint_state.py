@@ -9,8 +9,8 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import WORLD, JointType, ModelError, WorldStatus, pose
+from simwarp.model.builder import ModelBuilder
 from tests.reference.mechanisms import TREE_TYPES, random_mechanism
 from tests.reference.mechanisms import _add_element as add_element
 from tests.reference.twin import Twin

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 import simwarp as sw
-from simwarp.model.shapes import ALL_GROUPS
 from simwarp.core.types import ModelError
+from simwarp.model.shapes import ALL_GROUPS
 
 Case = tuple[str, Callable[[sw.ModelBuilder], Any], list[str]]
 

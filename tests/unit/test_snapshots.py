@@ -15,11 +15,11 @@ import pytest
 import warp as wp
 
 import simwarp as sw
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.files import FileError
+from simwarp.core.types import WORLD, Dof, Material, PositionDrive, pose
+from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.interface import Mount
 from simwarp.sensors.motion.imu import Imu
-from simwarp.core.types import WORLD, Dof, Material, PositionDrive, pose
 
 CUBE = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
 HILLS = np.zeros((4, 4))

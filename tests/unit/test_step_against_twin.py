@@ -10,8 +10,17 @@ import pytest
 
 import simwarp as sw
 from simwarp import scenes
+from simwarp.core.types import (
+    WORLD,
+    Dof,
+    JointType,
+    PositionDrive,
+    PrescribedPosition,
+    PrescribedSpeed,
+    VelocityMotor,
+    pose,
+)
 from simwarp.model.builder import ModelBuilder
-from simwarp.core.types import WORLD, Dof, JointType, PositionDrive, PrescribedPosition, PrescribedSpeed, VelocityMotor, pose
 from tests.reference.mechanisms import (
     LOOP_TYPES,
     NAMED,

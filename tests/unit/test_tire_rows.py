@@ -5,7 +5,17 @@ import json
 import numpy as np
 import pytest
 
-from simwarp.kernels.vehicle.tires.parameter_vector import Common, Fiala, Lugre, Pac02, Pac89, TireContact, TireModel, Tmeasy, Tmsimple
+from simwarp.kernels.vehicle.tires.parameter_vector import (
+    Common,
+    Fiala,
+    Lugre,
+    Pac02,
+    Pac89,
+    TireContact,
+    TireModel,
+    Tmeasy,
+    Tmsimple,
+)
 from simwarp.vehicle.spec.deserialisation import read_spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.tire_patterns import BEARABLE_MASS

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import warp as wp
 
+from simwarp.core.types import ShapeType
 from simwarp.geometry.assets import add_ground_assets, height_field, triangle_mesh
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.vehicle.tires.parameter_vector import Common, Lugre
-from simwarp.core.types import ShapeType
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.tires import Mount, Tires, ground
 from tests.reference.terrain import field_triangles, surface_height

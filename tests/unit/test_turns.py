@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import WORLD, JointType, PrescribedSpeed, pose
+from simwarp.model.builder import ModelBuilder
 
 TURN = 2.0 * np.pi
 KINDS = [JointType.REVOLUTE, JointType.CYLINDRICAL, JointType.PLANAR, JointType.UNIVERSAL]

@@ -5,9 +5,9 @@ import pytest
 import warp as wp
 
 import simwarp as sw
-from simwarp.simulation.force_elements import words
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError
+from simwarp.simulation.force_elements import words
 
 DT = 1e-3
 

@@ -12,14 +12,14 @@ from typing import Any
 import pytest
 
 import simwarp as sw
-from simwarp.vehicle.spec import vehicle_spec as specs
-from simwarp.vehicle.tires import tire_parameters
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.results.channels import Recorder
 from simwarp.vehicle.driving.drivers import SCRIPT_COLUMNS, TIMES
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver, maneuver_options
+from simwarp.vehicle.results.channels import Recorder
+from simwarp.vehicle.spec import vehicle_spec as specs
 from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Spec
+from simwarp.vehicle.tires import tire_parameters
 from simwarp.vehicle.tires.parameter_vector import MODELS
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 
@@ -141,7 +141,7 @@ BLOCKS = re.findall(r"```python\n(.*?)```\n\n[^`]*\n\n```text\n(.*?)```", PAGE, 
 @pytest.mark.parametrize("index", range(PAGE.count("```python")))
 def test_code_stands_alone_and_prints_what_is_shown(index, tmp_path):
     code, shown = BLOCKS[index]
-    quiet = "from simwarp.cli.quiet import start_warp; start_warp()\n"
+    quiet = "from simwarp.cli.process import start_warp; start_warp()\n"
     done = subprocess.run(
         [sys.executable, "-c", quiet + code], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
     )

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import warp as wp
 
-from simwarp.model.builder import ModelBuilder
-from simwarp.kernels.vehicle.paths import PathTables, nearest_on_path
-from simwarp.simulation.simulation import Simulation
 from simwarp.core.types import pose
+from simwarp.kernels.vehicle.paths import PathTables, nearest_on_path
+from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.results.channels import matrices
+from simwarp.vehicle.driving.maneuvers import lane_change_path
 from simwarp.vehicle.driving.path_tracking import (
     FollowSpec,
     InteractiveDriver,
@@ -24,11 +24,11 @@ from simwarp.vehicle.driving.path_tracking import (
     look_ahead_for,
     stanley_for,
 )
-from simwarp.vehicle.driving.maneuvers import lane_change_path
 from simwarp.vehicle.driving.paths import Path, bezier, circle, path_tables, read_path, smooth
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.results.channels import matrices
 from simwarp.vehicle.results.results import deviation
 from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.vehicle import Vehicle, per_world
 from tests.reference.drivers import FollowerTwin, approach, nearest

@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from simwarp.vehicle.results import results as results_module
-from simwarp.vehicle.results.channels import COLUMNS, Run
-from simwarp.vehicle.results.drive_plot import draw_run, joined
 from simwarp.vehicle.driving.maneuvers import (
     LANE_CHANGE,
     MANEUVERS,
@@ -20,9 +17,12 @@ from simwarp.vehicle.driving.maneuvers import (
     maneuver_options,
 )
 from simwarp.vehicle.driving.paths import circle
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.results import results as results_module
+from simwarp.vehicle.results.channels import COLUMNS, Run
+from simwarp.vehicle.results.drive_plot import draw_run, joined
 from simwarp.vehicle.results.results import deviation, results
 from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 GATOR, HMMWV, ARTCAR = (load_vehicle(name) for name in ("gator", "hmmwv", "artcar"))

@@ -7,13 +7,13 @@ import pytest
 from PIL import Image
 
 import simwarp as sw
+from simwarp.core.types import ModelError, ShapeType
 from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
-from simwarp.sensors.interface import Mount
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.cameras.lights import Lighting, Lights
+from simwarp.sensors.interface import Mount
 from simwarp.sensors.scene import GREY, Visuals
-from simwarp.core.types import ModelError, ShapeType
 from simwarp.viewer import FreeCamera, Shot, Studio, add_skeleton, caption, grid, paint
 from simwarp.viewer.painting import PALETTE, STONE, body_colors
 from simwarp.viewer.sheets import INK, PAPER, label

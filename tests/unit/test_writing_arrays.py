@@ -14,9 +14,9 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import scenes
+from simwarp.core.types import WORLD, Material, PositionDrive, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import PARAMETERS
-from simwarp.core.types import WORLD, Material, PositionDrive, WorldStatus, pose
 
 NAN, INF = float("nan"), float("inf")
 WORLDS = 3

@@ -6,15 +6,15 @@ read in step with them.
 
 import warp as wp
 
+from simwarp.core.types import ArrayLayout, ShapeType, WorldStatus
 from simwarp.kernels.collision.broad import Grid, candidates, fill_grid
 from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY, Assets, Manifold, Shape
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
 from simwarp.kernels.collision.surfaces import TRIANGLE_BATCH, Ground, ground_bounds, ground_of, is_ground
 from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_contacts
-from simwarp.kernels.dynamics.contact_rows import contact_frame
 from simwarp.kernels.core.spatial import matrix_to_float, to_float
 from simwarp.kernels.core.tables import ContactArrays, Parameters, StateArrays, StepConfig, Topology, own
-from simwarp.core.types import ArrayLayout, ShapeType, WorldStatus
+from simwarp.kernels.dynamics.contact_rows import contact_frame
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

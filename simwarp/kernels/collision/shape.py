@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from simwarp.kernels.rays.wide_tree import Trees
 from simwarp.core.types import ShapeType
+from simwarp.kernels.rays.wide_tree import Trees
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

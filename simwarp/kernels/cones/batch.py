@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.eliminate import (
     DenseSystem,
     bilateral_from_cones,
@@ -17,7 +18,6 @@ from simwarp.kernels.cones.operator import refresh
 from simwarp.kernels.cones.problem import AX, LOW, SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.solve import solve_surely
 from simwarp.kernels.dynamics.world import CPU_FLAGS
-from simwarp.core.types import ArrayLayout
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
 

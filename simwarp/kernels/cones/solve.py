@@ -2,13 +2,13 @@
 
 import warp as wp
 
+from simwarp.core.types import ConeSolver
 from simwarp.kernels.cones.apgd import solve_apgd
 from simwarp.kernels.cones.interior_point import can_factorise, solve_interior_point
 from simwarp.kernels.cones.padmm import solve_padmm
 from simwarp.kernels.cones.problem import LOW, ConeConfig, ConeProblem, SolveReport
 from simwarp.kernels.cones.psor import solve_psor
 from simwarp.kernels.cones.spg import solve_spg
-from simwarp.core.types import ConeSolver
 
 wp.set_module_options({"enable_backward": False})
 

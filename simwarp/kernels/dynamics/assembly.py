@@ -2,8 +2,19 @@
 
 import warp as wp
 
+from simwarp.core.types import WorldStatus
+from simwarp.kernels.core.spatial import to_float, turned
+from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.dynamics.bilateral_rows import (
+    apply_rows,
+    coupling_row,
+    dof_rate,
+    loop_joint_rows,
+    rows_residual,
+)
 from simwarp.kernels.dynamics.bodies import load_bodies, load_poses, load_slots, publish_coordinates, publish_poses
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
+from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION
 from simwarp.kernels.dynamics.joints import (
     CYLINDRICAL,
     FREE,
@@ -16,19 +27,8 @@ from simwarp.kernels.dynamics.joints import (
     joint_frames,
     link_geometry,
 )
-from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION
 from simwarp.kernels.dynamics.position_projection import residual_drift, residual_rows
-from simwarp.kernels.dynamics.bilateral_rows import (
-    apply_rows,
-    coupling_row,
-    dof_rate,
-    loop_joint_rows,
-    rows_residual,
-)
-from simwarp.kernels.core.spatial import to_float, turned
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
 from simwarp.kernels.dynamics.tree import factor_tree, impulses_up, velocities_down
-from simwarp.core.types import WorldStatus
 
 wp.set_module_options({"enable_backward": False})
 

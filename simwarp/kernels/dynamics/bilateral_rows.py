@@ -7,6 +7,9 @@ takes no impulse.
 
 import warp as wp
 
+from simwarp.kernels.core.spatial import column, to_float
+from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, dof_law, prescribed_rate
 from simwarp.kernels.dynamics.joints import (
     ANGLE0,
     ANGLE1,
@@ -18,9 +21,6 @@ from simwarp.kernels.dynamics.joints import (
     joint_frames,
     legal_translation,
 )
-from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, dof_law, prescribed_rate
-from simwarp.kernels.core.spatial import column, to_float
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
 from simwarp.kernels.dynamics.tree import Wrench, project_slot, walk_to_root
 
 wp.set_module_options({"enable_backward": False})

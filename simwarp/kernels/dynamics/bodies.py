@@ -2,6 +2,10 @@
 
 import warp as wp
 
+from simwarp.kernels.core.spatial import matrix_to_float, turned
+from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, row_geometry
+from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_law, prescribed_rate
 from simwarp.kernels.dynamics.joints import (
     DISTANCE,
     FREE,
@@ -14,10 +18,6 @@ from simwarp.kernels.dynamics.joints import (
     unwrapped,
     wraps,
 )
-from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_law, prescribed_rate
-from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, row_geometry
-from simwarp.kernels.core.spatial import matrix_to_float, turned
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
 from simwarp.kernels.dynamics.tree import Wrench
 
 wp.set_module_options({"enable_backward": False})

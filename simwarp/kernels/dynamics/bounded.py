@@ -6,14 +6,14 @@ one row of the cone problem.
 
 import warp as wp
 
-from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_slot
-from simwarp.kernels.cones.problem import BOX, ConeProblem
-from simwarp.kernels.dynamics.dense_rows import solve_rows_backward
-from simwarp.kernels.dynamics.joints import DISTANCE, POINT_AXIS0, joint_frames
-from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_law
-from simwarp.kernels.dynamics.bilateral_rows import apply_rows, dof_rate, link_of, row_geometry
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
 from simwarp.core.types import BoundedKind
+from simwarp.kernels.cones.problem import BOX, ConeProblem
+from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.dynamics.bilateral_rows import apply_rows, dof_rate, link_of, row_geometry
+from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_slot
+from simwarp.kernels.dynamics.dense_rows import solve_rows_backward
+from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_law
+from simwarp.kernels.dynamics.joints import DISTANCE, POINT_AXIS0, joint_frames
 
 wp.set_module_options({"enable_backward": False})
 

@@ -5,9 +5,9 @@ complement S = Y Y^T - W W^T + C of everything bilateral.
 import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
+from simwarp.kernels.core.tables import Topology, Work
 from simwarp.kernels.dynamics.dense_rows import solve_rows_forward
 from simwarp.kernels.dynamics.joints import FREE
-from simwarp.kernels.core.tables import Topology, Work
 
 wp.set_module_options({"enable_backward": False})
 

@@ -6,11 +6,11 @@ spinning friction, the relative angular velocity about the tangents and the norm
 
 import warp as wp
 
-from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
-from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
-from simwarp.kernels.dynamics.bilateral_rows import link_of
-from simwarp.kernels.core.tables import ContactArrays, Parameters, StepConfig, Topology, Work, own
 from simwarp.core.types import FrictionLaw
+from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
+from simwarp.kernels.core.tables import ContactArrays, Parameters, StepConfig, Topology, Work, own
+from simwarp.kernels.dynamics.bilateral_rows import link_of
+from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
 
 wp.set_module_options({"enable_backward": False})
 

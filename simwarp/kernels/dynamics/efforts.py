@@ -7,8 +7,8 @@ spring and the damper, which stays stable however stiff they are.
 
 import warp as wp
 
-from simwarp.kernels.core.tables import ControlArrays, Parameters, Topology, own
 from simwarp.core.types import DriveMode
+from simwarp.kernels.core.tables import ControlArrays, Parameters, Topology, own
 
 wp.set_module_options({"enable_backward": False})
 

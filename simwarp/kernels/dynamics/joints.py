@@ -6,9 +6,9 @@ time derivative of its violation. Differences are formed in float64 and only the
 
 import warp as wp
 
+from simwarp.core.types import JointType, RowKind
 from simwarp.kernels.core.spatial import clamp_length, column, matrix_to_float, to_float
 from simwarp.kernels.core.tables import Parameters, StepConfig, Topology, Work, own
-from simwarp.core.types import JointType, RowKind
 
 wp.set_module_options({"enable_backward": False})
 

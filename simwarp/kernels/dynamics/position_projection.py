@@ -2,6 +2,9 @@
 
 import warp as wp
 
+from simwarp.kernels.core.spatial import to_float
+from simwarp.kernels.core.tables import Parameters, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry, row_offset, row_speed
 from simwarp.kernels.dynamics.bodies import advance_poses, total_velocities
 from simwarp.kernels.dynamics.dense_rows import solve_rows
 from simwarp.kernels.dynamics.joints import (
@@ -11,9 +14,6 @@ from simwarp.kernels.dynamics.joints import (
     legal_translation,
     misalignment,
 )
-from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry, row_offset, row_speed
-from simwarp.kernels.core.spatial import to_float
-from simwarp.kernels.core.tables import Parameters, StateArrays, StepConfig, Topology, Work
 from simwarp.kernels.dynamics.tree import impulses_up, velocities_down
 
 wp.set_module_options({"enable_backward": False})

@@ -2,12 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, gyroscopic_torque, slot_line
 from simwarp.kernels.cones.problem import ConeProblem
-from simwarp.kernels.dynamics.contact_rows import contact_frame
-from simwarp.kernels.dynamics.joints import FREE, joint_frames
-from simwarp.kernels.dynamics.efforts import applied_effort, dof_law
-from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
 from simwarp.kernels.core.spatial import matrix_to_float, to_float
 from simwarp.kernels.core.tables import (
     ContactArrays,
@@ -20,6 +15,11 @@ from simwarp.kernels.core.tables import (
     Work,
     own,
 )
+from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
+from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, gyroscopic_torque, slot_line
+from simwarp.kernels.dynamics.contact_rows import contact_frame
+from simwarp.kernels.dynamics.efforts import applied_effort, dof_law
+from simwarp.kernels.dynamics.joints import FREE, joint_frames
 
 wp.set_module_options({"enable_backward": False})
 

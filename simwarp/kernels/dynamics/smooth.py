@@ -6,10 +6,10 @@ history of displacement, limited by Coulomb's law (Cundall & Strack 1979). Steps
 
 import warp as wp
 
-from simwarp.kernels.dynamics.contact_rows import Surface, combined_surface, contact_frame, point_velocity
-from simwarp.kernels.dynamics.bilateral_rows import link_of
-from simwarp.kernels.core.tables import ContactArrays, Parameters, StepConfig, Topology, Work, own
 from simwarp.core.types import ContactModel, ShapeType
+from simwarp.kernels.core.tables import ContactArrays, Parameters, StepConfig, Topology, Work, own
+from simwarp.kernels.dynamics.bilateral_rows import link_of
+from simwarp.kernels.dynamics.contact_rows import Surface, combined_surface, contact_frame, point_velocity
 
 wp.set_module_options({"enable_backward": False})
 

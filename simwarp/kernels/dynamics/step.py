@@ -2,25 +2,8 @@
 
 import warp as wp
 
-from simwarp.kernels.dynamics.bodies import (
-    apply_row_forces,
-    load_bodies,
-    load_poses,
-    load_slot_lines,
-    load_slots,
-    publish,
-    total_velocities,
-)
-from simwarp.kernels.dynamics.bounded import apply_cones, collect_bounded
-from simwarp.kernels.dynamics.cone_rows import assemble_dense
+from simwarp.core.types import WorldStatus
 from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
-from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
-from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
-from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
-from simwarp.kernels.dynamics.position_projection import project_positions
-from simwarp.kernels.dynamics.reactions import record_reactions
-from simwarp.kernels.dynamics.bilateral_rows import apply_rows, coupling_row, loop_joint_rows, rows_residual
-from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import (
     ContactArrays,
@@ -33,8 +16,25 @@ from simwarp.kernels.core.tables import (
     Work,
     own,
 )
+from simwarp.kernels.dynamics.bilateral_rows import apply_rows, coupling_row, loop_joint_rows, rows_residual
+from simwarp.kernels.dynamics.bodies import (
+    apply_row_forces,
+    load_bodies,
+    load_poses,
+    load_slot_lines,
+    load_slots,
+    publish,
+    total_velocities,
+)
+from simwarp.kernels.dynamics.bounded import apply_cones, collect_bounded
+from simwarp.kernels.dynamics.cone_rows import assemble_dense
+from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
+from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
+from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
+from simwarp.kernels.dynamics.position_projection import project_positions
+from simwarp.kernels.dynamics.reactions import record_reactions
+from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import factor_tree, impulses_up, velocities_down
-from simwarp.core.types import WorldStatus
 
 wp.set_module_options({"enable_backward": False})
 

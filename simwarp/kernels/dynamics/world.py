@@ -10,12 +10,10 @@ from enum import IntEnum
 
 import warp as wp
 
-from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
+from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.apgd import solve_apgd
 from simwarp.kernels.cones.problem import SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport
 from simwarp.kernels.cones.solve import solve_surely
-from simwarp.kernels.dynamics.dense_rows import padded
-from simwarp.kernels.dynamics.step import NON_FINITE, begin_step, cone_config, cone_problem, finish_step
 from simwarp.kernels.core.tables import (
     ContactArrays,
     ControlArrays,
@@ -26,7 +24,9 @@ from simwarp.kernels.core.tables import (
     Topology,
     Work,
 )
-from simwarp.core.types import ArrayLayout
+from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
+from simwarp.kernels.dynamics.dense_rows import padded
+from simwarp.kernels.dynamics.step import NON_FINITE, begin_step, cone_config, cone_problem, finish_step
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.

@@ -10,10 +10,10 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, HULL, MESH, Assets
 from simwarp.kernels.collision.surfaces import SurfaceHit, height_field_ray
+from simwarp.kernels.core.spatial import to_double
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.rays.primitives import primitive_ray
 from simwarp.kernels.rays.wide_tree import tree_ray
-from simwarp.kernels.core.spatial import to_double
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -19,9 +19,9 @@ from simwarp.kernels.collision.shape import (
     SPHERE,
     Assets,
 )
-from simwarp.kernels.rays.wide_tree import Trees
 from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float
 from simwarp.kernels.core.tables import Parameters, StateArrays, own
+from simwarp.kernels.rays.wide_tree import Trees
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -2,9 +2,9 @@
 
 import warp as wp
 
+from simwarp.kernels.core.tables import StateArrays, own
 from simwarp.kernels.sensors.clock import BEGIN, Tick
 from simwarp.kernels.sensors.random import draw_normal
-from simwarp.kernels.core.tables import StateArrays, own
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -2,9 +2,9 @@
 
 import warp as wp
 
+from simwarp.kernels.core.tables import StateArrays
 from simwarp.kernels.sensors.clock import STEP, ClockSettings, Tick
 from simwarp.kernels.sensors.noise import NoiseArrays, noise_elapsed, noisy
-from simwarp.kernels.core.tables import StateArrays
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

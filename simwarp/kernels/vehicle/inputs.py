@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from simwarp.kernels.vehicle.powertrain import Powertrain, PowertrainState, run_powertrain
 from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float
 from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays
+from simwarp.kernels.vehicle.powertrain import Powertrain, PowertrainState, run_powertrain
 
 wp.set_module_options({"enable_backward": False})
 

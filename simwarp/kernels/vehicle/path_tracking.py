@@ -4,9 +4,9 @@ from enum import IntEnum
 
 import warp as wp
 
+from simwarp.kernels.core.tables import StateArrays, own
 from simwarp.kernels.vehicle.drivers import forward_speed
 from simwarp.kernels.vehicle.paths import PathTables, nearest_on_path
-from simwarp.kernels.core.tables import StateArrays, own
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.model.checks import positive_number
-from simwarp.kernels.sensors.cameras.appearance import Appearance, TextureKind
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
 from simwarp.geometry.visual_mesh import Image, VisualMesh, linear_from_srgb
+from simwarp.kernels.sensors.cameras.appearance import Appearance, TextureKind
+from simwarp.model.checks import positive_number
 
 Extent: TypeAlias = float | Sequence[float]
 

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import warp as wp
 
-from simwarp.model.checks import finite_number
+from simwarp.core.rotation import quat_from_matrix
+from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
 from simwarp.kernels.sensors.cameras.image import Camera as CameraNumbers
 from simwarp.kernels.sensors.cameras.image import Outputs, Views, aim_views, render
-from simwarp.core.rotation import quat_from_matrix
-from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
+from simwarp.model.checks import finite_number
 from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS
 from simwarp.sensors.cameras.image_processing import Development, Imaging
 from simwarp.sensors.cameras.lenses import Lens, Pinhole
 from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.cameras.lights import Lighting, Lights
+from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.scanning import scene_model
 from simwarp.sensors.scene import ALL_GROUPS, Scene
-from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

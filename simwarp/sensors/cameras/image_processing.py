@@ -10,10 +10,10 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
-from simwarp.model.checks import finite_number, positive_number
-from simwarp.kernels.sensors.cameras.image_processing import RESPONSE_STEPS, DevelopArrays
-from simwarp.sensors.interface import wanted_arrays
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
+from simwarp.kernels.sensors.cameras.image_processing import RESPONSE_STEPS, DevelopArrays
+from simwarp.model.checks import finite_number, positive_number
+from simwarp.sensors.interface import wanted_arrays
 
 PER_WORLD: Final = ("exposure", "vignetting", "noise_mean", "noise_sigma", "noise_slope", "noise_intercept")
 """Arrays of `Development` that may differ by world."""

@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.model.checks import finite_number
+from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.cameras.lenses import Lens as LensNumbers
 from simwarp.kernels.sensors.cameras.lenses import LensKind
+from simwarp.model.checks import finite_number
 from simwarp.sensors.ranging.beams import ROUNDED
-from simwarp.core.types import ModelError, shown
 
 Array = npt.NDArray[np.float64]
 

@@ -11,12 +11,12 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
-from simwarp.model.checks import finite_number
-from simwarp.kernels.sensors.cameras.shade import LightArrays
-from simwarp.model.model import Model
 from simwarp.core.rotation import unit_vector
-from simwarp.sensors.interface import wanted_arrays
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
+from simwarp.kernels.sensors.cameras.shade import LightArrays
+from simwarp.model.checks import finite_number
+from simwarp.model.model import Model
+from simwarp.sensors.interface import wanted_arrays
 
 Color = float | Vec3
 

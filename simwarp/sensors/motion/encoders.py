@@ -11,15 +11,15 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
-from simwarp.model.joint_types import ELEMENTS
-from simwarp.kernels.sensors.motion.encoders import EncoderArrays, RateMeter, sample_encoder, sample_rate
-from simwarp.model.model import Model
 from simwarp.core.rotation import unit_vector
+from simwarp.core.types import FLOAT32_MAX, JointType, ModelError, RowKind, Vec3, numbers, shown
+from simwarp.kernels.sensors.motion.encoders import EncoderArrays, RateMeter, sample_encoder, sample_rate
+from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, checked_model
-from simwarp.sensors.vector_sensor import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain, Numbers
-from simwarp.core.types import FLOAT32_MAX, JointType, ModelError, RowKind, Vec3, numbers, shown
+from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
-from simwarp.model.checks import finite_number
+from simwarp.core.types import WORLD, ModelError, Quat, pose, shown
 from simwarp.kernels.sensors.motion.force_sensor import sample_forces, sample_touch
+from simwarp.model.checks import finite_number
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, body_index, checked_config
-from simwarp.sensors.vector_sensor import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.core.types import WORLD, ModelError, Quat, pose, shown
+from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 import warp as wp
 
-from simwarp.model.checks import finite_number
+from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.motion.geodesy import GeoFrame
 from simwarp.kernels.sensors.motion.gps import GpsRings, sample_gps
+from simwarp.model.checks import finite_number
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config
-from simwarp.sensors.vector_sensor import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.core.types import ModelError, shown
+from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

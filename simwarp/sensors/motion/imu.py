@@ -12,8 +12,8 @@ from simwarp.kernels.sensors.motion.imu import InertialArrays, sample_inertial
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, checked_outputs
-from simwarp.sensors.vector_sensor import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
+from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

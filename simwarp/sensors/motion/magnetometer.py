@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
-from simwarp.model.checks import finite_number
 from simwarp.kernels.sensors.motion.gps import sample_magnetometer
+from simwarp.model.checks import finite_number
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config
 from simwarp.sensors.motion.gps import GeoOrigin, geo_frame
-from simwarp.sensors.vector_sensor import Instrument
 from simwarp.sensors.noise import Noise, NoiseChain
+from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import warp as wp
 
+from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.lidar import LidarFlaws, LidarSettings, count_returns, scan_lidar
 from simwarp.kernels.sensors.ranging.returns import ReturnMode
-from simwarp.sensors.ranging.beams import Beam, BeamTable
 from simwarp.sensors.clock import Field, Frames, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.ranging.beams import Beam, BeamTable
 from simwarp.sensors.ranging.scanning import (
     PerWorld,
     check_choice,
@@ -29,7 +30,6 @@ from simwarp.sensors.ranging.scanning import (
     set_sweep,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
-from simwarp.core.types import ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

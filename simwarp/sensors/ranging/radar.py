@@ -10,12 +10,13 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable_from
-from simwarp.model.checks import finite_number, positive_number
+from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarFlaws, scan_radar
-from simwarp.sensors.ranging.beams import BeamTable
+from simwarp.model.checks import finite_number, positive_number
 from simwarp.sensors.clock import Field, Frames, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.ranging.beams import BeamTable
 from simwarp.sensors.ranging.scanning import (
     PerWorld,
     check_reach,
@@ -29,7 +30,6 @@ from simwarp.sensors.ranging.scanning import (
     set_sweep,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
-from simwarp.core.types import ModelError, shown
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation

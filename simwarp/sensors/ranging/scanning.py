@@ -12,14 +12,14 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
-from simwarp.model.checks import checked_flag, finite_number, positive_number, whole_number
-from simwarp.kernels.sensors.ranging.beams import Scan
-from simwarp.kernels.sensors.motion.mount_motion import MountArrays
-from simwarp.model.model import Model
-from simwarp.sensors.ranging.beams import BeamTable
-from simwarp.sensors.clock import Frames
-from simwarp.sensors.scene import ALL_GROUPS, Scene
 from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
+from simwarp.kernels.sensors.motion.mount_motion import MountArrays
+from simwarp.kernels.sensors.ranging.beams import Scan
+from simwarp.model.checks import checked_flag, finite_number, positive_number, whole_number
+from simwarp.model.model import Model
+from simwarp.sensors.clock import Frames
+from simwarp.sensors.ranging.beams import BeamTable
+from simwarp.sensors.scene import ALL_GROUPS, Scene
 
 PerWorld: TypeAlias = float | Sequence[float] | npt.NDArray[np.floating]
 """A number for all worlds, or one for each."""

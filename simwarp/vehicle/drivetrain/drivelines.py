@@ -9,7 +9,13 @@ from __future__ import annotations
 import dataclasses
 
 from simwarp.model.builder import ModelBuilder
-from simwarp.vehicle.spec.vehicle_spec import Driveline, ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline, SpecError
+from simwarp.vehicle.spec.vehicle_spec import (
+    Driveline,
+    ShaftsDriveline2WD,
+    ShaftsDriveline4WD,
+    SimpleDriveline,
+    SpecError,
+)
 from simwarp.vehicle.suspensions import Side
 
 SLIP_SHARE = 2.0e-3

@@ -14,8 +14,8 @@ import warp as wp
 from simwarp.kernels.vehicle.drivers import Script, run_script
 from simwarp.vehicle.results.channels import COLUMNS, Run
 from simwarp.vehicle.spec.deserialisation import nearest
-from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
 from simwarp.vehicle.spec.parts import LARGEST, told
+from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
 from simwarp.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:

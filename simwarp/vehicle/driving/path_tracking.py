@@ -11,7 +11,14 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
-from simwarp.kernels.vehicle.path_tracking import Follower, FollowerState, Gains, SteeringLaw, approach_target, follow_path
+from simwarp.kernels.vehicle.path_tracking import (
+    Follower,
+    FollowerState,
+    Gains,
+    SteeringLaw,
+    approach_target,
+    follow_path,
+)
 from simwarp.vehicle.driving.paths import Path, path_tables
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle

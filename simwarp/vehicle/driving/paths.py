@@ -15,8 +15,8 @@ import warp as wp
 
 from simwarp.kernels.vehicle.paths import PathTables
 from simwarp.vehicle.spec.deserialisation import read_text
-from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 Array = npt.NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from simwarp.core.files import replacing
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.deserialisation import read_text
-from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.vehicle import Vehicle
 
 Array = npt.NDArray[np.float64]

@@ -11,8 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from simwarp.core.files import replacing
-from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.driving.paths import Path
+from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.results import Result
 
 INK: Final = "#1f2933"

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.driving.maneuvers import Maneuver
 from simwarp.vehicle.driving.paths import Path
+from simwarp.vehicle.results.channels import Run
 
 Array = npt.NDArray[np.float64]
 

@@ -8,16 +8,16 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from simwarp.core.rotation import rotate
+from simwarp.core.types import Material, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.force_elements import ForceElement
-from simwarp.core.rotation import rotate
 from simwarp.simulation.simulation import Simulation
-from simwarp.core.types import Material, WorldStatus, pose
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.driving.drivers import ScriptedDriver
-from simwarp.vehicle.driving.path_tracking import PathFollower
 from simwarp.vehicle.driving.maneuvers import Maneuver
+from simwarp.vehicle.driving.path_tracking import PathFollower
+from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
 from simwarp.core import files
-from simwarp.vehicle.spec.vehicle_spec import Spec, SpecError, Tire, VehicleSpec
 from simwarp.vehicle.spec.parts import LARGEST, told
+from simwarp.vehicle.spec.vehicle_spec import Spec, SpecError, Tire, VehicleSpec
 from simwarp.vehicle.tires.tire_files import TirValues, parse_tir
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 """The shipped vehicles: NAME.json, with their options in folders of the same name."""
 
 MOST_FILES: Final = 100

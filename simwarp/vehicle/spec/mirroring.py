@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from simwarp.vehicle.spec.drivetrain_parts import AutomaticShafts, ShaftsDriveline2WD, ShaftsDriveline4WD
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
     PinnedAxle,
@@ -25,7 +26,6 @@ from simwarp.vehicle.spec.vehicle_spec import (
     Vec3,
     VehicleSpec,
 )
-from simwarp.vehicle.spec.drivetrain_parts import AutomaticShafts, ShaftsDriveline2WD, ShaftsDriveline4WD
 
 ASYMMETRIC_TIRES = ("pacejka89", "pacejka2002")
 """Templates whose parameters tell left from right."""

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.vehicle.spec.deserialisation import DATA, nearest, read_spec, read_value
-from simwarp.vehicle.spec.vehicle_spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
 
 KINDS = ("tire", "powertrain", "driveline")
 

@@ -13,8 +13,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from simwarp.vehicle.spec.masses import merged
-from simwarp.vehicle.spec.plausibility import check_vehicle
 from simwarp.vehicle.spec.drivetrain_parts import (
     AutomaticCVT,
     AutomaticMap,
@@ -34,6 +32,7 @@ from simwarp.vehicle.spec.drivetrain_parts import (
     Steering,
     Transmission,
 )
+from simwarp.vehicle.spec.masses import merged
 from simwarp.vehicle.spec.parts import (
     BUMP_STOP,
     ZERO,
@@ -50,6 +49,7 @@ from simwarp.vehicle.spec.parts import (
     check_map,
     refuse,
 )
+from simwarp.vehicle.spec.plausibility import check_vehicle
 from simwarp.vehicle.spec.suspension_parts import (
     AntirollBar,
     DoubleWishbone,

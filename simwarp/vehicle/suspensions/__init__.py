@@ -12,8 +12,6 @@ import numpy as np
 
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import pose
-from simwarp.vehicle.suspensions.corner import Array, Frame
-from simwarp.vehicle.tires.rigid_tires import TEMPLATE, add_rigid_tire
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
     DoubleWishbone,
@@ -29,10 +27,12 @@ from simwarp.vehicle.spec.vehicle_spec import (
     TrailingArm,
 )
 from simwarp.vehicle.suspensions.antiroll_bar import add_antiroll_bar
-from simwarp.vehicle.suspensions.rigid_axles import pinned_axle, solid_axle
+from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.linkage import Holder
 from simwarp.vehicle.suspensions.links import macpherson_strut, multi_link, trailing_arm
+from simwarp.vehicle.suspensions.rigid_axles import pinned_axle, solid_axle
 from simwarp.vehicle.suspensions.wishbones import double_wishbone, double_wishbone_reduced, single_wishbone
+from simwarp.vehicle.tires.rigid_tires import TEMPLATE, add_rigid_tire
 
 __all__ = ["Side", "add_antiroll_bar", "add_axle"]
 

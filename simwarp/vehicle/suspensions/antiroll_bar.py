@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from simwarp.vehicle.suspensions.corner import Frame
 from simwarp.vehicle.spec.vehicle_spec import AntirollBar, RigidPart, SpecError, Vec3
+from simwarp.vehicle.suspensions.corner import Frame
 
 
 def add_antiroll_bar(frame: Frame, spec: AntirollBar, chassis: int, left: int, right: int) -> int:

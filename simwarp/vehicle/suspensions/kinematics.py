@@ -14,14 +14,14 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.rotation import matrix_of
-from simwarp.simulation.simulation import Simulation
 from simwarp.core.types import WORLD, WorldStatus, pose
-from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.vehicle_spec import Axle, PinnedAxle, RigidSuspension, SpecError, VehicleSpec
-from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 from simwarp.vehicle.suspensions import Side, add_axle
+from simwarp.vehicle.suspensions.corner import Array, Frame
+from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 
 STAGE: Final = 0.01
 """The travel is approached in steps of at most this [m], so that Newton's method stays on its branch."""

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from simwarp.core.rotation import frame_from_axis
-from simwarp.vehicle.suspensions.corner import Frame, across, merged_lines
 from simwarp.vehicle.spec.vehicle_spec import Bushing, ForceLine, Vec3
+from simwarp.vehicle.suspensions.corner import Frame, across, merged_lines
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from simwarp.core.types import Dof
-from simwarp.vehicle.suspensions.corner import Frame, arm_axes, line_law, merged_lines, plane_axes
 from simwarp.vehicle.spec.vehicle_spec import ForceLine, MacPhersonStrut, MultiLink, TrailingArm
+from simwarp.vehicle.suspensions.corner import Frame, arm_axes, line_law, merged_lines, plane_axes
 from simwarp.vehicle.suspensions.linkage import Holder, add_ball, add_cross, add_hinge, add_lines, add_rod
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from simwarp.vehicle.suspensions.corner import Frame, plane_axes
 from simwarp.vehicle.spec.vehicle_spec import PinnedAxle, SolidAxle
+from simwarp.vehicle.suspensions.corner import Frame, plane_axes
 from simwarp.vehicle.suspensions.linkage import Holder, add_ball, add_cross, add_lines, add_rod
 
 

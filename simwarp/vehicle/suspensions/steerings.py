@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 from simwarp.core.types import PrescribedPosition
-from simwarp.vehicle.suspensions.corner import Frame
 from simwarp.vehicle.spec.vehicle_spec import PitmanArm, RackPinion, RotaryArm, SpecError, Steering
+from simwarp.vehicle.suspensions.corner import Frame
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from simwarp.vehicle.suspensions.corner import Frame, arm_axes, link_axes
 from simwarp.vehicle.spec.vehicle_spec import DoubleWishbone, DoubleWishboneReduced, SingleWishbone
+from simwarp.vehicle.suspensions.corner import Frame, arm_axes, link_axes
 from simwarp.vehicle.suspensions.linkage import Holder, add_ball, add_hinge, add_lines, add_rod
 
 

@@ -26,10 +26,10 @@ from simwarp.kernels.vehicle.tires.parameter_vector import (
     Tmsimple,
 )
 from simwarp.vehicle.spec.deserialisation import Place, build, nearest
+from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import Spec, SpecError, Tire
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
 from simwarp.vehicle.tires.rigid_tires import rigid_parameters
-from simwarp.vehicle.spec.vehicle_spec import Spec, SpecError, Tire
-from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.tires.tire_common import THIRD, Row, common_row, missing
 from simwarp.vehicle.tires.tire_files import TirValues
 from simwarp.vehicle.tires.tire_parameters import (

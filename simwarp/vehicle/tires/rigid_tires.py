@@ -8,11 +8,11 @@ from typing import Any
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
-from simwarp.model.builder import ModelBuilder
+from simwarp.core.types import Material, pose
 from simwarp.kernels.vehicle.tires.rigid_tires import limit_friction, measure_rigid_tires
+from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
 from simwarp.simulation.simulation import Simulation
-from simwarp.core.types import Material, pose
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire, refuse
 
 TEMPLATE = "rigid"

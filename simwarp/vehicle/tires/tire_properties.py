@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from simwarp.kernels.vehicle.tires.parameter_vector import PAC02_SIZE, Common, Pac02
-from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.tire_common import THIRD, Row, common_row
 from simwarp.vehicle.tires.tire_parameters import CommonParameters, Pacejka2002Parameters
 

@@ -19,12 +19,12 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable, writable_from
+from simwarp.core.rotation import matrix_of
+from simwarp.core.types import ShapeType
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.tables import StateArrays
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import TireReports, TireTables, apply_tires, reset_tires
-from simwarp.core.rotation import matrix_of
-from simwarp.core.types import ShapeType
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.parameter_vector import TireRow, tire_row
 

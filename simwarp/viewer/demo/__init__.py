@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.sensors.cameras.camera import CameraConfig, look_at
-from simwarp.sensors.motion.gps import GeoOrigin, to_local
-from simwarp.sensors.cameras.lenses import Pinhole
-from simwarp.simulation.simulation import Simulation
 from simwarp.core.types import ModelError
+from simwarp.sensors.cameras.camera import CameraConfig, look_at
+from simwarp.sensors.cameras.lenses import Pinhole
+from simwarp.sensors.motion.gps import GeoOrigin, to_local
+from simwarp.simulation.simulation import Simulation
 from simwarp.viewer.demo.devices import BLUR, Progress, Rig, big_size, cloud_points, drive, make_rig, small_height
+from simwarp.viewer.demo.landscape import ROOF, DemoWorld, make_world
 from simwarp.viewer.demo.panels import (
     Traces,
     cloud_panel,
@@ -26,7 +27,6 @@ from simwarp.viewer.demo.panels import (
     traces,
 )
 from simwarp.viewer.demo.sheet import CAPTION, Panel, Sheet
-from simwarp.viewer.demo.landscape import ROOF, DemoWorld, make_world
 from simwarp.viewer.free_camera import FreeCamera
 
 LEAST_PANEL = 128

@@ -10,21 +10,21 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of
-from simwarp.sensors.ranging.beams import beam_grid
+from simwarp.core.types import Vec3
 from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
+from simwarp.sensors.cameras.image_processing import Imaging
+from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial
+from simwarp.sensors.cameras.lights import Lighting, Lights, Sun
 from simwarp.sensors.interface import Mount, Schedule, Sensor
 from simwarp.sensors.motion.encoders import Encoder, EncoderConfig, Speedometer
 from simwarp.sensors.motion.gps import Gps, GpsConfig
-from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.motion.imu import Imu, ImuConfig
-from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial
-from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
-from simwarp.sensors.cameras.lights import Lighting, Lights, Sun
 from simwarp.sensors.noise import BoundedDrift, NormalNoise
 from simwarp.sensors.presets import load_config
+from simwarp.sensors.ranging.beams import beam_grid
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise
 from simwarp.simulation.simulation import Simulation
-from simwarp.core.types import Vec3
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER
 from simwarp.viewer.demo.landscape import ROOF, DemoWorld
 

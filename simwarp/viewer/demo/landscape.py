@@ -10,6 +10,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.types import WORLD, Pose, ShapeType, pose
+from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
 from simwarp.scenery.plants import bush, tree
@@ -22,14 +24,12 @@ from simwarp.scenery.textures import TEXTURES, ground_texture
 from simwarp.scenery.vehicle_visuals import add_vehicle_picture, vehicle_prop
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.scene import Scene, Visuals
-from simwarp.core.types import WORLD, Pose, ShapeType, pose
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.path_tracking import FollowSpec, PathFollower, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, smooth
 from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.vehicle import Vehicle, per_world
-from simwarp.geometry.visual_mesh import VisualMesh
 
 Array = npt.NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from simwarp.model.builder import ModelBuilder
 from simwarp.core.types import WORLD, PositionDrive, PrescribedPosition, PrescribedSpeed, VelocityMotor, pose
+from simwarp.model.builder import ModelBuilder
 from tests.reference.mechanisms import random_mechanism
 from tests.reference.twin import Twin, gyroscopic
 from tests.reference.twin_solve import solve_boxes

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from simwarp.core.types import WORLD, JointType, PrescribedSpeed, RowKind, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.core.types import WORLD, JointType, PrescribedSpeed, RowKind, pose
 from tests.reference.mechanisms import LOOP_TYPES, TREE_TYPES, random_mechanism
 from tests.reference.twin import Twin
 from tests.reference.twin_rows import matrices, quat_exp, quat_product, rotation_log

@@ -7,16 +7,16 @@ blur); depth, normals and the like are those of one ray through its middle when 
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.tables import StateArrays
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
-from simwarp.kernels.sensors.clock import BEGIN, Tick
+from simwarp.kernels.sensors.cameras.appearance import Appearance
 from simwarp.kernels.sensors.cameras.image_processing import DevelopArrays, byte_of, develop
 from simwarp.kernels.sensors.cameras.lenses import Lens, lens_direction
+from simwarp.kernels.sensors.cameras.shade import LightArrays, facing, light_along
+from simwarp.kernels.sensors.clock import BEGIN, Tick
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_rotation
 from simwarp.kernels.sensors.random import draw_bits, subkey
-from simwarp.kernels.sensors.cameras.shade import LightArrays, facing, light_along
-from simwarp.kernels.sensors.cameras.appearance import Appearance
-from simwarp.kernels.core.tables import StateArrays
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from simwarp.kernels.sensors.random import draw_normals, subkey
 from simwarp.kernels.core.tables import own
+from simwarp.kernels.sensors.random import draw_normals, subkey
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

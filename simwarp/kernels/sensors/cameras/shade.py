@@ -6,10 +6,10 @@ Surfaces are matt (Lambert). White is 1: a white surface that faces a sun of col
 import warp as wp
 
 from simwarp.kernels.collision.shape import HULL, MESH, Assets
+from simwarp.kernels.core.tables import own
 from simwarp.kernels.rays.cast import RayHit, any_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.sensors.cameras.appearance import Appearance, surface_color
-from simwarp.kernels.core.tables import own
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -2,11 +2,11 @@
 
 import warp as wp
 
+from simwarp.kernels.core.tables import StateArrays, own
 from simwarp.kernels.sensors.clock import BEGIN, IDLE, STEP, ClockSettings, Tick
-from simwarp.kernels.sensors.vector_sensor import frame_elapsed, write_channel
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, mount_rotation, mount_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays, noisy
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.sensors.vector_sensor import frame_elapsed, write_channel
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -2,12 +2,12 @@
 
 import warp as wp
 
+from simwarp.kernels.core.tables import StateArrays
 from simwarp.kernels.sensors.clock import ClockSettings, Tick
 from simwarp.kernels.sensors.motion.geodesy import DEGREE, GeoFrame, earth_centred, geographic, local_velocity
-from simwarp.kernels.sensors.vector_sensor import write_vector
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_rotation, mount_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays, noise_elapsed, noisy
-from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.sensors.vector_sensor import write_vector
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -2,12 +2,12 @@
 
 import warp as wp
 
-from simwarp.kernels.sensors.clock import BEGIN, IDLE, ClockSettings, Tick
-from simwarp.kernels.sensors.vector_sensor import write_vector
-from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, body_velocity
-from simwarp.kernels.sensors.noise import NoiseArrays
 from simwarp.kernels.core.spatial import to_double, to_float, turned
 from simwarp.kernels.core.tables import Parameters, StateArrays, own
+from simwarp.kernels.sensors.clock import BEGIN, IDLE, ClockSettings, Tick
+from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, body_velocity
+from simwarp.kernels.sensors.noise import NoiseArrays
+from simwarp.kernels.sensors.vector_sensor import write_vector
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

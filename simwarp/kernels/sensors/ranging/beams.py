@@ -2,10 +2,16 @@
 
 import warp as wp
 
-from simwarp.kernels.sensors.clock import BEGIN, Tick
-from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, body_velocity, mount_position, mount_rotation
 from simwarp.kernels.core.spatial import matrix_to_float, to_float, turned
 from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.sensors.clock import BEGIN, Tick
+from simwarp.kernels.sensors.motion.mount_motion import (
+    MountArrays,
+    body_rate,
+    body_velocity,
+    mount_position,
+    mount_rotation,
+)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -3,8 +3,12 @@
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.spatial import matrix_to_float
+from simwarp.kernels.core.tables import StateArrays, own
 from simwarp.kernels.rays.cast import closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
+from simwarp.kernels.sensors.clock import Tick
+from simwarp.kernels.sensors.random import draw_normals, draw_uniform
 from simwarp.kernels.sensors.ranging.beams import (
     Scan,
     column_at,
@@ -15,11 +19,7 @@ from simwarp.kernels.sensors.ranging.beams import (
     sensor_motion,
     sweep_back,
 )
-from simwarp.kernels.sensors.clock import Tick
-from simwarp.kernels.sensors.random import draw_normals, draw_uniform
 from simwarp.kernels.sensors.ranging.returns import MAX_RAYS, ReturnMode, reduce_beam
-from simwarp.kernels.core.spatial import matrix_to_float
-from simwarp.kernels.core.tables import StateArrays, own
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -11,14 +11,22 @@ rate, and one that moves along with it has none. Amplitude: backscatter |n . d| 
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.spatial import matrix_to_float, to_double
+from simwarp.kernels.core.tables import StateArrays, own
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray, world_position
-from simwarp.kernels.sensors.ranging.beams import Scan, SensorMotion, column_at, is_swept, misread, sensor_motion, sweep_back
 from simwarp.kernels.sensors.clock import Tick
 from simwarp.kernels.sensors.motion.mount_motion import body_rate, body_velocity
 from simwarp.kernels.sensors.random import draw_normals, draw_uniform
-from simwarp.kernels.core.spatial import matrix_to_float, to_double
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.sensors.ranging.beams import (
+    Scan,
+    SensorMotion,
+    column_at,
+    is_swept,
+    misread,
+    sensor_motion,
+    sweep_back,
+)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

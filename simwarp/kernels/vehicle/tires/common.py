@@ -16,8 +16,8 @@ therefore held below m / h² and m / h, which changes nothing where steps are sh
 
 import warp as wp
 
-from simwarp.kernels.vehicle.tires.patch import Patch
 from simwarp.kernels.vehicle.tires.parameter_vector import BRISTLE_X, BRISTLE_Y, Common
+from simwarp.kernels.vehicle.tires.patch import Patch
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -21,8 +21,8 @@ from simwarp.kernels.vehicle.tires.common import (
     slip_share,
     standstill_force,
 )
-from simwarp.kernels.vehicle.tires.patch import SLOWEST, Patch, TireForce, slip_ratio
 from simwarp.kernels.vehicle.tires.parameter_vector import Common, Fiala
+from simwarp.kernels.vehicle.tires.patch import SLOWEST, Patch, TireForce, slip_ratio
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -18,9 +18,9 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.vehicle.tires.common import advance_bristle, friction_scale, resistance_share, vertical_load
-from simwarp.kernels.vehicle.tires.patch import Patch, Wheel, contact_point, find_patch
-from simwarp.kernels.vehicle.tires.parameter_vector import Common, Lugre
 from simwarp.kernels.vehicle.tires.ground import TerrainTables, friction_at
+from simwarp.kernels.vehicle.tires.parameter_vector import Common, Lugre
+from simwarp.kernels.vehicle.tires.patch import Patch, Wheel, contact_point, find_patch
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -28,8 +28,8 @@ from simwarp.kernels.vehicle.tires.common import (
     standstill_force,
 )
 from simwarp.kernels.vehicle.tires.magic import bent, magic_cosine, magic_sine
-from simwarp.kernels.vehicle.tires.patch import Patch, TireForce
 from simwarp.kernels.vehicle.tires.parameter_vector import Common, Pac02
+from simwarp.kernels.vehicle.tires.patch import Patch, TireForce
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -26,8 +26,8 @@ from simwarp.kernels.vehicle.tires.common import (
     standstill_force,
 )
 from simwarp.kernels.vehicle.tires.magic import magic_sine
-from simwarp.kernels.vehicle.tires.patch import Patch, TireForce, slip_angle, slip_ratio
 from simwarp.kernels.vehicle.tires.parameter_vector import Common, Pac89
+from simwarp.kernels.vehicle.tires.patch import Patch, TireForce, slip_angle, slip_ratio
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -15,8 +15,8 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.spatial import to_double
-from simwarp.kernels.vehicle.tires.parameter_vector import Common, TireContact
 from simwarp.kernels.vehicle.tires.ground import GroundPoint, TerrainTables, ground_below
+from simwarp.kernels.vehicle.tires.parameter_vector import Common, TireContact
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -15,12 +15,20 @@ from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import StateArrays, own
 from simwarp.kernels.vehicle.tires.common import vertical_load
 from simwarp.kernels.vehicle.tires.fiala import fiala_force
+from simwarp.kernels.vehicle.tires.ground import TerrainTables, friction_at
 from simwarp.kernels.vehicle.tires.lugre import lugre_force
 from simwarp.kernels.vehicle.tires.pac02 import pac02_force
 from simwarp.kernels.vehicle.tires.pac89 import pac89_force
-from simwarp.kernels.vehicle.tires.patch import Patch, TireForce, Wheel, contact_point, find_patch, slip_angle, slip_ratio
 from simwarp.kernels.vehicle.tires.parameter_vector import Common, TireModel
-from simwarp.kernels.vehicle.tires.ground import TerrainTables, friction_at
+from simwarp.kernels.vehicle.tires.patch import (
+    Patch,
+    TireForce,
+    Wheel,
+    contact_point,
+    find_patch,
+    slip_angle,
+    slip_ratio,
+)
 from simwarp.kernels.vehicle.tires.tmeasy import tmeasy_force
 from simwarp.kernels.vehicle.tires.tmsimple import tmsimple_force
 

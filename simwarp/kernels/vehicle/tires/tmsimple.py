@@ -17,8 +17,8 @@ from simwarp.kernels.vehicle.tires.common import (
     slip_share,
     standstill_force,
 )
-from simwarp.kernels.vehicle.tires.patch import Patch, TireForce
 from simwarp.kernels.vehicle.tires.parameter_vector import Common, Tmsimple
+from simwarp.kernels.vehicle.tires.patch import Patch, TireForce
 from simwarp.kernels.vehicle.tires.tmeasy import quadratic, slip_velocity_ratio
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})

@@ -1,0 +1,1 @@
+"""What every room may use: value types, arrays, rotations, files, memory, the bridge to torch."""

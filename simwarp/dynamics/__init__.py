@@ -1,1 +1,0 @@
-"""Host side of the dynamics: spanning tree and tables."""

@@ -1,0 +1,1 @@
+"""Structs and small functions that all kernels share."""

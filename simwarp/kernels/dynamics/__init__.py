@@ -1,0 +1,1 @@
+"""The step of one world, one stage per file."""

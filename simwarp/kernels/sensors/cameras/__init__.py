@@ -1,0 +1,1 @@
+"""Images: lenses, surfaces, light, and what the chip makes of it."""

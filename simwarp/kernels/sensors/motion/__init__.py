@@ -1,0 +1,1 @@
+"""Motion and forces as sensors feel them: inertial, satellite, encoders."""

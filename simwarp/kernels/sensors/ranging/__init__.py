@@ -1,0 +1,1 @@
+"""Beams of lidar and radar, and what comes back along them."""

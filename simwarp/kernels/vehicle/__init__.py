@@ -1,0 +1,1 @@
+"""What drives a vehicle: inputs, powertrain, drivers along paths."""

@@ -1,0 +1,1 @@
+"""Cameras: lenses, lights, surfaces, image processing."""

@@ -1,0 +1,1 @@
+"""Sensors of motion and forces: inertial, satellite, magnetic, encoders, force."""

@@ -1,0 +1,1 @@
+"""Drivelines, engines and transmissions."""

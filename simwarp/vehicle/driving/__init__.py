@@ -1,0 +1,1 @@
+"""Drivers: scripted, along paths, and the manoeuvres that they drive."""

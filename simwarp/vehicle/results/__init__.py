@@ -1,0 +1,1 @@
+"""Recorded runs: what is measured, what it amounts to, and its plots."""

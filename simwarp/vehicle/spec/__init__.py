@@ -1,0 +1,1 @@
+"""Descriptions of vehicles: typed, validated, from files and by name."""
