@@ -15,10 +15,15 @@ def number(request):
 
 def test_the_first_signal_asks_and_the_second_interrupts(number):
     before = signal.getsignal(number)
-    with pytest.raises(KeyboardInterrupt), stop_on_signals() as request:
-        signal.raise_signal(number)
-        assert request.requested
-        signal.raise_signal(number)
+
+    def asked_twice():
+        with stop_on_signals() as request:
+            signal.raise_signal(number)
+            assert request.requested
+            signal.raise_signal(number)
+
+    with pytest.raises(KeyboardInterrupt):
+        asked_twice()
     assert signal.getsignal(number) is before
 
 
