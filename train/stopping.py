@@ -20,7 +20,8 @@ class StopRequest:
 def stop_on_signals() -> Iterator[StopRequest]:
     """Turn the first Ctrl-C or SIGTERM into a request to stop; a second one stops at once.
 
-    So nothing is torn in the middle: the iteration of a training is left whole, a picture is drawn to its end.
+    So nothing is torn in the middle: the iteration of a training is left whole, a picture is drawn to its end. A signal
+    that the process was started to ignore, as shells do for work in the background, stays ignored.
     """
     request = StopRequest()
     if threading.current_thread() is not threading.main_thread():
@@ -32,7 +33,8 @@ def stop_on_signals() -> Iterator[StopRequest]:
             raise KeyboardInterrupt
         request.requested = True
 
-    previous = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
+    previous = {number: signal.signal(number, ask) for number in heard}
     try:
         yield request
     finally:

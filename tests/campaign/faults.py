@@ -28,16 +28,27 @@ class Ended(NamedTuple):
 
 
 def start(folder: Path, *words: str, before: Callable[[], None] | None = None) -> subprocess.Popen[str]:
-    """Start a command in a folder."""
+    """Start a command in a folder, which hears Ctrl-C even where the tests themselves run in the background."""
+
+    def prepare() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        if before is not None:
+            before()
+
     command = [sys.executable, "-m", "simwarp", *words]
     return subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=before
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=prepare
     )
 
 
 def end(process: subprocess.Popen[str]) -> Ended:
     """Wait for a process."""
-    out, err = process.communicate(timeout=PATIENCE)
+    try:
+        out, err = process.communicate(timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        out, err = process.communicate()
+        err += f"still at work after {PATIENCE:g} s\n"
     # Python may end itself by SIGINT after it has told of an interruption: a shell calls that 130 too
     return Ended(130 if process.returncode == -signal.SIGINT else process.returncode, out, err)
 
