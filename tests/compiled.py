@@ -12,7 +12,8 @@ from simwarp.kernels.dynamics.world import run_worlds_kernel
 
 LONG = (
     "simwarp.kernels.cones.batch", "simwarp.kernels.collision.collide", "simwarp.kernels.sensors.cameras.image",
-    "simwarp.kernels.vehicle.tires.tires", "simwarp.kernels.sensors.ranging.radar", "simwarp.kernels.sensors.ranging.lidar",
+    "simwarp.kernels.vehicle.tires.tires", "simwarp.kernels.sensors.ranging.radar",
+    "simwarp.kernels.sensors.ranging.lidar",
 )  # fmt: skip
 CPU_BLOCK = 1
 """Threads of a block in launches on a CPU; a unit is compiled anew for every size of blocks."""

@@ -1,4 +1,4 @@
-"""The process around a command: start of Warp, signals that end it, and standard streams that are closed, full or not UTF-8."""
+"""The process around a command: start of Warp, signals that end it, standard streams that are closed or full."""
 
 from __future__ import annotations
 

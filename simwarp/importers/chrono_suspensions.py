@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.importers.chrono_json import Node
-from simwarp.vehicle.spec.masses import inertia_matrix
-from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.parts import inertia_matrix, told
 from simwarp.vehicle.spec.vehicle_spec import (
     BUMP_STOP,
     AntirollBar,

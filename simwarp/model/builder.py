@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -39,10 +38,9 @@ from simwarp.model.checks import (
 )
 from simwarp.model.couplings import CouplingList
 from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.model import Model
 from simwarp.model.shapes import ShapeList
-
-if TYPE_CHECKING:
-    from simwarp.model.model import Model
+from simwarp.model.specifications import BodySpec, Frame, JointSpec
 
 Array = npt.NDArray[np.float64]
 
@@ -57,46 +55,6 @@ ANCHORED: Final = (
 )  # fmt: skip
 """Joints whose anchor has to be given; that of others is the child's centre unless it is."""
 IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
-
-
-@dataclasses.dataclass(frozen=True)
-class BodySpec:
-    """One rigid body: mass [kg], inertia about its centre of mass in body axes [kg·m²], initial state (world)."""
-
-    name: str
-    mass: float
-    inertia: Array
-    pose: Pose
-    velocity: Array
-    omega: Array
-
-
-@dataclasses.dataclass(frozen=True)
-class Frame:
-    """A frame on a body: origin [m] relative to the centre of mass and xyzw orientation, in body axes."""
-
-    position: Array
-    rotation: Array
-
-
-@dataclasses.dataclass(frozen=True)
-class JointSpec:
-    """One element between frame 0 on body `parent` and frame 1 on body `child`.
-
-    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²].
-    """
-
-    name: str
-    type: JointType
-    parent: int
-    child: int
-    frame0: Frame
-    frame1: Frame
-    dofs: tuple[Dof, ...]
-    offset: float = 0.0
-    inertia: float = 0.0
-    initial_q: float = 0.0
-    initial_qd: float = 0.0
 
 
 class ModelBuilder(ShapeList, CouplingList):
@@ -389,8 +347,6 @@ class ModelBuilder(ShapeList, CouplingList):
         Raises:
             ModelError: the worlds, the device or the topology are not usable; says which and why.
         """
-        from simwarp.model.model import Model
-
         return Model.from_builder(self, world_count, device, per_world=per_world, contact_capacity=contact_capacity)
 
     # ---- checks --------------------------------------------------------------------------------------------------

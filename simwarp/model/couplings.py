@@ -2,33 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, shown
 from simwarp.model.checks import checked_name, finite_number, not_negative
 from simwarp.model.joint_types import ELEMENTS
-
-if TYPE_CHECKING:
-    from simwarp.model.builder import JointSpec
+from simwarp.model.specifications import CouplingSpec, JointSpec
 
 MAX_COUPLING_TERMS: Final = 6
-
-
-@dataclasses.dataclass(frozen=True)
-class CouplingSpec:
-    """sum of coefficient x coordinate = offset, over up to six degrees of freedom (public dof indices); with
-    `damping`, effort = -damping x sum of coefficient x rate instead.
-    """
-
-    name: str
-    terms: tuple[tuple[int, float], ...]
-    offset: float | None
-    damping: float = 0.0
 
 
 class CouplingList:

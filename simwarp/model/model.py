@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from simwarp.model.checks import LONGEST_NAME, checked_names, whole_number
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
+from simwarp.model.specifications import Specification
 from simwarp.model.topology import (
     BuiltLaw,
     Tables,
@@ -31,9 +32,6 @@ from simwarp.model.topology import (
     row_paths,
 )
 from simwarp.simulation.identity import model_identity
-
-if TYPE_CHECKING:
-    from simwarp.model.builder import ModelBuilder
 
 CONTACTS_PER_BODY = 12
 """Default contact slots per body: a brick in a wall has eight to twelve."""
@@ -112,7 +110,7 @@ class Model(FixedAttributes):
     shape_poisson_ratio: WritableArray
 
     def __init__(
-        self, world_count: int, device: Any, builder: ModelBuilder, tables: Tables, contact_capacity: int | None = None
+        self, world_count: int, device: Any, builder: Specification, tables: Tables, contact_capacity: int | None = None
     ) -> None:
         self.world_count = world_count
         self.device = device
@@ -153,7 +151,7 @@ class Model(FixedAttributes):
 
     @classmethod
     def from_builder(
-        cls, builder: ModelBuilder, world_count: int, device: str | None, *, per_world: Iterable[str] = (),
+        cls, builder: Specification, world_count: int, device: str | None, *, per_world: Iterable[str] = (),
         contact_capacity: int | None = None,
     ) -> Model:  # fmt: skip
         """See `ModelBuilder.finalize`."""
@@ -189,7 +187,7 @@ class Model(FixedAttributes):
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
-            "a Model cannot be pickled or copied: it refers to memory of a device; keep its ModelBuilder, which can, "
+            "a Model cannot be pickled or copied: it refers to memory of a device; keep its Specification, which can, "
             "and finalize that again"
         )
 
@@ -238,7 +236,7 @@ def _lengths(values: npt.NDArray[Any], name: str) -> tuple[int, ...]:
     return values.shape[: values.ndim - len(getattr(PARAMETERS[name].dtype, "_shape_", ()))]
 
 
-def _initial_state(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
+def _initial_state(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     """Poses and velocities of one world as built; coordinates are measured on the device."""
     bodies = builder.bodies
     joint_x, joint_qd = [], []
@@ -258,7 +256,7 @@ def _initial_state(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
 
 
 def _pair_topology(
-    t: Topology, builder: ModelBuilder, pairs: npt.NDArray[np.int32], ints: Callable[[Any], Any]
+    t: Topology, builder: Specification, pairs: npt.NDArray[np.int32], ints: Callable[[Any], Any]
 ) -> None:
     """Shapes, and which of them can meet."""
     shapes = builder.shapes
@@ -277,7 +275,7 @@ def _pair_topology(
     t.excluded_start, t.excluded_body = _csr(apart, ints)
 
 
-def _never_meet(builder: ModelBuilder) -> set[tuple[int, int]]:
+def _never_meet(builder: Specification) -> set[tuple[int, int]]:
     """Pairs of bodies whose shapes never meet: excluded, or tied by a joint."""
     joints = [
         joint for joint in builder.joints if joint.type != JointType.SHAFT and WORLD not in (joint.parent, joint.child)
@@ -285,14 +283,14 @@ def _never_meet(builder: ModelBuilder) -> set[tuple[int, int]]:
     return builder.excluded_bodies | {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
 
 
-def default_capacity(builder: ModelBuilder, pairs: npt.NDArray[np.int32]) -> int:
+def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> int:
     """Contact slots of a world: all that its pairs can have, at most `CONTACTS_PER_BODY` per body and 24 at least."""
     shapes = builder.shapes
     total = sum(contact_limit(shapes[a].type, shapes[b].type) for a, b in pairs)
     return min(total, max(24, CONTACTS_PER_BODY * len(builder.bodies)))
 
 
-def turn_terms(builder: ModelBuilder) -> list[tuple[int, int]]:
+def turn_terms(builder: Specification) -> list[tuple[int, int]]:
     """(coupling, term) of every coupling term on the rotation between two bodies."""
     owner = dof_joints(builder)
     return [
@@ -313,7 +311,7 @@ def _joined(curves: Sequence[Sequence[float]], device: Any) -> Any:
     return wp.array(np.concatenate(curves or [[0.0]]).astype(np.float64), dtype=wp.float64, device=device)
 
 
-def _device_topology(builder: ModelBuilder, tables: Tables, pairs: npt.NDArray[np.int32], device: Any) -> Topology:
+def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[np.int32], device: Any) -> Topology:
     def ints(values: Any) -> Any:
         data = np.asarray(values, np.int32)
         return wp.array(data if data.size else np.full((1, *data.shape[1:]), -1, np.int32), dtype=int, device=device)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +14,8 @@ from simwarp.core.arrays import ANY, NOT_NEGATIVE, POSITIVE, Domain
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import PositionDrive, ShapeType, VelocityMotor, finite_vector
 from simwarp.model.checks import INFINITE
-from simwarp.model.shapes import ShapeSpec
+from simwarp.model.specifications import ShapeSpec, Specification
 from simwarp.model.topology import coupling_width
-
-if TYPE_CHECKING:
-    from simwarp.model.builder import ModelBuilder
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,7 +73,7 @@ PARAMETERS: dict[str, Parameter] = {
 }
 
 
-def parameter_values(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
+def parameter_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     """One world's parameters in the dtypes of `PARAMETERS`, in their order.
 
     Raises:
@@ -92,7 +89,7 @@ def parameter_values(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
     return values
 
 
-def asset_domain(builder: ModelBuilder) -> Domain:
+def asset_domain(builder: Specification) -> Domain:
     """That of `shape_asset`: kernels would read beyond the geometries that there are."""
     counts = {
         ShapeType.HULL: len(builder.hulls),
@@ -103,7 +100,7 @@ def asset_domain(builder: ModelBuilder) -> Domain:
     return Domain(np.minimum(last, 0), last, "pass what add_hull_asset and the like returned for this kind of shape")
 
 
-def _joint_values(builder: ModelBuilder) -> dict[str, npt.NDArray[Any]]:
+def _joint_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     """One world's parameters of bodies, joints and couplings."""
 
     def floats(values: Iterable[Any], *shape: int) -> npt.NDArray[np.float64]:
@@ -174,6 +171,6 @@ def _shape_values(shapes: list[ShapeSpec]) -> dict[str, npt.NDArray[Any]]:
     }
 
 
-def _initial_coordinates(builder: ModelBuilder) -> list[float]:
+def _initial_coordinates(builder: Specification) -> list[float]:
     """Joint coordinates as built: zero but for shafts (only couplable joints matter here)."""
     return [joint.initial_q for joint in builder.joints for _ in joint.dofs]

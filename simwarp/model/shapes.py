@@ -23,6 +23,7 @@ from simwarp.geometry.assets import (
     triangle_mesh,
 )
 from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
+from simwarp.model.specifications import ShapeSpec
 
 Array = npt.NDArray[np.float64]
 
@@ -33,22 +34,6 @@ TURNED: Final = (ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.CONE)
 NOT_CONVEX: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH)
 MANIFOLD_CONTACTS: Final = 8
 """Contacts that one pair of shapes can have (kernels/collision/narrow.py)."""
-
-
-@dataclasses.dataclass(frozen=True)
-class ShapeSpec:
-    """One shape slot: geometry on a body. `pose` is relative to the body's centre of mass, in its axes."""
-
-    name: str
-    body: int
-    type: ShapeType
-    pose: Pose
-    size: Array
-    material: Material
-    margin: float
-    group: int
-    mask: int
-    asset: int
 
 
 class ShapeList:

@@ -7,7 +7,7 @@ joints whose coordinates carry laws or couplings are preferred, since a slot ser
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -26,9 +26,7 @@ from simwarp.core.types import (
     VelocityMotor,
 )
 from simwarp.model.joint_types import ELEMENTS, Row
-
-if TYPE_CHECKING:
-    from simwarp.model.builder import JointSpec, ModelBuilder
+from simwarp.model.specifications import JointSpec, Specification
 
 IntArray = npt.NDArray[np.int32]
 NOT_COUPLABLE: Final = (JointType.FREE, JointType.SPHERICAL, JointType.BUSHING)
@@ -68,7 +66,7 @@ class Tables:
         return len(self.rows)
 
 
-def row_paths(builder: ModelBuilder, tables: Tables) -> list[list[int]]:
+def row_paths(builder: Specification, tables: Tables) -> list[list[int]]:
     """Slots between each row's bodies (or coordinates) and the roots of their trees: loop rows, then couplings."""
     body_link = {link.body: index for index, link in enumerate(tables.links) if link.body >= 0}
 
@@ -97,7 +95,7 @@ def row_paths(builder: ModelBuilder, tables: Tables) -> list[list[int]]:
     return paths
 
 
-def dof_joints(builder: ModelBuilder) -> list[int]:
+def dof_joints(builder: Specification) -> list[int]:
     """The joint of every degree of freedom."""
     return [joint for joint, spec in enumerate(builder.joints) for _ in spec.dofs]
 
@@ -111,7 +109,7 @@ def longest_path(tables: Tables) -> int:
     return max(lengths, default=0)
 
 
-def coupling_width(builder: ModelBuilder) -> int:
+def coupling_width(builder: Specification) -> int:
     """Terms of the longest coupling."""
     return max((len(coupling.terms) for coupling in builder.couplings), default=1)
 
@@ -160,7 +158,7 @@ def has_law(dof: Dof) -> bool:
     )
 
 
-def build_tables(builder: ModelBuilder) -> Tables:
+def build_tables(builder: Specification) -> Tables:
     """Tables of the builder's model."""
     dof_start = _dof_starts(builder)
     coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
@@ -232,7 +230,7 @@ def _acts_on_slot(dof: Dof) -> bool:
     return (has_law(dof) or _passive(dof)) and drive_mode(dof) < DriveMode.PRESCRIBED_POSITION
 
 
-def collect_tables(builder: ModelBuilder) -> tuple[list[Table], IntArray]:
+def collect_tables(builder: Specification) -> tuple[list[Table], IntArray]:
     """All tables of the model, and their indices per degree of freedom (dofs, 4): spring, damper, motion, and that of
     a damper map, which gives for each coordinate the index of its own table of forces over rates.
     """
@@ -259,7 +257,7 @@ def _passive(dof: Dof) -> bool:
     return any(table is not None for table in tables) or dof.stiffness > 0 or dof.damping > 0
 
 
-def _dof_starts(builder: ModelBuilder) -> list[int]:
+def _dof_starts(builder: Specification) -> list[int]:
     starts, total = [], 0
     for joint in builder.joints:
         starts.append(total)
@@ -267,7 +265,7 @@ def _dof_starts(builder: ModelBuilder) -> list[int]:
     return starts
 
 
-def _spanning_tree(builder: ModelBuilder, dof_start: list[int], coupled: set[int]) -> set[int]:
+def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[int]) -> set[int]:
     """Joints of a maximum spanning forest (Kruskal); ties keep the order in which joints were added."""
 
     def weight(joint: int) -> tuple[int, int]:
@@ -295,7 +293,7 @@ def _spanning_tree(builder: ModelBuilder, dof_start: list[int], coupled: set[int
     return tree
 
 
-def _ordered_links(builder: ModelBuilder, tree: set[int]) -> list[Link]:
+def _ordered_links(builder: Specification, tree: set[int]) -> list[Link]:
     """Links in breadth-first order from the world, then from the heaviest body of every floating tree, shafts last."""
     neighbours: dict[int, list[tuple[int, int, float]]] = {body: [] for body in range(-1, len(builder.bodies))}
     for joint in sorted(tree):
@@ -328,7 +326,7 @@ def _ordered_links(builder: ModelBuilder, tree: set[int]) -> list[Link]:
     return links
 
 
-def _check_couplings(builder: ModelBuilder, dof_slot: list[int], dof_start: list[int]) -> None:
+def _check_couplings(builder: Specification, dof_slot: list[int], dof_start: list[int]) -> None:
     owner = dof_joints(builder)
     for coupling in builder.couplings:
         for dof, _ in coupling.terms:
@@ -345,7 +343,7 @@ def _check_couplings(builder: ModelBuilder, dof_slot: list[int], dof_start: list
                 )
 
 
-def _bounded_rows(builder: ModelBuilder, dof_start: list[int]) -> list[tuple[int, BoundedKind]]:
+def _bounded_rows(builder: Specification, dof_start: list[int]) -> list[tuple[int, BoundedKind]]:
     rows = []
     for joint, spec in enumerate(builder.joints):
         for local, dof in enumerate(spec.dofs):

@@ -1,7 +1,7 @@
 """Closed solids of triangles with a colour per face: what all scenery is made of.
 
-Triangles are counter-clockwise seen from outside. Solids are put together by `simwarp.geometry.visual_mesh.joined`; each stays
-closed in itself.
+Triangles are counter-clockwise seen from outside. Solids are put together by
+`simwarp.geometry.visual_mesh.joined`; each stays closed in itself.
 """
 
 from __future__ import annotations

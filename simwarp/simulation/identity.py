@@ -13,10 +13,10 @@ import numpy as np
 from simwarp.core.types import Dof, PositionDrive, shown
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.specifications import JointSpec, Specification
 from simwarp.model.topology import drive_mode, has_law
 
 if TYPE_CHECKING:
-    from simwarp.model.builder import JointSpec, ModelBuilder
     from simwarp.model.model import Model
 
 VERSION: Final = "1"
@@ -68,7 +68,7 @@ class Identity:
         return "its layout"
 
 
-def model_identity(builder: ModelBuilder, model: Model) -> Identity:
+def model_identity(builder: Specification, model: Model) -> Identity:
     """That of a model: everything that all worlds share for good."""
     assets: list[Hull | HeightField | TriangleMesh] = [*builder.hulls, *builder.height_fields, *builder.meshes]
     return Identity.of(

@@ -13,7 +13,7 @@ from simwarp.core.types import Pose, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.drivetrain.drivelines import DrivelineParts, add_clutch, add_driveline
 from simwarp.vehicle.initial_velocity import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
-from simwarp.vehicle.spec.masses import merged
+from simwarp.vehicle.spec.parts import merged
 from simwarp.vehicle.spec.vehicle_spec import AutomaticShafts, ManualShafts, SpecError, VehicleSpec
 from simwarp.vehicle.suspensions import Side, add_antiroll_bar, add_axle
 from simwarp.vehicle.suspensions.corner import Array, Frame

@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, JointType
-from simwarp.model.builder import BodySpec, Frame, JointSpec, ModelBuilder
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.specifications import BodySpec, Frame, JointSpec
 from simwarp.simulation.simulation import Simulation, SolverOptions
 
 Array = npt.NDArray[np.float64]

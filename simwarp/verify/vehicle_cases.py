@@ -24,6 +24,8 @@ HEADER: Final = "recorded runs of Project Chrono 10, commit 7689fbc; columns are
 VEHICLES: Final = {"full": "hmmwv", "reduced": "hmmwv-reduced", "gator": "gator", "artcar": "artcar"}
 TIRES: Final = {"PAC89": "pacejka89", "PAC02": "pacejka2002"}
 LOADS: Final = ("Fz_FL_N", "Fz_FR_N", "Fz_RL_N", "Fz_RR_N")
+CUTOFF: Final = 10.0
+"""Of the low-pass that loads are compared behind [Hz]."""
 COLUMNS: Final = ("t_s", "speed_mps", "yawrate_radps", "engine_radps", "gear", *LOADS)
 """What is compared or drawn."""
 
@@ -145,3 +147,20 @@ def write_reference(folder: Path, target: Path = SHIPPED) -> None:
         packed[case.name] = np.diff(counts, axis=1, prepend=0)
         packed[f"{case.name}.scale"] = scale
     np.savez_compressed(target, **packed)  # type: ignore[arg-type]  # the stubs take allow_pickle for one of them
+
+
+def low_pass(values: Array, dt: float, cutoff: float = CUTOFF) -> Array:
+    """A Butterworth filter of second order [Hz], forwards and backwards: no delay, -6 dB at the cutoff."""
+    warped = np.tan(np.pi * cutoff * dt)
+    scale = 1.0 / (1.0 + np.sqrt(2.0) * warped + warped**2)
+    b0 = scale * warped**2
+    a1, a2 = 2.0 * scale * (warped**2 - 1.0), scale * (1.0 - np.sqrt(2.0) * warped + warped**2)
+    for _ in range(2):
+        filtered = np.empty_like(values)
+        x1 = x2 = y1 = y2 = float(values[0])
+        for index, x in enumerate(values.tolist()):
+            y = b0 * (x + 2.0 * x1 + x2) - a1 * y1 - a2 * y2
+            x1, x2, y1, y2 = x, x1, y, y1
+            filtered[index] = y
+        values = filtered[::-1]
+    return values

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from simwarp.core.files import replacing
 from simwarp.vehicle.results.channels import Run
-from simwarp.verify.vehicle_cases import LOADS, Case
+from simwarp.verify.vehicle_cases import LOADS, Case, low_pass
 
 REFERENCE, OURS = "#b8bfc6", "#c8102e"
 LOAD_NAMES = ("front left", "front right", "rear left", "rear right")
@@ -18,8 +18,6 @@ LOAD_NAMES = ("front left", "front right", "rear left", "rear right")
 
 def draw(case: Case, known: Run, ours: Run, target: Path) -> None:
     """Writes the picture of a case."""
-    from simwarp.verify.vehicle_runs import low_pass
-
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(case.title, x=0.01, ha="left", fontsize=13, fontweight="bold")

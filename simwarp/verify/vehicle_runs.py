@@ -14,7 +14,7 @@ from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.verify.report import Row, below, near
-from simwarp.verify.vehicle_cases import LOADS, Case, read_folder, read_shipped
+from simwarp.verify.vehicle_cases import LOADS, Case, low_pass, read_folder, read_shipped
 
 Array = npt.NDArray[np.float64]
 
@@ -29,8 +29,6 @@ LOAD_SHARE = 0.04
 DISTANCE_SHARE = 0.01
 SHIFT_TIME = 0.05
 """[s]."""
-CUTOFF = 10.0
-"""Of the low-pass that loads are compared behind [Hz]."""
 
 
 def vehicles(
@@ -134,20 +132,3 @@ def static_load(run: Run, name: str) -> float:
 def rms(values: Array) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def low_pass(values: Array, dt: float, cutoff: float = CUTOFF) -> Array:
-    """A Butterworth filter of second order [Hz], forwards and backwards: no delay, -6 dB at the cutoff."""
-    warped = np.tan(np.pi * cutoff * dt)
-    scale = 1.0 / (1.0 + np.sqrt(2.0) * warped + warped**2)
-    b0 = scale * warped**2
-    a1, a2 = 2.0 * scale * (warped**2 - 1.0), scale * (1.0 - np.sqrt(2.0) * warped + warped**2)
-    for _ in range(2):
-        filtered = np.empty_like(values)
-        x1 = x2 = y1 = y2 = float(values[0])
-        for index, x in enumerate(values.tolist()):
-            y = b0 * (x + 2.0 * x1 + x2) - a1 * y1 - a2 * y2
-            x1, x2, y1, y2 = x, x1, y, y1
-            filtered[index] = y
-        values = filtered[::-1]
-    return values

@@ -101,8 +101,8 @@ def test_low_pass_passes_below_and_stops_above_its_cutoff():
     t = np.arange(0.0, 10.0, 0.01)
     for frequency, gain in ((0.5, 1.0), (10.0, 0.5), (35.0, 0.005)):
         wave = np.sin(2.0 * np.pi * frequency * t + 0.3)
-        assert vehicles.rms(vehicles.low_pass(wave, 0.01)[200:-200]) == pytest.approx(gain * 0.5**0.5, abs=0.02)
-    assert vehicles.low_pass(np.full(50, 3.0), 0.01) == pytest.approx(3.0)
+        assert vehicles.rms(vehicle_cases.low_pass(wave, 0.01)[200:-200]) == pytest.approx(gain * 0.5**0.5, abs=0.02)
+    assert vehicle_cases.low_pass(np.full(50, 3.0), 0.01) == pytest.approx(3.0)
 
 
 def test_a_folder_of_files_and_plots(tmp_path, capsys, monkeypatch, shipped):

@@ -14,7 +14,7 @@ import numpy as np
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import WORLD, JointType, Material, ShapeType
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.shapes import ShapeSpec
+from simwarp.model.specifications import ShapeSpec
 from tests.reference.contact_solve import Cones, solve_cones
 from tests.reference.twin import Twin
 from tests.reference.twin_laws import implicit_terms

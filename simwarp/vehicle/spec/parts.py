@@ -15,9 +15,9 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from simwarp.vehicle.spec.masses import inertia_matrix
-
+Array: TypeAlias = npt.NDArray[np.float64]
 Vec3: TypeAlias = tuple[float, float, float]
 Points: TypeAlias = tuple[tuple[float, float], ...]
 """(x, y) pairs with increasing x of a piecewise linear function."""
@@ -169,6 +169,23 @@ class RigidPart(Spec):
         """Products that such moments can have."""
         if np.linalg.eigvalsh(inertia_matrix(self))[0] <= 0.0:
             raise refuse("products", f"small beside the moments of inertia {self.inertia}", self.products)
+
+
+def inertia_matrix(part: RigidPart) -> Array:
+    """(3, 3) inertia about the centre of mass in the axes that it was given in [kg·m²]."""
+    xy, xz, yz = part.products
+    return np.diag(part.inertia) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+
+
+def merged(parts: Sequence[RigidPart]) -> tuple[float, Array, Array]:
+    """Mass [kg], centre of mass (3,) [m] and inertia (3, 3) about it [kg·m²] of one body of all parts."""
+    mass = sum(part.mass for part in parts)
+    com = sum(part.mass * np.array(part.com) for part in parts) / mass
+    inertia = np.zeros((3, 3))
+    for part in parts:
+        offset = np.array(part.com) - com
+        inertia += inertia_matrix(part) + part.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    return float(mass), np.asarray(com), inertia
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,6 @@ from simwarp.vehicle.spec.drivetrain_parts import (
     Steering,
     Transmission,
 )
-from simwarp.vehicle.spec.masses import merged
 from simwarp.vehicle.spec.parts import (
     BUMP_STOP,
     ZERO,
@@ -47,6 +46,7 @@ from simwarp.vehicle.spec.parts import (
     check_curve,
     check_finite,
     check_map,
+    merged,
     refuse,
 )
 from simwarp.vehicle.spec.plausibility import check_vehicle

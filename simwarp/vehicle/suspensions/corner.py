@@ -10,7 +10,7 @@ import numpy as np
 from simwarp.core.rotation import rotate
 from simwarp.core.types import Pose, Table, pose
 from simwarp.model.builder import ModelBuilder
-from simwarp.vehicle.spec.masses import Array, inertia_matrix
+from simwarp.vehicle.spec.parts import Array, inertia_matrix
 from simwarp.vehicle.spec.vehicle_spec import ForceLine, Points, RigidPart, Vec3
 
 

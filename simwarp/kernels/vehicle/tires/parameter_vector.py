@@ -1,8 +1,8 @@
 """What a tire's row of parameters and its row of state hold, by name.
 
 A row starts with `Common`; the entries of the model follow at `COMMON_SIZE`; a table of (deflection [m], force [N])
-pairs may follow at `Common.CURVE_START`. `simwarp.vehicle.tires.tires` fills rows; to randomise a tire, scale its entries.
-SI units throughout; forces of a model are those at its reference friction.
+pairs may follow at `Common.CURVE_START`. `simwarp.vehicle.tires.tires` fills rows; to randomise a tire, scale its
+entries. SI units throughout; forces of a model are those at its reference friction.
 """
 
 from enum import IntEnum

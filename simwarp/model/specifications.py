@@ -1,0 +1,110 @@
+"""What a builder collects: bodies, joints, couplings and shapes as plain values, of which models are made."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.types import Dof, JointType, Material, Pose, ShapeType
+from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class BodySpec:
+    """One rigid body: mass [kg], inertia about its centre of mass in body axes [kg·m²], initial state (world)."""
+
+    name: str
+    mass: float
+    inertia: Array
+    pose: Pose
+    velocity: Array
+    omega: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """A frame on a body: origin [m] relative to the centre of mass and xyzw orientation, in body axes."""
+
+    position: Array
+    rotation: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class JointSpec:
+    """One element between frame 0 on body `parent` and frame 1 on body `child`.
+
+    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²].
+    """
+
+    name: str
+    type: JointType
+    parent: int
+    child: int
+    frame0: Frame
+    frame1: Frame
+    dofs: tuple[Dof, ...]
+    offset: float = 0.0
+    inertia: float = 0.0
+    initial_q: float = 0.0
+    initial_qd: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class CouplingSpec:
+    """sum of coefficient x coordinate = offset, over up to six degrees of freedom (public dof indices); with
+    `damping`, effort = -damping x sum of coefficient x rate instead.
+    """
+
+    name: str
+    terms: tuple[tuple[int, float], ...]
+    offset: float | None
+    damping: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class ShapeSpec:
+    """One shape slot: geometry on a body. `pose` is relative to the body's centre of mass, in its axes."""
+
+    name: str
+    body: int
+    type: ShapeType
+    pose: Pose
+    size: Array
+    material: Material
+    margin: float
+    group: int
+    mask: int
+    asset: int
+
+
+class Specification(Protocol):
+    """All of a model, as a ModelBuilder holds it.
+
+    Attributes:
+        gravity: (3,) acceleration [m/s²], world frame.
+        bodies, joints, couplings, shapes: in the order of their indices.
+        hulls, height_fields, meshes: geometries that shapes refer to.
+        excluded_bodies: pairs of bodies whose shapes never meet.
+    """
+
+    gravity: Array
+    bodies: list[BodySpec]
+    joints: list[JointSpec]
+    couplings: list[CouplingSpec]
+    shapes: list[ShapeSpec]
+    hulls: list[Hull]
+    height_fields: list[HeightField]
+    meshes: list[TriangleMesh]
+    excluded_bodies: set[tuple[int, int]]
+
+    @property
+    def dof_count(self) -> int:
+        """Degrees of freedom of all joints."""
+
+    def dof_start(self, joint: int) -> int:
+        """First degree of freedom of a joint."""
