@@ -16,6 +16,7 @@ from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
 from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.tables import Parameters, Topology
 from simwarp.model.checks import LONGEST_NAME, checked_names, whole_number
+from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
@@ -31,7 +32,6 @@ from simwarp.model.topology import (
     longest_path,
     row_paths,
 )
-from simwarp.simulation.identity import model_identity
 
 CONTACTS_PER_BODY = 12
 """Default contact slots per body: a brick in a wall has eight to twelve."""
@@ -147,7 +147,7 @@ class Model(FixedAttributes):
         self.assets = hull_assets(builder.hulls, device)
         # the assets hold their ids only
         self.meshes = add_ground_assets(self.assets, builder.height_fields, builder.meshes, device)
-        self.identity = model_identity(builder, self)
+        self.identity = model_identity(builder, world_count, self.contact_capacity, self.has_rolling_friction)
 
     @classmethod
     def from_builder(

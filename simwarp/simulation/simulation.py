@@ -25,11 +25,11 @@ from simwarp.kernels.dynamics.world import (
     run_worlds_kernel,
 )
 from simwarp.model.checks import checked_flag, whole_number
+from simwarp.model.identity import run_parts
 from simwarp.model.model import FEWER, Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.force_elements import ForceElement, words
-from simwarp.simulation.identity import run_parts
 from simwarp.simulation.requirements import lanes_of, run_layouts, step_layouts, step_sizes
 from simwarp.simulation.sensor_protocol import Sensor
 from simwarp.simulation.snapshot import Snapshot

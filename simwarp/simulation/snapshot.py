@@ -18,9 +18,9 @@ import warp as wp
 from simwarp.core.files import FileError, check_input, parse_json, replacing
 from simwarp.core.memory import check_layouts
 from simwarp.core.types import ModelError, shown
+from simwarp.model.identity import Identity, run_parts
 from simwarp.model.model import Model
 from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.identity import Identity, run_parts
 from simwarp.simulation.requirements import snapshot_layouts
 from simwarp.simulation.state import Control, State
 

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.results.channels import Array, Run
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 SHIPPED: Final = Path(__file__).with_name("vehicle_reference.npz")

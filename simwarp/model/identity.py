@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,9 +15,6 @@ from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec, Specification
 from simwarp.model.topology import drive_mode, has_law
-
-if TYPE_CHECKING:
-    from simwarp.model.model import Model
 
 VERSION: Final = "1"
 """Of the layout of states: another one is another identity."""
@@ -68,14 +65,14 @@ class Identity:
         return "its layout"
 
 
-def model_identity(builder: Specification, model: Model) -> Identity:
+def model_identity(builder: Specification, world_count: int, contact_capacity: int, rolling_friction: bool) -> Identity:
     """That of a model: everything that all worlds share for good."""
     assets: list[Hull | HeightField | TriangleMesh] = [*builder.hulls, *builder.height_fields, *builder.meshes]
     return Identity.of(
         {
             "version": [VERSION],
-            "worlds": [str(model.world_count)],
-            "bodies": [f"'{name}'" for name in model.body_names],
+            "worlds": [str(world_count)],
+            "bodies": [f"'{body.name}'" for body in builder.bodies],
             "joints": [_joint_line(joint) for joint in builder.joints],
             "couplings": [
                 f"'{coupling.name}' of coordinates {', '.join(str(dof) for dof, _ in coupling.terms)}"
@@ -87,8 +84,8 @@ def model_identity(builder: Specification, model: Model) -> Identity:
             ],
             "geometries": [_asset_line(asset) for asset in assets],
             "excluded pairs": [f"{a} and {b}" for a, b in sorted(builder.excluded_bodies)],
-            "contact capacity": [str(model.contact_capacity)],
-            "rolling friction": [str(model.has_rolling_friction)],
+            "contact capacity": [str(contact_capacity)],
+            "rolling friction": [str(rolling_friction)],
         }
     )
 
