@@ -10,14 +10,17 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.arrays import FixedAttributes, WritableArray, writable_from
+from simwarp.core.arrays import writable_from
+from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
 from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
 from simwarp.geometry.assets import add_ground_assets, hull_assets
-from simwarp.kernels.core.tables import Parameters, Topology
+from simwarp.kernels.core.fields import ParameterFields, Parameters
+from simwarp.kernels.core.tables import Topology
 from simwarp.model.checks import LONGEST_NAME, checked_names, whole_number
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.layouts import run_layouts
 from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
 from simwarp.model.specifications import Specification
@@ -48,12 +51,11 @@ MOST_LISTED: Final = 12
 FEWER: Final = "take fewer worlds or a smaller contact_capacity"
 
 
-class Model(FixedAttributes):
+class Model(ParameterFields):
     """Constant data of `world_count` worlds on one device. Made by `ModelBuilder.finalize`.
 
-    Every parameter of `PARAMETERS` is an attribute: an array of leading dimension 1 (shared by all worlds) or W
-    (named in `finalize(per_world=...)`), read by the kernels as `array[world % array.shape[0]]`. Write into it
-    between steps, never replace it.
+    Every parameter (declared in `ParameterFields`) is an attribute: an array of leading dimension 1 (shared by all
+    worlds) or W (named in `finalize(per_world=...)`). Write into it between steps, never replace it.
 
     Attributes:
         world_count, body_count, joint_count, dof_count, shape_count: sizes of the arrays.
@@ -70,44 +72,6 @@ class Model(FixedAttributes):
         shapes_that_meet: which shapes may touch another one.
         identity: what of it a snapshot must have in common.
     """
-
-    gravity: WritableArray
-    body_mass: WritableArray
-    body_inertia_b: WritableArray
-    joint_anchor0: WritableArray
-    joint_anchor1: WritableArray
-    joint_frame0: WritableArray
-    joint_frame1: WritableArray
-    joint_offset: WritableArray
-    joint_armature: WritableArray
-    joint_stiffness: WritableArray
-    joint_rest: WritableArray
-    joint_damping: WritableArray
-    joint_preload: WritableArray
-    joint_friction: WritableArray
-    joint_limit_lower: WritableArray
-    joint_limit_upper: WritableArray
-    drive_stiffness: WritableArray
-    drive_damping: WritableArray
-    drive_effort_limit: WritableArray
-    coupling_coefficient: WritableArray
-    coupling_offset: WritableArray
-    coupling_damping: WritableArray
-    shape_x: WritableArray
-    shape_rot: WritableArray
-    shape_size: WritableArray
-    shape_margin: WritableArray
-    shape_asset: WritableArray
-    shape_enabled: WritableArray
-    shape_friction: WritableArray
-    shape_rolling_friction: WritableArray
-    shape_spinning_friction: WritableArray
-    shape_restitution: WritableArray
-    shape_cohesion: WritableArray
-    shape_compliance: WritableArray
-    shape_damping: WritableArray
-    shape_young_modulus: WritableArray
-    shape_poisson_ratio: WritableArray
 
     def __init__(
         self, world_count: int, device: Any, builder: Specification, tables: Tables, contact_capacity: int | None = None
@@ -160,8 +124,6 @@ class Model(FixedAttributes):
             contact_capacity = whole_number(
                 "finalize", "contact_capacity", contact_capacity, 1, MOST_ROWS, "None chooses it"
             )
-        from simwarp.simulation.requirements import run_layouts  # which knows State, and that this Model
-
         wanted = checked_names("finalize", "per_world", per_world, PARAMETERS)
         if not builder.bodies and not builder.joints:
             raise ModelError("finalize: the builder has no body; call add_body first")
@@ -171,7 +133,7 @@ class Model(FixedAttributes):
             name: ArrayLayout((worlds if name in wanted else 1, *_lengths(array, name)), PARAMETERS[name].dtype)
             for name, array in values.items()
         }
-        check_layouts(f"finalize: {worlds} worlds", layouts | run_layouts(model), model.device, FEWER)
+        check_layouts(f"finalize: {worlds} worlds", layouts | run_layouts(model.sizes()), model.device, FEWER)
         for name, layout in layouts.items():
             shared = layout.shape[0] == 1 < worlds
             array = writable_from(
@@ -190,6 +152,22 @@ class Model(FixedAttributes):
             "a Model cannot be pickled or copied: it refers to memory of a device; keep its Specification, which can, "
             "and finalize that again"
         )
+
+    def sizes(self, *, elements: bool = False, reactions: bool = False) -> dict[Size, int]:
+        """Lengths of the arrays of a Simulation, with or without force elements and joint reactions."""
+        worlds = self.world_count
+        return {
+            Size.WORLDS: worlds,
+            Size.ELEMENT_WORLDS: worlds if elements else 1,
+            Size.REACTION_WORLDS: worlds if reactions else 0,
+            Size.BODIES: self.body_count,
+            Size.TOUCHED_BODIES: self.body_count if self.shape_count else 0,
+            Size.JOINTS: self.joint_count,
+            Size.DOFS: self.dof_count,
+            Size.BOUNDED_ROWS: self.bounded_count,
+            Size.SHAPES: self.shape_count,
+            Size.CONTACTS: self.contact_capacity,
+        }
 
     def body(self, name: str) -> int:
         """Index of a body by name."""

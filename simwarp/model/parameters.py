@@ -2,75 +2,24 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.arrays import ANY, NOT_NEGATIVE, POSITIVE, Domain
+from simwarp.core.arrays import ANY, Domain
+from simwarp.core.fields import Field
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import PositionDrive, ShapeType, VelocityMotor, finite_vector
+from simwarp.kernels.core.fields import ParameterFields
 from simwarp.model.checks import INFINITE
 from simwarp.model.specifications import ShapeSpec, Specification
 from simwarp.model.topology import coupling_width
 
-
-@dataclasses.dataclass(frozen=True)
-class Parameter:
-    """Dtype, meaning and domain of a per-world parameter; its shape is (1 or W, n)."""
-
-    dtype: Any
-    text: str
-    domain: Domain = ANY
-
-
-A_LIMIT: Final = Domain(remedy="1e30 and -1e30 stand for no limit")
-AN_EFFORT: Final = Domain(least=0.0, remedy="1e30 stands for no limit")
-
-PARAMETERS: dict[str, Parameter] = {
-    "gravity": Parameter(wp.vec3, "(1 or W,) acceleration [m/s²], world frame"),
-    "body_mass": Parameter(wp.float32, "(1 or W, B) [kg]", POSITIVE),
-    "body_inertia_b": Parameter(wp.mat33, "(1 or W, B) about the centre of mass, body frame [kg·m²]", POSITIVE),
-    "joint_anchor0": Parameter(wp.vec3d, "(1 or W, J) origin of frame 0 from the first body's centre, its frame [m]"),
-    "joint_anchor1": Parameter(wp.vec3d, "(1 or W, J) origin of frame 1 from the second body's centre, its frame [m]"),
-    "joint_frame0": Parameter(wp.mat33d, "(1 or W, J) axes of frame 0 in the first body"),
-    "joint_frame1": Parameter(wp.mat33d, "(1 or W, J) axes of frame 1 in the second body"),
-    "joint_offset": Parameter(wp.float64, "(1 or W, J) length of a rod [m]"),
-    "joint_armature": Parameter(wp.float32, "(1 or W, dofs) [kg or kg·m²]", NOT_NEGATIVE),
-    "joint_stiffness": Parameter(wp.float32, "(1 or W, dofs) [N/m or N·m/rad]", NOT_NEGATIVE),
-    "joint_rest": Parameter(wp.float32, "(1 or W, dofs) [m or rad]"),
-    "joint_damping": Parameter(wp.float32, "(1 or W, dofs) [N·s/m or N·m·s/rad]", NOT_NEGATIVE),
-    "joint_preload": Parameter(wp.float32, "(1 or W, dofs) [N or N·m]"),
-    "joint_friction": Parameter(wp.float32, "(1 or W, dofs) dry friction [N or N·m]", NOT_NEGATIVE),
-    "joint_limit_lower": Parameter(wp.float32, "(1 or W, dofs) [m or rad]", A_LIMIT),
-    "joint_limit_upper": Parameter(wp.float32, "(1 or W, dofs) [m or rad]", A_LIMIT),
-    "drive_stiffness": Parameter(wp.float32, "(1 or W, dofs) [N/m or N·m/rad]", NOT_NEGATIVE),
-    "drive_damping": Parameter(wp.float32, "(1 or W, dofs) [N·s/m or N·m·s/rad]", NOT_NEGATIVE),
-    "drive_effort_limit": Parameter(wp.float32, "(1 or W, dofs) [N or N·m]", AN_EFFORT),
-    "coupling_coefficient": Parameter(wp.float32, "(1 or W, couplings, terms)"),
-    "coupling_offset": Parameter(wp.float64, "(1 or W, couplings)"),
-    "coupling_damping": Parameter(
-        wp.float32, "(1 or W, couplings) of a viscous coupling, 0: rigid [N·m·s/rad]", NOT_NEGATIVE
-    ),
-    "shape_x": Parameter(wp.vec3d, "(1 or W, S) origin from the body's centre of mass, body axes [m]"),
-    "shape_rot": Parameter(wp.quat, "(1 or W, S) xyzw, shape axes to body axes"),
-    "shape_size": Parameter(wp.vec3, "(1 or W, S) meaning by `ShapeType` [m]", NOT_NEGATIVE),
-    "shape_margin": Parameter(wp.float32, "(1 or W, S) thickness added to the surface [m]", NOT_NEGATIVE),
-    "shape_asset": Parameter(wp.int32, "(1 or W, S) asset that a hull, height field or mesh shows"),
-    "shape_enabled": Parameter(wp.int32, "(1 or W, S) 0 takes the shape out"),
-    "shape_friction": Parameter(wp.float32, "(1 or W, S)", NOT_NEGATIVE),
-    "shape_rolling_friction": Parameter(wp.float32, "(1 or W, S) [m]", NOT_NEGATIVE),
-    "shape_spinning_friction": Parameter(wp.float32, "(1 or W, S) [m]", NOT_NEGATIVE),
-    "shape_restitution": Parameter(wp.float32, "(1 or W, S)", Domain(0.0, 1.0)),
-    "shape_cohesion": Parameter(wp.float32, "(1 or W, S) [N]", NOT_NEGATIVE),
-    "shape_compliance": Parameter(wp.float32, "(1 or W, S) [m/N]", NOT_NEGATIVE),
-    "shape_damping": Parameter(wp.float32, "(1 or W, S) relaxation time of the compliance [s]", NOT_NEGATIVE),
-    "shape_young_modulus": Parameter(wp.float32, "(1 or W, S) of the smooth contact model [Pa]", NOT_NEGATIVE),
-    "shape_poisson_ratio": Parameter(wp.float32, "(1 or W, S) of the smooth contact model", Domain(0.0, 0.5)),
-}
+PARAMETERS: Final[Mapping[str, Field]] = ParameterFields.FIELDS
+"""Name -> declaration of every parameter that may differ per world."""
 
 
 def parameter_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
@@ -85,7 +34,7 @@ def parameter_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         dtype = wp.dtype_to_numpy(getattr(parameter.dtype, "_wp_scalar_type_", parameter.dtype))
         with np.errstate(over="ignore"):  # told in the next line
             values[name] = given.astype(dtype)
-        parameter.domain.check(f"finalize: {name}", values[name])
+        (parameter.domain or ANY).check(f"finalize: {name}", values[name])
     return values
 
 

@@ -1,4 +1,4 @@
-"""What a Simulation allocates, from the layouts that its arrays are made of: known before the first one is made."""
+"""Scratch that the steps of a model take: known before the first array is made."""
 
 from __future__ import annotations
 
@@ -6,31 +6,6 @@ from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.collide import collision_layouts
 from simwarp.kernels.dynamics.world import Sizes, scratch_layouts
 from simwarp.model.model import Model
-from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.diagnostics import Diagnostics
-from simwarp.simulation.state import Control, State
-
-
-def run_layouts(model: Model, *, elements: bool = False, reactions: bool = False) -> dict[str, ArrayLayout]:
-    """State, its initial values, control, contacts and diagnostics of any Simulation of the model."""
-    groups = {
-        "state": State.layouts(model),
-        "initial state": State.layouts(model),
-        "control": Control.layouts(model, elements),
-        "contacts": Contacts.layouts(model),
-        "diagnostics": Diagnostics.layouts(model, reactions),
-    }
-    return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}
-
-
-def snapshot_layouts(model: Model, *, elements: bool) -> dict[str, ArrayLayout]:
-    """The arrays of a snapshot, without what force elements and sensors remember."""
-    groups = {
-        "state": State.layouts(model),
-        "control": Control.layouts(model, elements),
-        "contacts": Contacts.layouts(model),
-    }
-    return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}
 
 
 def lanes_of(model: Model) -> int:

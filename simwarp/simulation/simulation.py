@@ -26,11 +26,12 @@ from simwarp.kernels.dynamics.world import (
 )
 from simwarp.model.checks import checked_flag, whole_number
 from simwarp.model.identity import run_parts
+from simwarp.model.layouts import run_layouts
 from simwarp.model.model import FEWER, Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.force_elements import ForceElement, words
-from simwarp.simulation.requirements import lanes_of, run_layouts, step_layouts, step_sizes
+from simwarp.simulation.requirements import lanes_of, step_layouts, step_sizes
 from simwarp.simulation.sensor_protocol import Sensor
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, LAWS, SOLVERS, SolverOptions
@@ -102,7 +103,8 @@ class Simulation(FixedAttributes):
         all_solvers = other or (rescue if self.solver.rescue is None else self.solver.rescue)
         sizes = step_sizes(model, self.solver.dense_rows, all_solvers)
         element_memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
-        layouts = run_layouts(model, elements=bool(self.elements), reactions=reactions) | step_layouts(model, sizes)
+        layouts = run_layouts(model.sizes(elements=bool(self.elements), reactions=reactions))
+        layouts |= step_layouts(model, sizes)
         copies = sum(4 * array.size for array in element_memory)
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
         self.control = Control(model, elements=bool(self.elements))

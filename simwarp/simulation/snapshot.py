@@ -19,9 +19,9 @@ from simwarp.core.files import FileError, check_input, parse_json, replacing
 from simwarp.core.memory import check_layouts
 from simwarp.core.types import ModelError, shown
 from simwarp.model.identity import Identity, run_parts
+from simwarp.model.layouts import snapshot_layouts
 from simwarp.model.model import Model
 from simwarp.simulation.contacts import Contacts
-from simwarp.simulation.requirements import snapshot_layouts
 from simwarp.simulation.state import Control, State
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Snapshot:
             ModelError: it does not fit into memory.
         """
         more = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in memory)
-        layouts = snapshot_layouts(model, elements=elements)
+        layouts = snapshot_layouts(model.sizes(elements=elements))
         check_layouts("snapshot: its arrays", layouts, model.device, "free memory or take fewer worlds", more)
         kept = tuple(wp.clone(array) for array in memory)
         return cls(State(model), Control(model, elements=elements), Contacts(model), kept, identity)

@@ -11,7 +11,8 @@ import warp as wp
 import simwarp as sw
 from simwarp import scenes
 from simwarp.core import memory
-from simwarp.simulation.requirements import run_layouts, snapshot_layouts, step_layouts, step_sizes
+from simwarp.model.layouts import run_layouts, snapshot_layouts
+from simwarp.simulation.requirements import step_layouts, step_sizes
 
 CPU = wp.get_device("cpu")
 
@@ -79,10 +80,10 @@ def test_what_is_computed_is_what_is_allocated():
         *((part, part._cls.vars) for part in scratch),
     ]  # fmt: skip
     taken = sum(getattr(part, name).capacity for part, names in groups for name in names)
-    layouts = run_layouts(model, reactions=True) | step_layouts(model, step_sizes(model, 128, True))
+    layouts = run_layouts(model.sizes(reactions=True)) | step_layouts(model, step_sizes(model, 128, True))
     assert taken == memory.layout_bytes(layouts.values())
     kept = sum(array.capacity for array in sim.snapshot().arrays().values())
-    assert kept == memory.layout_bytes(snapshot_layouts(model, elements=False).values())
+    assert kept == memory.layout_bytes(snapshot_layouts(model.sizes()).values())
 
 
 def test_nothing_is_made_where_it_does_not_fit(monkeypatch):

@@ -12,8 +12,9 @@ from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY,
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
 from simwarp.kernels.collision.surfaces import TRIANGLE_BATCH, Ground, ground_bounds, ground_of, is_ground
 from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_contacts
+from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_float
-from simwarp.kernels.core.tables import ContactArrays, Parameters, StateArrays, StepConfig, Topology, own
+from simwarp.kernels.core.tables import StepConfig, Topology, world_row
 from simwarp.kernels.dynamics.contact_rows import contact_frame
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -123,9 +124,9 @@ def placed(
         n = wp.vec3d(wp.float64(s.rot[0, 2]), wp.float64(s.rot[1, 2]), wp.float64(s.rot[2, 2]))
         offset = n * (wp.dot(n, offset) / wp.dot(n, n))
     s.x = to_float(offset)
-    s.size = parameters.shape_size[own(world, parameters.shape_size.shape[0]), shape]
-    s.margin = parameters.shape_margin[own(world, parameters.shape_margin.shape[0]), shape]
-    s.asset = parameters.shape_asset[own(world, parameters.shape_asset.shape[0]), shape]
+    s.size = parameters.shape_size[world_row(world, parameters.shape_size.shape[0]), shape]
+    s.margin = parameters.shape_margin[world_row(world, parameters.shape_margin.shape[0]), shape]
+    s.asset = parameters.shape_asset[world_row(world, parameters.shape_asset.shape[0]), shape]
     return s
 
 
@@ -148,8 +149,8 @@ def place_shapes(
     """Poses, bounds and speeds of all shapes."""
     for shape in range(topology.shape_count):
         body = topology.shape_body[shape]
-        x = parameters.shape_x[own(world, parameters.shape_x.shape[0]), shape]
-        rot = wp.quat_to_matrix(parameters.shape_rot[own(world, parameters.shape_rot.shape[0]), shape])
+        x = parameters.shape_x[world_row(world, parameters.shape_x.shape[0]), shape]
+        rot = wp.quat_to_matrix(parameters.shape_rot[world_row(world, parameters.shape_rot.shape[0]), shape])
         velocity = wp.vec3()
         omega = wp.vec3()
         if body >= 0:
@@ -400,9 +401,9 @@ def collide_world(
     cached = keep_last_contacts(world, lane, contacts, scratch)
     place_shapes(world, lane, topology, parameters, state, assets, scratch)
     contacts.contact_overflow[world] = 0
-    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
+    gravity = parameters.gravity[world_row(world, parameters.gravity.shape[0])]
     near = config.contact_envelope + wp.length(gravity) * config.dt * config.dt
-    we = own(world, parameters.shape_enabled.shape[0])
+    we = world_row(world, parameters.shape_enabled.shape[0])
     if topology.grid_buckets > 0:
         fastest = float(0.0)
         for shape in range(topology.shape_count):
@@ -456,5 +457,5 @@ def collide_worlds(
     world = wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
-    lane = own(world, scratch.x.shape[0])
+    lane = world_row(world, scratch.x.shape[0])
     collide_world(world, lane, config, topology, parameters, assets, state, contacts, scratch, pack_grid(scratch, lane))

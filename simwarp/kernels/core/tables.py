@@ -1,6 +1,6 @@
-"""The structs that kernels take: constant tables, parameters, state, control, and a world's scratch.
+"""The structs that kernels take beside the arrays of `fields`: constant tables, options, and a world's scratch.
 
-`Topology` is shared by all worlds and never changes; `Parameters` have leading dimension 1 (shared) or W.
+`Topology` is shared by all worlds and never changes.
 `Work` packs the local arrays of one world: a kernel of fixed size allocates them and hands them on as a whole.
 """
 
@@ -8,7 +8,7 @@ import warp as wp
 
 
 @wp.func
-def own(world: int, copies: int) -> int:
+def world_row(world: int, copies: int) -> int:
     """Row of a parameter: the world's own, or the only one."""
     return wp.min(world, copies - 1)
 
@@ -84,119 +84,6 @@ class Topology:
     pair_other: wp.array[int]
     excluded_start: wp.array[int]  # CSR over the world, then bodies: bodies of higher index that it never touches
     excluded_body: wp.array[int]
-
-
-@wp.struct
-class Parameters:
-    """Everything that may differ per world: leading dimension 1 or W. Units in `Model`."""
-
-    gravity: wp.array[wp.vec3]
-    body_mass: wp.array2d[float]
-    body_inertia_b: wp.array2d[wp.mat33]
-    joint_anchor0: wp.array2d[wp.vec3d]
-    joint_anchor1: wp.array2d[wp.vec3d]
-    joint_frame0: wp.array2d[wp.mat33d]
-    joint_frame1: wp.array2d[wp.mat33d]
-    joint_offset: wp.array2d[wp.float64]
-    joint_armature: wp.array2d[float]
-    joint_stiffness: wp.array2d[float]
-    joint_rest: wp.array2d[float]
-    joint_damping: wp.array2d[float]
-    joint_preload: wp.array2d[float]
-    joint_friction: wp.array2d[float]
-    joint_limit_lower: wp.array2d[float]
-    joint_limit_upper: wp.array2d[float]
-    drive_stiffness: wp.array2d[float]
-    drive_damping: wp.array2d[float]
-    drive_effort_limit: wp.array2d[float]
-    coupling_coefficient: wp.array3d[float]
-    coupling_offset: wp.array2d[wp.float64]
-    coupling_damping: wp.array2d[float]
-    shape_x: wp.array2d[wp.vec3d]
-    shape_rot: wp.array2d[wp.quat]
-    shape_size: wp.array2d[wp.vec3]
-    shape_margin: wp.array2d[float]
-    shape_asset: wp.array2d[int]
-    shape_enabled: wp.array2d[int]
-    shape_friction: wp.array2d[float]
-    shape_rolling_friction: wp.array2d[float]
-    shape_spinning_friction: wp.array2d[float]
-    shape_restitution: wp.array2d[float]
-    shape_cohesion: wp.array2d[float]
-    shape_compliance: wp.array2d[float]
-    shape_damping: wp.array2d[float]
-    shape_young_modulus: wp.array2d[float]
-    shape_poisson_ratio: wp.array2d[float]
-
-
-@wp.struct
-class StateArrays:
-    """The state of all worlds; shapes and units in `State`."""
-
-    body_x: wp.array2d[wp.vec3d]
-    body_rot: wp.array2d[wp.quatd]
-    body_q: wp.array2d[wp.transform]
-    body_v: wp.array2d[wp.vec3]
-    body_omega: wp.array2d[wp.vec3]
-    body_omega_last: wp.array2d[wp.vec3]
-    body_v_low: wp.array2d[wp.vec3]
-    body_omega_low: wp.array2d[wp.vec3]
-    joint_x: wp.array2d[wp.float64]
-    joint_q: wp.array2d[float]
-    joint_qd: wp.array2d[float]
-    bounded_impulse: wp.array2d[float]
-    world_time: wp.array[wp.float64]
-    world_status: wp.array[int]
-
-
-@wp.struct
-class ContactArrays:
-    """The contacts of all worlds; shapes and units in `Contacts`."""
-
-    contact_count: wp.array[int]
-    contact_overflow: wp.array[int]
-    contact_shape0: wp.array2d[int]
-    contact_shape1: wp.array2d[int]
-    contact_feature: wp.array2d[int]
-    contact_normal_w: wp.array2d[wp.vec3]
-    contact_gap: wp.array2d[float]
-    contact_arm0: wp.array2d[wp.vec3]
-    contact_arm1: wp.array2d[wp.vec3]
-    contact_impulse: wp.array2d[wp.vec3]
-    contact_moment: wp.array2d[wp.vec3]
-    contact_force_w: wp.array2d[wp.vec3]
-    shape_contact_force: wp.array2d[wp.vec3]
-    body_contact_force: wp.array2d[wp.vec3]
-    penetration: wp.array[float]
-
-
-@wp.struct
-class ControlArrays:
-    """Inputs of a step; shapes and units in `Control`."""
-
-    joint_force: wp.array2d[float]
-    joint_target_q: wp.array2d[float]
-    joint_target_qd: wp.array2d[float]
-    body_force: wp.array2d[wp.vec3]
-    body_torque: wp.array2d[wp.vec3]
-    body_force_b: wp.array2d[wp.vec3]
-    body_torque_b: wp.array2d[wp.vec3]
-    element_force: wp.array2d[wp.vec3]  # (1 or W, B): what force elements of the model apply, such as tires
-    element_torque: wp.array2d[wp.vec3]
-    element_joint_force: wp.array2d[float]  # (1 or W, dofs)
-
-
-@wp.struct
-class Reports:
-    """What a step tells about itself, per world; shapes and units in `Diagnostics`."""
-
-    row_residual: wp.array[float]
-    bounded_residual: wp.array[float]
-    bounded_count: wp.array[int]
-    iterations: wp.array[int]
-    position_error: wp.array[float]
-    joint_reaction_force: wp.array2d[wp.vec3]
-    joint_reaction_torque: wp.array2d[wp.vec3]
 
 
 @wp.struct

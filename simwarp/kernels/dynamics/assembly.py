@@ -3,8 +3,9 @@
 import warp as wp
 
 from simwarp.core.types import WorldStatus
+from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_float, turned
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import (
     apply_rows,
     coupling_row,
@@ -110,10 +111,10 @@ def place_links(world: int, topology: Topology, parameters: Parameters, joint_q:
         if joint >= 0 and body >= 0:
             pose = joint_pose(topology.link_type[link], topology.joint_dof[joint], world, joint_q)
             frames = joint_frames(joint, world, topology, parameters, work)
-            anchor0 = parameters.joint_anchor0[own(world, parameters.joint_anchor0.shape[0]), joint]
-            anchor1 = parameters.joint_anchor1[own(world, parameters.joint_anchor1.shape[0]), joint]
-            frame0 = parameters.joint_frame0[own(world, parameters.joint_frame0.shape[0]), joint]
-            frame1 = parameters.joint_frame1[own(world, parameters.joint_frame1.shape[0]), joint]
+            anchor0 = parameters.joint_anchor0[world_row(world, parameters.joint_anchor0.shape[0]), joint]
+            anchor1 = parameters.joint_anchor1[world_row(world, parameters.joint_anchor1.shape[0]), joint]
+            frame0 = parameters.joint_frame0[world_row(world, parameters.joint_frame0.shape[0]), joint]
+            frame1 = parameters.joint_frame1[world_row(world, parameters.joint_frame1.shape[0]), joint]
             rot = wp.mat33d()
             x = wp.vec3d()
             if topology.link_sign[link] > 0.0:

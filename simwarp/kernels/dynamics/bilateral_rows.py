@@ -7,8 +7,9 @@ takes no impulse.
 
 import warp as wp
 
+from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import column, to_float
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, dof_law, prescribed_rate
 from simwarp.kernels.dynamics.joints import (
     ANGLE0,
@@ -86,7 +87,7 @@ def row_offset(kind: int, joint: int, world: int, parameters: Parameters) -> wp.
     """The constant of a DISTANCE or POINT_AXIS1 row [m]."""
     offset = wp.float64(0.0)
     if kind == DISTANCE or kind == POINT_AXIS1:
-        offset = parameters.joint_offset[own(world, parameters.joint_offset.shape[0]), joint]
+        offset = parameters.joint_offset[world_row(world, parameters.joint_offset.shape[0]), joint]
     return offset
 
 
@@ -152,8 +153,8 @@ def free_mobility(body: int, world: int, wrench: Wrench, parameters: Parameters)
         return 0.0
     force = wp.dot(wrench.lin, wrench.lin)
     if force > 0.0:
-        return force / parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
-    inertia = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
+        return force / parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
+    inertia = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
     return 3.0 * wp.dot(wrench.ang, wrench.ang) / wp.trace(inertia)
 
 
@@ -246,9 +247,9 @@ def coupling_row(
     for slot in range(topology.slot_count):
         work.y[row, slot] = 0.0
     start = float(0.0)
-    value = -parameters.coupling_offset[own(world, parameters.coupling_offset.shape[0]), coupling]
+    value = -parameters.coupling_offset[world_row(world, parameters.coupling_offset.shape[0]), coupling]
     limit = config.recovery_rate
-    wc = own(world, parameters.coupling_coefficient.shape[0])
+    wc = world_row(world, parameters.coupling_coefficient.shape[0])
     for term in range(topology.coupling_dof.shape[1]):
         dof = topology.coupling_dof[coupling, term]
         if dof >= 0:
@@ -262,7 +263,7 @@ def coupling_row(
                 start += turn_term(row, coupling, term, coefficient, world, topology, parameters, work)
     bias = wp.clamp(float(value) / dt, -limit, limit)
     compliance = float(0.0)
-    damping = parameters.coupling_damping[own(world, parameters.coupling_damping.shape[0]), coupling]
+    damping = parameters.coupling_damping[world_row(world, parameters.coupling_damping.shape[0]), coupling]
     if damping > 0.0:
         bias = 0.0
         compliance = 1.0 / (damping * dt)
@@ -281,7 +282,7 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
         link1 = link_of(topology.joint_body1[joint], topology)
         for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
             work.row_r[row] = row_speed(row, topology, work, link0, link1)
-    wc = own(world, parameters.coupling_coefficient.shape[0])
+    wc = world_row(world, parameters.coupling_coefficient.shape[0])
     for row in range(topology.joint_row_count, topology.row_count):
         coupling = row - topology.joint_row_count
         speed = float(0.0)

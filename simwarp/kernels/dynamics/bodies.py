@@ -2,8 +2,9 @@
 
 import warp as wp
 
+from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, turned
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, row_geometry
 from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_law, prescribed_rate
 from simwarp.kernels.dynamics.joints import (
@@ -102,14 +103,17 @@ def applied_force(world: int, body: int, rot: wp.mat33, control: ControlArrays) 
     return (
         control.body_force[world, body]
         + rot * control.body_force_b[world, body]
-        + control.element_force[own(world, control.element_force.shape[0]), body]
+        + control.element_force[world_row(world, control.element_force.shape[0]), body]
     )
 
 
 @wp.func
 def applied_torque(world: int, body: int, control: ControlArrays) -> wp.vec3:
     """The same of torques about the centre of mass [N·m], but for `body_torque_b`, which joins the gyroscopic one."""
-    return control.body_torque[world, body] + control.element_torque[own(world, control.element_torque.shape[0]), body]
+    return (
+        control.body_torque[world, body]
+        + control.element_torque[world_row(world, control.element_torque.shape[0]), body]
+    )
 
 
 @wp.func
@@ -121,9 +125,9 @@ def load_bodies(
 
     The step solves for the change of velocity: a momentum that nothing changes is not rounded at all.
     """
-    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
-    wm = own(world, parameters.body_mass.shape[0])
-    wi = own(world, parameters.body_inertia_b.shape[0])
+    gravity = parameters.gravity[world_row(world, parameters.gravity.shape[0])]
+    wm = world_row(world, parameters.body_mass.shape[0])
+    wi = world_row(world, parameters.body_inertia_b.shape[0])
     for link in range(topology.link_count):
         work.o_ang[link] = wp.vec3()
         work.o_lin[link] = wp.vec3()

@@ -8,7 +8,8 @@ import warp as wp
 
 from simwarp.core.types import BoundedKind
 from simwarp.kernels.cones.problem import BOX, ConeProblem
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays, StepConfig, Topology, Work, own
+from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import apply_rows, dof_rate, link_of, row_geometry
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_slot
 from simwarp.kernels.dynamics.dense_rows import solve_rows_backward
@@ -46,8 +47,8 @@ def candidate(
     row.sign = 1.0
     q = float(state.joint_x[world, dof])
     if kind == LIMIT:
-        lower = q - parameters.joint_limit_lower[own(world, parameters.joint_limit_lower.shape[0]), dof]
-        upper = parameters.joint_limit_upper[own(world, parameters.joint_limit_upper.shape[0]), dof] - q
+        lower = q - parameters.joint_limit_lower[world_row(world, parameters.joint_limit_lower.shape[0]), dof]
+        upper = parameters.joint_limit_upper[world_row(world, parameters.joint_limit_upper.shape[0]), dof] - q
         gap = lower
         # the stop that the free motion would pass further, not the nearer one: it may be leaving that
         if upper - dt * rate < lower + dt * rate:
@@ -62,10 +63,10 @@ def candidate(
         row.bias = wp.max(gap / dt, -recovery)
         row.upper = INFINITE_EFFORT
     elif kind == FRICTION:
-        row.upper = dt * parameters.joint_friction[own(world, parameters.joint_friction.shape[0]), dof]
+        row.upper = dt * parameters.joint_friction[world_row(world, parameters.joint_friction.shape[0]), dof]
         row.lower = -row.upper
     else:
-        limit = parameters.drive_effort_limit[own(world, parameters.drive_effort_limit.shape[0]), dof]
+        limit = parameters.drive_effort_limit[world_row(world, parameters.drive_effort_limit.shape[0]), dof]
         row.upper = dt * limit
         row.lower = -row.upper
         if kind == MOTOR:

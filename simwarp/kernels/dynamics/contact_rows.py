@@ -8,7 +8,8 @@ import warp as wp
 
 from simwarp.core.types import FrictionLaw
 from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
-from simwarp.kernels.core.tables import ContactArrays, Parameters, StepConfig, Topology, Work, own
+from simwarp.kernels.core.fields import ContactArrays, Parameters
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
 
@@ -37,19 +38,19 @@ class Surface:
 def combined_surface(world: int, shape0: int, shape1: int, parameters: Parameters) -> Surface:
     """The smaller friction, restitution, cohesion and damping of the two; compliances add up."""
     s = Surface()
-    w = own(world, parameters.shape_friction.shape[0])
+    w = world_row(world, parameters.shape_friction.shape[0])
     s.friction = wp.min(parameters.shape_friction[w, shape0], parameters.shape_friction[w, shape1])
-    w = own(world, parameters.shape_rolling_friction.shape[0])
+    w = world_row(world, parameters.shape_rolling_friction.shape[0])
     s.rolling = wp.min(parameters.shape_rolling_friction[w, shape0], parameters.shape_rolling_friction[w, shape1])
-    w = own(world, parameters.shape_spinning_friction.shape[0])
+    w = world_row(world, parameters.shape_spinning_friction.shape[0])
     s.spinning = wp.min(parameters.shape_spinning_friction[w, shape0], parameters.shape_spinning_friction[w, shape1])
-    w = own(world, parameters.shape_restitution.shape[0])
+    w = world_row(world, parameters.shape_restitution.shape[0])
     s.restitution = wp.min(parameters.shape_restitution[w, shape0], parameters.shape_restitution[w, shape1])
-    w = own(world, parameters.shape_cohesion.shape[0])
+    w = world_row(world, parameters.shape_cohesion.shape[0])
     s.cohesion = wp.min(parameters.shape_cohesion[w, shape0], parameters.shape_cohesion[w, shape1])
-    w = own(world, parameters.shape_compliance.shape[0])
+    w = world_row(world, parameters.shape_compliance.shape[0])
     s.compliance = parameters.shape_compliance[w, shape0] + parameters.shape_compliance[w, shape1]
-    w = own(world, parameters.shape_damping.shape[0])
+    w = world_row(world, parameters.shape_damping.shape[0])
     s.damping = wp.min(parameters.shape_damping[w, shape0], parameters.shape_damping[w, shape1])
     return s
 

@@ -8,7 +8,8 @@ spring and the damper, which stays stable however stiff they are.
 import warp as wp
 
 from simwarp.core.types import DriveMode
-from simwarp.kernels.core.tables import ControlArrays, Parameters, Topology, own
+from simwarp.kernels.core.fields import ControlArrays, Parameters
+from simwarp.kernels.core.tables import Topology, world_row
 
 wp.set_module_options({"enable_backward": False})
 
@@ -75,7 +76,7 @@ def applied_effort(world: int, dof: int, control: ControlArrays) -> float:
     """Effort along a coordinate from the user and from the model's force elements [N or N·m]."""
     return (
         control.joint_force[world, dof]
-        + control.element_joint_force[own(world, control.element_joint_force.shape[0]), dof]
+        + control.element_joint_force[world_row(world, control.element_joint_force.shape[0]), dof]
     )
 
 
@@ -86,11 +87,11 @@ def dof_law(
 ) -> Law:  # fmt: skip
     """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
     law = Law()
-    armature = parameters.joint_armature[own(world, parameters.joint_armature.shape[0]), dof]
-    k = parameters.joint_stiffness[own(world, parameters.joint_stiffness.shape[0]), dof]
-    d = parameters.joint_damping[own(world, parameters.joint_damping.shape[0]), dof]
-    stretch = q - parameters.joint_rest[own(world, parameters.joint_rest.shape[0]), dof]
-    force = parameters.joint_preload[own(world, parameters.joint_preload.shape[0]), dof]
+    armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
+    k = parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof]
+    d = parameters.joint_damping[world_row(world, parameters.joint_damping.shape[0]), dof]
+    stretch = q - parameters.joint_rest[world_row(world, parameters.joint_rest.shape[0]), dof]
+    force = parameters.joint_preload[world_row(world, parameters.joint_preload.shape[0]), dof]
     spring_force = -k * stretch
     damper_force = -d * qd
     if topology.dof_table[dof, 0] >= 0:
@@ -109,7 +110,10 @@ def dof_law(
     law.gain = armature + dt * d + dt * dt * k
     law.effort = armature * qd + dt * (force + d * qd)
     if topology.dof_drive[dof] == POSITION:
-        if parameters.drive_effort_limit[own(world, parameters.drive_effort_limit.shape[0]), dof] >= INFINITE_EFFORT:
+        if (
+            parameters.drive_effort_limit[world_row(world, parameters.drive_effort_limit.shape[0]), dof]
+            >= INFINITE_EFFORT
+        ):
             drive = drive_law(dof, world, dt, q, parameters, control)
             law.gain += drive.gain
             law.effort += drive.effort
@@ -120,8 +124,8 @@ def dof_law(
 def drive_law(dof: int, world: int, dt: float, q: float, parameters: Parameters, control: ControlArrays) -> Law:
     """The PD drive alone: stiffness (target_q - q⁺) + damping (target_qd - u)."""
     law = Law()
-    stiffness = parameters.drive_stiffness[own(world, parameters.drive_stiffness.shape[0]), dof]
-    damping = parameters.drive_damping[own(world, parameters.drive_damping.shape[0]), dof]
+    stiffness = parameters.drive_stiffness[world_row(world, parameters.drive_stiffness.shape[0]), dof]
+    damping = parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof]
     law.gain = dt * (damping + dt * stiffness)
     law.effort = dt * (
         stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof]

@@ -2,8 +2,9 @@
 
 import warp as wp
 
+from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
-from simwarp.kernels.core.tables import Parameters, StateArrays, Topology, own
+from simwarp.kernels.core.tables import Topology, world_row
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,12 +23,12 @@ def measure_energy(
     """
     world = wp.tid()
     total = wp.float64(0.0)
-    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
+    gravity = parameters.gravity[world_row(world, parameters.gravity.shape[0])]
     for link in range(topology.link_count):
         body = topology.link_body[link]
         if body >= 0:
-            mass = parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
-            inertia = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
+            mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
+            inertia = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
             v = state.body_v[world, body]
             spin = state.body_omega[world, body] * matrix_to_float(wp.quat_to_matrix(state.body_rot[world, body]))
             x = state.body_x[world, body]
@@ -39,9 +40,10 @@ def measure_energy(
     for dof in range(topology.dof_count):
         rate = state.joint_qd[world, dof]
         stretch = (
-            float(state.joint_x[world, dof]) - parameters.joint_rest[own(world, parameters.joint_rest.shape[0]), dof]
+            float(state.joint_x[world, dof])
+            - parameters.joint_rest[world_row(world, parameters.joint_rest.shape[0]), dof]
         )
-        armature = parameters.joint_armature[own(world, parameters.joint_armature.shape[0]), dof]
-        stiffness = parameters.joint_stiffness[own(world, parameters.joint_stiffness.shape[0]), dof]
+        armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
+        stiffness = parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof]
         total += wp.float64(0.5 * (armature * rate * rate + stiffness * stretch * stretch))
     energy[world] = total

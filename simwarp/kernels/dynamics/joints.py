@@ -7,8 +7,9 @@ time derivative of its violation. Differences are formed in float64 and only the
 import warp as wp
 
 from simwarp.core.types import JointType, RowKind
+from simwarp.kernels.core.fields import Parameters
 from simwarp.kernels.core.spatial import clamp_length, column, matrix_to_float, to_float
-from simwarp.kernels.core.tables import Parameters, StepConfig, Topology, Work, own
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 
 wp.set_module_options({"enable_backward": False})
 
@@ -54,12 +55,12 @@ def joint_frames(joint: int, world: int, topology: Topology, parameters: Paramet
     frames = JointFrames()
     body0 = topology.joint_body0[joint]
     body1 = topology.joint_body1[joint]
-    wa = own(world, parameters.joint_anchor0.shape[0])
-    wf = own(world, parameters.joint_frame0.shape[0])
+    wa = world_row(world, parameters.joint_anchor0.shape[0])
+    wf = world_row(world, parameters.joint_frame0.shape[0])
     anchor0 = parameters.joint_anchor0[wa, joint]
-    anchor1 = parameters.joint_anchor1[own(world, parameters.joint_anchor1.shape[0]), joint]
+    anchor1 = parameters.joint_anchor1[world_row(world, parameters.joint_anchor1.shape[0]), joint]
     frame0 = parameters.joint_frame0[wf, joint]
-    frame1 = parameters.joint_frame1[own(world, parameters.joint_frame1.shape[0]), joint]
+    frame1 = parameters.joint_frame1[world_row(world, parameters.joint_frame1.shape[0]), joint]
     x0 = wp.vec3d()
     x1 = wp.vec3d()
     if body0 >= 0:

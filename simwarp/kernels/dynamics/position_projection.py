@@ -2,8 +2,9 @@
 
 import warp as wp
 
+from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_float
-from simwarp.kernels.core.tables import Parameters, StateArrays, StepConfig, Topology, Work
+from simwarp.kernels.core.tables import StepConfig, Topology, Work
 from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry, row_offset, row_speed
 from simwarp.kernels.dynamics.bodies import advance_poses, total_velocities
 from simwarp.kernels.dynamics.dense_rows import solve_rows

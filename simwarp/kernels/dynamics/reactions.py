@@ -3,18 +3,9 @@
 import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
+from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_float
-from simwarp.kernels.core.tables import (
-    ContactArrays,
-    ControlArrays,
-    Parameters,
-    Reports,
-    StateArrays,
-    StepConfig,
-    Topology,
-    Work,
-    own,
-)
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
 from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, gyroscopic_torque, slot_line
 from simwarp.kernels.dynamics.contact_rows import contact_frame
@@ -104,15 +95,15 @@ def unexplained_impulses(
     config: StepConfig, work: Work,
 ):  # fmt: skip
     """F <- change of momentum minus applied impulses of every body [N·s, N·m·s], about its centre."""
-    gravity = parameters.gravity[own(world, parameters.gravity.shape[0])]
+    gravity = parameters.gravity[world_row(world, parameters.gravity.shape[0])]
     for link in range(topology.link_count):
         body = topology.link_body[link]
         work.f_ang[link] = wp.vec3()
         work.f_lin[link] = wp.vec3()
         if body >= 0:
             rot = matrix_to_float(wp.quat_to_matrix(state.body_rot[world, body]))
-            mass = parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
-            inertia_b = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
+            mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
+            inertia_b = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
             torque_b = control.body_torque_b[world, body]
             if config.gyroscopic == 1:
                 torque_b += gyroscopic_torque(

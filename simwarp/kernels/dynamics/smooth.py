@@ -7,7 +7,8 @@ history of displacement, limited by Coulomb's law (Cundall & Strack 1979). Steps
 import warp as wp
 
 from simwarp.core.types import ContactModel, ShapeType
-from simwarp.kernels.core.tables import ContactArrays, Parameters, StepConfig, Topology, Work, own
+from simwarp.kernels.core.fields import ContactArrays, Parameters
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.contact_rows import Surface, combined_surface, contact_frame, point_velocity
 
@@ -43,7 +44,7 @@ def curvature(shape: int, world: int, topology: Topology, parameters: Parameters
     if kind == BOX or kind == HULL:
         result = 1.0 / FLAT_RADIUS
     elif kind != PLANE and kind != HEIGHT_FIELD and kind != MESH:
-        result = 1.0 / parameters.shape_size[own(world, parameters.shape_size.shape[0]), shape][0]
+        result = 1.0 / parameters.shape_size[world_row(world, parameters.shape_size.shape[0]), shape][0]
     return result
 
 
@@ -53,7 +54,7 @@ def inverse_mass(shape: int, world: int, topology: Topology, parameters: Paramet
     body = topology.shape_body[shape]
     if body < 0:
         return 0.0
-    return 1.0 / parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
+    return 1.0 / parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
 
 
 @wp.func
@@ -62,10 +63,10 @@ def stiffness_of(
     parameters: Parameters,
 ) -> Stiffness:  # fmt: skip
     """Springs and dampers of a contact that is `depth` [m] deep."""
-    young0 = parameters.shape_young_modulus[own(world, parameters.shape_young_modulus.shape[0]), shape0]
-    young1 = parameters.shape_young_modulus[own(world, parameters.shape_young_modulus.shape[0]), shape1]
-    nu0 = parameters.shape_poisson_ratio[own(world, parameters.shape_poisson_ratio.shape[0]), shape0]
-    nu1 = parameters.shape_poisson_ratio[own(world, parameters.shape_poisson_ratio.shape[0]), shape1]
+    young0 = parameters.shape_young_modulus[world_row(world, parameters.shape_young_modulus.shape[0]), shape0]
+    young1 = parameters.shape_young_modulus[world_row(world, parameters.shape_young_modulus.shape[0]), shape1]
+    nu0 = parameters.shape_poisson_ratio[world_row(world, parameters.shape_poisson_ratio.shape[0]), shape0]
+    nu1 = parameters.shape_poisson_ratio[world_row(world, parameters.shape_poisson_ratio.shape[0]), shape1]
     modulus = 1.0 / ((1.0 - nu0 * nu0) / young0 + (1.0 - nu1 * nu1) / young1)
     shear = 0.5 / ((2.0 - nu0) * (1.0 + nu0) / young0 + (2.0 - nu1) * (1.0 + nu1) / young1)
     bend = curvature(shape0, world, topology, parameters) + curvature(shape1, world, topology, parameters)

@@ -4,18 +4,9 @@ import warp as wp
 
 from simwarp.core.types import WorldStatus
 from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
+from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
-from simwarp.kernels.core.tables import (
-    ContactArrays,
-    ControlArrays,
-    Parameters,
-    Reports,
-    StateArrays,
-    StepConfig,
-    Topology,
-    Work,
-    own,
-)
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import apply_rows, coupling_row, loop_joint_rows, rows_residual
 from simwarp.kernels.dynamics.bodies import (
     apply_row_forces,
@@ -105,8 +96,8 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
         body = topology.link_body[link]
         if body >= 0:
             rot = matrix_to_float(work.rot[body])
-            mass = parameters.body_mass[own(world, parameters.body_mass.shape[0]), body]
-            inertia_b = parameters.body_inertia_b[own(world, parameters.body_inertia_b.shape[0]), body]
+            mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
+            inertia_b = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
             work.p_ang[link] = work.f_ang[link] - rot * (inertia_b * (work.v_ang[link] * rot))
             work.p_lin[link] = work.f_lin[link] - mass * work.v_lin[link]
     for slot in range(topology.slot_count):

@@ -14,16 +14,8 @@ from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.apgd import solve_apgd
 from simwarp.kernels.cones.problem import SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport
 from simwarp.kernels.cones.solve import solve_surely
-from simwarp.kernels.core.tables import (
-    ContactArrays,
-    ControlArrays,
-    Parameters,
-    Reports,
-    StateArrays,
-    StepConfig,
-    Topology,
-    Work,
-)
+from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
+from simwarp.kernels.core.tables import StepConfig, Topology, Work
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
 from simwarp.kernels.dynamics.dense_rows import padded
 from simwarp.kernels.dynamics.step import NON_FINITE, begin_step, cone_config, cone_problem, finish_step

@@ -19,8 +19,9 @@ from simwarp.kernels.collision.shape import (
     SPHERE,
     Assets,
 )
+from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float
-from simwarp.kernels.core.tables import Parameters, StateArrays, own
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.rays.wide_tree import Trees
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -228,24 +229,26 @@ def place_instances(
         q = wp.quat()
         there = int(0)
         if shape >= 0:
-            ws = own(world, parameters.shape_x.shape[0])
+            ws = world_row(world, parameters.shape_x.shape[0])
             x = parameters.shape_x[ws, shape]
-            q = parameters.shape_rot[own(world, parameters.shape_rot.shape[0]), shape]
-            scene.place_size[world, instance] = parameters.shape_size[own(world, parameters.shape_size.shape[0]), shape]
+            q = parameters.shape_rot[world_row(world, parameters.shape_rot.shape[0]), shape]
+            scene.place_size[world, instance] = parameters.shape_size[
+                world_row(world, parameters.shape_size.shape[0]), shape
+            ]
             scene.place_asset[world, instance] = (
-                scene.tree[instance] + parameters.shape_asset[own(world, parameters.shape_asset.shape[0]), shape]
+                scene.tree[instance] + parameters.shape_asset[world_row(world, parameters.shape_asset.shape[0]), shape]
             )
-            there = parameters.shape_enabled[own(world, parameters.shape_enabled.shape[0]), shape]
+            there = parameters.shape_enabled[world_row(world, parameters.shape_enabled.shape[0]), shape]
         else:
-            x = scene.x[own(world, scene.x.shape[0]), instance]
-            q = scene.rot[own(world, scene.rot.shape[0]), instance]
-            scene.place_size[world, instance] = scene.size[own(world, scene.size.shape[0]), instance]
+            x = scene.x[world_row(world, scene.x.shape[0]), instance]
+            q = scene.rot[world_row(world, scene.rot.shape[0]), instance]
+            scene.place_size[world, instance] = scene.size[world_row(world, scene.size.shape[0]), instance]
             scene.place_asset[world, instance] = (
-                scene.tree[instance] + scene.asset[own(world, scene.asset.shape[0]), instance]
+                scene.tree[instance] + scene.asset[world_row(world, scene.asset.shape[0]), instance]
             )
-            there = scene.enabled[own(world, scene.enabled.shape[0]), instance]
+            there = scene.enabled[world_row(world, scene.enabled.shape[0]), instance]
         if shape >= 0:
-            there = there * scene.enabled[own(world, scene.enabled.shape[0]), instance]
+            there = there * scene.enabled[world_row(world, scene.enabled.shape[0]), instance]
         body = scene.body[instance]
         rot = wp.quat_to_matrix(q)
         if body >= 0:

@@ -8,7 +8,7 @@ reader can see is not taken: readers look when the count is a multiple of `every
 import warp as wp
 
 from simwarp.core.types import WorldStatus
-from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.sensors.random import frame_key
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})

@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.sensors.clock import BEGIN, Tick
 from simwarp.kernels.sensors.random import draw_normal
 
@@ -48,7 +49,7 @@ def noisy(
 ) -> wp.float64:
     """The value after all stages. Biases are advanced by the exact law of their time, so that frames may be skipped."""
     result = value
-    copy = own(world, noise.parameter.shape[0])
+    copy = world_row(world, noise.parameter.shape[0])
     for stage in range(noise.kind.shape[0]):
         kind = noise.kind[stage]
         first = wp.float64(noise.parameter[copy, stage, channel, 0])

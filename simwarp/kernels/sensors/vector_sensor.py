@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.sensors.clock import STEP, ClockSettings, Tick
 from simwarp.kernels.sensors.noise import NoiseArrays, noise_elapsed, noisy
 

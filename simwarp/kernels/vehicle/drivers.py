@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.core.fields import StateArrays
 
 wp.set_module_options({"enable_backward": False})
 

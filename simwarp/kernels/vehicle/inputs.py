@@ -2,8 +2,8 @@
 
 import warp as wp
 
+from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.vehicle.powertrain import Powertrain, PowertrainState, run_powertrain
 
 wp.set_module_options({"enable_backward": False})

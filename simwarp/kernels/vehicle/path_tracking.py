@@ -4,7 +4,8 @@ from enum import IntEnum
 
 import warp as wp
 
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.vehicle.drivers import forward_speed
 from simwarp.kernels.vehicle.paths import PathTables, nearest_on_path
 
@@ -132,7 +133,7 @@ def follow_path(
     ahead = follower.reference + wp.vec3(follower.ahead, 0.0, 0.0)
     offset = wp.quat_rotate(q, wp.vec3d(wp.float64(ahead[0]), wp.float64(ahead[1]), wp.float64(ahead[2])))
     x = state.body_x[world, follower.chassis] + offset
-    point = nearest_on_path(path[own(world, path.shape[0])], memory.segment[world], wp.vec2d(x[0], x[1]), paths)
+    point = nearest_on_path(path[world_row(world, path.shape[0])], memory.segment[world], wp.vec2d(x[0], x[1]), paths)
     memory.segment[world] = point.segment
     memory.distance[world] = point.distance
     memory.arc[world] = point.arc
@@ -162,7 +163,7 @@ def follow_path(
     if wp.abs(output) < 1.0:
         memory.steering_sum[world] = total
     vehicle_input[world, 0] = wp.clamp(output, -1.0, 1.0)
-    target = target_speed[own(world, target_speed.shape[0])]
+    target = target_speed[world_row(world, target_speed.shape[0])]
     if time < follower.ramp:
         target *= time / follower.ramp
     feet = pedals(world, dt, follower, target, speed, memory)

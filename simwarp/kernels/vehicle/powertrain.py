@@ -4,7 +4,7 @@ from enum import IntEnum
 
 import warp as wp
 
-from simwarp.kernels.core.tables import ControlArrays, Parameters, StateArrays
+from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 
 wp.set_module_options({"enable_backward": False})
 

@@ -23,7 +23,7 @@ from simwarp.core.arrays import WritableArray, writable, writable_from
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ShapeType
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import TireReports, TireTables, apply_tires, reset_tires
 from simwarp.vehicle.spec.vehicle_spec import SpecError

@@ -7,7 +7,7 @@ blur); depth, normals and the like are those of one ray through its middle when 
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.sensors.cameras.appearance import Appearance

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.core.tables import own
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.sensors.random import draw_normals, subkey
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -47,18 +47,20 @@ def develop(
         key: of the frame, for the noise.
         arrays: numbers.
     """
-    vignetting = arrays.vignetting[own(world, arrays.vignetting.shape[0])]
+    vignetting = arrays.vignetting[world_row(world, arrays.vignetting.shape[0])]
     square = cosine * cosine
-    gain = arrays.exposure[own(world, arrays.exposure.shape[0])] * (1.0 - vignetting + vignetting * square * square)
+    gain = arrays.exposure[world_row(world, arrays.exposure.shape[0])] * (
+        1.0 - vignetting + vignetting * square * square
+    )
     value = wp.vec3(
         response_of(gain * light[0], arrays.response),
         response_of(gain * light[1], arrays.response),
         response_of(gain * light[2], arrays.response),
     )
-    mean = arrays.noise_mean[own(world, arrays.noise_mean.shape[0])]
-    sigma = arrays.noise_sigma[own(world, arrays.noise_sigma.shape[0])]
-    slope = arrays.noise_slope[own(world, arrays.noise_slope.shape[0])]
-    intercept = arrays.noise_intercept[own(world, arrays.noise_intercept.shape[0])]
+    mean = arrays.noise_mean[world_row(world, arrays.noise_mean.shape[0])]
+    sigma = arrays.noise_sigma[world_row(world, arrays.noise_sigma.shape[0])]
+    slope = arrays.noise_slope[world_row(world, arrays.noise_slope.shape[0])]
+    intercept = arrays.noise_intercept[world_row(world, arrays.noise_intercept.shape[0])]
     largest = wp.max(wp.max(sigma[0], sigma[1]), sigma[2])
     if largest > 0.0 or slope != 0.0 or intercept != 0.0:
         noise_key = subkey(key, NOISE_PURPOSE)

@@ -6,7 +6,7 @@ Surfaces are matt (Lambert). White is 1: a white surface that faces a sun of col
 import warp as wp
 
 from simwarp.kernels.collision.shape import HULL, MESH, Assets
-from simwarp.kernels.core.tables import own
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.rays.cast import RayHit, any_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.sensors.cameras.appearance import Appearance, surface_color
@@ -39,21 +39,21 @@ class LightArrays:
 @wp.func
 def sky_color(world: int, direction: wp.vec3, lights: LightArrays) -> wp.vec3:
     """What is seen where nothing is: from the horizon to the zenith with the square root of the sine of the height."""
-    horizon = lights.sky_horizon[own(world, lights.sky_horizon.shape[0])]
+    horizon = lights.sky_horizon[world_row(world, lights.sky_horizon.shape[0])]
     if direction[2] <= 0.0:
-        return lights.sky_below[own(world, lights.sky_below.shape[0])]
+        return lights.sky_below[world_row(world, lights.sky_below.shape[0])]
     share = wp.sqrt(direction[2])
-    return (1.0 - share) * horizon + share * lights.sky_zenith[own(world, lights.sky_zenith.shape[0])]
+    return (1.0 - share) * horizon + share * lights.sky_zenith[world_row(world, lights.sky_zenith.shape[0])]
 
 
 @wp.func
 def fogged(world: int, light: wp.vec3, distance: float, lights: LightArrays) -> wp.vec3:
     """Light after so much fog: exp(-density distance) of it, the rest of the fog's colour."""
-    density = lights.fog_density[own(world, lights.fog_density.shape[0])]
+    density = lights.fog_density[world_row(world, lights.fog_density.shape[0])]
     if density <= 0.0:
         return light
     clear = wp.exp(-density * distance)
-    return clear * light + (1.0 - clear) * lights.fog_color[own(world, lights.fog_color.shape[0])]
+    return clear * light + (1.0 - clear) * lights.fog_color[world_row(world, lights.fog_color.shape[0])]
 
 
 @wp.func
@@ -72,21 +72,24 @@ def light_on(
         assets: its geometry.
     """
     up = 0.5 + 0.5 * normal[2]
-    total = up * lights.ambient_above[own(world, lights.ambient_above.shape[0])]
-    total += (1.0 - up) * lights.ambient_below[own(world, lights.ambient_below.shape[0])]
+    total = up * lights.ambient_above[world_row(world, lights.ambient_above.shape[0])]
+    total += (1.0 - up) * lights.ambient_below[world_row(world, lights.ambient_below.shape[0])]
     lift = LIFT_LEAST + LIFT * (travelled + wp.length(point))
     start = point + lift * normal
     for sun in range(lights.sun_direction.shape[1]):
-        towards = lights.sun_direction[own(world, lights.sun_direction.shape[0]), sun]
+        towards = lights.sun_direction[world_row(world, lights.sun_direction.shape[0]), sun]
         cosine = wp.dot(normal, towards)
         if cosine > 0.0:
             hidden = int(0)
             if lights.shadows == 1:
                 hidden = any_hit(world, start, towards, lights.shadow_reach, scene, assets)
             if hidden == 0:
-                total += cosine * lights.sun_color[own(world, lights.sun_color.shape[0]), sun]
+                total += cosine * lights.sun_color[world_row(world, lights.sun_color.shape[0]), sun]
     for lamp in range(lights.lamp_position.shape[1]):
-        way = start_of_ray(world, lights.lamp_position[own(world, lights.lamp_position.shape[0]), lamp], scene) - start
+        way = (
+            start_of_ray(world, lights.lamp_position[world_row(world, lights.lamp_position.shape[0]), lamp], scene)
+            - start
+        )
         square = wp.dot(way, way)
         distance = wp.sqrt(square)
         cosine = wp.dot(normal, way)
@@ -96,7 +99,7 @@ def light_on(
                 hidden = any_hit(world, start, way / distance, distance, scene, assets)
             if hidden == 0:
                 total += (cosine / (distance * square)) * lights.lamp_color[
-                    own(world, lights.lamp_color.shape[0]), lamp
+                    world_row(world, lights.lamp_color.shape[0]), lamp
                 ]
     return total
 
@@ -120,8 +123,8 @@ def hit_color(
     if kind == MESH or kind == HULL:
         tree = scene.place_asset[world, instance]
     return surface_color(
-        scene.color[own(world, scene.color.shape[0]), instance],
-        scene.texture[own(world, scene.texture.shape[0]), instance],
+        scene.color[world_row(world, scene.color.shape[0]), instance],
+        scene.texture[world_row(world, scene.texture.shape[0]), instance],
         tree, hit.triangle, hit.bary, hit.local, footprint, appearance,
     )  # fmt: skip
 

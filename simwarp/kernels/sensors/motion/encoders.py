@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.sensors.clock import BEGIN, IDLE, STEP, ClockSettings, Tick
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, mount_rotation, mount_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays, noisy
@@ -61,7 +62,7 @@ def sample_encoder(
     if tick.mode[world] == IDLE:
         return
     elapsed = frame_elapsed(world, tick, state, noise)
-    copy = own(world, encoder.ratio.shape[0])
+    copy = world_row(world, encoder.ratio.shape[0])
     row = tick.row[world]
     for index in range(encoder.dof.shape[0]):
         dof = encoder.dof[index]

@@ -2,8 +2,9 @@
 
 import warp as wp
 
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float, turned
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.sensors.clock import STEP, ClockSettings, Tick
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate
 from simwarp.kernels.sensors.noise import NoiseArrays
@@ -15,7 +16,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 @wp.func
 def axes_of_forces(world: int, dt: wp.float64, mount: MountArrays, state: StateArrays) -> wp.quatd:
     """Sensor axes to world axes at the beginning of the sub-step, where its forces have their directions."""
-    q = mount.rotation[own(world, mount.rotation.shape[0])]
+    q = mount.rotation[world_row(world, mount.rotation.shape[0])]
     if mount.body >= 0:
         back = to_float(body_rate(world, mount.body, state) * -dt)
         return turned(state.body_rot[world, mount.body], back) * q

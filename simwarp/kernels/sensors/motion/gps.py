@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.core.tables import StateArrays
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.sensors.clock import ClockSettings, Tick
 from simwarp.kernels.sensors.motion.geodesy import DEGREE, GeoFrame, earth_centred, geographic, local_velocity
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_rotation, mount_velocity

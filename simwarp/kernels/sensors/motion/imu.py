@@ -2,8 +2,9 @@
 
 import warp as wp
 
+from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float, turned
-from simwarp.kernels.core.tables import Parameters, StateArrays, own
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.sensors.clock import BEGIN, IDLE, ClockSettings, Tick
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, body_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays
@@ -48,8 +49,8 @@ def sample_inertial(
     world = wp.tid()
     if tick.mode[world] == IDLE:
         return
-    rotation = mount.rotation[own(world, mount.rotation.shape[0])]
-    point = mount.position[own(world, mount.position.shape[0])]
+    rotation = mount.rotation[world_row(world, mount.rotation.shape[0])]
+    point = mount.position[world_row(world, mount.position.shape[0])]
     omega = body_rate(world, mount.body, state)
     velocity = body_velocity(world, mount.body, state)
     before = rotation
@@ -67,7 +68,7 @@ def sample_inertial(
     if tick.collecting[world] == 0:
         return
     if inertial.accelerometer >= 0:
-        gravity = to_double(parameters.gravity[own(world, parameters.gravity.shape[0])])
+        gravity = to_double(parameters.gravity[world_row(world, parameters.gravity.shape[0])])
         force = wp.quat_rotate_inv(before, acceleration - gravity)
         write_vector(
             world, inertial.accelerometer, force, clock, tick, state, accelerometer_noise, inertial.sums, truth, data

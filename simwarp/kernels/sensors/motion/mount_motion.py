@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.tables import world_row
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -19,7 +20,7 @@ class MountArrays:
 @wp.func
 def mount_rotation(world: int, mount: MountArrays, state: StateArrays) -> wp.quatd:
     """Sensor axes to world axes."""
-    q = mount.rotation[own(world, mount.rotation.shape[0])]
+    q = mount.rotation[world_row(world, mount.rotation.shape[0])]
     if mount.body >= 0:
         return state.body_rot[world, mount.body] * q
     return q
@@ -28,7 +29,7 @@ def mount_rotation(world: int, mount: MountArrays, state: StateArrays) -> wp.qua
 @wp.func
 def mount_position(world: int, mount: MountArrays, state: StateArrays) -> wp.vec3d:
     """Origin of the sensor, world [m]."""
-    p = mount.position[own(world, mount.position.shape[0])]
+    p = mount.position[world_row(world, mount.position.shape[0])]
     if mount.body >= 0:
         return state.body_x[world, mount.body] + wp.quat_rotate(state.body_rot[world, mount.body], p)
     return p
@@ -67,6 +68,6 @@ def mount_velocity(world: int, mount: MountArrays, state: StateArrays) -> wp.vec
     """Velocity of the sensor's origin, world axes [m/s]."""
     if mount.body < 0:
         return wp.vec3d()
-    p = mount.position[own(world, mount.position.shape[0])]
+    p = mount.position[world_row(world, mount.position.shape[0])]
     arm = wp.quat_rotate(state.body_rot[world, mount.body], p)
     return body_velocity(world, mount.body, state) + wp.cross(body_rate(world, mount.body, state), arm)

@@ -2,8 +2,8 @@
 
 import warp as wp
 
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_float, turned
-from simwarp.kernels.core.tables import StateArrays
 from simwarp.kernels.sensors.clock import BEGIN, Tick
 from simwarp.kernels.sensors.motion.mount_motion import (
     MountArrays,

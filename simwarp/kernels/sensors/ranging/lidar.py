@@ -3,8 +3,9 @@
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.rays.cast import closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.sensors.clock import Tick
@@ -76,13 +77,13 @@ def measured(found: wp.vec2, key: wp.uint64, draw: int, near: float, world: int,
         return wp.vec2()
     r = found[0]
     i = found[1]
-    sigma_r = flaws.range[own(world, flaws.range.shape[0])]
-    sigma_i = flaws.intensity[own(world, flaws.intensity.shape[0])]
+    sigma_r = flaws.range[world_row(world, flaws.range.shape[0])]
+    sigma_i = flaws.intensity[world_row(world, flaws.intensity.shape[0])]
     if sigma_r > 0.0 or sigma_i > 0.0:
         noise = draw_normals(key, draw)
         r = wp.max(r + sigma_r * noise[0], near)
         i = wp.max(i + sigma_i * noise[1], FAINT)
-    if i < flaws.threshold[own(world, flaws.threshold.shape[0])]:
+    if i < flaws.threshold[world_row(world, flaws.threshold.shape[0])]:
         return wp.vec2()
     return wp.vec2(r, i)
 
@@ -119,9 +120,9 @@ def scan_lidar(
     returns = wp.where(settings.mode == ReturnMode.DUAL, 2, 1)
     range_ = wp.zeros(shape=MAX_RAYS, dtype=float)
     intensity = wp.zeros(shape=MAX_RAYS, dtype=float)
-    sigma_h = flaws.azimuth[own(world, flaws.azimuth.shape[0])]
-    sigma_v = flaws.elevation[own(world, flaws.elevation.shape[0])]
-    dropout = flaws.dropout[own(world, flaws.dropout.shape[0])]
+    sigma_h = flaws.azimuth[world_row(world, flaws.azimuth.shape[0])]
+    sigma_v = flaws.elevation[world_row(world, flaws.elevation.shape[0])]
+    dropout = flaws.dropout[world_row(world, flaws.dropout.shape[0])]
     for place in range(lane, width * scan.direction.shape[0], lanes):
         column = begin + place % width
         beam = (place / width) * columns + column
@@ -139,7 +140,7 @@ def scan_lidar(
                 intensity[k] = 0.0
                 if hit.t >= 0.0:
                     range_[k] = scan.near + hit.t
-                    reflectance = scene.reflectance[own(world, scene.reflectance.shape[0]), hit.instance]
+                    reflectance = scene.reflectance[world_row(world, scene.reflectance.shape[0]), hit.instance]
                     intensity[k] = reflectance * wp.abs(wp.dot(hit.normal, d))
             found = reduce_beam(settings.mode, count, range_, intensity)
         if sigma_h > 0.0 or sigma_v > 0.0:

@@ -11,8 +11,9 @@ rate, and one that moves along with it has none. Amplitude: backscatter |n . d| 
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_double
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray, world_position
 from simwarp.kernels.sensors.clock import Tick
@@ -79,21 +80,21 @@ def range_rate(
 def with_flaws(found: RadarReturn, key: wp.uint64, ray: int, near: float, world: int, flaws: RadarFlaws) -> RadarReturn:
     """A return as it is measured; amplitude 0 where it is lost."""
     result = found
-    sigma_h = flaws.azimuth[own(world, flaws.azimuth.shape[0])]
-    sigma_v = flaws.elevation[own(world, flaws.elevation.shape[0])]
+    sigma_h = flaws.azimuth[world_row(world, flaws.azimuth.shape[0])]
+    sigma_v = flaws.elevation[world_row(world, flaws.elevation.shape[0])]
     if sigma_h > 0.0 or sigma_v > 0.0:
         angles = draw_normals(key, DRAWS * ray)
         result.direction = misread(found.direction, sigma_h * angles[0], sigma_v * angles[1])
-    sigma_r = flaws.range[own(world, flaws.range.shape[0])]
-    sigma_d = flaws.velocity[own(world, flaws.velocity.shape[0])]
+    sigma_r = flaws.range[world_row(world, flaws.range.shape[0])]
+    sigma_d = flaws.velocity[world_row(world, flaws.velocity.shape[0])]
     if sigma_r > 0.0 or sigma_d > 0.0:
         noise = draw_normals(key, DRAWS * ray + 1)
         result.range = wp.max(found.range + sigma_r * noise[0], near)
         result.velocity = found.velocity + sigma_d * noise[1]
-    sigma_a = flaws.amplitude[own(world, flaws.amplitude.shape[0])]
+    sigma_a = flaws.amplitude[world_row(world, flaws.amplitude.shape[0])]
     if sigma_a > 0.0:
         result.amplitude = wp.max(found.amplitude + sigma_a * draw_normals(key, DRAWS * ray + 2)[0], FAINT)
-    if result.amplitude < flaws.threshold[own(world, flaws.threshold.shape[0])]:
+    if result.amplitude < flaws.threshold[world_row(world, flaws.threshold.shape[0])]:
         result.amplitude = 0.0
     return result
 
@@ -143,7 +144,7 @@ def scan_radar(
     motion = sensor_motion(world, scan.mount, state)
     x = motion.x
     rot = matrix_to_float(wp.quat_to_matrix(motion.rot))
-    dropout = flaws.dropout[own(world, flaws.dropout.shape[0])]
+    dropout = flaws.dropout[world_row(world, flaws.dropout.shape[0])]
     for place in range(lane, width * scan.direction.shape[0], lanes):
         column = begin + place % width
         ray = (place / width) * columns + column
@@ -160,7 +161,7 @@ def scan_radar(
                 found.instance = hit.instance
                 point = world_position(world, start + hit.t * d, scene)
                 found.velocity = range_rate(world, hit, point, d, motion, state, scene)
-                strength = backscatter[own(world, backscatter.shape[0]), hit.instance]
+                strength = backscatter[world_row(world, backscatter.shape[0]), hit.instance]
                 found.amplitude = strength * wp.abs(wp.dot(hit.normal, d))
                 if falloff > 0.0:
                     found.amplitude *= wp.pow(wp.max(found.range, 1.0e-3), -falloff)

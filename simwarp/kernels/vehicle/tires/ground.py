@@ -8,7 +8,7 @@ import warp as wp
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, MESH, PLANE, Assets
 from simwarp.kernels.collision.surfaces import height_field_height, mesh_ray, times
 from simwarp.kernels.core.spatial import to_double, to_float
-from simwarp.kernels.core.tables import own
+from simwarp.kernels.core.tables import world_row
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -51,8 +51,8 @@ def ground_below(
     the first one below counts.
     """
     found = GroundPoint()
-    origin = terrain.x[own(world, terrain.x.shape[0])]
-    rot = terrain.rot[own(world, terrain.rot.shape[0])]
+    origin = terrain.x[world_row(world, terrain.x.shape[0])]
+    rot = terrain.rot[world_row(world, terrain.rot.shape[0])]
     relative = x - origin + to_double(offset)
     if not wp.isfinite(relative[0] + relative[1] + relative[2]):
         return found
@@ -66,16 +66,16 @@ def ground_below(
             found.normal = n
             rise = float(-wp.dot(relative, up) / up[2])
     elif terrain.kind == HEIGHT_FIELD:
-        scale = terrain.scale[own(world, terrain.scale.shape[0])]
-        asset = terrain.asset[own(world, terrain.asset.shape[0])]
+        scale = terrain.scale[world_row(world, terrain.scale.shape[0])]
+        asset = terrain.asset[world_row(world, terrain.asset.shape[0])]
         place = times(wp.transpose(rot), wp.vec3d(relative[0], relative[1], wp.float64(0.0)))
         point = height_field_height(asset, scale, place[0], place[1], assets)
         found.found = point.inside
         found.normal = rot * point.normal
         rise = float(point.height - relative[2])
     elif terrain.kind == MESH:
-        scale = terrain.scale[own(world, terrain.scale.shape[0])]
-        asset = terrain.asset[own(world, terrain.asset.shape[0])]
+        scale = terrain.scale[world_row(world, terrain.scale.shape[0])]
+        asset = terrain.asset[world_row(world, terrain.asset.shape[0])]
         start = relative + wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(lift))
         down = wp.transpose(rot) * wp.vec3(0.0, 0.0, -1.0)
         hit = mesh_ray(asset, scale, to_float(times(wp.transpose(rot), start)), down, LONGEST_DROP, assets)
@@ -92,7 +92,7 @@ def ground_below(
 @wp.func
 def friction_at(world: int, x: wp.vec3d, ground_friction: wp.array[float], terrain: TerrainTables) -> float:
     """Friction of the road at (x, y): the world's own, times the map's factor; outside the map its nearest cell."""
-    friction = ground_friction[own(world, ground_friction.shape[0])]
+    friction = ground_friction[world_row(world, ground_friction.shape[0])]
     rows = terrain.friction_map.shape[0]
     columns = terrain.friction_map.shape[1]
     if rows * columns > 0:

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.core.tables import own
+from simwarp.kernels.core.tables import world_row
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,7 +18,7 @@ def limit_friction(
 ):
     """The smaller of the tire's and the road's friction; dim (copies of shape_friction, wheels)."""
     world, wheel = wp.tid()
-    ground = ground_friction[own(world, ground_friction.shape[0])]
+    ground = ground_friction[world_row(world, ground_friction.shape[0])]
     shape_friction[world, shapes[wheel]] = wp.min(own_friction[wheel], ground)
 
 

@@ -11,8 +11,9 @@ zeroes the state of worlds that start anew.
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float
-from simwarp.kernels.core.tables import StateArrays, own
+from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.vehicle.tires.common import vertical_load
 from simwarp.kernels.vehicle.tires.fiala import fiala_force
 from simwarp.kernels.vehicle.tires.ground import TerrainTables, friction_at
@@ -121,7 +122,7 @@ def apply_tires(
         applied_torque: (W, B) out [N·m].
     """
     world, wheel = wp.tid()
-    row = tire_parameter[own(world, tire_parameter.shape[0]), wheel]
+    row = tire_parameter[world_row(world, tire_parameter.shape[0]), wheel]
     z = tire_state[world, wheel]
     moving = wheel_state(world, wheel, tables, state)
     patch = Patch()

@@ -1,0 +1,147 @@
+"""Arrays declared once: name, type, shape in named sizes, unit and meaning.
+
+A class of fields (`kernels/core/fields.py` has them all) is the one place that says which arrays there are. From it are
+made the Warp struct that kernels take, the allocation, what a snapshot holds, what may differ per world, and the tables
+of docs/conventions.md. Imports nothing of simwarp but types and writable arrays: kernels and host share it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import warp as wp
+
+from simwarp.core.arrays import ANY, Domain, FixedAttributes, writable
+from simwarp.core.types import ArrayLayout
+
+
+class Size(enum.Enum):
+    """Lengths that arrays have: what documentation calls them, and when they are shorter."""
+
+    WORLDS = ("W", "")
+    PARAMETER_WORLDS = ("1 or W", "1: all worlds share it")
+    ELEMENT_WORLDS = ("1 or W", "1 without force elements")
+    REACTION_WORLDS = ("W", "0 unless the Simulation records joint reactions")
+    BODIES = ("B", "")
+    TOUCHED_BODIES = ("B", "0 without shapes")
+    JOINTS = ("J", "")
+    DOFS = ("dofs", "")
+    BOUNDED_ROWS = ("bounded rows", "")
+    COUPLINGS = ("couplings", "")
+    TERMS = ("terms", "")
+    SHAPES = ("S", "")
+    CONTACTS = ("C", "")
+
+
+@dataclasses.dataclass(frozen=True)
+class Field:
+    """One array.
+
+    Attributes:
+        dtype: of Warp.
+        sizes: its shape.
+        text: unit, frame and meaning.
+        domain: what may be written into it; None: anything.
+        writable: whether users assign slices of it.
+        of_kernels: whether kernels take it in the struct of its class.
+    """
+
+    dtype: Any
+    sizes: tuple[Size, ...]
+    text: str
+    domain: Domain | None = None
+    writable: bool = False
+    of_kernels: bool = True
+
+    @property
+    def shape_text(self) -> str:
+        """The shape as documentation writes it: `(W, B)`, `(W,)`."""
+        names = [size.value[0] for size in self.sizes]
+        return f"({names[0]},)" if len(names) == 1 else f"({', '.join(names)})"
+
+    @property
+    def per_world(self) -> bool:
+        """Whether all worlds share it unless they are given one each."""
+        return self.sizes[0] is Size.PARAMETER_WORLDS
+
+
+def field(
+    dtype: Any, *sizes: Size, text: str, domain: Domain | None = None, writable: bool = False, of_kernels: bool = True
+) -> Any:
+    """Declare an array as an attribute of a `FieldGroup`; see `Field`."""
+    return Field(dtype, sizes, text, domain, writable, of_kernels)
+
+
+def parameter(dtype: Any, *sizes: Size, text: str, domain: Domain = ANY) -> Any:
+    """Declare a parameter: all worlds share it, or each has its own; users write into it."""
+    return Field(dtype, (Size.PARAMETER_WORLDS, *sizes), text, domain, writable=True)
+
+
+class FieldGroup(FixedAttributes):
+    """Base of classes whose attributes are arrays; the declarations stand as class attributes.
+
+    Attributes:
+        FIELDS: by name, in the order of declaration.
+        NAMES: of those that kernels take.
+    """
+
+    FIELDS: ClassVar[dict[str, Field]] = {}
+    NAMES: ClassVar[tuple[str, ...]] = ()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        own = {name: value for name, value in vars(cls).items() if isinstance(value, Field)}
+        cls.FIELDS = {**cls.FIELDS, **own}
+        cls.NAMES = tuple(name for name, value in cls.FIELDS.items() if value.of_kernels)
+        for name in own:
+            delattr(cls, name)
+        if own:
+            rows = "\n".join(
+                f"        {name}: {each.shape_text} {type_name(each.dtype)}, {each.text}" for name, each in own.items()
+            )
+            cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n\n    Arrays:\n{rows}\n"
+
+    @classmethod
+    def layouts(cls, sizes: Mapping[Size, int]) -> dict[str, ArrayLayout]:
+        """Return shape and type of every array for given sizes."""
+        return {
+            name: ArrayLayout(tuple(sizes[size] for size in each.sizes), each.dtype)
+            for name, each in cls.FIELDS.items()
+        }
+
+    def allocate(self, sizes: Mapping[Size, int], device: Any, label: str, struct: Any) -> None:
+        """Make all arrays, zero, as attributes of this object and of the struct that kernels take."""
+        for name, layout in self.layouts(sizes).items():
+            each = self.FIELDS[name]
+            if each.writable:
+                array = writable(layout.shape, layout.dtype, device, label=f"{label}.{name}", domain=each.domain)
+            else:
+                array = wp.zeros(layout.shape, dtype=layout.dtype, device=device)
+            setattr(self, name, array)
+            if each.of_kernels:
+                setattr(struct, name, array)
+        self._fix()
+
+
+def struct_of(group: type[FieldGroup], name: str, module: str) -> Any:
+    """Return the Warp struct of a group's arrays.
+
+    Args:
+        group: with the declarations.
+        name: of the struct.
+        module: that kernels know it by.
+    """
+    annotations = {
+        key: wp.array(dtype=each.dtype, ndim=len(each.sizes)) for key, each in group.FIELDS.items() if each.of_kernels
+    }
+    return wp.struct(type(name, (), {"__annotations__": annotations, "__module__": module, "__doc__": group.__doc__}))
+
+
+def type_name(dtype: Any) -> str:
+    """Return a type's name in documentation: `float32`, `vec3`, `mat33d`."""
+    known = {wp.vec3: "vec3", wp.vec3d: "vec3d", wp.quat: "quat", wp.quatd: "quatd", wp.mat33: "mat33",
+             wp.mat33d: "mat33d", wp.transform: "transform"}  # fmt: skip
+    return known.get(dtype, dtype.__name__)

@@ -1,0 +1,247 @@
+"""The arrays of a simulation, declared once: parameters of a model, state, control, contacts, reports.
+
+`Model`, `State`, `Control`, `Contacts` and `Diagnostics` inherit these attributes; the structs that kernels take are
+made of them. A new array is one line here, and its use.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from simwarp.core.arrays import NOT_NEGATIVE, POSITIVE, Domain, WritableArray
+from simwarp.core.fields import FieldGroup, Size, field, parameter, struct_of
+
+A_LIMIT = Domain(remedy="1e30 and -1e30 stand for no limit")
+AN_EFFORT = Domain(least=0.0, remedy="1e30 stands for no limit")
+
+
+class ParameterFields(FieldGroup):
+    """What may differ per world: shared by all of them, or one each."""
+
+    gravity: WritableArray = parameter(wp.vec3, text="acceleration [m/s²], world frame")
+    body_mass: WritableArray = parameter(wp.float32, Size.BODIES, text="[kg]", domain=POSITIVE)
+    body_inertia_b: WritableArray = parameter(
+        wp.mat33, Size.BODIES, text="about the centre of mass, body frame [kg·m²]", domain=POSITIVE
+    )
+    joint_anchor0: WritableArray = parameter(
+        wp.vec3d, Size.JOINTS, text="origin of frame 0 from the first body's centre, its frame [m]"
+    )
+    joint_anchor1: WritableArray = parameter(
+        wp.vec3d, Size.JOINTS, text="origin of frame 1 from the second body's centre, its frame [m]"
+    )
+    joint_frame0: WritableArray = parameter(wp.mat33d, Size.JOINTS, text="axes of frame 0 in the first body")
+    joint_frame1: WritableArray = parameter(wp.mat33d, Size.JOINTS, text="axes of frame 1 in the second body")
+    joint_offset: WritableArray = parameter(wp.float64, Size.JOINTS, text="length of a rod [m]")
+    joint_armature: WritableArray = parameter(wp.float32, Size.DOFS, text="[kg or kg·m²]", domain=NOT_NEGATIVE)
+    joint_stiffness: WritableArray = parameter(wp.float32, Size.DOFS, text="[N/m or N·m/rad]", domain=NOT_NEGATIVE)
+    joint_rest: WritableArray = parameter(wp.float32, Size.DOFS, text="[m or rad]")
+    joint_damping: WritableArray = parameter(wp.float32, Size.DOFS, text="[N·s/m or N·m·s/rad]", domain=NOT_NEGATIVE)
+    joint_preload: WritableArray = parameter(wp.float32, Size.DOFS, text="[N or N·m]")
+    joint_friction: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="dry friction [N or N·m]", domain=NOT_NEGATIVE
+    )
+    joint_limit_lower: WritableArray = parameter(wp.float32, Size.DOFS, text="[m or rad]", domain=A_LIMIT)
+    joint_limit_upper: WritableArray = parameter(wp.float32, Size.DOFS, text="[m or rad]", domain=A_LIMIT)
+    drive_stiffness: WritableArray = parameter(wp.float32, Size.DOFS, text="[N/m or N·m/rad]", domain=NOT_NEGATIVE)
+    drive_damping: WritableArray = parameter(wp.float32, Size.DOFS, text="[N·s/m or N·m·s/rad]", domain=NOT_NEGATIVE)
+    drive_effort_limit: WritableArray = parameter(wp.float32, Size.DOFS, text="[N or N·m]", domain=AN_EFFORT)
+    coupling_coefficient: WritableArray = parameter(wp.float32, Size.COUPLINGS, Size.TERMS, text="")
+    coupling_offset: WritableArray = parameter(wp.float64, Size.COUPLINGS, text="")
+    coupling_damping: WritableArray = parameter(
+        wp.float32, Size.COUPLINGS, text="of a viscous coupling, 0: rigid [N·m·s/rad]", domain=NOT_NEGATIVE
+    )
+    shape_x: WritableArray = parameter(
+        wp.vec3d, Size.SHAPES, text="origin from the body's centre of mass, body axes [m]"
+    )
+    shape_rot: WritableArray = parameter(wp.quat, Size.SHAPES, text="xyzw, shape axes to body axes")
+    shape_size: WritableArray = parameter(wp.vec3, Size.SHAPES, text="meaning by `ShapeType` [m]", domain=NOT_NEGATIVE)
+    shape_margin: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="thickness added to the surface [m]", domain=NOT_NEGATIVE
+    )
+    shape_asset: WritableArray = parameter(wp.int32, Size.SHAPES, text="asset that a hull, height field or mesh shows")
+    shape_enabled: WritableArray = parameter(wp.int32, Size.SHAPES, text="0 takes the shape out")
+    shape_friction: WritableArray = parameter(wp.float32, Size.SHAPES, text="", domain=NOT_NEGATIVE)
+    shape_rolling_friction: WritableArray = parameter(wp.float32, Size.SHAPES, text="[m]", domain=NOT_NEGATIVE)
+    shape_spinning_friction: WritableArray = parameter(wp.float32, Size.SHAPES, text="[m]", domain=NOT_NEGATIVE)
+    shape_restitution: WritableArray = parameter(wp.float32, Size.SHAPES, text="", domain=Domain(0.0, 1.0))
+    shape_cohesion: WritableArray = parameter(wp.float32, Size.SHAPES, text="[N]", domain=NOT_NEGATIVE)
+    shape_compliance: WritableArray = parameter(wp.float32, Size.SHAPES, text="[m/N]", domain=NOT_NEGATIVE)
+    shape_damping: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="relaxation time of the compliance [s]", domain=NOT_NEGATIVE
+    )
+    shape_young_modulus: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="of the smooth contact model [Pa]", domain=NOT_NEGATIVE
+    )
+    shape_poisson_ratio: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="of the smooth contact model", domain=Domain(0.0, 0.5)
+    )
+
+
+class StateFields(FieldGroup):
+    """What a step changes. Angular and linear parts are separate arrays; everything is in the world frame."""
+
+    body_x: WritableArray = field(
+        wp.vec3d, Size.WORLDS, Size.BODIES, text="position of record of the centre of mass [m]", writable=True
+    )
+    body_rot: WritableArray = field(
+        wp.quatd, Size.WORLDS, Size.BODIES, text="orientation of record, xyzw", writable=True
+    )
+    body_q: WritableArray = field(
+        wp.transform, Size.WORLDS, Size.BODIES, text="view of both for reading, published by each step", writable=True
+    )
+    body_v: WritableArray = field(
+        wp.vec3, Size.WORLDS, Size.BODIES, text="velocity of the centre of mass [m/s], world", writable=True
+    )
+    body_omega: WritableArray = field(
+        wp.vec3, Size.WORLDS, Size.BODIES, text="angular velocity [rad/s], world", writable=True
+    )
+    body_omega_last: WritableArray = field(
+        wp.vec3,
+        Size.WORLDS,
+        Size.BODIES,
+        text="the same one sub-step before; the gyroscopic torque extrapolates [rad/s], world",
+        writable=True,
+    )
+    body_v_low: WritableArray = field(
+        wp.vec3,
+        Size.WORLDS,
+        Size.BODIES,
+        text="what float32 rounding kept back from `body_v` (compensated summation) [m/s], world",
+        writable=True,
+    )
+    body_omega_low: WritableArray = field(
+        wp.vec3, Size.WORLDS, Size.BODIES, text="the same of `body_omega` [rad/s], world", writable=True
+    )
+    joint_x: WritableArray = field(
+        wp.float64, Size.WORLDS, Size.DOFS, text="coordinates of record, turns counted", writable=True
+    )
+    joint_q: WritableArray = field(wp.float32, Size.WORLDS, Size.DOFS, text="the same in float32", writable=True)
+    joint_qd: WritableArray = field(wp.float32, Size.WORLDS, Size.DOFS, text="rates", writable=True)
+    bounded_impulse: WritableArray = field(
+        wp.float32,
+        Size.WORLDS,
+        Size.BOUNDED_ROWS,
+        text="warm start of limits, friction, motors and drives [N·s or N·m·s]",
+        writable=True,
+    )
+    world_time: WritableArray = field(wp.float64, Size.WORLDS, text="time since the last reset [s]", writable=True)
+    world_status: WritableArray = field(wp.int32, Size.WORLDS, text="bits, see below", writable=True)
+
+
+class ControlFields(FieldGroup):
+    """Inputs of a step, kept until they are written again."""
+
+    joint_force: WritableArray = field(
+        wp.float32, Size.WORLDS, Size.DOFS, text="force or torque along each coordinate [N or N·m]", writable=True
+    )
+    joint_target_q: WritableArray = field(
+        wp.float32,
+        Size.WORLDS,
+        Size.DOFS,
+        text="target of position drives and of prescribed positions without a table",
+        writable=True,
+    )
+    joint_target_qd: WritableArray = field(
+        wp.float32,
+        Size.WORLDS,
+        Size.DOFS,
+        text="target rate of drives, motors and prescribed motions without a table",
+        writable=True,
+    )
+    body_force: WritableArray = field(
+        wp.vec3, Size.WORLDS, Size.BODIES, text="at the centre of mass, world axes [N]", writable=True
+    )
+    body_torque: WritableArray = field(wp.vec3, Size.WORLDS, Size.BODIES, text="world axes [N·m]", writable=True)
+    body_force_b: WritableArray = field(
+        wp.vec3, Size.WORLDS, Size.BODIES, text="at the centre of mass, body axes [N]", writable=True
+    )
+    body_torque_b: WritableArray = field(wp.vec3, Size.WORLDS, Size.BODIES, text="body axes [N·m]", writable=True)
+    element_force: WritableArray = field(
+        wp.vec3,
+        Size.ELEMENT_WORLDS,
+        Size.BODIES,
+        text="written by force elements such as tires, at the centre of mass, world axes [N]",
+        writable=True,
+    )
+    element_torque: WritableArray = field(
+        wp.vec3, Size.ELEMENT_WORLDS, Size.BODIES, text="the same [N·m]", writable=True
+    )
+    element_joint_force: WritableArray = field(
+        wp.float32, Size.ELEMENT_WORLDS, Size.DOFS, text="the same along coordinates [N or N·m]", writable=True
+    )
+
+
+class ContactFields(FieldGroup):
+    """The contacts of the last sub-step, at the poses of its start."""
+
+    contact_count: wp.array = field(wp.int32, Size.WORLDS, text="slots in use")
+    contact_overflow: wp.array = field(wp.int32, Size.WORLDS, text="shallow contacts left out for want of slots")
+    contact_shape0: wp.array = field(wp.int32, Size.WORLDS, Size.CONTACTS, text="the shape of smaller index")
+    contact_shape1: wp.array = field(wp.int32, Size.WORLDS, Size.CONTACTS, text="the other")
+    contact_feature: wp.array = field(
+        wp.int32, Size.WORLDS, Size.CONTACTS, text="tells the contacts of a pair apart from step to step"
+    )
+    contact_normal_w: wp.array = field(wp.vec3, Size.WORLDS, Size.CONTACTS, text="from shape 0 to shape 1, world axes")
+    contact_gap: wp.array = field(wp.float32, Size.WORLDS, Size.CONTACTS, text="negative is penetration [m]")
+    contact_arm0: wp.array = field(
+        wp.vec3,
+        Size.WORLDS,
+        Size.CONTACTS,
+        text="from the centre of mass of shape 0's body (the world's origin) to its contact point [m]",
+    )
+    contact_arm1: wp.array = field(wp.vec3, Size.WORLDS, Size.CONTACTS, text="the same of shape 1")
+    contact_impulse: wp.array = field(
+        wp.vec3, Size.WORLDS, Size.CONTACTS, text="along the normal and two tangents [N·s]"
+    )
+    contact_moment: wp.array = field(
+        wp.vec3,
+        Size.WORLDS,
+        Size.CONTACTS,
+        text="about the two tangents and the normal, of rolling and spinning friction [N·m·s]",
+    )
+    contact_force_w: wp.array = field(wp.vec3, Size.WORLDS, Size.CONTACTS, text="on shape 1, world axes [N]")
+    shape_contact_force: wp.array = field(
+        wp.vec3, Size.WORLDS, Size.SHAPES, text="sum over a shape's contacts, world axes [N]"
+    )
+    body_contact_force: wp.array = field(
+        wp.vec3, Size.WORLDS, Size.TOUCHED_BODIES, text="the same over a body's shapes [N]"
+    )
+    penetration: wp.array = field(wp.float32, Size.WORLDS, text="the deepest [m]")
+
+
+class ReportFields(FieldGroup):
+    """What the last sub-step tells about itself."""
+
+    row_residual: wp.array = field(
+        wp.float32, Size.WORLDS, text="largest speed error of the loop and coupling rows [m/s or rad/s]"
+    )
+    bounded_residual: wp.array = field(
+        wp.float32, Size.WORLDS, text="natural residual of limits, friction, motors and contacts [m/s or rad/s]"
+    )
+    bounded_count: wp.array = field(wp.int32, Size.WORLDS, text="rows on coordinates and contacts that took part")
+    iterations: wp.array = field(wp.int32, Size.WORLDS, text="iterations of their solve")
+    position_error: wp.array = field(
+        wp.float32,
+        Size.WORLDS,
+        text="largest joint violation [m or rad]: at the step's start, or before the last pass when positions are "
+        "projected",
+    )
+    joint_reaction_force: wp.array = field(
+        wp.vec3, Size.REACTION_WORLDS, Size.JOINTS, text="force on the second body [N], world axes"
+    )
+    joint_reaction_torque: wp.array = field(
+        wp.vec3, Size.REACTION_WORLDS, Size.JOINTS, text="torque on the second body about anchor 1 [N·m], world axes"
+    )
+    energy: wp.array = field(
+        wp.float64,
+        Size.WORLDS,
+        text="mechanical energy as of the last `Simulation.measure_energy` [J]",
+        of_kernels=False,
+    )
+
+
+Parameters = struct_of(ParameterFields, "Parameters", __name__)
+StateArrays = struct_of(StateFields, "StateArrays", __name__)
+ControlArrays = struct_of(ControlFields, "ControlArrays", __name__)
+ContactArrays = struct_of(ContactFields, "ContactArrays", __name__)
+Reports = struct_of(ReportFields, "Reports", __name__)
