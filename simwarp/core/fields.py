@@ -63,6 +63,11 @@ class Field:
         return f"({names[0]},)" if len(names) == 1 else f"({', '.join(names)})"
 
     @property
+    def kind_text(self) -> str:
+        """Shape and type as documentation writes them: `(W, B) vec3`."""
+        return f"{self.shape_text} {type_name(self.dtype)}"
+
+    @property
     def per_world(self) -> bool:
         """Whether all worlds share it unless they are given one each."""
         return self.sizes[0] is Size.PARAMETER_WORLDS
@@ -98,9 +103,10 @@ class FieldGroup(FixedAttributes):
         cls.NAMES = tuple(name for name, value in cls.FIELDS.items() if value.of_kernels)
         for name in own:
             delattr(cls, name)
-        if own:
+        if cls.FIELDS:
             rows = "\n".join(
-                f"        {name}: {each.shape_text} {type_name(each.dtype)}, {each.text}" for name, each in own.items()
+                f"        {name}: {each.shape_text} {type_name(each.dtype)}, {each.text}"
+                for name, each in cls.FIELDS.items()
             )
             cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n\n    Arrays:\n{rows}\n"
 
@@ -116,6 +122,7 @@ class FieldGroup(FixedAttributes):
         """Make all arrays, zero, as attributes of this object and of the struct that kernels take."""
         for name, layout in self.layouts(sizes).items():
             each = self.FIELDS[name]
+            array: wp.array
             if each.writable:
                 array = writable(layout.shape, layout.dtype, device, label=f"{label}.{name}", domain=each.domain)
             else:
@@ -134,7 +141,7 @@ def struct_of(group: type[FieldGroup], name: str, module: str) -> Any:
         name: of the struct.
         module: that kernels know it by.
     """
-    annotations = {
+    annotations: dict[str, Any] = {
         key: wp.array(dtype=each.dtype, ndim=len(each.sizes)) for key, each in group.FIELDS.items() if each.of_kernels
     }
     return wp.struct(type(name, (), {"__annotations__": annotations, "__module__": module, "__doc__": group.__doc__}))

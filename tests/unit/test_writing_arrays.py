@@ -72,7 +72,8 @@ def put(array: Any, key: Any, value: Any) -> Callable[[], object]:
 # ---- values ----------------------------------------------------------------------------------------------------------
 
 BELOW: dict[str, float] = {
-    name: -1.0 for name, parameter in PARAMETERS.items() if np.max(np.asarray(parameter.domain.least)) >= 0.0
+    name: -1.0 for name, parameter in PARAMETERS.items()
+    if parameter.domain is not None and np.max(np.asarray(parameter.domain.least)) >= 0.0
 } | {"body_mass": 0.0, "body_inertia_b": 0.0, "shape_asset": -2.0}  # fmt: skip
 
 
