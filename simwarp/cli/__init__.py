@@ -14,7 +14,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Sequence
 
-from simwarp.cli.process import ended_by_signals, prepare_streams, silence_output, start_warp
+from simwarp.cli.process import ended_by_signals, leave_at_once, prepare_streams, silence_output, start_warp
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 HELP = frozenset({"-h", "--help"})
@@ -213,7 +213,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _tell(stop.code, WRONG_INPUT)
         return stop.code or DONE
     except KeyboardInterrupt:
-        return _tell("interrupted", INTERRUPTED)
+        code = _tell("interrupted", INTERRUPTED)
+        if argv is None:
+            leave_at_once(code)
+        return code
     except BrokenPipeError:
         # The reader of a pipe went away, as `simwarp list | head` does
         silence_output()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import atexit
 import contextlib
 import io
 import os
@@ -12,13 +13,16 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from types import FrameType
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command as Ctrl-C does: what it began is tidied up."""
 
 # Warp's native library prints this on every machine without a GPU; `simwarp doctor` says it better
 _NO_DRIVER = "Could not find or load the NVIDIA CUDA driver"
+
+LAST_WORDS: Final = 2.0
+"""Time that threads, such as writers of logs, are given after an interruption [s]."""
 
 REPEAT_AFTER: Final = 0.05
 """Time after which an interrupt that was lost comes again [s]."""
@@ -83,6 +87,20 @@ def silence_output() -> None:
                 stream.flush()
         except OSError:
             _redirect(stream)
+
+
+def leave_at_once(code: int) -> NoReturn:
+    """End the process after an interruption: threads end, exit functions run, but Python does not take modules apart.
+
+    An interruption may have come while a library with threads of its own was half loaded: taking it apart ends the
+    process by SIGABRT instead of with its exit code.
+    """
+    for thread in threading.enumerate():
+        if not thread.daemon and thread is not threading.current_thread():
+            thread.join(LAST_WORDS)
+    atexit._run_exitfuncs()
+    silence_output()
+    os._exit(code)
 
 
 def _redirect(stream: Any) -> None:

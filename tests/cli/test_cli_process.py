@@ -100,6 +100,33 @@ def test_a_signal_that_comes_where_exceptions_are_dropped_ends_the_command(ends_
     assert sys.unraisablehook is before
 
 
+INTERRUPTED = """
+import atexit, sys, threading, time
+from simwarp import cli
+
+class Library:
+    def __del__(self):
+        print("taken apart", flush=True)
+
+def load(command):
+    raise KeyboardInterrupt
+
+library = Library()
+atexit.register(print, "exit function")
+threading.Thread(target=lambda: (time.sleep(0.2), print("thread"))).start()
+cli.Command.load = load
+sys.argv = ["simwarp", "list"]
+sys.exit(cli.main())
+"""
+
+
+def test_an_interrupted_process_ends_without_taking_half_loaded_libraries_apart():
+    """Some of them abort when they are: then the exit code would be that of SIGABRT."""
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (130, "simwarp: interrupted\n")
+    assert done.stdout.splitlines() == ["thread", "exit function"]
+
+
 def test_an_interruption_while_a_command_is_loaded_is_one_line(monkeypatch, capfd):
     monkeypatch.setattr(Command, "load", lambda self: raises(KeyboardInterrupt())())
     assert cli.main(["list"]) == 130
