@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import RigidSuspension, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 

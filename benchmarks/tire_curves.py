@@ -17,7 +17,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.vehicle.spec.deserialisation import read_spec
+from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
 from simwarp.vehicle.tires.tires import Mount, TireRow, Tires, tire_row
 

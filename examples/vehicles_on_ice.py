@@ -19,7 +19,7 @@ from simwarp.core.interop import to_torch
 from simwarp.kernels.vehicle.tires.parameter_vector import Common, Tmeasy
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.tires.tires import Tires
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 

@@ -62,8 +62,8 @@ def recorded() -> Iterator[tuple[str, str]]:
 def drives(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield runs of every vehicle with every one of its tires, drivelines and engines, and of every manoeuvre."""
     from simwarp.vehicle.driving.maneuvers import MANEUVERS
-    from simwarp.vehicle.spec.deserialisation import vehicle_names
     from simwarp.vehicle.spec.variants import option_names
+    from simwarp.vehicle.spec.vehicle_files import vehicle_names
 
     for name in vehicle_names():
         words = [

@@ -20,6 +20,7 @@ from simwarp.model.model import Model
 from simwarp.simulation.cone_problems import ConeSolution, solve_cone_problems
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics
+from simwarp.simulation.protocols import ForceElement, Sensor, StepContext
 from simwarp.simulation.simulation import Simulation
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import SolverOptions
@@ -32,6 +33,7 @@ __all__ = [
     "Control",
     "Diagnostics",
     "Dof",
+    "ForceElement",
     "JointType",
     "Material",
     "Model",
@@ -41,11 +43,13 @@ __all__ = [
     "PositionDrive",
     "PrescribedPosition",
     "PrescribedSpeed",
+    "Sensor",
     "ShapeType",
     "Simulation",
     "Snapshot",
     "SolverOptions",
     "State",
+    "StepContext",
     "VelocityMotor",
     "WorldStatus",
     "pose",

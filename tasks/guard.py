@@ -11,7 +11,7 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -19,14 +19,13 @@ import torch
 from simwarp.core.files import FileError, OutputError
 
 from .config import require
+from .interface_checks import Worlds
 from .limits import check_room
 from .npz import write_arrays
 from .plain import config_to_plain
 from .randomising import drawn_parameters
+from .randomness import WorldRandom
 from .simulation_access import copy_snapshot, pack_snapshot
-
-if TYPE_CHECKING:
-    from .task import Task
 
 FORMAT = 1
 
@@ -69,16 +68,52 @@ class DumpAbout:
         require(0.0 <= self.level <= 1.0, self, "level", "in [0, 1]")
 
 
+class Guarded(Worlds, Protocol):
+    """What is kept of a task: see the attributes of `Task`."""
+
+    action: torch.Tensor
+    level: torch.Tensor
+    episode_index: torch.Tensor
+    episode_steps: torch.Tensor
+    random: WorldRandom
+    first_world: int
+    iteration: int
+
+    @property
+    def simulation(self) -> Any:
+        """Of all worlds."""
+        ...
+
+    @property
+    def views(self) -> Any:
+        """Torch views of its arrays."""
+        ...
+
+    @property
+    def config(self) -> Any:
+        """Of the task."""
+        ...
+
+    @property
+    def per_world(self) -> tuple[str, ...]:
+        """Parameters of which every world has its own."""
+        ...
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """What the task keeps beside the simulation's state."""
+        ...
+
+
 class _Keep:
     """A snapshot of all worlds, and what the task adds to the simulation's state."""
 
-    def __init__(self, task: Task[Any]) -> None:
+    def __init__(self, task: Guarded) -> None:
         self.simulation = task.simulation.snapshot()
         self.action = task.action.clone()
         self.extra: dict[str, torch.Tensor] = {}
         self.taken = -1
 
-    def take(self, task: Task[Any], count: int) -> None:
+    def take(self, task: Guarded, count: int) -> None:
         copy_snapshot(task.simulation, self.simulation)
         self.action.copy_(task.action)
         self.extra = {name: value.clone() for name, value in task.extra_state().items()}
@@ -97,7 +132,7 @@ class Guard:
         dump: the kept arrays of the first break, or None.
     """
 
-    def __init__(self, task: Task[Any], steps: int) -> None:
+    def __init__(self, task: Guarded, steps: int) -> None:
         self.path: Path | None = None
         self.dump: dict[str, np.ndarray[Any, Any]] | None = None
         self._task = task

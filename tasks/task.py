@@ -19,10 +19,10 @@ import torch
 from simwarp.core.interop import shared_stream
 
 from .config import TaskConfig
-from .contract import check_action, check_flags, check_observations, check_terms
 from .drawing import Drawing, Line
 from .errors import InputError, TaskError
 from .guard import Guard
+from .interface_checks import check_action, check_flags, check_observations, check_terms
 from .limits import check_room, whole
 from .randomising import check_ranges, drawn_parameters, randomiser_of
 from .randomness import WorldRandom

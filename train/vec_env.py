@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from rsl_rl.env import VecEnv
 from simwarp.tasks import InputError, Task
-from simwarp.tasks.contract import check_observations
+from simwarp.tasks.interface_checks import check_observations
 from tensordict import TensorDict
 
 from .config import CRITIC

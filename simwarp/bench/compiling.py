@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from simwarp.bench.workloads import bench_scenes
 from simwarp.cli import ShortfallError
-from simwarp.vehicle.spec.deserialisation import vehicle_names
+from simwarp.vehicle.spec.vehicle_files import vehicle_names
 
 _PATIENCE_S = 600
 

@@ -11,7 +11,7 @@ from simwarp.bench.peers import peer_measures, peer_notes
 from simwarp.bench.workloads import SENSOR_SCENES, bench_scenes, explain_unknown, task_of
 from simwarp.cli import UsageError
 from simwarp.cli.options import check_obs
-from simwarp.vehicle.spec.deserialisation import vehicle_names
+from simwarp.vehicle.spec.vehicle_files import vehicle_names
 
 Measure = Callable[[int, str, float | None, float], Row]
 """From worlds, device, dt and seconds."""

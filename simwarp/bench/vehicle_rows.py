@@ -12,7 +12,7 @@ from simwarp.bench.measure import Row, TimedRun, measure_run, steps_before
 from simwarp.core.types import WorldStatus
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.results.runs import REFERENCE_DT, Setup, set_up
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 HORIZON: Final = 1.5
 """Each world drives that long [s]: sixteen of them cover the 24 s that follow the settling."""

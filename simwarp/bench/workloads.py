@@ -14,7 +14,7 @@ from simwarp.cli import shortened
 from simwarp.core.types import WORLD, Material, PositionDrive, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation, SolverOptions
-from simwarp.vehicle.spec.deserialisation import vehicle_names
+from simwarp.vehicle.spec.vehicle_files import vehicle_names
 
 CART_MASS = 0.1
 POLE_MASS = 0.785398

@@ -26,8 +26,8 @@ from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.results import Result, results
 from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, row_steps, set_up
-from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 PICTURES = (".png", ".pdf", ".svg")

@@ -283,3 +283,20 @@ def _named(array: Any, label: str, domain: Domain | None, hint: str) -> Writable
     array.__class__ = WritableArray
     array.label, array.domain, array.hint = label, domain, hint
     return array
+
+
+def reinterpret_int32(array: wp.array, world_count: int) -> wp.array:
+    """The array's memory as (W, n) int32.
+
+    Raises:
+        ModelError: its rows are not those of worlds, or hold no whole words.
+    """
+    size = array.size * wp.types.type_size_in_bytes(array.dtype)
+    if array.shape[0] != world_count or not array.is_contiguous or size % (4 * world_count):
+        raise ModelError(
+            f"force element: memory must be contiguous with leading dimension {world_count} and whole words, "
+            f"got {array.dtype.__name__}{tuple(array.shape)}"
+        )
+    return wp.array(
+        ptr=array.ptr, dtype=wp.int32, shape=(world_count, size // (4 * world_count)), device=array.device, copy=False
+    )

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-from simwarp.vehicle.spec.deserialisation import Place, nearest, parse_json, read_text
+from simwarp.vehicle.spec.deserialisation import SourceLocation, nearest, parse_json, read_text
 from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import ZERO, Points, RigidPart, Spec, SpecError, Vec3
 
@@ -39,7 +39,7 @@ def without_comments(text: str) -> str:
 class Node:
     """An object of a file. Reading a key marks it; `finish` refuses keys that are neither marked nor visual."""
 
-    def __init__(self, value: Any, place: Place) -> None:
+    def __init__(self, value: Any, place: SourceLocation) -> None:
         if not isinstance(value, dict):
             raise place.error(f"must be an object, got {told(value)}")
         self.value: dict[str, Any] = value
@@ -50,7 +50,7 @@ class Node:
     @classmethod
     def of_file(cls, path: Path) -> Node:
         """The object of a file, comments allowed."""
-        return cls(parse_json(without_comments(read_text(path)), path.name), Place(path))
+        return cls(parse_json(without_comments(read_text(path)), path.name), SourceLocation(path))
 
     def __contains__(self, key: str) -> bool:
         self.known.add(key)
@@ -176,7 +176,7 @@ class Node:
             node.finish()
 
 
-def finite(value: Any, wanted: str, place: Place) -> float:
+def finite(value: Any, wanted: str, place: SourceLocation) -> float:
     """A number that is one."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise place.error(f"must be {wanted}, got {told(value)}")

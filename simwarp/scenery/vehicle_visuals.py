@@ -12,7 +12,7 @@ from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, mirrored, moved
 from simwarp.scenery.vehicle_bodies import STYLES, BodyStyle, wheel_mesh
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 if TYPE_CHECKING:
     from simwarp.sensors.scene import Visuals

@@ -27,7 +27,7 @@ from simwarp.model.model import Model
 from simwarp.sensors.interface import Mount, Schedule, Steps, body_index, checked_model
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 LANES = 128
 """Threads that copy one world's frame on a GPU."""
@@ -204,7 +204,7 @@ class Frames:
         kept |= {f"ring {name}": array for name, array in self.ring.items() if array is not self.data[name]}
         return {name: array for name, array in kept.items() if array.size}
 
-    def record(self, simulation: Simulation, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
+    def record(self, simulation: StepContext, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
         """The launches of a sub-step: the clock, what `sample` records, and publication.
 
         Raises:
@@ -217,7 +217,7 @@ class Frames:
             self.ring = {}  # it belongs to no Simulation
             raise
 
-    def check(self, simulation: Simulation, dt: float, more: int = 0) -> None:
+    def check(self, simulation: StepContext, dt: float, more: int = 0) -> None:
         """Refuses a Simulation that the sensor cannot be part of; changes nothing.
 
         Args:
@@ -260,7 +260,7 @@ class Frames:
             return 0
         return (steps.lag + (steps.window if self._gradual else 0)) // steps.period + 1
 
-    def _record(self, simulation: Simulation, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
+    def _record(self, simulation: StepContext, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
         worlds, device = self.model.world_count, self.model.device
         self._set_clock(simulation, dt)
         advance = wp.launch(
@@ -270,7 +270,7 @@ class Frames:
         self._samples = [*sample(), *self._publications()]
         return [advance, *self._samples]
 
-    def begin(self, simulation: Simulation, mask: wp.array) -> None:
+    def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Forgets the worlds of the mask and publishes a frame of their present state."""
         wp.launch(
             begin_clock, dim=self.model.world_count, device=self.model.device,
@@ -279,7 +279,7 @@ class Frames:
         for command in self._samples:
             command.launch()
 
-    def _set_clock(self, simulation: Simulation, dt: float) -> None:
+    def _set_clock(self, simulation: StepContext, dt: float) -> None:
         """Rounds the schedule to sub-steps and makes room for the frames in waiting."""
         worlds, device = self.model.world_count, self.model.device
         steps, self.dt = self.schedule.steps(dt), dt

@@ -16,7 +16,7 @@ import numpy as np
 from simwarp.core.types import WORLD, ModelError, Pose, pose, shown
 from simwarp.model.checks import checked_pose, finite_number, positive_number
 from simwarp.model.model import Model
-from simwarp.simulation.sensor_protocol import Sensor
+from simwarp.simulation.protocols import Sensor
 
 Config = TypeVar("Config")
 

@@ -13,7 +13,7 @@ from simwarp.sensors.interface import Schedule, checked_model
 from simwarp.sensors.noise import Noise, NoiseChain
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 
 class Instrument:
@@ -78,18 +78,18 @@ class Instrument:
             kept |= {f"{option} {name}": array for name, array in chain.memory.items()}
         return kept
 
-    def check(self, simulation: Simulation, dt: float) -> None:
+    def check(self, simulation: StepContext, dt: float) -> None:
         """Refuses a Simulation that it cannot be part of."""
         self.frames.check(simulation, dt)
 
-    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step."""
         return self.frames.record(simulation, dt, lambda: self._sample(simulation))
 
-    def begin(self, simulation: Simulation, mask: wp.array) -> None:
+    def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Forgets the worlds of the mask and publishes a frame of their present state."""
         self.frames.begin(simulation, mask)
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         """Recorded launches that fill `frames.ring`."""
         raise NotImplementedError

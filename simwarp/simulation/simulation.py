@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.arrays import FixedAttributes, on_host
+from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
 from simwarp.kernels.collision.collide import collide_worlds, make_collision_scratch
@@ -30,9 +30,8 @@ from simwarp.model.layouts import run_layouts
 from simwarp.model.model import FEWER, Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
-from simwarp.simulation.force_elements import ForceElement, words
+from simwarp.simulation.protocols import ForceElement, Sensor
 from simwarp.simulation.requirements import lanes_of, step_layouts, step_sizes
-from simwarp.simulation.sensor_protocol import Sensor
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, LAWS, SOLVERS, SolverOptions
 from simwarp.simulation.state import Control, State, initial_arrays
@@ -102,7 +101,9 @@ class Simulation(FixedAttributes):
         other = self.solver.solver != ConeSolver.APGD.name.lower()
         all_solvers = other or (rescue if self.solver.rescue is None else self.solver.rescue)
         sizes = step_sizes(model, self.solver.dense_rows, all_solvers)
-        element_memory = [words(array, model.world_count) for part in self.elements for array in part.memory.values()]
+        element_memory = [
+            reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
+        ]
         layouts = run_layouts(model.sizes(elements=bool(self.elements), reactions=reactions))
         layouts |= step_layouts(model, sizes)
         copies = sum(4 * array.size for array in element_memory)

@@ -9,7 +9,7 @@ import json
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import Any, Final, NoReturn, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -24,15 +24,21 @@ from simwarp.model.model import Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.state import Control, State
 
-if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
-
 FORMAT: Final = "simwarp snapshot 1"
 HEADER: Final = "header"
 MOST_HEADER: Final = 64 * 2**20
 """Bytes of the largest header: lines about every body, joint and shape."""
 OVERHEAD: Final = 4096
 """Bytes of a file beside the numbers of one array."""
+
+
+@runtime_checkable
+class Restoring(Protocol):
+    """What takes snapshots and restores them: a Simulation."""
+
+    def empty_snapshot(self) -> Snapshot:
+        """A snapshot of zeros that fits."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +94,7 @@ class Snapshot:
             np.savez(file, **{HEADER: text, **values})
 
     @classmethod
-    def load(cls, path: str | Path, target: Simulation | Model) -> Snapshot:
+    def load(cls, path: str | Path, target: Restoring | Model) -> Snapshot:
         """Reads what `save` wrote.
 
         Args:
@@ -99,9 +105,7 @@ class Snapshot:
             FileError: there is no such file, or it is no whole snapshot.
             ModelError: it is of another simulation; says what differs.
         """
-        from simwarp.simulation.simulation import Simulation  # which makes snapshots
-
-        if isinstance(target, Simulation):
+        if isinstance(target, Restoring):
             snapshot = target.empty_snapshot()
         elif isinstance(target, Model):
             bare = target.identity.extended(run_parts((), (), 0.0))

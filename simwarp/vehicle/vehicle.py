@@ -14,10 +14,11 @@ from simwarp.kernels.vehicle.inputs import VehicleMotion, VehicleTables, measure
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import apply_tires
 from simwarp.model.model import Model
-from simwarp.simulation.simulation import Simulation, SolverOptions
+from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import VehicleParts
 from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
-from simwarp.vehicle.spec.deserialisation import Place
+from simwarp.vehicle.spec.deserialisation import SourceLocation
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.rigid_tires import RigidTires
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_row
@@ -150,7 +151,7 @@ class Vehicle:
         }
         return {name: array for name, array in arrays.items() if array.size}
 
-    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
         model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
         inputs = wp.launch(
@@ -170,7 +171,7 @@ class Vehicle:
         )  # fmt: skip
         return [inputs, tires]
 
-    def record_after(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+    def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that measures the motion after a sub-step."""
         model = simulation.model
         loads = self.tires.record_after(simulation) if isinstance(self.tires, RigidTires) else []
@@ -233,6 +234,6 @@ def _tires(parts: VehicleParts, model: Model, ground: TerrainTables | None, rand
 def _mounts(parts: VehicleParts) -> list[Mount]:
     """Tires on their spindles, whose centres of mass are the wheels' centres."""
     axles = parts.spec.axles
-    vehicle = Place(Path(parts.spec.name))
+    vehicle = SourceLocation(Path(parts.spec.name))
     rows = [tire_row(axle.tire, vehicle.at(f"axles[{index}].tire")) for index, axle in enumerate(axles)]
     return [Mount(rows[side.axle], side.spindle, side="left" if side.side > 0.0 else "right") for side in parts.sides]

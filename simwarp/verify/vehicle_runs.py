@@ -11,8 +11,8 @@ import numpy.typing as npt
 from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.runs import Drive, set_up
-from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.verify.report import Row, below, near
 from simwarp.verify.vehicle_cases import LOADS, Case, low_pass, read_folder, read_shipped
 

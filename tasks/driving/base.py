@@ -188,8 +188,8 @@ class DrivingTask(Task[DrivingT]):
 
     def make_spec(self) -> VehicleSpec:
         """Return the vehicle's description: the reduced or the full model, on this task's tires."""
-        from simwarp.vehicle.spec.deserialisation import load_vehicle
         from simwarp.vehicle.spec.variants import with_options
+        from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
         spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
         return with_options(spec, tire=self.tire) if self.tire is not None else spec

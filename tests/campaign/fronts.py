@@ -67,7 +67,7 @@ def _commands(place: Place) -> st.SearchStrategy[Any]:
 
 def _json(place: Place) -> st.SearchStrategy[Any]:
     from simwarp.sensors.shipped import DATA as SENSORS
-    from simwarp.vehicle.spec.deserialisation import DATA as VEHICLES
+    from simwarp.vehicle.spec.vehicle_files import DATA as VEHICLES
 
     vehicles, sensors = (place.folder / name for name in ("vehicles", "sensors"))
     for source, target in ((VEHICLES, vehicles), (SENSORS, sensors)):

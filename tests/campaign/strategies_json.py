@@ -182,8 +182,8 @@ def spoiled(content: Any) -> st.SearchStrategy[Spoiled]:
 
 def vehicle_documents(data: Path) -> list[Document]:
     """Shipped vehicles and their parts, in a copy of the data folder."""
-    from simwarp.vehicle.spec.deserialisation import load_vehicle
     from simwarp.vehicle.spec.variants import with_options
+    from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
     def reader(kind: str, vehicle: str) -> Callable[[Path], Any]:
         return lambda path: assembled(with_options(load_vehicle(vehicle), **{kind: str(path)}))

@@ -14,7 +14,7 @@ from simwarp import cli
 from simwarp.cli import UsageError, new_task
 from simwarp.cli.options import CommonOptions
 from simwarp.core.files import DRAFT_PREFIX, FileError, OutputError
-from simwarp.vehicle.spec.deserialisation import load_vehicle, save_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle
 
 SHORT = ["--maneuver", "slope-hold", "--duration", "0.05", "--device", "cpu"]
 

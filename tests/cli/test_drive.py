@@ -13,7 +13,7 @@ import warp as wp
 from simwarp import cli
 from simwarp.vehicle.results import runs
 from simwarp.vehicle.results.channels import COLUMNS, Run
-from simwarp.vehicle.spec.deserialisation import load_vehicle, save_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle
 
 
 @pytest.fixture

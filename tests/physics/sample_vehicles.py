@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import (
     AntirollBar,
     Bushing,

@@ -8,8 +8,8 @@ import pytest
 
 import simwarp as sw
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.spec.variants import option_names, with_options
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import ShaftsDriveline4WD, SimpleDriveline, VehicleSpec
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world

@@ -15,7 +15,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.model.topology import build_tables
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.spec.deserialisation import vehicle_names
+from simwarp.vehicle.spec.vehicle_files import vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import (
     PitmanArm,
     RigidPart,

@@ -11,9 +11,9 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.results.channels import Recorder
-from simwarp.vehicle.spec.deserialisation import vehicle_names
 from simwarp.vehicle.spec.mirroring import mirrored
 from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.spec.vehicle_files import vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from tests.physics.sample_vehicles import pinned_axle, samples, shipped, vehicle

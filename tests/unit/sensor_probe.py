@@ -87,7 +87,7 @@ class Probe:
     def memory(self) -> dict[str, wp.array]:
         return {**self.frames.memory, **{name: getattr(self.notes, name) for name in ("count", "taken", "sums")}}
 
-    def record(self, simulation: sw.Simulation, dt: float) -> Sequence[Any]:
+    def record(self, simulation: sw.StepContext, dt: float) -> Sequence[Any]:
         def sample() -> list[Any]:
             return [
                 wp.launch(
@@ -98,7 +98,7 @@ class Probe:
 
         return self.frames.record(simulation, dt, sample)
 
-    def begin(self, simulation: sw.Simulation, mask: wp.array) -> None:
+    def begin(self, simulation: sw.StepContext, mask: wp.array) -> None:
         self.frames.begin(simulation, mask)
 
 

@@ -16,8 +16,8 @@ from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STE
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
 from simwarp.importers.chrono_vehicle import Files, load_chrono_vehicle
-from simwarp.vehicle.spec.deserialisation import DATA, load_vehicle
 from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.spec.vehicle_files import DATA, load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import BUMP_STOP, Spec, SpecError, Wheel
 from simwarp.vehicle.tires.parameter_vector import tire_row
 

@@ -1,7 +1,9 @@
-"""Imports go one way: warp <- kernels <- core <- vehicle, sensors, importers, viewer <- tasks <- train <- cli.
+"""Imports go one way, and never in a circle:
 
-Core and kernels share one leaf, `simwarp.core.types` (enums and aliases), which imports nothing of simwarp.
-Torch and trimesh have one file each; a name used only in annotations (`if TYPE_CHECKING:`) is no import.
+warp <- kernels <- core, geometry <- model <- simulation <- vehicle, sensors, scenery, scenes <- importers, viewer
+<- tasks <- train <- bench, verify <- cli. Kernels and host share three leaves, `SHARED`: types, arrays and their
+declarations. Measurement and commands may import each other's modules, but not in a circle. Torch and trimesh have one
+file each. A name used only in annotations (`if TYPE_CHECKING:`) counts for directions and circles too.
 """
 
 import ast
@@ -14,8 +16,13 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
-ORDER = ["types", "kernels", "core", "parts", "tasks", "train", "cli"]
-PARTS = {"vehicle", "sensors", "importers", "scenery", "viewer"}
+RANKS = {
+    "kernels": 0, "core": 1, "geometry": 2, "model": 3, "simulation": 4, "api": 5, "vehicle": 6, "sensors": 6,
+    "scenery": 6, "scenes": 6, "importers": 7, "viewer": 7, "tasks": 8, "train": 9, "bench": 10, "verify": 10,
+    "cli": 10, "__main__": 11,
+}  # fmt: skip
+SHARED = {"simwarp.core.types", "simwarp.core.arrays", "simwarp.core.fields"}
+"""What kernels may import of the host."""
 ONLY_IMPORTER = {"torch": "simwarp.core.interop", "trimesh": "simwarp.geometry.mesh_files"}
 
 
@@ -32,17 +39,12 @@ def module_names() -> dict[str, Path]:
 MODULES = module_names()
 
 
-def layer(module: str) -> str:
-    """The layer of a module of simwarp."""
+def rank(module: str) -> int:
+    """The place of a module of simwarp in the order."""
+    if module in SHARED:
+        return -1
     head = module.split(".")[1:2]
-    if not head:
-        return "core"
-    name = head[0]
-    if name in ("cli", "__main__"):
-        return "cli"
-    if name in PARTS:
-        return "parts"
-    return name if name in ("types", "kernels", "tasks", "train") else "core"
+    return RANKS[head[0]] if head else RANKS["api"]
 
 
 def type_checking_nodes(tree: ast.AST) -> set[ast.AST]:
@@ -76,32 +78,70 @@ def imports_of(source: str, module: str, is_package: bool) -> Iterator[tuple[str
 def complaints(source: str, module: str, is_package: bool = False) -> list[str]:
     """What is wrong with the imports of one module."""
     wrong = []
-    mine = layer(module)
+    room = module.split(".")[1]
     for name, line, only_types in imports_of(source, module, is_package):
         top, *rest = name.split(".")
         at = f"{module}:{line}"
         if top in ("tasks", "train", "tests"):
             wrong.append(f"{at}: imports {name}; the installed name is simwarp.{name}")
         elif top == "simwarp":
-            other = layer(name)
-            if ORDER.index(other) > ORDER.index(mine):
-                wrong.append(f"{at}: {mine} imports {other} ({name})")
-            if {rest[0] if rest else "", module.split(".")[1]} == {"vehicle", "sensors"}:
+            if rank(name) > rank(module):
+                wrong.append(f"{at}: {room} imports {name}")
+            if {rest[0] if rest else "", room} == {"vehicle", "sensors"}:
                 wrong.append(f"{at}: vehicle and sensors must not import each other ({name})")
         elif top in ONLY_IMPORTER and not only_types:
             # Tasks and training are written in torch; below them it has one door.
-            free = top == "torch" and mine in ("tasks", "train", "cli")
+            free = top == "torch" and rank(module) >= RANKS["tasks"]
             if not free and module != ONLY_IMPORTER[top]:
                 wrong.append(f"{at}: imports {top}; only {ONLY_IMPORTER[top]} may")
     return wrong
+
+
+def circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules that import each other (Tarjan's strongly connected components of more than one)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(module: str) -> None:
+        index[module] = low[module] = len(index)
+        stack.append(module)
+        for other in imports.get(module, ()):
+            if other not in index:
+                visit(other)
+            if other in stack:
+                low[module] = min(low[module], low[other])
+        if low[module] == index[module]:
+            group = stack[stack.index(module) :]
+            del stack[stack.index(module) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for module in imports:
+        if module not in index:
+            visit(module)
+    return found
+
+
+def test_no_modules_import_each_other():
+    imports: dict[str, set[str]] = {}
+    for module, path in MODULES.items():
+        names = imports_of(path.read_text(encoding="utf-8"), module, path.name == "__init__.py")
+        imports[module] = {name for name, _, _ in names if name in MODULES} - {module, "simwarp"}
+    assert circles(imports) == []
+
+
+def test_a_circle_is_found():
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [["b", "c"]]
 
 
 @pytest.mark.parametrize("module", sorted(MODULES))
 def test_imports_follow_the_direction(module):
     path = MODULES[module]
     if module == "simwarp":
-        # The package itself has no name after `simwarp.`; its layer is core.
-        found = complaints(path.read_text(encoding="utf-8"), "simwarp.__init__")
+        # The package itself has no name after `simwarp.`; it is the front door.
+        found = complaints(path.read_text(encoding="utf-8"), "simwarp.api")
     else:
         found = complaints(path.read_text(encoding="utf-8"), module, path.name == "__init__.py")
     assert found == []
@@ -111,7 +151,7 @@ def test_imports_follow_the_direction(module):
     ("module", "source"),
     [
         ("simwarp.kernels.dynamics.bilateral_rows", "from simwarp.model.model import Model"),
-        ("simwarp.kernels.dynamics.bilateral_rows", "from ..model import Model"),
+        ("simwarp.kernels.dynamics.bilateral_rows", "from ...model.model import Model"),
         ("simwarp.kernels.dynamics.bilateral_rows", "import simwarp"),
         ("simwarp.core.types", "from simwarp.kernels import rows"),
         ("simwarp.model.model", "from simwarp.vehicle.tire import Tire"),

@@ -7,8 +7,8 @@ import pytest
 
 import simwarp as sw
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.spec.deserialisation import load_vehicle
 from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import ShaftsDriveline4WD, SpecError
 from simwarp.vehicle.tires.rigid_tires import RigidTires
 from simwarp.vehicle.tires.tires import ground

@@ -11,7 +11,7 @@ from simwarp.sensors.cameras.camera import CameraConfig, look_at
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.scene import Visuals
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
 from simwarp.vehicle.suspensions import Side
 from simwarp.viewer import FreeCamera
 from tests.unit.scenery_meshes import assert_outward, color_of

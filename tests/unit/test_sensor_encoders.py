@@ -20,7 +20,7 @@ from simwarp.sensors.motion.encoders import (
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation, Saturation
 from simwarp.sensors.presets import load_sensor
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.vehicle import PER_WORLD, VEHICLE_SOLVER, Vehicle
 from tests.reference.encoders import Encoder as Twin
 from tests.reference.sensor_noise import Stage, frame_key

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from simwarp.vehicle.spec.deserialisation import DATA, load_vehicle
+from simwarp.vehicle.spec.vehicle_files import DATA, load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from tests.physics.sample_vehicles import (
     macpherson_strut,

@@ -16,7 +16,7 @@ from simwarp.kernels.vehicle.tires.parameter_vector import (
     Tmeasy,
     Tmsimple,
 )
-from simwarp.vehicle.spec.deserialisation import read_spec
+from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.tire_patterns import BEARABLE_MASS
 from simwarp.vehicle.tires.tires import tire_row

@@ -5,9 +5,9 @@ import pytest
 import warp as wp
 
 import simwarp as sw
+from simwarp.core.arrays import reinterpret_int32
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError
-from simwarp.simulation.force_elements import words
 
 DT = 1e-3
 
@@ -250,9 +250,9 @@ def test_a_reset_and_a_snapshot_know_the_element():
 
 def test_memory_that_is_not_the_worlds_is_refused():
     with pytest.raises(ModelError, match="leading dimension 4"):
-        words(wp.zeros((3, 2), dtype=float, device="cpu"), 4)
+        reinterpret_int32(wp.zeros((3, 2), dtype=float, device="cpu"), 4)
     with pytest.raises(ModelError, match="whole words"):
-        words(wp.zeros((4, 3), dtype=wp.uint8, device="cpu"), 4)
+        reinterpret_int32(wp.zeros((4, 3), dtype=wp.uint8, device="cpu"), 4)
 
 
 # ---- lines between neighbours ----------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from simwarp.vehicle.driving.drivers import SCRIPT_COLUMNS, TIMES
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver, maneuver_options
 from simwarp.vehicle.results.channels import Recorder
 from simwarp.vehicle.spec import vehicle_spec as specs
-from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Spec
 from simwarp.vehicle.tires import tire_parameters
 from simwarp.vehicle.tires.parameter_vector import MODELS

@@ -28,7 +28,7 @@ from simwarp.vehicle.driving.paths import Path, bezier, circle, path_tables, rea
 from simwarp.vehicle.results.channels import matrices
 from simwarp.vehicle.results.results import deviation
 from simwarp.vehicle.results.runs import Drive, set_up
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.vehicle import Vehicle, per_world
 from tests.reference.drivers import FollowerTwin, approach, nearest

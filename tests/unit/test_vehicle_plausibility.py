@@ -8,8 +8,9 @@ import pytest
 
 import simwarp as sw
 from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.spec.deserialisation import load_vehicle, plain, vehicle_names
+from simwarp.vehicle.spec.deserialisation import plain
 from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Chassis, ForceLine, RigidPart, SpecError
 from simwarp.vehicle.vehicle import Vehicle, per_world
 

@@ -22,7 +22,7 @@ from simwarp.vehicle.results.channels import COLUMNS, Run
 from simwarp.vehicle.results.drive_plot import draw_run, joined
 from simwarp.vehicle.results.results import deviation, results
 from simwarp.vehicle.results.runs import Drive, set_up
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 GATOR, HMMWV, ARTCAR = (load_vehicle(name) for name in ("gator", "hmmwv", "artcar"))

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from simwarp.vehicle.spec.deserialisation import DATA, load_vehicle, read_spec, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.variants import KINDS, option_names, with_options
+from simwarp.vehicle.spec.vehicle_files import DATA, load_vehicle, read_spec, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import (
     Axle,
     Brake,

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.vehicle.spec.deserialisation import read_spec
+from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
 from simwarp.vehicle.tires.tires import Mount, TireRow, Tires, tire_row
 from tests.reference.tires import Wheel

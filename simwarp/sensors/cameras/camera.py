@@ -26,7 +26,7 @@ from simwarp.sensors.ranging.scanning import scene_model
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 OUTPUTS: Final[dict[str, tuple[int, int, Any]]] = {
     "rgb": (1, 3, wp.uint8),
@@ -154,22 +154,22 @@ class Camera:
         """Frames, clock, and the light of a frame that is being collected."""
         return {**self.frames.memory, **({"sums": self._sums} if self._sums.size else {})}
 
-    def check(self, simulation: Simulation, dt: float) -> None:
-        """See `sensor_protocol.Sensor`."""
+    def check(self, simulation: StepContext, dt: float) -> None:
+        """See `protocols.Sensor`."""
         lit = any(output in LIGHT_OUTPUTS for output in self.config.outputs)
         blurred = lit and self.config.schedule.steps(dt).window > 1
         sums = 12 * self.scene.model.world_count * self.config.width * self.config.height
         self.frames.check(simulation, dt, sums if blurred else 0)
 
-    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
-        """See `sensor_protocol.Sensor`."""
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
+        """See `protocols.Sensor`."""
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
 
-    def begin(self, simulation: Simulation, mask: wp.array) -> None:
-        """See `sensor_protocol.Sensor`."""
+    def begin(self, simulation: StepContext, mask: wp.array) -> None:
+        """See `protocols.Sensor`."""
         self.frames.begin(simulation, mask)
 
-    def _samples(self, simulation: Simulation) -> list[Any]:
+    def _samples(self, simulation: StepContext) -> list[Any]:
         """Launches of a sub-step: place the scene, aim, cast."""
         model, config, tick = self.scene.model, self.config, self.frames.tick
         window = max(self.frames.steps.window, 1)

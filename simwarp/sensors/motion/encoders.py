@@ -22,7 +22,7 @@ from simwarp.sensors.noise import Noise, NoiseChain, Numbers
 from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 READINGS: Final = ("position", "counts", "speed")
 MEMORY: Final = ("origin", "last", "start")
@@ -149,7 +149,7 @@ class Encoder(Instrument):
                 )
         return TURN / np.asarray(self.config.counts_per_turn, dtype=np.float64)
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         model, frames = simulation.model, self.frames
         return [
             wp.launch(
@@ -240,7 +240,7 @@ class Tachometer(Instrument):
         """Noise of the reading."""
         return self._chains["noise"]
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         return [_record_rate(self, self._meter, simulation)]
 
 
@@ -280,7 +280,7 @@ class Speedometer(Instrument):
         """Noise of the reading."""
         return self._chains["noise"]
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         return [_record_rate(self, self._meter, simulation)]
 
 
@@ -294,7 +294,7 @@ def _meter(mount: Any, axis: Any) -> Any:
     return meter
 
 
-def _record_rate(sensor: Tachometer | Speedometer, meter: Any, simulation: Simulation) -> Any:
+def _record_rate(sensor: Tachometer | Speedometer, meter: Any, simulation: StepContext) -> Any:
     model, frames = simulation.model, sensor.frames
     return wp.launch(
         sample_rate, dim=model.world_count, device=model.device, record_cmd=True,

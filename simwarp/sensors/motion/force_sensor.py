@@ -18,7 +18,7 @@ from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -107,7 +107,7 @@ class ContactSensor(Instrument):
         """Noise of the force."""
         return self._chains["noise"]
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         model, frames = simulation.model, self.frames
         forces = simulation.contacts.body_contact_force
         no_torques = wp.zeros((model.world_count, 0), dtype=wp.vec3, device=model.device)
@@ -165,7 +165,7 @@ class LoadCell(Instrument):
         """Noise of the torque."""
         return self._chains["torque_noise"]
 
-    def check(self, simulation: Simulation, dt: float) -> None:
+    def check(self, simulation: StepContext, dt: float) -> None:
         """Refuses a Simulation that it cannot be part of."""
         super().check(simulation, dt)
         if simulation.diagnostics.joint_reaction_force.shape[0] == 0:
@@ -174,7 +174,7 @@ class LoadCell(Instrument):
                 "write Simulation(..., joint_reactions=True)"
             )
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         reports = simulation.diagnostics
         return [
             _record_forces(
@@ -184,7 +184,7 @@ class LoadCell(Instrument):
 
 
 def _record_forces(
-    sensor: ContactSensor | LoadCell, mount: Any, force: wp.array, torque: wp.array, index: int, simulation: Simulation
+    sensor: ContactSensor | LoadCell, mount: Any, force: wp.array, torque: wp.array, index: int, simulation: StepContext
 ) -> Any:
     model, frames = simulation.model, sensor.frames
     torque_noise = sensor.torque_noise if isinstance(sensor, LoadCell) else sensor.noise

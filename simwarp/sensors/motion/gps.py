@@ -21,7 +21,7 @@ from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 MAJOR = 6378137.0
 """Equatorial radius of WGS84 [m]."""
@@ -189,7 +189,7 @@ class Gps(Instrument):
         """Noise of the velocity."""
         return self._chains["velocity_noise"]
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         model, frames = simulation.model, self.frames
         rings = cast(Any, GpsRings())
         for name, ring in frames.ring.items():

@@ -16,7 +16,7 @@ from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 PARTS: Final = ("accelerometer", "gyroscope")
 
@@ -100,7 +100,7 @@ class Imu(Instrument):
         """What a snapshot keeps."""
         return {**super().memory, "point velocity": self._inertial.velocity}
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         model, frames = simulation.model, self.frames
         return [
             wp.launch(

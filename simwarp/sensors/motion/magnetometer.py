@@ -19,7 +19,7 @@ from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import Instrument
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class Magnetometer(Instrument):
         """Noise of the field."""
         return self._chains["noise"]
 
-    def _sample(self, simulation: Simulation) -> Sequence[Any]:
+    def _sample(self, simulation: StepContext) -> Sequence[Any]:
         model, frames = simulation.model, self.frames
         return [
             wp.launch(

@@ -32,7 +32,7 @@ from simwarp.sensors.ranging.scanning import (
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -220,19 +220,19 @@ class Radar:
         """Clock and frames."""
         return self.frames.memory
 
-    def check(self, simulation: Simulation, dt: float) -> None:
+    def check(self, simulation: StepContext, dt: float) -> None:
         """Refuses a Simulation that it cannot be part of."""
         self.frames.check(simulation, dt, self._scratch_bytes())
 
-    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launches of a sub-step."""
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
 
-    def begin(self, simulation: Simulation, mask: wp.array) -> None:
+    def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """A frame of the present state, as if the worlds of the mask had always stood so."""
         self.frames.begin(simulation, mask)
 
-    def _samples(self, simulation: Simulation) -> list[Any]:
+    def _samples(self, simulation: StepContext) -> list[Any]:
         frames, state, device = self.frames, simulation.state, self.model.device
         tables = self.scene.tables(self.config.groups)
         set_sweep(self._scan, frames, self.config.sweep)

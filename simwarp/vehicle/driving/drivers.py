@@ -19,7 +19,7 @@ from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
 from simwarp.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 HELD: Points = ((0.0, 0.0),)
 COAST: Points = ((0.0, -1.0),)
@@ -151,7 +151,7 @@ class ScriptedDriver:
         """The controller's integral."""
         return {"error_sum": self.error_sum}
 
-    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that writes the inputs."""
         parts = self.vehicle.parts
         return [

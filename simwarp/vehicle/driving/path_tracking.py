@@ -24,7 +24,7 @@ from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
-    from simwarp.simulation.simulation import Simulation
+    from simwarp.simulation.protocols import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -168,7 +168,7 @@ class PathFollower:
         """Place on the path, integrals and last errors of the controllers."""
         return self._memory
 
-    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that writes the inputs."""
         return [
             wp.launch(
@@ -230,7 +230,7 @@ class InteractiveDriver:
         """The target; the inputs themselves are remembered by the vehicle."""
         return {"target": self.target}
 
-    def record(self, simulation: Simulation, dt: float) -> Sequence[Any]:
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that writes the inputs."""
         return [
             wp.launch(

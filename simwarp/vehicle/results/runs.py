@@ -11,7 +11,7 @@ import numpy as np
 from simwarp.core.rotation import rotate
 from simwarp.core.types import Material, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
-from simwarp.simulation.force_elements import ForceElement
+from simwarp.simulation.protocols import ForceElement
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver

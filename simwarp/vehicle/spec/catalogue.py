@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from simwarp.vehicle.spec.deserialisation import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.variants import KINDS, option_names
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 _SUSPENSIONS = {

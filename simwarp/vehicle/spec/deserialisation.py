@@ -1,4 +1,4 @@
-"""Vehicle files: JSON to the descriptions of `simwarp.vehicle.spec.vehicle_spec` and back.
+"""JSON to the descriptions of `simwarp.vehicle.spec` and back.
 
 A file mirrors the dataclasses: their field names are the keys, tuples are lists, and where several templates are
 possible the key "template" chooses. Any value may be `{"file": "other.json"}`, relative to the file it stands in
@@ -14,26 +14,23 @@ import json
 import math
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeAlias, TypeVar
 
 from simwarp.core import files
-from simwarp.vehicle.spec.parts import LARGEST, told
-from simwarp.vehicle.spec.vehicle_spec import Spec, SpecError, Tire, VehicleSpec
+from simwarp.vehicle.spec.parts import LARGEST, Spec, SpecError, told
 from simwarp.vehicle.tires.tire_files import TirValues, parse_tir
-
-DATA = Path(__file__).parents[1] / "data"
-"""The shipped vehicles: NAME.json, with their options in folders of the same name."""
 
 MOST_FILES: Final = 100
 """Files that one vehicle may be made of: a few that name each other many times would never come to an end."""
 
 S = TypeVar("S", bound=Spec)
+Check: TypeAlias = "Callable[[Any, SourceLocation], None]"
 
 
 @dataclasses.dataclass(frozen=True)
-class Place:
+class SourceLocation:
     """Where a value stands.
 
     Attributes:
@@ -41,14 +38,16 @@ class Place:
         keys: its key path in there.
         chain: files that led to it.
         opened: all files that the reading has opened so far; its places share them.
+        checks: what else to hold a description to once it is made, by its class.
     """
 
     file: Path
     keys: str = ""
     chain: tuple[Path, ...] = ()
     opened: list[Path] = dataclasses.field(default_factory=list, compare=False)
+    checks: Mapping[Any, Check] = dataclasses.field(default_factory=dict, compare=False)
 
-    def at(self, key: str | int) -> Place:
+    def at(self, key: str | int) -> SourceLocation:
         """The place of a member or an item of the value."""
         if isinstance(key, int):
             return dataclasses.replace(self, keys=f"{self.keys}[{key}]")
@@ -59,42 +58,6 @@ class Place:
         """One line: file, key path, what is wrong."""
         where = f"{self.file.name}: {self.keys}" if self.keys else self.file.name
         return SpecError(f"{where}: {what}")
-
-
-def vehicle_names() -> list[str]:
-    """Names of the shipped vehicles."""
-    return sorted(path.stem for path in DATA.glob("*.json"))
-
-
-def load_vehicle(path_or_name: str | Path) -> VehicleSpec:
-    """The vehicle of a file, or the shipped one of that name.
-
-    Raises:
-        SpecError: unknown name, unreadable file, or a value that breaks a rule.
-    """
-    text = str(path_or_name)
-    if isinstance(path_or_name, str) and not text.endswith(".json") and "/" not in text and "\\" not in text:
-        names = vehicle_names()
-        if text not in names:
-            raise SpecError(f"vehicle {told(text)}: not shipped{nearest(text, names)}; known: {', '.join(names)}")
-        path_or_name = DATA / f"{text}.json"
-    return read_spec(VehicleSpec, path_or_name)
-
-
-def read_spec(cls: type[S], path: str | Path) -> S:
-    """The description of type `cls` in a file."""
-    return build(cls, *first_value(path))
-
-
-def read_value(hint: Any, path: str | Path) -> Any:
-    """A value of any hint (a union of templates, say) in a file."""
-    return build(hint, *first_value(path))
-
-
-def first_value(path: str | Path) -> tuple[Any, Place]:
-    """The value in a file that is read by itself, and its place."""
-    value = read_json(Path(path))
-    return value, Place(Path(path), chain=(Path(path).resolve(),))
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -133,7 +96,7 @@ def read_json(path: Path) -> Any:
     return parse_tir(text, path.name) if path.suffix == ".tir" else parse_json(text, path.name)
 
 
-def follow(value: Any, place: Place) -> tuple[Any, Place]:
+def follow(value: Any, place: SourceLocation) -> tuple[Any, SourceLocation]:
     """The value that `{"file": ...}` stands for, and its place."""
     while isinstance(value, dict) and set(value) == {"file"}:
         if not isinstance(value["file"], str):
@@ -164,7 +127,7 @@ def hints_of(cls: type) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
 
 
-def build(hint: Any, value: Any, place: Place) -> Any:
+def build(hint: Any, value: Any, place: SourceLocation) -> Any:
     """The value as its type hint wants it.
 
     Raises:
@@ -191,7 +154,7 @@ def build(hint: Any, value: Any, place: Place) -> Any:
     return build_plain(hint, value, place)
 
 
-def build_spec(cls: type[S], value: Any, place: Place) -> S:
+def build_spec(cls: type[S], value: Any, place: SourceLocation) -> S:
     """A description from an object with its fields."""
     if not isinstance(value, dict):
         raise place.error(f"must be an object with the keys of {cls.__name__}, got {told(value)}")
@@ -209,14 +172,13 @@ def build_spec(cls: type[S], value: Any, place: Place) -> S:
     except SpecError as error:
         key, _, rule = str(error).partition(": ")
         raise place.at(key).error(rule) from None
-    if isinstance(made, Tire):
-        from simwarp.vehicle.tires.parameter_vector import check_tire  # which reads its parameters by this module
-
-        check_tire(made, place)
+    check = place.checks.get(cls)
+    if check is not None:
+        check(made, place)
     return made
 
 
-def build_union(options: tuple[Any, ...], value: Any, place: Place) -> Any:
+def build_union(options: tuple[Any, ...], value: Any, place: SourceLocation) -> Any:
     """One of several templates by the key "template", or a value that may be null."""
     if value is None and type(None) in options:
         return None
@@ -240,7 +202,7 @@ def template_of(cls: type[Spec]) -> str:
     return str(next(field.default for field in dataclasses.fields(cls) if field.name == "template"))
 
 
-def build_tuple(hint: Any, value: Any, place: Place) -> tuple[Any, ...]:
+def build_tuple(hint: Any, value: Any, place: SourceLocation) -> tuple[Any, ...]:
     """A list as a tuple, of any length or of a fixed one."""
     items = typing.get_args(hint)
     if not isinstance(value, (list, tuple)):
@@ -252,7 +214,7 @@ def build_tuple(hint: Any, value: Any, place: Place) -> tuple[Any, ...]:
     return tuple(build(item, v, place.at(index)) for index, (item, v) in enumerate(zip(items, value, strict=True)))
 
 
-def build_plain(hint: Any, value: Any, place: Place) -> Any:
+def build_plain(hint: Any, value: Any, place: SourceLocation) -> Any:
     """A number, a whole number, a text or a truth value."""
     kinds: dict[Any, Any] = {float: (int, float), int: int, str: str, bool: bool}
     if not isinstance(value, kinds[hint]) or (isinstance(value, bool) and hint is not bool):
@@ -264,7 +226,7 @@ def build_plain(hint: Any, value: Any, place: Place) -> Any:
     return float(value)
 
 
-def raw(value: Any, place: Place) -> Any:
+def raw(value: Any, place: SourceLocation) -> Any:
     """A value without a type: lists become tuples, files are followed."""
     value, place = follow(value, place)
     if isinstance(value, TirValues):
@@ -290,7 +252,7 @@ UNITS = {
 """By the last word of a key."""
 
 
-def last_key(place: Place) -> str:
+def last_key(place: SourceLocation) -> str:
     """The name of the innermost member."""
     return place.keys.rsplit(".", 1)[-1].split("[")[0]
 
@@ -322,11 +284,6 @@ def wanted(hint: Any, key: str) -> str:
 
 
 # ---- to JSON ---------------------------------------------------------------------------------------------------------
-
-
-def save_vehicle(spec: VehicleSpec, path: str | Path) -> None:
-    """Write a vehicle to one file; `load_vehicle` gives back an equal one."""
-    files.write_file(path, to_json(spec))
 
 
 def to_json(spec: Spec) -> str:

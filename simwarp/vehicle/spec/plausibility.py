@@ -9,13 +9,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
-from simwarp.vehicle.spec.drivetrain_parts import ShaftsDriveline2WD, ShaftsDriveline4WD, SimpleDriveline
+from simwarp.vehicle.spec.drivetrain_parts import (
+    Driveline,
+    ShaftsDriveline2WD,
+    ShaftsDriveline4WD,
+    SimpleDriveline,
+)
 from simwarp.vehicle.spec.parts import Spec, SpecError, refuse
-
-if TYPE_CHECKING:
-    from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+from simwarp.vehicle.spec.vehicle_parts import Axle, Chassis, SteeringMount
 
 WHEELBASES: Final = (0.05, 50.0)
 """From model cars to heavy transporters [m]."""
@@ -39,7 +42,36 @@ CURVES_OVER_LENGTH: Final = frozenset({"spring_curve", "bump_curve"})
 METRES: Final = "give metres, not millimetres"
 
 
-def check_vehicle(spec: VehicleSpec) -> None:
+class Assembled(Protocol):
+    """A whole vehicle: what is looked at here of a `VehicleSpec`."""
+
+    @property
+    def axles(self) -> tuple[Axle, ...]:
+        """From front to rear."""
+        ...
+
+    @property
+    def steerings(self) -> tuple[SteeringMount, ...]:
+        """In the order of their numbers."""
+        ...
+
+    @property
+    def chassis(self) -> Chassis:
+        """The sprung body."""
+        ...
+
+    @property
+    def driveline(self) -> Driveline | None:
+        """From the transmission to the wheels."""
+        ...
+
+    @property
+    def start_height(self) -> float:
+        """Of the frame of reference above the ground at the start [m]."""
+        ...
+
+
+def check_vehicle(spec: Assembled) -> None:
     """All of it.
 
     Raises:
@@ -51,7 +83,7 @@ def check_vehicle(spec: VehicleSpec) -> None:
     _check_start(spec)
 
 
-def _check_steerings(spec: VehicleSpec) -> None:
+def _check_steerings(spec: Assembled) -> None:
     count = len(spec.steerings)
     used = set()
     for index, axle in enumerate(spec.axles):
@@ -70,7 +102,7 @@ def _check_steerings(spec: VehicleSpec) -> None:
             raise SpecError(f"steerings[{index}]: must be {rule}; {remedy}")
 
 
-def _check_driven_axles(spec: VehicleSpec) -> None:
+def _check_driven_axles(spec: Assembled) -> None:
     count = len(spec.axles)
     match spec.driveline:
         case ShaftsDriveline2WD(axle=axle):
@@ -89,7 +121,7 @@ def _indices(count: int) -> str:
     return "0" if count == 1 else f"0 to {count - 1}"
 
 
-def _check_lengths(spec: VehicleSpec) -> None:
+def _check_lengths(spec: Assembled) -> None:
     places = [axle.location[0] for axle in spec.axles]
     wheelbase = max(places) - min(places)
     if len(places) > 1:
@@ -139,7 +171,7 @@ def _is_point(name: str) -> bool:
     return not (name.endswith("inertia") or name == "products" or "axis" in name)
 
 
-def _check_start(spec: VehicleSpec) -> None:
+def _check_start(spec: Assembled) -> None:
     """The lowest wheel stands near the ground."""
     heights = [axle.location[2] + axle.suspension.spindle.com[2] - axle.tire.radius for axle in spec.axles]
     lowest = min(range(len(heights)), key=heights.__getitem__)

@@ -11,8 +11,9 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from simwarp.vehicle.spec.deserialisation import DATA, nearest, read_spec, read_value
+from simwarp.vehicle.spec.deserialisation import nearest
 from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_files import DATA, read_spec, read_value
 from simwarp.vehicle.spec.vehicle_spec import Driveline, Engine, Spec, SpecError, Tire, Transmission, VehicleSpec
 
 KINDS = ("tire", "powertrain", "driveline")

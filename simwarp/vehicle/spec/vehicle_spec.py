@@ -9,9 +9,6 @@ to its plane) where `inertia_axes` says "arm".
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar
-
-import numpy as np
 
 from simwarp.vehicle.spec.drivetrain_parts import (
     AutomaticCVT,
@@ -46,7 +43,6 @@ from simwarp.vehicle.spec.parts import (
     check_curve,
     check_finite,
     check_map,
-    merged,
     refuse,
 )
 from simwarp.vehicle.spec.plausibility import check_vehicle
@@ -63,6 +59,7 @@ from simwarp.vehicle.spec.suspension_parts import (
     Suspension,
     TrailingArm,
 )
+from simwarp.vehicle.spec.vehicle_parts import Axle, Brake, Chassis, SteeringMount, Tire, Wheel
 
 __all__ = [
     "BUMP_STOP",
@@ -115,102 +112,6 @@ __all__ = [
     "check_map",
     "refuse",
 ]
-
-INERTIA_SLACK = 1.01
-"""Published tables are rounded."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Chassis(Spec):
-    """The sprung body; further components are merged into one body.
-
-    `com` of a component is in the vehicle's frame of reference. Drag: 0.5 · density · area · coefficient · v².
-    """
-
-    POSITIVE: ClassVar = frozenset({"size"})
-    NOT_NEGATIVE: ClassVar = frozenset({"drag_coefficient", "drag_area", "air_density"})
-
-    components: tuple[RigidPart, ...]
-    drag_coefficient: float = 0.0
-    drag_area: float = 0.0
-    air_density: float = 1.2
-    size: Vec3 = (3.0, 2.0, 0.2)
-    """Of the box that stands for the body in contact and pictures [m]."""
-    size_center: Vec3 = ZERO
-
-    def check(self) -> None:
-        """One or more components, whose inertia is that of a body."""
-        if not self.components:
-            raise refuse("components", "one or more rigid parts", self.components)
-        _, _, inertia = merged(self.components)
-        least, middle, largest = np.linalg.eigvalsh(inertia).tolist()
-        if largest > INERTIA_SLACK * (least + middle):
-            key = "components[0].inertia" if len(self.components) == 1 else "components"
-            rule = "the inertia of a body: no principal moment above the sum of the others"
-            found = f"{least:.4g}, {middle:.4g} and {largest:.4g} kg·m²"
-            raise SpecError(f"{key}: must be {rule}, got {found}; check units and the order Ixx, Iyy, Izz")
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Wheel(Spec):
-    """Rim: mass [kg] and inertia [kg·m²] added to the spindle's; y is the axis of rotation."""
-
-    POSITIVE: ClassVar = frozenset({"mass", "inertia"})
-
-    mass: float
-    inertia: Vec3
-    offset: float = 0.0
-    """Of the wheel's middle plane from the spindle's centre, outwards [m]."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Brake(Spec):
-    """Friction torque up to braking x max_torque [N·m]."""
-
-    NOT_NEGATIVE: ClassVar = frozenset({"max_torque"})
-
-    max_torque: float
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Tire(Spec):
-    """A tire: mass and inertia added to the spindle's, and the model with its parameters by name.
-
-    `parameters` are those of the model (docs/vehicles.md): each model checks its own.
-    """
-
-    POSITIVE: ClassVar = frozenset({"mass", "inertia", "radius", "width"})
-
-    template: str
-    mass: float
-    inertia: Vec3
-    radius: float
-    """Unloaded [m]."""
-    width: float
-    parameters: dict[str, object] = dataclasses.field(default_factory=dict)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Axle(Spec):
-    """One axle: its suspension at `location` in the vehicle's frame, wheels, brakes, and what steers it."""
-
-    location: Vec3
-    suspension: Suspension
-    wheel: Wheel
-    tire: Tire
-    brake: Brake | None = None
-    steering: int | None = None
-    """Which of the vehicle's steerings holds the tie rods; None: the chassis."""
-    antiroll_bar: AntirollBar | None = None
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SteeringMount(Spec):
-    """A steering at a place [m] and orientation (xyzw) in the vehicle's frame."""
-
-    steering: Steering
-    location: Vec3
-    rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -25,7 +25,7 @@ from simwarp.kernels.vehicle.tires.parameter_vector import (
     Tmeasy,
     Tmsimple,
 )
-from simwarp.vehicle.spec.deserialisation import Place, build, nearest
+from simwarp.vehicle.spec.deserialisation import SourceLocation, build, nearest
 from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import Spec, SpecError, Tire
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
@@ -226,7 +226,7 @@ MODELS: dict[str, Model] = {
 """The templates of force-element tires. A rigid tire is an ordinary shape in contact, and none of them."""
 
 
-def check_tire(tire: Tire, where: Place) -> None:
+def check_tire(tire: Tire, where: SourceLocation) -> None:
     """Refuse a tire that could not be built, rigid ones too.
 
     Raises:
@@ -242,7 +242,7 @@ def check_tire(tire: Tire, where: Place) -> None:
         tire_row(tire, where)
 
 
-def tire_row(tire: Tire, place: str | Place = "tire") -> TireRow:
+def tire_row(tire: Tire, place: str | SourceLocation = "tire") -> TireRow:
     """The row of a tire.
 
     Args:
@@ -252,7 +252,7 @@ def tire_row(tire: Tire, place: str | Place = "tire") -> TireRow:
     Raises:
         SpecError: unknown template or key, or a value that breaks a rule.
     """
-    where = place if isinstance(place, Place) else Place(Path(place))
+    where = place if isinstance(place, SourceLocation) else SourceLocation(Path(place))
     if tire.template not in MODELS:
         names = (*MODELS, RIGID)
         near = nearest(tire.template, names)

@@ -12,7 +12,7 @@ from simwarp.core.types import Material, pose
 from simwarp.kernels.vehicle.tires.rigid_tires import limit_friction, measure_rigid_tires
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
-from simwarp.simulation.simulation import Simulation
+from simwarp.simulation.protocols import StepContext
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire, refuse
 
 TEMPLATE = "rigid"
@@ -83,7 +83,7 @@ class RigidTires:
     camber: wp.array
     deflection: wp.array
 
-    def record(self, simulation: Simulation) -> list[Any]:
+    def record(self, simulation: StepContext) -> list[Any]:
         """The launch before a sub-step: the road's friction."""
         friction = simulation.model.shape_friction
         return [
@@ -93,7 +93,7 @@ class RigidTires:
             )
         ]  # fmt: skip
 
-    def record_after(self, simulation: Simulation) -> list[Any]:
+    def record_after(self, simulation: StepContext) -> list[Any]:
         """The launch after a sub-step: the loads."""
         return [
             wp.launch(

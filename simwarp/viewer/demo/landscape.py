@@ -27,7 +27,7 @@ from simwarp.sensors.scene import Scene, Visuals
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.path_tracking import FollowSpec, PathFollower, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, smooth
-from simwarp.vehicle.spec.deserialisation import load_vehicle
+from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.vehicle import Vehicle, per_world
 

@@ -3,17 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import torch
 
 from .errors import TaskError
 
-if TYPE_CHECKING:
-    from .task import Task
+
+class Worlds(Protocol):
+    """What a batch of worlds has to tell about itself."""
+
+    @property
+    def name(self) -> str:
+        """Of the task."""
+        ...
+
+    @property
+    def num_worlds(self) -> int:
+        """Worlds stepped together."""
+        ...
+
+    @property
+    def device(self) -> torch.device:
+        """Of its tensors."""
+        ...
+
+    @property
+    def action_size(self) -> int:
+        """Numbers of an action."""
+        ...
 
 
-def _check_batch(task: Task[Any], what: str, value: object) -> torch.Tensor:
+def _check_batch(task: Worlds, what: str, value: object) -> torch.Tensor:
     if not isinstance(value, torch.Tensor):
         raise TaskError(f"task '{task.name}': {what} must be a torch tensor, got {type(value).__name__}")
     if value.dim() == 0 or value.shape[0] != task.num_worlds:
@@ -25,13 +46,13 @@ def _check_batch(task: Task[Any], what: str, value: object) -> torch.Tensor:
     return value
 
 
-def _check_mapping(task: Task[Any], what: str, value: object) -> Mapping[str, Any]:
+def _check_mapping(task: Worlds, what: str, value: object) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise TaskError(f"task '{task.name}': {what} must be a dict of named tensors, got {type(value).__name__}")
     return value
 
 
-def check_observations(task: Task[Any], groups: object) -> Mapping[str, torch.Tensor]:
+def check_observations(task: Worlds, groups: object) -> Mapping[str, torch.Tensor]:
     """Hold observation groups to: at least one, each (W, ...) and not 64-bit floating point."""
     checked = _check_mapping(task, "observations()", groups)
     if not checked:
@@ -46,7 +67,7 @@ def check_observations(task: Task[Any], groups: object) -> Mapping[str, torch.Te
 
 
 def check_terms(
-    task: Task[Any], terms: object, *, kind: str = "reward", floating: bool = True
+    task: Worlds, terms: object, *, kind: str = "reward", floating: bool = True
 ) -> Mapping[str, torch.Tensor]:
     """Hold reward terms or metrics to: each (W,), and float32 for rewards."""
     checked = _check_mapping(task, f"{kind}s()", terms)
@@ -61,7 +82,7 @@ def check_terms(
     return checked
 
 
-def check_flags(task: Task[Any], kind: str, flags: object) -> Mapping[str, torch.Tensor]:
+def check_flags(task: Worlds, kind: str, flags: object) -> Mapping[str, torch.Tensor]:
     """Hold end reasons to: each (W,) bool."""
     checked = _check_mapping(task, f"{kind}s()", flags)
     for name, flag in checked.items():
@@ -73,7 +94,7 @@ def check_flags(task: Task[Any], kind: str, flags: object) -> Mapping[str, torch
     return checked
 
 
-def check_action(task: Task[Any], action: torch.Tensor) -> None:
+def check_action(task: Worlds, action: torch.Tensor) -> None:
     """Hold an action to (W, A) floating point; costs no device read."""
     wanted = (task.num_worlds, task.action_size)
     if tuple(action.shape) != wanted or not action.is_floating_point():

@@ -1,0 +1,97 @@
+"""What may take part in a step: force elements before it, sensors after it, and what both see of the Simulation.
+
+Force elements, such as tires and engines, act on bodies and joints every step, with states of their own: they read the
+state and write `Control.element_force`, `element_torque` and `element_joint_force`, each its own entries. Their states
+are part of resets and snapshots. Sensors measure; they are in `simwarp.sensors`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import warp as wp
+
+from simwarp.model.model import Model
+from simwarp.simulation.contacts import Contacts
+from simwarp.simulation.diagnostics import Diagnostics
+from simwarp.simulation.state import Control, State
+
+
+class StepContext(Protocol):
+    """What a force element or sensor sees of the Simulation that it is part of.
+
+    Attributes:
+        model, state, control, contacts, diagnostics: those of the Simulation.
+        substeps: sub-steps of one step.
+        read_every: steps between two looks at the sensors' data.
+    """
+
+    model: Model
+    state: State
+    control: Control
+    contacts: Contacts
+    diagnostics: Diagnostics
+    substeps: int
+    read_every: int
+
+
+class ForceElement(Protocol):
+    """What a Simulation asks of a room that applies forces. One that also measures has `record_after`, like `record`,
+    for launches that follow each sub-step.
+    """
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """State that outlives a step: arrays of leading dimension W, of four or eight bytes per number. At
+        construction they hold the values that a reset brings back.
+        """
+        ...
+
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
+        """Recorded launches (`wp.launch(..., record_cmd=True)`) that come before each sub-step of `dt` seconds."""
+        ...
+
+
+class Sensor(Protocol):
+    """Measures every world on a clock of its own, inside the step.
+
+    A sensor may also have `check(simulation, dt)`: it raises a ModelError where the sensor cannot be part of the
+    Simulation, and changes nothing. All sensors are asked before the first one is recorded.
+
+    A Simulation calls `record` once, launches what it returned after each sub-step, and calls `begin` at construction
+    and whenever somebody sets the state of worlds: `reset`, `set_joint_state` and `measure`.
+    """
+
+    @property
+    def name(self) -> str:
+        """Unique among the sensors of a Simulation."""
+        ...
+
+    @property
+    def data(self) -> wp.array:
+        """(W, ...) the latest frame that is published; the same memory throughout."""
+        ...
+
+    @property
+    def timestamp(self) -> wp.array:
+        """(W,) float64 [s]: the world's time when that frame was complete."""
+        ...
+
+    @property
+    def valid(self) -> wp.array:
+        """(W,) bool: false in worlds that are frozen (`WorldStatus.NON_FINITE`)."""
+        ...
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """Everything that outlives a sub-step, contiguous arrays: part of snapshots. A reset leaves it to `begin`."""
+        ...
+
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
+        """Recorded launches (`wp.launch(..., record_cmd=True)`) that follow each sub-step of `dt` seconds."""
+        ...
+
+    def begin(self, simulation: StepContext, mask: wp.array[wp.bool]) -> None:
+        """Forgets the worlds of the (W,) mask and publishes a frame of their present state at once."""
+        ...
