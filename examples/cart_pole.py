@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 import simwarp as sw
-from simwarp.core.interop import to_torch
+from simwarp import to_torch
 
 # Linear-quadratic regulator of this cart-pole: force per position, angle, speed and angular speed
 GAINS = (-3.162, -36.56, -4.356, -11.13)

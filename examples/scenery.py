@@ -18,11 +18,7 @@ from PIL import Image
 import simwarp as sw
 from simwarp import scenery
 from simwarp.core.types import Vec3
-from simwarp.sensors.cameras.appearance import ImageTexture
-from simwarp.sensors.cameras.camera import CameraConfig, look_at
-from simwarp.sensors.cameras.lenses import Pinhole
-from simwarp.sensors.cameras.lights import Lamp, Lighting
-from simwarp.sensors.scene import Visuals
+from simwarp.sensors import CameraConfig, ImageTexture, Lamp, Lighting, Pinhole, Visuals, look_at
 from simwarp.viewer import FreeCamera, grid
 
 View = tuple[Vec3, Vec3]

@@ -15,20 +15,28 @@ import numpy as np
 from PIL import Image
 
 import simwarp as sw
-from simwarp.model.model import Model
-from simwarp.scenery.rocks import rock
-from simwarp.scenery.textures import ground_texture
-from simwarp.sensors import Mount, Schedule
-from simwarp.sensors.cameras.appearance import ImageTexture
-from simwarp.sensors.cameras.camera import Camera, CameraConfig
-from simwarp.sensors.cameras.lenses import Pinhole
-from simwarp.sensors.cameras.lights import Lighting, Lights
-from simwarp.sensors.motion.gps import Gps, GpsConfig
-from simwarp.sensors.motion.imu import Imu, ImuConfig
-from simwarp.sensors.noise import NormalNoise
-from simwarp.sensors.ranging.beams import beam_grid
-from simwarp.sensors.ranging.lidar import Lidar, LidarConfig
-from simwarp.sensors.scene import Scene, Visuals
+from simwarp import Model
+from simwarp.scenery import ground_texture, rock
+from simwarp.sensors import (
+    Camera,
+    CameraConfig,
+    Gps,
+    GpsConfig,
+    ImageTexture,
+    Imu,
+    ImuConfig,
+    Lidar,
+    LidarConfig,
+    Lighting,
+    Lights,
+    Mount,
+    NormalNoise,
+    Pinhole,
+    Scene,
+    Schedule,
+    Visuals,
+    beam_grid,
+)
 from simwarp.viewer import caption, grid
 
 ROCKS = 8

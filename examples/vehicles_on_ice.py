@@ -15,13 +15,20 @@ import numpy as np
 import torch
 
 import simwarp as sw
-from simwarp.core.interop import to_torch
+from simwarp import to_torch
 from simwarp.kernels.vehicle.tires.parameter_vector import Common, Tmeasy
-from simwarp.vehicle.construction import add_vehicle
-from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
-from simwarp.vehicle.spec.vehicle_files import load_vehicle
-from simwarp.vehicle.tires.tires import Tires
-from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
+from simwarp.vehicle import (
+    PAYLOAD,
+    VEHICLE_SOLVER,
+    Payload,
+    Tires,
+    Vehicle,
+    add_payload,
+    add_vehicle,
+    load_vehicle,
+    per_world,
+    set_payload,
+)
 
 ROADS = {"ice": (0.1, 0.2), "wet": (0.4, 0.6), "dry": (0.75, 0.9)}
 COLORS = {"ice": "#4a90d9", "wet": "#2a9d6f", "dry": "#d9822b"}

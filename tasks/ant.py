@@ -22,7 +22,7 @@ from .task import Task
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
-    from simwarp.sensors.scene import Visuals
+    from simwarp.sensors import Visuals
 
 _TORSO = 0
 _JOINTS = 8
@@ -131,7 +131,7 @@ class AntTask(Task[AntConfig]):
 
     def setup(self) -> None:
         """Make views of positions of record and of contact forces, and allocate what an episode remembers."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         worlds, device, simulation = self.num_worlds, self.device, self.simulation
         model = simulation.model

@@ -9,8 +9,9 @@ import numpy as np
 import torch
 import warp as wp
 
+from simwarp import ModelError
 from simwarp.core.memory import check_fits
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import shown
 
 from .errors import InputError
 

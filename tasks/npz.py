@@ -17,9 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp import ModelError
 from simwarp.core.files import FileError, check_input, write_file
 from simwarp.core.memory import check_fits
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import shown
 
 Arrays = dict[str, npt.NDArray[Any]]
 

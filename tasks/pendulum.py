@@ -20,7 +20,7 @@ from .task import Task
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
-    from simwarp.sensors.scene import Visuals
+    from simwarp.sensors import Visuals
     from simwarp.viewer import Shot
 
 _CART_MASS = 0.1

@@ -21,7 +21,7 @@ class _Parameter:
     """One parameter: the view of it, its built value, and which of its entries are drawn."""
 
     def __init__(self, name: str, spec: Range, model: Any) -> None:
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         self.name = name
         self.spec = spec
@@ -60,7 +60,7 @@ class _Inertia:
     """The inertia of bodies whose mass is scaled: it grows with it, as that of a denser body does."""
 
     def __init__(self, mass: _Parameter, model: Any) -> None:
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         self.mass = mass
         self.view = to_torch(model.body_inertia_b)

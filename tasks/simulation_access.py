@@ -89,7 +89,7 @@ def build_physics(
         equip: force elements and sensors for the finished model.
     """
     import simwarp as sw
-    from simwarp.core.interop import to_torch
+    from simwarp import to_torch
 
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, -getattr(config, "gravity", 9.81)))
     made = build(builder)

@@ -32,10 +32,8 @@ from .statistics import EpisodeStatistics, EpisodeSummary
 from .uncertainty import Driver
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder, SolverOptions
-    from simwarp.model.model import Model
-    from simwarp.sensors.cameras.lights import Lighting
-    from simwarp.sensors.scene import Scene, Visuals
+    from simwarp import Model, ModelBuilder, SolverOptions
+    from simwarp.sensors import Lighting, Scene, Visuals
     from simwarp.viewer import Shot
 
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
@@ -220,7 +218,7 @@ class Task(ABC, Generic[ConfigT]):
         """Return what rendered pictures show; None if nothing that moves can be seen. Optional."""
         if self.simulation is None or self.builder is None:
             return None
-        from simwarp.sensors.scene import Visuals
+        from simwarp.sensors import Visuals
         from simwarp.viewer import paint
 
         visuals = Visuals(self.builder)

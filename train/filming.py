@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from simwarp.tasks import Task
 
-from simwarp.sensors.scene import Scene
+from simwarp.sensors import Scene
 from simwarp.viewer import Studio, caption, grid
 from simwarp.viewer.sheets import label
 

@@ -1,1 +1,11 @@
-"""Readers of what other programs write."""
+"""Readers of what other programs write.
+
+spec = sw.importers.load_chrono_vehicle("HMMWV_Vehicle.json")
+"""
+
+from __future__ import annotations
+
+from simwarp.importers.chrono_sensors import load_chrono_sensor
+from simwarp.importers.chrono_vehicle import load_chrono_vehicle
+
+__all__ = ["load_chrono_sensor", "load_chrono_vehicle"]

@@ -1,6 +1,96 @@
-"""Sensors: cameras, lidar and radar by ray casting; inertial, satellite, magnetic and joint sensors."""
+"""Sensors: cameras, lidar and radar by ray casting; inertial, satellite, magnetic, joint and force sensors.
 
+scene = sw.sensors.Scene(model, visuals)
+camera = sw.sensors.Camera(scene, sw.sensors.Mount("chassis"), sw.sensors.CameraConfig(width=160, height=90))
+"""
+
+from __future__ import annotations
+
+from simwarp.sensors.cameras.appearance import CheckerTexture, ImageTexture, NoiseTexture
+from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
+from simwarp.sensors.cameras.image_processing import Imaging
+from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial
+from simwarp.sensors.cameras.lights import Lamp, Lighting, Lights, Sun
 from simwarp.sensors.clock import Field, Frames, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, Sensor
+from simwarp.sensors.motion.encoders import (
+    Encoder,
+    EncoderConfig,
+    Speedometer,
+    SpeedometerConfig,
+    Tachometer,
+    TachometerConfig,
+)
+from simwarp.sensors.motion.force_sensor import ContactSensor, ContactSensorConfig, LoadCell, LoadCellConfig
+from simwarp.sensors.motion.gps import GeoOrigin, Gps, GpsConfig
+from simwarp.sensors.motion.imu import Imu, ImuConfig
+from simwarp.sensors.motion.magnetometer import Magnetometer, MagnetometerConfig
+from simwarp.sensors.noise import BiasWalk, BoundedDrift, NormalNoise, Quantisation, Saturation
+from simwarp.sensors.presets import load_config, load_sensor, make_sensor
+from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
+from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
+from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise
+from simwarp.sensors.scene import Look, Scene, Visuals
+from simwarp.sensors.shipped import sensor_names
 
-__all__ = ["Field", "Frames", "Mount", "Schedule", "Sensor", "mount_arrays"]
+__all__ = [
+    "Beam",
+    "BeamTable",
+    "BiasWalk",
+    "BoundedDrift",
+    "Camera",
+    "CameraConfig",
+    "CheckerTexture",
+    "Clusters",
+    "ContactSensor",
+    "ContactSensorConfig",
+    "Encoder",
+    "EncoderConfig",
+    "Field",
+    "FishEye",
+    "Frames",
+    "GeoOrigin",
+    "Gps",
+    "GpsConfig",
+    "ImageTexture",
+    "Imaging",
+    "Imu",
+    "ImuConfig",
+    "Lamp",
+    "Lidar",
+    "LidarConfig",
+    "LidarNoise",
+    "Lighting",
+    "Lights",
+    "LoadCell",
+    "LoadCellConfig",
+    "Look",
+    "Magnetometer",
+    "MagnetometerConfig",
+    "Mount",
+    "NoiseTexture",
+    "NormalNoise",
+    "Pinhole",
+    "Quantisation",
+    "Radar",
+    "RadarConfig",
+    "RadarNoise",
+    "Radial",
+    "Saturation",
+    "Scene",
+    "Schedule",
+    "Sensor",
+    "Speedometer",
+    "SpeedometerConfig",
+    "Sun",
+    "Tachometer",
+    "TachometerConfig",
+    "Visuals",
+    "beam_grid",
+    "load_config",
+    "load_sensor",
+    "look_at",
+    "make_sensor",
+    "mount_arrays",
+    "sensor_names",
+]

@@ -1,1 +1,69 @@
-"""Wheeled vehicles: descriptions, assembly into a model, tires, powertrain, drivers."""
+"""Wheeled vehicles: descriptions, assembly into a model, tires, powertrain, drivers, recorded runs.
+
+spec = sw.vehicle.load("hmmwv")
+builder = sw.ModelBuilder()
+parts = sw.vehicle.add_vehicle(builder, spec)
+"""
+
+from __future__ import annotations
+
+from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
+from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
+from simwarp.vehicle.driving.path_tracking import FollowSpec, InteractiveDriver, LookAhead, PathFollower, Stanley
+from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
+from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
+from simwarp.vehicle.results.channels import Recorder, Run
+from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.spec.parts import SpecError
+from simwarp.vehicle.spec.variants import option_names, with_options
+from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
+from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
+from simwarp.vehicle.tires.tires import Tires, ground
+from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
+
+load = load_vehicle
+"""`sw.vehicle.load(name_or_file)`: the same as `load_vehicle`."""
+
+__all__ = [
+    "PAYLOAD",
+    "VEHICLE_SOLVER",
+    "Drive",
+    "FollowSpec",
+    "InteractiveDriver",
+    "LookAhead",
+    "Maneuver",
+    "Path",
+    "PathFollower",
+    "Payload",
+    "Recorder",
+    "Run",
+    "ScriptSpec",
+    "ScriptedDriver",
+    "SpecError",
+    "Stanley",
+    "Tire",
+    "Tires",
+    "TravelTable",
+    "Vehicle",
+    "VehicleParts",
+    "VehicleSpec",
+    "add_payload",
+    "add_vehicle",
+    "bezier",
+    "circle",
+    "ground",
+    "load",
+    "load_vehicle",
+    "maneuver",
+    "option_names",
+    "per_world",
+    "read_path",
+    "save_vehicle",
+    "set_payload",
+    "set_up",
+    "travel_table",
+    "vehicle_names",
+    "with_options",
+]

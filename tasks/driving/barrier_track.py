@@ -18,8 +18,8 @@ from .lapping import LappingConfig, LappingTask, Start
 
 if TYPE_CHECKING:
     from simwarp.geometry.visual_mesh import VisualMesh
-    from simwarp.scenery.tracks import Track
-    from simwarp.sensors.scene import Visuals
+    from simwarp.scenery import Track
+    from simwarp.sensors import Visuals
 
 WIDTH = 12.5
 """Between the feet of the barriers [m]."""
@@ -93,14 +93,14 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
 
     def make_track(self, number: int) -> Track:
         """Return a race track of about 100 m across."""
-        from simwarp.scenery.tracks import race_track
+        from simwarp.scenery import race_track
 
         return race_track(number, width=WIDTH)
 
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
         """Return road and barriers."""
         from simwarp.geometry.visual_mesh import joined
-        from simwarp.scenery.course import race_course
+        from simwarp.scenery import race_course
 
         course = race_course(track)
         return joined([course.road, course.left.mesh, course.right.mesh])
@@ -108,8 +108,8 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     def visuals(self, visuals: Visuals) -> None:
         """Show grass too."""
         import simwarp as sw
-        from simwarp.scenery.textures import ground_texture
-        from simwarp.sensors.cameras.appearance import ImageTexture
+        from simwarp.scenery import ground_texture
+        from simwarp.sensors import ImageTexture
 
         super().visuals(visuals)
         grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))

@@ -19,13 +19,9 @@ from ..task import Task
 from .navigation import Navigation
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder, SolverOptions
-    from simwarp.model.model import Model
-    from simwarp.sensors.cameras.camera import Camera
-    from simwarp.sensors.scene import Scene, Visuals
-    from simwarp.vehicle.construction import VehicleParts
-    from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
-    from simwarp.vehicle.vehicle import Vehicle
+    from simwarp import Model, ModelBuilder, SolverOptions
+    from simwarp.sensors import Camera, Scene, Visuals
+    from simwarp.vehicle import Vehicle, VehicleParts, VehicleSpec
     from simwarp.viewer import Shot
 
 SETTLING = 0.9
@@ -130,7 +126,7 @@ class DrivingTask(Task[DrivingT]):
 
     def visuals(self, visuals: Visuals) -> None:
         """Show the vehicle instead of the box that stands for it. Subclasses call this, and add world and ground."""
-        from simwarp.scenery.vehicle_visuals import add_vehicle_picture
+        from simwarp.scenery import add_vehicle_picture
 
         visuals.hide(self.chassis_shape)
         add_vehicle_picture(visuals, self.parts)
@@ -173,7 +169,7 @@ class DrivingTask(Task[DrivingT]):
     def build(self, builder: ModelBuilder) -> None:
         """Add the vehicle at the origin, facing +X, then the world's shapes."""
         import simwarp as sw
-        from simwarp.vehicle.construction import add_vehicle
+        from simwarp.vehicle import add_vehicle
 
         self.spec = self.make_spec()
         self.parts = add_vehicle(builder, self.spec)
@@ -188,19 +184,16 @@ class DrivingTask(Task[DrivingT]):
 
     def make_spec(self) -> VehicleSpec:
         """Return the vehicle's description: the reduced or the full model, on this task's tires."""
-        from simwarp.vehicle.spec.variants import with_options
-        from simwarp.vehicle.spec.vehicle_files import load_vehicle
+        from simwarp.vehicle import load_vehicle, with_options
 
         spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
         return with_options(spec, tire=self.tire) if self.tire is not None else spec
 
     def equip(self, model: Model) -> Equipment:
         """Return the vehicle, and the camera where there is one."""
-        from simwarp.core.types import pose
-        from simwarp.sensors.cameras.camera import Camera, CameraConfig
-        from simwarp.sensors.cameras.lenses import Pinhole
-        from simwarp.sensors.interface import Mount, Schedule
-        from simwarp.vehicle.vehicle import Vehicle
+        from simwarp import pose
+        from simwarp.sensors import Camera, CameraConfig, Mount, Pinhole, Schedule
+        from simwarp.vehicle import Vehicle
 
         config = self.config
         self.vehicle = Vehicle(self.parts, model, ground=self.ground(model), randomised=True)
@@ -244,7 +237,7 @@ class DrivingTask(Task[DrivingT]):
         """Make views of what differs by world in what is seen; `draw_world` writes them. Optional."""
 
     def _scene_of(self, model: Model) -> Scene:
-        from simwarp.sensors.scene import Visuals
+        from simwarp.sensors import Visuals
         from simwarp.viewer import paint
 
         if self._scene is None:
@@ -256,13 +249,13 @@ class DrivingTask(Task[DrivingT]):
 
     def solver_options(self) -> SolverOptions:
         """A vehicle's rows need no projection: joints stay together by themselves."""
-        from simwarp.vehicle.vehicle import VEHICLE_SOLVER
+        from simwarp.vehicle import VEHICLE_SOLVER
 
         return VEHICLE_SOLVER
 
     def setup(self) -> None:
         """Let the vehicle settle on its springs, make views, remember where its bodies are."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         self.input = to_torch(self.vehicle.input)
         self._settle()
@@ -306,7 +299,7 @@ class DrivingTask(Task[DrivingT]):
         """Return the image and what is measured, or the exact state."""
         if self.camera is None:
             return {"policy": self.exact_state()}
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         return {"policy": self.measured(), "camera": to_torch(self.camera.data)}
 

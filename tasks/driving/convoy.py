@@ -25,7 +25,7 @@ from .routes import Routes
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
-    from simwarp.sensors.scene import Scene, Visuals
+    from simwarp.sensors import Scene, Visuals
 
 LEADERS = 3
 APART = 0.05
@@ -105,8 +105,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def build_world(self, builder: ModelBuilder) -> None:
         """Slots for what stands beside the path."""
-        from simwarp.scenery.plants import bush, tree
-        from simwarp.scenery.rocks import ROCKS, rock
+        from simwarp.scenery import ROCKS, bush, rock, tree
 
         kinds = [Kind(rock(kind, 10 + seed), (0.7, 1.2)) for seed, kind in enumerate(ROCKS)]
         kinds += [
@@ -121,9 +120,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     def visuals(self, visuals: Visuals) -> None:
         """Show truck, leaders, obstacles, and grass."""
         import simwarp as sw
-        from simwarp.scenery.textures import ground_texture
-        from simwarp.scenery.vehicle_visuals import vehicle_prop
-        from simwarp.sensors.cameras.appearance import ImageTexture
+        from simwarp.scenery import ground_texture, vehicle_prop
+        from simwarp.sensors import ImageTexture
 
         super().visuals(visuals)
         self.obstacles.visuals(visuals)
@@ -142,7 +140,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def setup(self) -> None:
         """Make paths, views and buffers."""
-        from simwarp.scenery.course import CONVOY_PATHS, convoy_path, detour
+        from simwarp.scenery import CONVOY_PATHS, convoy_path, detour
 
         super().setup()
         detours = [detour(seed, count=LARGE) for seed in range(CONVOY_PATHS)] if self.config.generated else []
@@ -165,7 +163,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def bind_scene(self, scene: Scene) -> None:
         """Make views of obstacles and leaders."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         self.obstacles.bind_scene(scene)
         first, after = self._ghosts[0], self._ghosts[0] + LEADERS

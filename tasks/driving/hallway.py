@@ -19,8 +19,8 @@ from .lapping import LappingConfig, LappingTask
 
 if TYPE_CHECKING:
     from simwarp.geometry.visual_mesh import VisualMesh
-    from simwarp.scenery.tracks import Track
-    from simwarp.sensors.cameras.lights import Lighting
+    from simwarp.scenery import Track
+    from simwarp.sensors import Lighting
     from simwarp.viewer import Shot
 
 WIDTH = 1.1
@@ -103,16 +103,14 @@ class HallwayTask(LappingTask[HallwayConfig]):
 
     def make_track(self, number: int) -> Track:
         """Return a track around blocks of rooms."""
-        from simwarp.scenery.tracks import indoor_track
+        from simwarp.scenery import indoor_track
 
         return indoor_track(number, width=WIDTH)
 
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
         """Return walls, floor, ceiling and cones."""
         from simwarp.geometry.visual_mesh import joined
-        from simwarp.scenery.corridor import corridor
-        from simwarp.scenery.prop import arranged
-        from simwarp.scenery.roadside import cone
+        from simwarp.scenery import arranged, cone, corridor
 
         walls = corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
         left, right = (
@@ -129,7 +127,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
 
     def lighting(self) -> Lighting:
         """Light from all sides, a little more from above, and no sun."""
-        from simwarp.sensors.cameras.lights import Lighting
+        from simwarp.sensors import Lighting
 
         return Lighting(suns=(), ambient=(0.9, 0.88, 0.84), ambient_below=(0.45, 0.44, 0.42))
 

@@ -8,8 +8,7 @@ import numpy as np
 import torch
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.model.model import Model
+    from simwarp import Model, ModelBuilder
 
 FLATTEST = 1e-3
 """Least factor of the heights: a height field must not be flat altogether."""
@@ -27,7 +26,7 @@ class Hills:
     model_arrays: ClassVar[tuple[str, ...]] = ("shape_asset", "shape_size")
 
     def __init__(self, count: int, side: float, seed: int = 0) -> None:
-        from simwarp.scenery.terrain import hills
+        from simwarp.scenery import hills
 
         self.side = side
         self.fields = [hills(seed + index, size=(side, side), spacing=1.5, amplitude=1.0) for index in range(count)]
@@ -42,8 +41,8 @@ class Hills:
 
     def terrain(self, model: Model) -> Any:
         """Return the ground for tires."""
-        from simwarp.core.types import ShapeType
-        from simwarp.vehicle.tires.tires import ground
+        from simwarp import ShapeType
+        from simwarp.vehicle import ground
 
         worlds = model.world_count
         self._terrain = ground(
@@ -54,7 +53,7 @@ class Hills:
 
     def bind(self, model: Model) -> None:
         """Make views of what a reset changes."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         terrain: Any = self._terrain
         self._asset, self._scale = to_torch(terrain.asset), to_torch(terrain.scale)

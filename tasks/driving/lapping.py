@@ -18,8 +18,8 @@ from .routes import Routes
 
 if TYPE_CHECKING:
     from simwarp.geometry.visual_mesh import VisualMesh
-    from simwarp.scenery.tracks import Track
-    from simwarp.sensors.scene import Scene, Visuals
+    from simwarp.scenery import Track
+    from simwarp.sensors import Scene, Visuals
 
 PREVIEW = 5
 """Points of the lane ahead that exact observations tell."""
@@ -126,7 +126,7 @@ class LappingTask(DrivingTask[LappingT]):
 
     def bind_scene(self, scene: Scene) -> None:
         """Make a view of the course that each world shows."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         if self.config.tracks > 1:
             self._shown = to_torch(scene.asset)[:, self._course]

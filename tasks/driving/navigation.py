@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 if TYPE_CHECKING:
-    from simwarp.model.model import Model
-    from simwarp.vehicle.construction import VehicleParts
+    from simwarp import Model
+    from simwarp.vehicle import VehicleParts
 
     from ..randomness import WorldRandom
 
@@ -41,10 +41,8 @@ class Navigation:
     """
 
     def __init__(self, model: Model, parts: VehicleParts, dt: float, decimation: int, random: WorldRandom) -> None:
-        from simwarp.core.types import pose
-        from simwarp.sensors.interface import Mount, Schedule
-        from simwarp.sensors.motion.gps import Gps, GpsConfig
-        from simwarp.sensors.motion.imu import Imu, ImuConfig
+        from simwarp import pose
+        from simwarp.sensors import Gps, GpsConfig, Imu, ImuConfig, Mount, Schedule
 
         self._period = dt * decimation
         self._random = random
@@ -55,7 +53,7 @@ class Navigation:
             model, mount, ImuConfig(schedule=Schedule(rate=rate, window=self._period), outputs=("gyroscope",))
         )
         self.sensors: list[Any] = [self._gps, self._imu]
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         self._position, self._velocity = to_torch(self._gps.position), to_torch(self._gps.velocity)
         self._rate = to_torch(self._imu.data)[:, 2]

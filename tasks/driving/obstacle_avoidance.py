@@ -22,7 +22,7 @@ from .ranging import RangeFan
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
-    from simwarp.sensors.scene import Visuals
+    from simwarp.sensors import Visuals
 
 PILLARS_X = (25.0, 50.0, 75.0)
 PILLAR_HALF = (1.0, 1.0, 5.0)
@@ -110,7 +110,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
 
     def setup(self) -> None:
         """Make views of the pillars."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         super().setup()
         self._shape_x = to_torch(self.simulation.model.shape_x)

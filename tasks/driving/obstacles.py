@@ -14,10 +14,9 @@ from ..drawing import Line
 from ..frames import heading_quaternion
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.model.model import Model
-    from simwarp.scenery.prop import Prop
-    from simwarp.sensors.scene import Scene, Visuals
+    from simwarp import Model, ModelBuilder
+    from simwarp.scenery import Prop
+    from simwarp.sensors import Scene, Visuals
 
     from ..randomness import WorldRandom
 
@@ -88,7 +87,7 @@ class Obstacles:
 
     def bind(self, model: Model) -> None:
         """Make views of the arrays of a model."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         first, after = self.shapes[0], self.shapes[0] + self.count
         views = {name: to_torch(getattr(model, name))[:, first:after] for name in self.model_arrays}
@@ -106,7 +105,7 @@ class Obstacles:
 
     def bind_scene(self, scene: Scene) -> None:
         """Make views of the arrays of what cameras see."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         first, after = self._instances[0], self._instances[0] + self.count
         self._seen = {name: to_torch(getattr(scene, name))[:, first:after] for name in self.scene_arrays}

@@ -22,9 +22,8 @@ from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder
-    from simwarp.model.model import Model
-    from simwarp.sensors.scene import Scene, Visuals
+    from simwarp import Model, ModelBuilder
+    from simwarp.sensors import Scene, Visuals
 
 _FIELDS = 8
 _SIDE = 160.0
@@ -125,8 +124,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     def build_world(self, builder: ModelBuilder) -> None:
         """Slots for obstacles; the ground, if it is not flat."""
-        from simwarp.scenery.plants import bush, tree
-        from simwarp.scenery.rocks import ROCKS, rock
+        from simwarp.scenery import ROCKS, bush, rock, tree
 
         kinds = [Kind(rock(kind, seed), (0.6, 1.3)) for seed, kind in enumerate(ROCKS)]
         kinds += [Kind(bush("round", 0), (0.7, 1.4))]
@@ -140,8 +138,8 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     def visuals(self, visuals: Visuals) -> None:
         """Pictures of the obstacles, and textured ground."""
         import simwarp as sw
-        from simwarp.scenery.textures import ground_texture
-        from simwarp.sensors.cameras.appearance import ImageTexture
+        from simwarp.scenery import ground_texture
+        from simwarp.sensors import ImageTexture
 
         super().visuals(visuals)
         self.obstacles.visuals(visuals)
@@ -178,7 +176,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
 
     def bind_scene(self, scene: Scene) -> None:
         """Make views of obstacles and of the ground's texture."""
-        from simwarp.core.interop import to_torch
+        from simwarp import to_torch
 
         self.obstacles.bind_scene(scene)
         self._texture = to_torch(scene.texture)[:, self._ground]

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 if TYPE_CHECKING:
-    from simwarp.vehicle.driving.paths import Path
+    from simwarp.vehicle import Path
 
 
 class Routes:

@@ -269,8 +269,8 @@ def test_the_package_gives_its_names_when_they_are_asked_for():
     import simwarp
     from simwarp import api
 
-    assert set(simwarp.__all__) == set(api.__all__) <= set(dir(simwarp))
+    assert set(simwarp.__all__) == {*api.__all__, "to_torch"} <= set(dir(simwarp))
     assert all(getattr(simwarp, name) is getattr(api, name) for name in api.__all__)
     assert simwarp.core.rotation.__name__ == "simwarp.core.rotation"
     with pytest.raises(AttributeError, match="'simwarp' has no attribute 'nothing'"):
-        simwarp.nothing  # noqa: B018
+        simwarp.nothing  # type: ignore[attr-defined]  # noqa: B018
