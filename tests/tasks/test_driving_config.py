@@ -212,6 +212,7 @@ def test_gymnasium_checks_a_single_world(variant):
 
 @pytest.mark.quick("state")
 def test_spaces_and_steps_of_a_vector(variant):
+    assert isinstance(rules.vector(variant), gym.vector.VectorEnv)
     rules.test_spaces_and_metadata_of_a_vector(variant)
     rules.test_steps_of_a_vector(variant)
 
@@ -237,6 +238,7 @@ def test_an_image_is_bytes_in_its_space():
 def test_the_first_world_of_a_vector_is_the_single_one(monkeypatch):
     monkeypatch.setattr(gym, "make", functools.partial(gym.make, obs="state"))
     monkeypatch.setattr(gym, "make_vec", functools.partial(gym.make_vec, obs="state"))
+    assert len(rules.vector("obstacle-avoidance").single_observation_space.shape) == 1  # no camera
     rules.test_the_first_world_of_a_vector_is_the_single_one("obstacle-avoidance")
 
 

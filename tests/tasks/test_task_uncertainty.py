@@ -213,8 +213,10 @@ def test_a_range_that_cannot_act_on_a_part(name, spec, message):
 
 
 def test_what_becomes_something_beside_it_may_be_scaled():
-    rows(randomise={"drive_damping": Range(0.1, 0.2, mode="set"), "joint_friction": Range(0.1, 0.2, mode="add")})
-    rows(randomise={"shape_damping": Range(0.1, 0.2, mode="set"), "shape_compliance": Range(0.0, 1e-4, mode="set")})
+    beside = {"drive_damping": Range(0.1, 0.2, mode="set"), "joint_friction": Range(0.1, 0.2, mode="add")}
+    assert rows(randomise=beside).num_worlds == 4
+    beside = {"shape_damping": Range(0.1, 0.2, mode="set"), "shape_compliance": Range(0.0, 1e-4, mode="set")}
+    assert rows(randomise=beside).num_worlds == 4
 
 
 def inertias(task):

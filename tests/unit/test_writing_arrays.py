@@ -208,6 +208,7 @@ def test_a_model_without_coordinates_has_nothing_to_write():
     sim = sw.Simulation(scenes.stack(count=1).finalize(1, "cpu"), 1e-3)
     sim.control.joint_force[:] = 1.0
     sim.control.joint_force.assign(np.zeros((1, 0)))
+    assert sim.control.joint_force.shape == (1, 0)
 
 
 # ---- attributes ------------------------------------------------------------------------------------------------------
