@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import fcntl
 import json
 import os
 import time
@@ -55,10 +56,13 @@ class Tally:
         name = os.environ.get(REPORT_VARIABLE)
         if not name:
             return
-        path = Path(name)
-        fronts = json.loads(path.read_text())["fronts"] if path.exists() else []
-        others = [front for front in fronts if front["front"] != self.front]
-        path.write_text(json.dumps({"fronts": [*others, self.content()]}, indent=2) + "\n")
+        with Path(name).open("a+") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)  # test workers write to it too
+            file.seek(0)
+            fronts = json.loads(file.read() or '{"fronts": []}')["fronts"]
+            others = [front for front in fronts if (front["front"], front["seed"]) != (self.front, self.seed)]
+            file.truncate(0)
+            file.write(json.dumps({"fronts": [*others, self.content()]}, indent=2) + "\n")
 
     def check(self) -> None:
         """Write the figures; fail if anything failed."""
