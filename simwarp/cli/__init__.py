@@ -14,7 +14,14 @@ import importlib.util
 import sys
 from collections.abc import Callable, Sequence
 
-from simwarp.cli.process import ended_by_signals, leave_at_once, prepare_streams, silence_output, start_warp
+from simwarp.cli.process import (
+    end_at_signals,
+    ended_by_signals,
+    leave_at_once,
+    prepare_streams,
+    silence_output,
+    start_warp,
+)
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 HELP = frozenset({"-h", "--help"})
@@ -204,6 +211,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             code = _run(arguments)
             if sys.stdout is not None:
                 sys.stdout.flush()
+            if argv is None:
+                end_at_signals(code)
             return code
     except SystemExit as stop:
         # Argument parsers leave this way, their message is out already; and rich, when the reader of a pipe went away

@@ -45,7 +45,20 @@ def ended_by_signals() -> Iterator[None]:
     finally:
         sys.unraisablehook = before
         for number in changed:
-            signal.signal(number, signal.SIG_DFL)
+            if signal.getsignal(number) is _interrupt:
+                signal.signal(number, signal.SIG_DFL)
+
+
+def end_at_signals(code: int) -> None:
+    """Let signals end the process with the code of its command, which has done its work: Python only tidies up.
+
+    While threads end, a signal ends the process at once; later, when Python has no handlers any more, it is ignored.
+    """
+    heard = (_interrupt, signal.default_int_handler)
+    numbers = [number for number in (signal.SIGINT, *ENDING) if signal.getsignal(number) in heard]
+    for number in numbers:
+        signal.signal(number, lambda *_: os._exit(code))
+    atexit.register(lambda: [signal.signal(number, signal.SIG_IGN) for number in numbers])
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

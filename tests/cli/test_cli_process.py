@@ -127,6 +127,30 @@ def test_an_interrupted_process_ends_without_taking_half_loaded_libraries_apart(
     assert done.stdout.splitlines() == ["thread", "exit function"]
 
 
+DONE = """
+import os, signal, sys
+from simwarp import cli
+
+class Library:
+    def __del__(self):
+        os.kill(os.getpid(), signal.{name})
+
+library = Library()
+cli.Command.load = lambda command: lambda words: {code}
+cli.start_warp = lambda: None
+sys.argv = ["simwarp", "list"]
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGHUP"])
+@pytest.mark.parametrize("code", [0, 1])
+def test_a_signal_after_the_work_changes_nothing(name, code):
+    """While Python takes its modules apart, a signal would end it by that signal, as if nothing had been done."""
+    done = subprocess.run([sys.executable, "-c", DONE.format(name=name, code=code)], capture_output=True, timeout=60)
+    assert (done.returncode, done.stderr) == (code, b"")
+
+
 def test_an_interruption_while_a_command_is_loaded_is_one_line(monkeypatch, capfd):
     monkeypatch.setattr(Command, "load", lambda self: raises(KeyboardInterrupt())())
     assert cli.main(["list"]) == 130
