@@ -67,15 +67,11 @@ def drives(folder: Path) -> Iterator[tuple[str, str]]:
 
     for name in vehicle_names():
         words = [
-            ["--maneuver=step-steer", f"--{part}={choice}", "--duration=2"]
+            ["--maneuver=step-steer", f"--{part}={choice}", "--duration=16"]
             for part in ("tire", "powertrain", "driveline")
             for choice in option_names(name, part)
         ]
-        words += [
-            [f"--maneuver={maneuver}", *(["--duration=3"] if not maneuver.startswith("reference") else [])]
-            for maneuver in MANEUVERS
-            if name in ("sedan", "hmmwv-reduced")
-        ]
+        words += [[f"--maneuver={maneuver}"] for maneuver in MANEUVERS if name in ("sedan", "hmmwv-reduced")]
         for options in words:
             if command(["drive", name, "--device=cpu", *options, f"--csv={folder}/run.csv"]):
                 sys.exit(f"drive {name} {' '.join(options)} failed")

@@ -149,7 +149,7 @@ class Model(ParameterFields):
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
-            "a Model cannot be pickled or copied: it refers to memory of a device; keep its Specification, which can, "
+            "a Model cannot be pickled or copied: it refers to memory of a device; keep its ModelBuilder, which can, "
             "and finalize that again"
         )
 

@@ -257,12 +257,12 @@ def test_bench_and_verify_are_handed_their_arguments(simwarp, monkeypatch):
     import types
     from importlib.machinery import ModuleSpec
 
-    for name in ("bench", "verify"):
+    for name, room in (("bench", "benching"), ("verify", "verifying")):
         seen: list[list[str]] = []
-        module = types.ModuleType(f"simwarp.cli.{name}")
-        module.__dict__["main"] = lambda arguments, seen=seen: seen.append(arguments) or 1
+        module = types.ModuleType(f"simwarp.cli.{room}")
+        module.__dict__["run"] = lambda arguments, seen=seen: seen.append(arguments) or 1
         module.__spec__ = ModuleSpec(module.__name__, None)
-        monkeypatch.setitem(sys.modules, f"simwarp.cli.{name}", module)
+        monkeypatch.setitem(sys.modules, f"simwarp.cli.{room}", module)
         assert simwarp(name, "ant", "--worlds", "1,2")[0] == 1
         assert seen == [["ant", "--worlds", "1,2"]]
 

@@ -79,7 +79,7 @@ def compile_for_cuda(module: ModuleType, folder: Path | None = None) -> int:
 # Ten seconds to ten minutes of NVRTC each
 LONG = {
     f"simwarp.kernels.{name}"
-    for name in ("world", "cones.batch", "collision.world", "tires.wheels", "sensors.image")
+    for name in ("dynamics.world", "cones.batch", "collision.collide", "vehicle.tires.tires", "sensors.cameras.image")
 }  # fmt: skip
 MODULES = [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in kernel_modules()]
 
