@@ -14,7 +14,7 @@ WORKERS ?= 2
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
 # Bytecode is written even where the environment says otherwise: tests start hundreds of processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
-CODE := $(wildcard setup.py simwarp tasks train tests scripts benchmarks examples)
+CODE := simwarp tasks train tests scripts benchmarks examples
 
 # The mark names the checkout. It does not count after the folder was moved, or where its Python no longer runs.
 ifneq ($(shell $(BIN)/python -c pass 2>/dev/null && cat $(READY) 2>/dev/null),$(CURDIR))
@@ -32,7 +32,7 @@ help:
 
 setup: $(READY)
 
-$(READY): pyproject.toml setup.py constraints.txt scripts/setup_env.py scripts/torch_build.py scripts/pip_calls.py
+$(READY): pyproject.toml constraints.txt scripts/setup_env.py scripts/torch_build.py scripts/pip_calls.py
 	@test -n "$(PYTHON)" || { echo "setup: no Python 3.11 to 3.13 found; set PYTHON=/path/to/python" >&2; exit 1; }
 	@"$(PYTHON)" -m scripts.setup_env $(VENV)
 
@@ -52,7 +52,7 @@ lint: $(READY)
 	@status=0; \
 	$(BIN)/ruff check $(CODE) || status=1; \
 	$(BIN)/ruff format --check $(CODE) || status=1; \
-	$(BIN)/python scripts/typecheck.py || status=1; \
+	$(BIN)/mypy simwarp tests scripts benchmarks examples || status=1; \
 	exit $$status
 
 format: $(READY)

@@ -25,6 +25,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 from rich.console import Console
 from scipy import stats
+
+from simwarp.bench.machine import describe
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, replace_fields, task_class
 from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.config import LoggerKind, TrainConfig, default_config
@@ -34,8 +36,6 @@ from simwarp.train.progress_table import read_progress
 from simwarp.train.run_files import write_json
 from simwarp.train.run_folder import RunFolder, git_revision, latest_run
 from simwarp.train.training import train
-
-from simwarp.bench.machine import describe
 
 EVALUATION_SEED = 1_000_003
 CONFIDENCE = 0.95

@@ -27,12 +27,11 @@ from rich.console import Console
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from simwarp.tasks.ant import Orientation  # noqa: E402
-from simwarp.train.config import Objective  # noqa: E402
-
 from benchmarks import comparing  # noqa: E402
 from benchmarks.comparing import Arm, Budget, Quantity, Study  # noqa: E402
 from simwarp.cli.process import start_warp  # noqa: E402
+from simwarp.tasks.ant import Orientation  # noqa: E402
+from simwarp.train.config import Objective  # noqa: E402
 
 BASELINE = "baseline"
 QUANTITIES = {

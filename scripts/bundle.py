@@ -36,7 +36,7 @@ CHECKSUMS = "SHA256SUMS"
 PYTHONS = ("3.11", "3.12", "3.13")
 # The oldest systems that the wheels of torch and Warp run on, by processor.
 PLATFORMS = {"x86_64": "manylinux_2_28_x86_64", "aarch64": "manylinux_2_34_aarch64", "arm64": "macosx_14_0_arm64"}
-SOURCES = ("simwarp", "tasks", "train", "pyproject.toml", "setup.py", "README.md", "LICENSE", "MANIFEST.in")
+SOURCES = ("simwarp", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in")
 README = """\
 simwarp {simwarp} for Python {python} on {platform}, {torch}. No network is needed:
 

@@ -162,7 +162,10 @@ def set_up(folder: Path) -> None:
     torch = install_torch(python, cuda)
     say(3, "simwarp (editable), its dependencies and tools at the versions of constraints.txt")
     pip_install(python, torch, "setuptools>=77")
-    pip_install(python, torch, "--no-build-isolation", "--editable", ".[dev]")
+    # A path that type checkers and editors follow; otherwise setuptools installs an import hook, which they cannot
+    pip_install(
+        python, torch, "--no-build-isolation", "--config-settings", "editable_mode=compat", "--editable", ".[dev]"
+    )
     started = runs(python, STARTS)
     if started.returncode:
         why = pip_reason(started.stderr)

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import torch
-from simwarp.tasks import InputError
-from simwarp.tasks.plain import typed
 
 from simwarp.core.files import FileError, check_input, write_file
+from simwarp.tasks import InputError
+from simwarp.tasks.plain import typed
 
 FORMAT: Final = 1
 SUFFIX: Final = ".pt"

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import torch
 from rsl_rl.models import MLPModel
-from simwarp.tasks import InputError, Task, config_to_plain, require
-from simwarp.tasks.config import require_finite
 from tensordict import TensorDict
 from torch import nn
 
 from simwarp.core.types import shown
+from simwarp.tasks import InputError, Task, config_to_plain, require
+from simwarp.tasks.config import require_finite
 
 from .config import NetworkKind, TrainConfig, rsl_rl_config
 from .networks import check_groups

@@ -10,9 +10,9 @@ from typing import Any
 
 import torch
 import warp as wp
-from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
 
 from simwarp.core.memory import check_fits
+from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
 
 from .policies import Policy, bad_actions, forget, random_policy, zero_policy
 

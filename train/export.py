@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 import torch
 from rsl_rl.models import MLPModel, RNNModel
-from simwarp.tasks import InputError, Task, make, task_class
 from torch import nn
 
 from simwarp.core.files import check_output, output_error, replacing
+from simwarp.tasks import InputError, Task, make, task_class
 
 from .config import task_config_from_plain
 from .policies import NetworkPolicy, network_policy

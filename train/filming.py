@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from simwarp.tasks import Task
 
 from simwarp.sensors import Scene
+from simwarp.tasks import Task
 from simwarp.viewer import Studio, caption, grid
 from simwarp.viewer.sheets import label
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from simwarp.tasks import InputError
 
 from simwarp.core.files import output_error, replacing
+from simwarp.tasks import InputError
 
 _QUALITY = "25"
 """Of H.264: 0 keeps all, 51 is worst."""

@@ -16,9 +16,9 @@ from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
-from simwarp.tasks import Drawing, InputError, Task
 
 from simwarp.core.files import check_output, write_file
+from simwarp.tasks import Drawing, InputError, Task
 
 from .filming import Film, film_still, film_strip
 from .mp4 import check_encoder, write_mp4

@@ -10,11 +10,11 @@ from typing import Any
 import torch
 from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_class
-from simwarp.tasks import InputError, Task, task_class
-from simwarp.tasks.saved_state import check_like
 from tensordict import TensorDict
 
 from simwarp.core.types import shown
+from simwarp.tasks import InputError, Task, task_class
+from simwarp.tasks.saved_state import check_like
 
 from .checkpoint import SUFFIX, load_checkpoint
 from .config import obs_of, rsl_rl_config, train_config_from_plain

@@ -17,10 +17,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Final
 
-from simwarp.tasks import InputError
-
 from simwarp.core.files import DRAFT_PREFIX, FileError, check_output, output_error, read_json
 from simwarp.core.types import shown
+from simwarp.tasks import InputError
 
 from .checkpoint import SUFFIX, check_members, checkpoint_bytes, checkpoint_name, load_checkpoint
 from .config import check_configs

@@ -20,9 +20,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, Self
 
-from simwarp.tasks import InputError, config_from_plain
-
 from simwarp.core.files import FileError, OutputError, output_error, parse_json
+from simwarp.tasks import InputError, config_from_plain
 
 from .trainer import TrainingError
 

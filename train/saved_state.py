@@ -7,9 +7,9 @@ from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
-from simwarp.tasks.saved_state import check_like, check_names, unlike
 
 from simwarp.core.types import shown
+from simwarp.tasks.saved_state import check_like, check_names, unlike
 
 
 def check_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) -> None:

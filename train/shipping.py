@@ -11,9 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from simwarp.tasks import task_class
-
 from simwarp.core.files import read_json
+from simwarp.tasks import task_class
 
 from .checkpoint import SUFFIX, save_checkpoint, slim
 from .config import task_config_from_plain

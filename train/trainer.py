@@ -16,13 +16,13 @@ import warp as wp
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 from rsl_rl.utils import resolve_callable
-from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, config_to_plain
-from simwarp.tasks.plain import typed
-from simwarp.tasks.saved_state import check_like
 from torch import nn
 
 from simwarp.core.files import OutputError
 from simwarp.core.memory import check_fits
+from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, config_to_plain
+from simwarp.tasks.plain import typed
+from simwarp.tasks.saved_state import check_like
 
 from .checkpoint import check_members
 from .config import CriticSees, TrainConfig, rsl_rl_config

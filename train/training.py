@@ -11,10 +11,10 @@ from typing import Any
 
 import torch
 from rich.console import Console
-from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
 
 from simwarp.core.files import OutputError
 from simwarp.core.types import shown
+from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
 
 from .config import LoggerKind, TrainConfig, check_configs
 from .curve import draw_learning_curve

@@ -16,11 +16,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import torch
-from simwarp.tasks import InputError, Task, config_to_plain
-from simwarp.tasks.npz import Arrays, read_arrays, text_of, write_arrays
 
 from simwarp.core.files import parse_json
 from simwarp.core.types import shown
+from simwarp.tasks import InputError, Task, config_to_plain
+from simwarp.tasks.npz import Arrays, read_arrays, text_of, write_arrays
 
 from .policies import Policy, bad_actions, forget, refuse_bad_actions
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import torch
 from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+
 from simwarp.tasks import InputError, Task
 from simwarp.tasks.interface_checks import check_observations
-from tensordict import TensorDict
 
 from .config import CRITIC
 

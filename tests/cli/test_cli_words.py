@@ -8,12 +8,12 @@ from typing import Annotated
 
 import pytest
 import tyro
-from simwarp.tasks import TaskConfig
 
 from simwarp import cli
 from simwarp.cli import UsageError, options
 from simwarp.cli.grids import grid_points
 from simwarp.cli.options import parse_options
+from simwarp.tasks import TaskConfig
 
 DEEP = "[" * 100_000 + "]" * 100_000
 

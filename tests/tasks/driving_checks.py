@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from simwarp.tasks import make
 
 from simwarp.core.interop import to_torch
 from simwarp.core.types import WORLD, ShapeType
 from simwarp.scenery.terrain import height_at
+from simwarp.tasks import make
 
 NAMES = ("barrier-track", "convoy", "hallway", "obstacle-avoidance", "off-road")
 SMALL: dict[str, Any] = {"obs": "camera", "camera_width": 40, "camera_height": 36}

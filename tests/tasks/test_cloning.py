@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 import torch
 from rich.console import Console
+
+from simwarp import cli
+from simwarp.core.files import FileError
 from simwarp.tasks import make, replace_fields, task_class
 from simwarp.train.checkpoint import load_checkpoint, save_checkpoint
 from simwarp.train.cloning import CloneConfig, clone
@@ -16,9 +19,6 @@ from simwarp.train.policies import network_policy
 from simwarp.train.trainer import Trainer
 from simwarp.train.training import train
 from simwarp.train.trajectories import load_trajectories, record, save_trajectories
-
-from simwarp import cli
-from simwarp.core.files import FileError
 from tests.tasks.camera_task import camera_task
 from tests.tasks.samples import counter
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from simwarp.tasks.driving.convoy import DURATION
-from simwarp.tasks.frames import to_heading
 
 from simwarp.core.interop import to_torch
+from simwarp.tasks.driving.convoy import DURATION
+from simwarp.tasks.frames import to_heading
 from tests.tasks.driving_checks import NAMES, chase, drive, driving, held, random_actions, reason, term
 
 

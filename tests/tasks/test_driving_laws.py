@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 import torch
-from simwarp.tasks.replay import replay
-from simwarp.tasks.uncertainty import Curriculum, Driver
 
 from simwarp.core.interop import to_torch
+from simwarp.tasks.replay import replay
+from simwarp.tasks.uncertainty import Curriculum, Driver
 from tests.tasks.driving_checks import NAMES, SMALL, copied, driving, random_actions
 
 STEPS = 8

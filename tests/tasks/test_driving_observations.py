@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 import torch
-from simwarp.tasks.driving.convoy import DURATION, LEADER_HALF
 
 from simwarp.core.interop import to_torch
+from simwarp.tasks.driving.convoy import DURATION, LEADER_HALF
 from tests.tasks.driving_checks import (
     NAMES,
     SMALL,

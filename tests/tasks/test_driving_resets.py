@@ -6,13 +6,13 @@ Geometry is read from the arrays that contact and tires work on, not from what t
 import numpy as np
 import pytest
 import torch
+
+from simwarp.core.interop import to_torch
 from simwarp.tasks import replace_fields
 from simwarp.tasks.driving.convoy import LEADER_HALF
 from simwarp.tasks.uncertainty import Curriculum, Driver
 from simwarp.train.config import default_config
 from simwarp.train.trainer import Trainer
-
-from simwarp.core.interop import to_torch
 from tests.reference.routes import nearest_on_path
 from tests.tasks.driving_checks import (
     driving,

@@ -6,6 +6,8 @@ import pytest
 import torch
 from PIL import Image
 from rich.console import Console
+
+from simwarp.core.files import FileError
 from simwarp.tasks import InputError, make, replace_fields, task_class
 from simwarp.train import policies
 from simwarp.train.checkpoint import load_checkpoint, save_checkpoint, slim
@@ -14,8 +16,6 @@ from simwarp.train.evaluation import evaluate, evaluate_with_baselines, wilson_i
 from simwarp.train.play import check_video_path, record, write_picture, write_video
 from simwarp.train.policies import find_policy, network_policy, random_policy, zero_policy
 from simwarp.train.training import train
-
-from simwarp.core.files import FileError
 from tests.tasks.samples import Counter, SampleConfig
 
 

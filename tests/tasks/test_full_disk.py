@@ -13,6 +13,9 @@ import types
 import numpy as np
 import pytest
 import torch
+
+from simwarp import cli
+from simwarp.core.files import OutputError
 from simwarp.tasks import InputError, make
 from simwarp.train import training
 from simwarp.train.checkpoint import load_checkpoint, save_checkpoint, slim
@@ -24,9 +27,6 @@ from simwarp.train.run_files import append_whole
 from simwarp.train.run_folder import RunFolder
 from simwarp.train.run_lock import LOCK
 from simwarp.train.trainer import Trainer
-
-from simwarp import cli
-from simwarp.core.files import OutputError
 from tests.tasks.trained_run import run
 
 

@@ -8,6 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+
+import simwarp as sw
+from simwarp.core.interop import to_torch
+from simwarp.core.rotation import matrix_of
+from simwarp.scenes import hexapod, phantomx
 from simwarp.tasks import InputError, make
 from simwarp.tasks.frames import Orientation, euler_123, rotate_back
 from simwarp.tasks.hexapod import HexapodConfig, HexapodReward, HexapodTask
@@ -15,11 +20,6 @@ from simwarp.train.config import default_config
 from simwarp.train.evaluation import evaluate
 from simwarp.train.policies import SHIPPED, find_policy, network_policy
 from simwarp.train.training import train
-
-import simwarp as sw
-from simwarp.core.interop import to_torch
-from simwarp.core.rotation import matrix_of
-from simwarp.scenes import hexapod, phantomx
 
 WEIGHT = 1.4778 * 9.81
 # Left for right: legs 1 to 3 are right, 4 to 6 left; hips turn the other way, femurs and tibias the same

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+
+from simwarp import cli
+from simwarp.core.files import FileError
 from simwarp.tasks import InputError, make
 from simwarp.tasks.npz import read_arrays, write_arrays
 from simwarp.tasks.replay import replay
 from simwarp.train.policies import zero_policy
 from simwarp.train.trajectories import load_trajectories, record, save_trajectories
-
-from simwarp import cli
-from simwarp.core.files import FileError
 
 # ---- any file of arrays ----------------------------------------------------------------------------------------------
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+
+from simwarp.core.files import DRAFT_PREFIX
 from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.progress_table import read_progress
 from simwarp.train.run_folder import latest_run
-
-from simwarp.core.files import DRAFT_PREFIX
 
 INTERVAL = 3
 OPTIONS = ["--device", "cpu", "--num-envs", "16", "--steps-per-iteration", "4", "--save-interval", str(INTERVAL)]

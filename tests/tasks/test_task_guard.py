@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 import torch
-from simwarp.tasks import InputError, Range, make
-from simwarp.tasks.replay import replay
 
 from simwarp.core.files import FileError
+from simwarp.tasks import InputError, Range, make
+from simwarp.tasks.replay import replay
 
 
 def guard_of(task):

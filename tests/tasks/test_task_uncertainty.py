@@ -6,6 +6,10 @@ import math
 
 import pytest
 import torch
+
+from simwarp.core import memory
+from simwarp.core.interop import to_torch
+from simwarp.core.types import WORLD, PositionDrive, pose
 from simwarp.tasks import (
     Curriculum,
     Driver,
@@ -18,10 +22,6 @@ from simwarp.tasks import (
     make,
     replace_fields,
 )
-
-from simwarp.core import memory
-from simwarp.core.interop import to_torch
-from simwarp.core.types import WORLD, PositionDrive, pose
 from tests.tasks.samples import Counter, SampleConfig, counter
 
 

@@ -207,8 +207,8 @@ try:
 except ImportError:
     pass
 root = pathlib.Path({str(ROOT / folder)!r})
-files = [m.__file__ for m in list(sys.modules.values()) if getattr(m, "__file__", None)]
-files = [f for f in files if root in pathlib.Path(f).parents]
+files = [pathlib.Path(m.__file__).resolve() for m in list(sys.modules.values()) if getattr(m, "__file__", None)]
+files = [f for f in files if root in f.parents]
 print(len(files) > 0 and len(files) == len(set(files)))
 """
     done = run_python(code)

@@ -214,7 +214,7 @@ def checkout(tmp_path, monkeypatch):
     """A folder that set-up takes for its checkout."""
     folder = tmp_path / "check out"
     folder.mkdir()
-    for name in ("Makefile", "constraints.txt", "pyproject.toml", "setup.py"):
+    for name in ("Makefile", "constraints.txt", "pyproject.toml"):
         shutil.copy(ROOT / name, folder)
     shutil.copytree(ROOT / "scripts", folder / "scripts", ignore=shutil.ignore_patterns("__pycache__"))
     return folder
