@@ -21,9 +21,10 @@ import warp as wp
 
 from simwarp.bench.health import Health, pushing_contacts
 from simwarp.bench.measure import Row, SceneRun, judge
-from simwarp.bench.motion import STACK_TORQUE, hold_swing_by_leg, swing_targets, twist_torques, write_swing
+from simwarp.bench.motion import STACK_TORQUE, swing_targets, twist_torques
 from simwarp.bench.timing import array_bytes, measure_speed
 from simwarp.bench.workloads import BenchScene
+from simwarp.kernels.bench.motion import hold_swing_by_leg, write_swing
 
 Array = npt.NDArray[np.float64]
 

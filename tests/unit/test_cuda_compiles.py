@@ -88,6 +88,10 @@ def test_the_long_ones_are_there():
     assert set(kernel_modules()) >= LONG
 
 
+def test_device_code_has_one_home():
+    assert all(name.startswith("simwarp.kernels.") for name in kernel_modules())
+
+
 @pytest.mark.parametrize("name", MODULES)
 def test_kernels_compile_for_cuda(name):
     assert compile_for_cuda(importlib.import_module(name)) > 0

@@ -132,6 +132,25 @@ def test_no_modules_import_each_other():
     assert circles(imports) == []
 
 
+def test_a_base_name_is_one_place():
+    """A host module may share it with its device half, in the room of the same name below `kernels`."""
+    places: dict[str, list[tuple[str, ...]]] = {}
+    for path in (ROOT / "simwarp").rglob("*.py"):
+        if path.name != "__init__.py":
+            places.setdefault(path.name, []).append(path.relative_to(ROOT / "simwarp").parts)
+    for name, found in places.items():
+        host = [parts for parts in found if parts[0] != "kernels"]
+        device = [parts[1:] for parts in found if parts[0] == "kernels"]
+        assert len(host) <= 1, name
+        assert len(device) <= 1, name
+        assert len({parts[0] for parts in host + device}) == 1, name
+
+
+def test_no_folder_is_crowded():
+    for folder in {path.parent for path in (ROOT / "simwarp").rglob("*.py")}:
+        assert len(list(folder.glob("*.py"))) <= 20, folder
+
+
 def test_a_circle_is_found():
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [["b", "c"]]
 
