@@ -11,6 +11,7 @@ import warp as wp
 
 import simwarp as sw
 import simwarp.model.model
+from scripts.array_tables import with_tables
 from simwarp.cli import COMMANDS
 from simwarp.core.types import WorldStatus
 from simwarp.model.joint_types import ELEMENTS
@@ -138,6 +139,13 @@ def test_the_parameter_table_is_that_of_the_code():
         assert text.startswith(parameter.shape_text), name
 
 
+def test_the_tables_of_arrays_are_made_from_their_declarations():
+    page = ROOT / "docs" / "conventions.md"
+    text = page.read_text(encoding="utf-8")
+    assert with_tables(text) == text, "run: python -m scripts.array_tables"
+    assert with_tables(text.replace("| `body_mass` ", "| `mass` ")) == text
+
+
 def test_the_joint_table_is_that_of_the_code():
     listed = {name: int(count) for name, count, *_ in rows(ROOT / "docs" / "conventions.md", "## Coordinates", 4)}
     assert listed == {kind.name: len(element.dofs) for kind, element in ELEMENTS.items()}
@@ -153,7 +161,7 @@ def test_the_array_tables_are_those_of_the_code():
     listed = rows(ROOT / "docs" / "conventions.md", "## Arrays", 3)
     arrays: dict[str, wp.array] = {}
     for owner in (sim.state, sim.control, sim.diagnostics, sim.contacts):
-        arrays |= {name: getattr(owner, name) for name in owner.NAMES}
+        arrays |= {name: getattr(owner, name) for name in owner.FIELDS}
     bits = {row[0]: int(row[1]) for row in listed if row[1].isdigit()}
     assert bits == {flag.name: int(flag) for flag in WorldStatus if flag}
     assert {row[0] for row in listed} - bits.keys() == set(arrays)

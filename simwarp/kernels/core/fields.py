@@ -29,24 +29,56 @@ class ParameterFields(FieldGroup):
     joint_anchor1: WritableArray = parameter(
         wp.vec3d, Size.JOINTS, text="origin of frame 1 from the second body's centre, its frame [m]"
     )
-    joint_frame0: WritableArray = parameter(wp.mat33d, Size.JOINTS, text="axes of frame 0 in the first body")
-    joint_frame1: WritableArray = parameter(wp.mat33d, Size.JOINTS, text="axes of frame 1 in the second body")
-    joint_offset: WritableArray = parameter(wp.float64, Size.JOINTS, text="length of a rod [m]")
-    joint_armature: WritableArray = parameter(wp.float32, Size.DOFS, text="[kg or kg·m²]", domain=NOT_NEGATIVE)
-    joint_stiffness: WritableArray = parameter(wp.float32, Size.DOFS, text="[N/m or N·m/rad]", domain=NOT_NEGATIVE)
-    joint_rest: WritableArray = parameter(wp.float32, Size.DOFS, text="[m or rad]")
-    joint_damping: WritableArray = parameter(wp.float32, Size.DOFS, text="[N·s/m or N·m·s/rad]", domain=NOT_NEGATIVE)
-    joint_preload: WritableArray = parameter(wp.float32, Size.DOFS, text="[N or N·m]")
+    joint_frame0: WritableArray = parameter(
+        wp.mat33d, Size.JOINTS, text="axes of frame 0 in the first body, as columns"
+    )
+    joint_frame1: WritableArray = parameter(
+        wp.mat33d, Size.JOINTS, text="axes of frame 1 in the second body, as columns"
+    )
+    joint_offset: WritableArray = parameter(wp.float64, Size.JOINTS, text="length of a rod or of a massless link [m]")
+    joint_armature: WritableArray = parameter(
+        wp.float32,
+        Size.DOFS,
+        text="inertia along the coordinate, of a shaft its own included [kg or kg·m²]",
+        domain=NOT_NEGATIVE,
+    )
+    joint_stiffness: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="of the spring along the coordinate [N/m or N·m/rad]", domain=NOT_NEGATIVE
+    )
+    joint_rest: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="coordinate at which the spring is at rest [m or rad]"
+    )
+    joint_damping: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="of the damper along the coordinate [N·s/m or N·m·s/rad]", domain=NOT_NEGATIVE
+    )
+    joint_preload: WritableArray = parameter(wp.float32, Size.DOFS, text="effort of the spring at rest [N or N·m]")
     joint_friction: WritableArray = parameter(
         wp.float32, Size.DOFS, text="dry friction [N or N·m]", domain=NOT_NEGATIVE
     )
-    joint_limit_lower: WritableArray = parameter(wp.float32, Size.DOFS, text="[m or rad]", domain=A_LIMIT)
-    joint_limit_upper: WritableArray = parameter(wp.float32, Size.DOFS, text="[m or rad]", domain=A_LIMIT)
-    drive_stiffness: WritableArray = parameter(wp.float32, Size.DOFS, text="[N/m or N·m/rad]", domain=NOT_NEGATIVE)
-    drive_damping: WritableArray = parameter(wp.float32, Size.DOFS, text="[N·s/m or N·m·s/rad]", domain=NOT_NEGATIVE)
-    drive_effort_limit: WritableArray = parameter(wp.float32, Size.DOFS, text="[N or N·m]", domain=AN_EFFORT)
-    coupling_coefficient: WritableArray = parameter(wp.float32, Size.COUPLINGS, Size.TERMS, text="")
-    coupling_offset: WritableArray = parameter(wp.float64, Size.COUPLINGS, text="")
+    joint_limit_lower: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="lower stop, -1e30 stands for none [m or rad]", domain=A_LIMIT
+    )
+    joint_limit_upper: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="upper stop, 1e30 stands for none [m or rad]", domain=A_LIMIT
+    )
+    drive_stiffness: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="of position drives [N/m or N·m/rad]", domain=NOT_NEGATIVE
+    )
+    drive_damping: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="of position drives [N·s/m or N·m·s/rad]", domain=NOT_NEGATIVE
+    )
+    drive_effort_limit: WritableArray = parameter(
+        wp.float32, Size.DOFS, text="largest effort of a drive, 1e30 stands for none [N or N·m]", domain=AN_EFFORT
+    )
+    coupling_coefficient: WritableArray = parameter(
+        wp.float32,
+        Size.COUPLINGS,
+        Size.TERMS,
+        text="factors of the coordinates, as many terms as the longest coupling has",
+    )
+    coupling_offset: WritableArray = parameter(
+        wp.float64, Size.COUPLINGS, text="sum of factors x coordinates that a coupling holds"
+    )
     coupling_damping: WritableArray = parameter(
         wp.float32, Size.COUPLINGS, text="of a viscous coupling, 0: rigid [N·m·s/rad]", domain=NOT_NEGATIVE
     )
@@ -60,12 +92,24 @@ class ParameterFields(FieldGroup):
     )
     shape_asset: WritableArray = parameter(wp.int32, Size.SHAPES, text="asset that a hull, height field or mesh shows")
     shape_enabled: WritableArray = parameter(wp.int32, Size.SHAPES, text="0 takes the shape out")
-    shape_friction: WritableArray = parameter(wp.float32, Size.SHAPES, text="", domain=NOT_NEGATIVE)
-    shape_rolling_friction: WritableArray = parameter(wp.float32, Size.SHAPES, text="[m]", domain=NOT_NEGATIVE)
-    shape_spinning_friction: WritableArray = parameter(wp.float32, Size.SHAPES, text="[m]", domain=NOT_NEGATIVE)
-    shape_restitution: WritableArray = parameter(wp.float32, Size.SHAPES, text="", domain=Domain(0.0, 1.0))
-    shape_cohesion: WritableArray = parameter(wp.float32, Size.SHAPES, text="[N]", domain=NOT_NEGATIVE)
-    shape_compliance: WritableArray = parameter(wp.float32, Size.SHAPES, text="[m/N]", domain=NOT_NEGATIVE)
+    shape_friction: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="coefficient of Coulomb friction", domain=NOT_NEGATIVE
+    )
+    shape_rolling_friction: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="lever of rolling friction [m]", domain=NOT_NEGATIVE
+    )
+    shape_spinning_friction: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="lever of spinning friction [m]", domain=NOT_NEGATIVE
+    )
+    shape_restitution: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="coefficient of restitution", domain=Domain(0.0, 1.0)
+    )
+    shape_cohesion: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="force that holds contacts together [N]", domain=NOT_NEGATIVE
+    )
+    shape_compliance: WritableArray = parameter(
+        wp.float32, Size.SHAPES, text="penetration per normal force [m/N]", domain=NOT_NEGATIVE
+    )
     shape_damping: WritableArray = parameter(
         wp.float32, Size.SHAPES, text="relaxation time of the compliance [s]", domain=NOT_NEGATIVE
     )
