@@ -1,4 +1,4 @@
-"""The tables of arrays in docs/conventions.md, made of their declarations; `python -m scripts.array_tables` writes them.
+"""Tables of arrays in docs/conventions.md, made of their declarations: `python -m scripts.array_tables` writes them.
 
 A table stands between `<!-- arrays: NAME -->` and `<!-- end of arrays -->`, NAME being a class of
 `simwarp.kernels.core.fields`.
