@@ -9,23 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from simwarp.verify import chain_problem, laws
-from simwarp.verify import contact_answers as contact
-from simwarp.verify import mechanism_answers as mechanisms
-from simwarp.verify import vehicle_runs as vehicles
+from simwarp.verify import chain_problem, contact_answers, laws, mechanism_answers, vehicle_runs
 from simwarp.verify.report import Row
 
 SCENES: Final[dict[str, Callable[..., list[Row]]]] = {
-    "pendulum": mechanisms.pendulum,
-    "dzhanibekov": mechanisms.dzhanibekov,
-    "free-spin": mechanisms.free_spin,
-    "andrews": mechanisms.andrews,
-    "double-pendulum": mechanisms.double_pendulum,
-    "slider-crank": mechanisms.slider_crank,
-    "chain": mechanisms.chain,
-    "four-bar": mechanisms.four_bar,
-    "bricard": mechanisms.bricard,
-    "far-away": mechanisms.far_away,
+    "pendulum": mechanism_answers.pendulum,
+    "dzhanibekov": mechanism_answers.dzhanibekov,
+    "free-spin": mechanism_answers.free_spin,
+    "andrews": mechanism_answers.andrews,
+    "double-pendulum": mechanism_answers.double_pendulum,
+    "slider-crank": mechanism_answers.slider_crank,
+    "chain": mechanism_answers.chain,
+    "four-bar": mechanism_answers.four_bar,
+    "bricard": mechanism_answers.bricard,
+    "far-away": mechanism_answers.far_away,
     "chain-problem": chain_problem.chain_problem,
     "momentum": laws.momentum,
     "energy": laws.energy,
@@ -37,21 +34,21 @@ SCENES: Final[dict[str, Callable[..., list[Row]]]] = {
     "drives": laws.drives,
     "prescribed": laws.prescribed,
     "couplings": laws.couplings,
-    "incline": contact.incline,
-    "rolling-ball": contact.rolling_ball,
-    "rolling-box": contact.rolling_box,
-    "stopping": contact.stopping,
-    "heavy-on-light": contact.heavy_on_light,
-    "three-balls": contact.three_balls,
-    "bouncing": contact.bouncing,
-    "convex-law": contact.convex_law,
-    "smooth": contact.smooth,
-    "card-house": contact.card_house,
-    "arch": contact.arch,
-    "stack": contact.stack,
-    "cube-stack": contact.cube_stack,
-    "wall": contact.wall,
-    "pile": contact.pile,
-    "vehicles": vehicles.vehicles,
+    "incline": contact_answers.incline,
+    "rolling-ball": contact_answers.rolling_ball,
+    "rolling-box": contact_answers.rolling_box,
+    "stopping": contact_answers.stopping,
+    "heavy-on-light": contact_answers.heavy_on_light,
+    "three-balls": contact_answers.three_balls,
+    "bouncing": contact_answers.bouncing,
+    "convex-law": contact_answers.convex_law,
+    "smooth": contact_answers.smooth,
+    "card-house": contact_answers.card_house,
+    "arch": contact_answers.arch,
+    "stack": contact_answers.stack,
+    "cube-stack": contact_answers.cube_stack,
+    "wall": contact_answers.wall,
+    "pile": contact_answers.pile,
+    "vehicles": vehicle_runs.vehicles,
 }
 """Name -> check, in the order in which they run. The first argument is the device."""
