@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.ticker import EngFormatter, PercentFormatter
+
 from simwarp.tasks import task_class
 from simwarp.train.pictures import new_figure, save_figure
 from simwarp.train.progress_table import read_progress

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import argparse
 
-from simwarp.tasks.sb3_adapter import SB3VecEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
+
+from simwarp.tasks.sb3_adapter import SB3VecEnv
 
 
 def main() -> None:

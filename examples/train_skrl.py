@@ -9,8 +9,6 @@ import argparse
 from typing import Any
 
 import torch
-from simwarp.tasks import TaskVectorEnv
-from simwarp.tasks.skrl_adapter import FinalObservations
 from skrl.agents.torch.ppo import PPO, PPO_CFG
 from skrl.envs.wrappers.torch import wrap_env
 from skrl.memories.torch import RandomMemory
@@ -19,6 +17,9 @@ from skrl.resources.preprocessors.torch import RunningStandardScaler
 from skrl.trainers.torch import SequentialTrainer
 from skrl.utils import set_seed
 from torch import nn
+
+from simwarp.tasks import TaskVectorEnv
+from simwarp.tasks.skrl_adapter import FinalObservations
 
 
 class TruePPO(FinalObservations, PPO):

@@ -12,8 +12,9 @@ import os
 from typing import Any
 
 import torch
-from simwarp.tasks import InputError, resolve_device
 from torch import distributed
+
+from simwarp.tasks import InputError, resolve_device
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from rich.console import Console
+
 from simwarp.tasks import Task, TaskConfig
 
 from .evaluation import CHECK_INTERVAL, Evaluation, Tally, Watcher, evaluate_policies

@@ -15,8 +15,9 @@ from typing import Any
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
-from simwarp.tasks import config_from_plain, require
 from torch import nn
+
+from simwarp.tasks import config_from_plain, require
 
 _BETA_BOUND = 35.0
 _BETA_FACTOR = 1.5

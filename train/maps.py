@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
+
 from simwarp.tasks.task import TIME_LIMIT
 
 from .grid import PointResult, axes_of

@@ -14,8 +14,9 @@ from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel, RNNModel
-from simwarp.tasks import InputError
 from torch import nn
+
+from simwarp.tasks import InputError
 
 from .config import NetworkKind
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+
 from simwarp.tasks import Task, View
 
 from .evaluation import Tally, Watcher

@@ -4,9 +4,9 @@ import shutil
 from pathlib import Path
 
 import torch
-from simwarp.tasks import make
 
 from simwarp.cli import main
+from simwarp.tasks import make
 from tests.campaign.oracle import run_in_process
 
 LOADING = 300.0

@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 from PIL import Image
 from rich.console import Console
-from simwarp.tasks import task_class
-from simwarp.train.evaluation import Evaluation, wilson_interval
-from simwarp.train.grid import GridPoint, GridSettings, PointResult
-from simwarp.train.policies import PolicySource
 
 from simwarp import cli
 from simwarp.cli import UsageError
 from simwarp.cli.eval_report import Report
 from simwarp.cli.grids import grid_axes, grid_points
 from simwarp.cli.options import expand_shorthands, parse_options, task_options
+from simwarp.tasks import task_class
+from simwarp.train.evaluation import Evaluation, wilson_interval
+from simwarp.train.grid import GridPoint, GridSettings, PointResult
+from simwarp.train.policies import PolicySource
 
 USUAL = {"episodes", "mean_return", "mean_episode_length", "success_rate", "success_ci95", "end_reasons"}
 

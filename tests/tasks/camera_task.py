@@ -4,6 +4,7 @@ import dataclasses
 
 import pytest
 import torch
+
 from simwarp.tasks import Task, TaskConfig, registry
 
 HEIGHT, WIDTH = 36, 40

@@ -3,6 +3,7 @@
 import dataclasses
 
 import torch
+
 from simwarp.tasks import Task, TaskConfig
 
 

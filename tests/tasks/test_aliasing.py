@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
-from simwarp.tasks import Sensing, TaskVectorEnv, make
-from simwarp.train.vec_env import TaskVecEnv
 from tensordict import TensorDictBase
 
+from simwarp.tasks import Sensing, TaskVectorEnv, make
+from simwarp.train.vec_env import TaskVecEnv
 from tests.tasks.samples import counter
 
 STEPS = 9
@@ -50,8 +50,9 @@ def over_sb3(task):
 
 def over_skrl(task):
     pytest.importorskip("skrl", reason="the extra skrl is not installed")
-    from simwarp.tasks.skrl_adapter import true_next
     from skrl.envs.wrappers.torch import wrap_env
+
+    from simwarp.tasks.skrl_adapter import true_next
 
     env = wrap_env(TaskVectorEnv(task), verbose=False)
 

@@ -8,12 +8,12 @@ import zipfile
 
 import pytest
 import torch
+
+from simwarp import cli
 from simwarp.tasks import InputError
 from simwarp.train.checkpoint import checkpoint_bytes, load_checkpoint, save_checkpoint, sealed, slim
 from simwarp.train.policies import SHIPPED
 from simwarp.train.run_folder import RunFolder
-
-from simwarp import cli
 from tests.tasks.trained_run import run
 
 

@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 from rich.console import Console
-from simwarp.tasks import InputError
 
 from benchmarks import comparing
 from benchmarks.comparing import Arm, Budget, Quantity, Study
+from simwarp.tasks import InputError
 
 QUIET = Console(quiet=True)
 QUANTITIES = {"final_return": comparing.RETURN, "area": comparing.AREA}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+
 from simwarp.tasks import InputError
 from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.distributed import Processes, processes

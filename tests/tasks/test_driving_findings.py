@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from benchmarks.comparing import Budget, Quantity
 from simwarp.tasks import replace_fields
 from simwarp.tasks.driving.base import Frame, Observing
 from simwarp.tasks.driving.lapping import Start
 from simwarp.tasks.uncertainty import Curriculum, Driver
 from simwarp.train.config import NetworkKind
-
-from benchmarks.comparing import Budget, Quantity
 
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "driving_findings.py"
 

@@ -6,12 +6,12 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
+
+from simwarp import cli
 from simwarp.tasks import make
 from simwarp.train.filming import film_of, film_still, film_strip
 from simwarp.train.play import record, write_picture, write_video
 from simwarp.train.policies import zero_policy
-
-from simwarp import cli
 from simwarp.viewer import Studio
 
 

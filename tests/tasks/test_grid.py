@@ -10,6 +10,7 @@ import pytest
 import torch
 from PIL import Image
 from rich.console import Console
+
 from simwarp.tasks import Drawing, Line, View, make, task_class
 from simwarp.train import grid_plot, maps, progress
 from simwarp.train.evaluation import Evaluation, evaluate, evaluate_policies
@@ -25,7 +26,6 @@ from simwarp.train.grid import (
 from simwarp.train.policies import zero_policy
 from simwarp.train.stopping import StopRequest
 from simwarp.train.trails import TrailRecorder
-
 from tests.tasks.samples import counter
 
 

@@ -18,6 +18,7 @@ from gymnasium.wrappers.vector import (
     NormalizeReward,
     RecordEpisodeStatistics,
 )
+
 from simwarp.tasks import TaskVectorEnv, task_names
 from simwarp.tasks.gym_env import env_id
 

@@ -4,8 +4,8 @@ import gymnasium as gym
 import numpy as np
 import torch
 from gymnasium.vector import AutoresetMode
-from simwarp.tasks import TaskEnv, TaskVectorEnv
 
+from simwarp.tasks import TaskEnv, TaskVectorEnv
 from tests.tasks.samples import counter
 
 

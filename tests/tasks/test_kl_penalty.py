@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 from rich.console import Console
+
 from simwarp.tasks import make, replace_fields, task_class
 from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.config import Objective, default_config

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+
 from simwarp.tasks import InputError, make, replace_fields
 from simwarp.tasks.pendulum import PendulumConfig
 from simwarp.train.evaluation import evaluate

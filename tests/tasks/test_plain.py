@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 import pytest
 import torch
+
 from simwarp.tasks import Range, config_from_plain, config_to_plain, task_class, task_names
 from simwarp.tasks.errors import InputError
 from simwarp.tasks.plain import typed

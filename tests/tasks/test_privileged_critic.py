@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 from rich.console import Console
+
 from simwarp.tasks import InputError, make, replace_fields
 from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.config import CriticSees, NetworkKind, TrainConfig, default_config
@@ -13,7 +14,6 @@ from simwarp.train.policies import network_policy
 from simwarp.train.trainer import Trainer
 from simwarp.train.training import train
 from simwarp.train.vec_env import TaskVecEnv
-
 from tests.tasks.camera_task import CameraTask, camera_task
 from tests.tasks.driving_checks import NAMES, driving
 

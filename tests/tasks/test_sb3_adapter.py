@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 import torch
-from simwarp.tasks import InputError
 
+from simwarp.tasks import InputError
 from tests.tasks.samples import counter
 
 pytest.importorskip("stable_baselines3", reason="the extra sb3 is not installed")
 
-from simwarp.tasks.sb3_adapter import SB3VecEnv
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+
+from simwarp.tasks.sb3_adapter import SB3VecEnv
 
 
 def still(env):

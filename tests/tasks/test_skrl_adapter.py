@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 import torch
-from simwarp.tasks import TaskVectorEnv
 
+from simwarp.tasks import TaskVectorEnv
 from tests.tasks.samples import counter
 
 pytest.importorskip("skrl", reason="the extra skrl is not installed")
 
-from simwarp.tasks.skrl_adapter import FinalObservations, true_next
 from skrl.envs.wrappers.torch import wrap_env
+
+from simwarp.tasks.skrl_adapter import FinalObservations, true_next
 
 
 class Recorder:

@@ -3,6 +3,7 @@
 import signal
 
 import pytest
+
 from simwarp.train.stopping import stop_on_signals
 
 

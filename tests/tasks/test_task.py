@@ -1,10 +1,10 @@
 """The loop of the base class: episodes, their ends, what is reported of them, and the contract with a task author."""
 
 import pytest
-import simwarp.tasks as tasks
 import torch
-from simwarp.tasks import InputError, Task, TaskConfig, TaskError, replace_fields
 
+import simwarp.tasks as tasks
+from simwarp.tasks import InputError, Task, TaskConfig, TaskError, replace_fields
 from tests.tasks.samples import Counter, SampleConfig, counter
 
 

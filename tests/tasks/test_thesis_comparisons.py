@@ -10,6 +10,7 @@ from argparse import Namespace
 from pathlib import Path
 
 import pytest
+
 from simwarp.tasks import replace_fields
 
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "thesis_comparisons.py"

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import torch
 from rich.console import Console
+
 from simwarp.tasks import InputError, config_to_plain, make, replace_fields, task_class
 from simwarp.train.checkpoint import load_checkpoint, save_checkpoint
 from simwarp.train.config import (
@@ -196,6 +197,7 @@ def test_every_key_for_rsl_rl_is_one_it_knows():
 
     from rsl_rl.algorithms import PPO
     from rsl_rl.models import MLPModel
+
     from simwarp.train.networks import Perceptron
 
     settings = rsl_rl_config(small(), ["policy"])

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+
+from simwarp import cli
 from simwarp.tasks import InputError, replace_fields, task_class
 from simwarp.train.config import LoggerKind, default_config
 from simwarp.train.progress_table import read_progress
 from simwarp.train.run_folder import RunFolder
 from simwarp.train.training import train
-
-from simwarp import cli
 
 QUIET = Console(quiet=True)
 

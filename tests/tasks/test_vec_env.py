@@ -4,13 +4,14 @@ import contextlib
 import io
 
 import pytest
-import simwarp.tasks as tasks
 import torch
 from rsl_rl.runners import OnPolicyRunner
+from tensordict import TensorDict
+
+import simwarp.tasks as tasks
 from simwarp.tasks import Sensing
 from simwarp.train.config import TrainConfig, rsl_rl_config
 from simwarp.train.vec_env import TaskVecEnv
-from tensordict import TensorDict
 
 STEPS = 6
 

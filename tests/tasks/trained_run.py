@@ -1,6 +1,7 @@
 """A tiny training of a task without physics, for tests of what it leaves behind."""
 
 from rich.console import Console
+
 from simwarp.tasks import replace_fields, task_class
 from simwarp.train.config import default_config
 from simwarp.train.run_folder import open_run
