@@ -8,8 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
-from simwarp.vehicle.spec.deserialisation import SourceLocation, nearest, parse_json, read_text
-from simwarp.vehicle.spec.parts import told
+from simwarp.core.schema import Place
+from simwarp.core.types import shown
+from simwarp.core.wording import nearest
+from simwarp.vehicle.spec.vehicle_files import parse_json, read_text
 from simwarp.vehicle.spec.vehicle_spec import ZERO, Points, RigidPart, Spec, SpecError, Vec3
 
 S = TypeVar("S", bound=Spec)
@@ -39,9 +41,9 @@ def without_comments(text: str) -> str:
 class Node:
     """An object of a file. Reading a key marks it; `finish` refuses keys that are neither marked nor visual."""
 
-    def __init__(self, value: Any, place: SourceLocation) -> None:
+    def __init__(self, value: Any, place: Place) -> None:
         if not isinstance(value, dict):
-            raise place.error(f"must be an object, got {told(value)}")
+            raise place.error(f"must be an object, got {shown(value)}")
         self.value: dict[str, Any] = value
         self.place = place
         self.known: set[str] = set()
@@ -50,7 +52,7 @@ class Node:
     @classmethod
     def of_file(cls, path: Path) -> Node:
         """The object of a file, comments allowed."""
-        return cls(parse_json(without_comments(read_text(path)), path.name), SourceLocation(path))
+        return cls(parse_json(without_comments(read_text(path)), path.name), Place(path.name, SpecError))
 
     def __contains__(self, key: str) -> bool:
         self.known.add(key)
@@ -76,7 +78,7 @@ class Node:
         """The objects of a list."""
         items = self.get(key, "a list of objects")
         if not isinstance(items, list):
-            raise self.place.at(key).error(f"must be a list of objects, got {told(items)}")
+            raise self.place.at(key).error(f"must be a list of objects, got {shown(items)}")
         for index, item in enumerate(items):
             node = Node(item, self.place.at(key).at(index))
             self.children.append(node)
@@ -86,14 +88,14 @@ class Node:
         """A text."""
         value = self.get(key, "a text")
         if not isinstance(value, str):
-            raise self.place.at(key).error(f"must be a text, got {told(value)}")
+            raise self.place.at(key).error(f"must be a text, got {shown(value)}")
         return value
 
     def flag(self, key: str, default: bool = False) -> bool:
         """True or false."""
         value = self.value[key] if key in self else default
         if not isinstance(value, bool):
-            raise self.place.at(key).error(f"must be true or false, got {told(value)}")
+            raise self.place.at(key).error(f"must be true or false, got {shown(value)}")
         return value
 
     def number(self, key: str, unit: str = "", default: float | None = None) -> float:
@@ -108,7 +110,7 @@ class Node:
         """A whole number."""
         value = self.get(key, "a whole number")
         if isinstance(value, bool) or not isinstance(value, int):
-            raise self.place.at(key).error(f"must be a whole number, got {told(value)}")
+            raise self.place.at(key).error(f"must be a whole number, got {shown(value)}")
         return value
 
     def angle(self, key: str) -> float:
@@ -120,7 +122,7 @@ class Node:
         wanted = f"a list of {count or 'the'} numbers" + (f" [{unit}]" if unit else "")
         value = self.get(key, wanted)
         if not isinstance(value, list) or (count is not None and len(value) != count):
-            raise self.place.at(key).error(f"must be {wanted}, got {told(value)}")
+            raise self.place.at(key).error(f"must be {wanted}, got {shown(value)}")
         return tuple(finite(v, "a number", self.place.at(key).at(index)) for index, v in enumerate(value))
 
     def vector(self, key: str, unit: str = "m") -> Vec3:
@@ -141,7 +143,7 @@ class Node:
         value = self.get(key, "a list of [x, y] pairs")
         place = self.place.at(key)
         if not isinstance(value, list) or not all(isinstance(v, list) and len(v) == 2 for v in value):
-            raise place.error(f"must be a list of [x, y] pairs, got {told(value)}")
+            raise place.error(f"must be a list of [x, y] pairs, got {shown(value)}")
         return tuple(
             (scale * finite(x, "a number", place.at(index)), finite(y, "a number", place.at(index)))
             for index, (x, y) in enumerate(value)
@@ -176,8 +178,8 @@ class Node:
             node.finish()
 
 
-def finite(value: Any, wanted: str, place: SourceLocation) -> float:
+def finite(value: Any, wanted: str, place: Place) -> float:
     """A number that is one."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise place.error(f"must be {wanted}, got {told(value)}")
+        raise place.error(f"must be {wanted}, got {shown(value)}")
     return float(value)

@@ -30,7 +30,6 @@ from simwarp.sensors.noise import BiasWalk, Noise, NormalNoise
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.ranging.lidar import LidarConfig, LidarNoise
 from simwarp.sensors.ranging.radar import Clusters, RadarConfig
-from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 GAUSS: Final = 1.0e-4
@@ -249,7 +248,7 @@ def _noise(node: Node, unit: float = 1.0) -> tuple[Noise, ...]:
     bias = unit * model.number("Drift Bias" if "Drift Bias" in model else "Bias Drift")
     tau = model.number("Tau Drift", "s")
     if not tau > 0.0:
-        raise model.place.at("Tau Drift").error(f"must be > 0 s, got {told(tau)}")
+        raise model.place.at("Tau Drift").error(f"must be > 0 s, got {shown(tau)}")
     return (normal, _made(model, BiasWalk, rate=bias / math.sqrt(tau))) if bias else (normal,)
 
 
@@ -257,7 +256,7 @@ def _expect(node: Node, key: str, known: tuple[str, ...]) -> str:
     """One of some texts."""
     text = node.text(key)
     if text not in known:
-        raise node.place.at(key).error(f"must be one of {', '.join(known)}, got {told(text)}{nearest(text, known)}")
+        raise node.place.at(key).error(f"must be one of {', '.join(known)}, got {shown(text)}{nearest(text, known)}")
     return text
 
 

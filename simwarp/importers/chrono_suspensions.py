@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.types import shown
 from simwarp.importers.chrono_json import Node
-from simwarp.vehicle.spec.parts import inertia_matrix, told
+from simwarp.vehicle.spec.parts import inertia_matrix
 from simwarp.vehicle.spec.vehicle_spec import (
     BUMP_STOP,
     AntirollBar,
@@ -92,7 +93,7 @@ def damper_map(node: Node) -> DamperMap:
     lengths = node.numbers("Deformation", unit="m")
     rows = node.get("Map Data", "a list of rows [rate, forces]")
     if not isinstance(rows, list) or not all(isinstance(row, list) and len(row) == len(lengths) + 1 for row in rows):
-        raise node.place.at("Map Data").error(f"must be rows of a rate and {len(lengths)} forces, got {told(rows)}")
+        raise node.place.at("Map Data").error(f"must be rows of a rate and {len(lengths)} forces, got {shown(rows)}")
     table = np.array(rows, dtype=np.float64).tolist()
     return lengths, tuple(row[0] for row in table), tuple(tuple(row[1:]) for row in table)
 
@@ -123,7 +124,7 @@ def tierod(node: Node) -> dict[str, Any]:
     rod = node.child("Tierod")
     if "Mass" in rod:
         rod.skip("Inertia", "Bushing Data")
-        warnings.warn(f"{rod.place.file.name}: Tierod.Mass: left out, tie rods have no mass", stacklevel=2)
+        warnings.warn(f"{rod.place.file}: Tierod.Mass: left out, tie rods have no mass", stacklevel=2)
     return {"tierod_chassis": rod.vector("Location Chassis"), "tierod_upright": rod.vector("Location Upright")}
 
 

@@ -24,12 +24,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from simwarp.core.types import shown
+from simwarp.core.wording import nearest, shortened
 from simwarp.importers.chrono_drivetrain import BRAKES, DRIVELINES, ENGINES, STEERINGS, TRANSMISSIONS
 from simwarp.importers.chrono_json import Node
 from simwarp.importers.chrono_suspensions import SUSPENSIONS, antiroll_bar
 from simwarp.importers.chrono_tires import TIRES
-from simwarp.vehicle.spec.deserialisation import nearest, told_path
-from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import (
     AntirollBar,
     Axle,
@@ -105,7 +105,7 @@ def find_root(path: Path, file: str) -> Path:
         if os.path.isfile(folder / file):  # of a path that no file can have it says no
             return folder
     raise SpecError(
-        f"{path.name}: Chassis.Input File: {told(file)} is in no folder above it; give root=, Chrono's data/vehicle"
+        f"{path.name}: Chassis.Input File: {shown(file)} is in no folder above it; give root=, Chrono's data/vehicle"
     )
 
 
@@ -119,7 +119,7 @@ class Files:
         """The object of a file: relative to the root, or a path from here."""
         inside = self.root / file
         if not os.path.isfile(inside) and not os.path.isfile(file):
-            raise SpecError(f"{told_path(file)}: cannot be read: no such file, neither here nor in {self.root}")
+            raise SpecError(f"{shortened(file)}: cannot be read: no such file, neither here nor in {self.root}")
         return Node.of_file(inside if os.path.isfile(inside) else Path(file))
 
     def part(self, kind: str, readers: Mapping[str, Callable[..., T]], file: str | Path, *more: Any) -> T:
@@ -134,11 +134,11 @@ def expect(node: Node, kind: str, templates: Mapping[str, Any] | Sequence[str]) 
     """The template of an object, which must be of a kind and one of those known."""
     found = node.text("Type")
     if found != kind:
-        raise node.place.at("Type").error(f"must be {kind!r}, got {told(found)}")
+        raise node.place.at("Type").error(f"must be {kind!r}, got {shown(found)}")
     template = node.text("Template")
     if template not in templates:
         near = nearest(template, templates)
-        raise node.place.at("Template").error(f"must be one of {', '.join(templates)}, got {told(template)}{near}")
+        raise node.place.at("Template").error(f"must be one of {', '.join(templates)}, got {shown(template)}{near}")
     return template
 
 
@@ -202,7 +202,7 @@ def read_driveline(node: Node, files: Files) -> Any:
     indices = drive.get("Suspension Indexes", "a list of the driven axles")
     count = len(node.value["Axles"])
     if not isinstance(indices, list) or not all(isinstance(i, int) and 0 <= i < count for i in indices):
-        raise drive.place.at("Suspension Indexes").error(f"must be a list of axles below {count}, got {told(indices)}")
+        raise drive.place.at("Suspension Indexes").error(f"must be a list of axles below {count}, got {shown(indices)}")
     axles = tuple(indices)
     return files.part("Driveline", DRIVELINES, drive.text("Input File"), axles)
 
@@ -218,7 +218,7 @@ def wheelbase(node: Node, axles: Sequence[Axle]) -> float | None:
     if min(abs(frames - declared), abs(wheels - declared)) <= WHEELBASE_TOLERANCE * declared:
         return declared
     warnings.warn(
-        f"{node.place.file.name}: Wheelbase: {declared} m is not that of the axles, {wheels:.4g} m; left out",
+        f"{node.place.file}: Wheelbase: {declared} m is not that of the axles, {wheels:.4g} m; left out",
         stacklevel=3,
     )
     return None

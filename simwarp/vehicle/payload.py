@@ -18,11 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import ModelError, Vec3, finite_vector, pose
+from simwarp.core.types import ModelError, Vec3, finite_vector, pose, shown
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import VehicleParts
-from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 PAYLOAD: Final = ("body_mass", "body_inertia_b", "joint_anchor0")
@@ -126,7 +125,7 @@ def _per_world(name: str, value: Any, shape: tuple[int, ...], kind: type = float
     except (TypeError, ValueError):
         one = "three numbers" if len(shape) > 1 else "one"
         rule = f"{one}, or {one} for each of {shape[0]} worlds"
-        raise ModelError(f"set_payload: {name} must be {rule}, got {told(value)}") from None
+        raise ModelError(f"set_payload: {name} must be {rule}, got {shown(value)}") from None
 
 
 def _put_in_place(

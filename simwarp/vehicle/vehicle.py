@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import warp as wp
@@ -18,7 +17,6 @@ from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.solver_options import SolverOptions
 from simwarp.vehicle.construction import VehicleParts
 from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
-from simwarp.vehicle.spec.deserialisation import SourceLocation
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.rigid_tires import RigidTires
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_row
@@ -234,6 +232,5 @@ def _tires(parts: VehicleParts, model: Model, ground: TerrainTables | None, rand
 def _mounts(parts: VehicleParts) -> list[Mount]:
     """Tires on their spindles, whose centres of mass are the wheels' centres."""
     axles = parts.spec.axles
-    vehicle = SourceLocation(Path(parts.spec.name))
-    rows = [tire_row(axle.tire, vehicle.at(f"axles[{index}].tire")) for index, axle in enumerate(axles)]
+    rows = [tire_row(axle.tire, f"{parts.spec.name}: axles[{index}].tire") for index, axle in enumerate(axles)]
     return [Mount(rows[side.axle], side.spindle, side="left" if side.side > 0.0 else "right") for side in parts.sides]

@@ -18,8 +18,7 @@ from simwarp.sensors.shipped import sensor_names
 from simwarp.vehicle.driving.drivers import read_script
 from simwarp.vehicle.driving.paths import circle, read_path
 from simwarp.vehicle.results.channels import Run
-from simwarp.vehicle.spec.deserialisation import MOST_FILES
-from simwarp.vehicle.spec.vehicle_files import DATA, load_vehicle, vehicle_names
+from simwarp.vehicle.spec.vehicle_files import DATA, MOST_FILES, load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 REFUSED = (SpecError, ModelError)

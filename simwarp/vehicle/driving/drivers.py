@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.types import shown
+from simwarp.core.wording import nearest
 from simwarp.kernels.vehicle.drivers import Script, run_script
 from simwarp.vehicle.results.channels import COLUMNS, Run
-from simwarp.vehicle.spec.deserialisation import nearest
-from simwarp.vehicle.spec.parts import LARGEST, told
+from simwarp.vehicle.spec.parts import LARGEST
 from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
 from simwarp.vehicle.vehicle import Vehicle
 
@@ -49,7 +50,7 @@ class ScriptSpec:
             points = getattr(self, name)
             times = [time for time, _ in points]
             if not points or times != sorted(times):
-                raise SpecError(f"{name}: must be (time, value) points in order, got {told(points)}")
+                raise SpecError(f"{name}: must be (time, value) points in order, got {shown(points)}")
 
 
 TIMES = ("t_s", "time", "t")
@@ -77,7 +78,7 @@ def read_script(path: Path) -> tuple[ScriptSpec, float]:
     for name in run.columns:
         channel = "time" if name in TIMES else SCRIPT_COLUMNS.get(name)
         if channel in names:
-            raise SpecError(f"{path}: column {told(name)}: the same as {names[channel]!r}; leave out one of them")
+            raise SpecError(f"{path}: column {shown(name)}: the same as {names[channel]!r}; leave out one of them")
         if channel is not None:
             names[channel] = name
     if "time" not in names:
@@ -88,7 +89,7 @@ def read_script(path: Path) -> tuple[ScriptSpec, float]:
     for name in run.columns:
         if name not in known:
             listed = f"{', '.join((*TIMES, *SCRIPT_COLUMNS))} and those of a record"
-            raise SpecError(f"{path}: column {told(name)}: unknown{nearest(name, known)}; known: {listed}")
+            raise SpecError(f"{path}: column {shown(name)}: unknown{nearest(name, known)}; known: {listed}")
     time = run[names["time"]]
     _check_times(path, names["time"], time)
     channels: dict[str, Any] = {}

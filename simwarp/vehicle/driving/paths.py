@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.types import shown
 from simwarp.kernels.vehicle.paths import PathTables
-from simwarp.vehicle.spec.deserialisation import read_text
-from simwarp.vehicle.spec.parts import told
+from simwarp.vehicle.spec.vehicle_files import read_text
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 Array = npt.NDArray[np.float64]
@@ -164,7 +164,7 @@ def read_path(file: str | FilePath, *, closed: bool = False, spacing: float = SP
     lines = [line.split() for line in read_text(name).splitlines() if line.strip()]
     if not lines or len(lines[0]) != 2 or not re.fullmatch("[0-9]{1,9}", lines[0][0]) or lines[0][1] not in ("3", "9"):
         first = " ".join(lines[0]) if lines else ""
-        raise SpecError(f"{name}: line 1 must be the number of points and 3 or 9, got {told(first)}")
+        raise SpecError(f"{name}: line 1 must be the number of points and 3 or 9, got {shown(first)}")
     count, width = int(lines[0][0]), int(lines[0][1])
     if count < 2 or len(lines) - 1 < count:
         raise SpecError(f"{name}: must hold {count} points (two or more), found {len(lines) - 1}")
@@ -177,7 +177,7 @@ def read_path(file: str | FilePath, *, closed: bool = False, spacing: float = SP
             if not np.abs(rows[index]).max() <= FARTHEST:
                 raise ValueError
         except ValueError:
-            got = told(" ".join(words))
+            got = shown(" ".join(words))
             raise SpecError(f"{name}: point {index + 1} must be {width} numbers [m], got {got}") from None
     if width == 3:
         return smooth(rows[:, :2], closed=closed, spacing=spacing)

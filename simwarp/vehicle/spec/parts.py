@@ -11,11 +11,15 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from typing import ClassVar, TypeAlias
+from collections.abc import Sequence
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from simwarp.core.constraints import COINCIDENT, Curve, Inertia, NotNegative, Point, Positive, Products
+from simwarp.core.schema import Schema
+from simwarp.core.types import shown
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Vec3: TypeAlias = tuple[float, float, float]
@@ -26,8 +30,6 @@ DamperMap: TypeAlias = tuple[tuple[float, ...], tuple[float, ...], tuple[tuple[f
 """Lengths [m], rates [m/s], forces [N]: forces[i][j] at rates[i] and lengths[j], bilinear, constant beyond the ends."""
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
-COINCIDENT = 1.0e-6
-"""Points nearer than this are one [m]."""
 
 
 class SpecError(ValueError):
@@ -36,85 +38,32 @@ class SpecError(ValueError):
 
 def refuse(key: str, rule: str, value: object, remedy: str = "") -> SpecError:
     """The error for the value of a key."""
-    return SpecError(f"{key}: must be {rule}, got {told(value)}" + (f"; {remedy}" if remedy else ""))
+    return SpecError(f"{key}: must be {rule}, got {shown(value)}" + (f"; {remedy}" if remedy else ""))
 
 
-def told(value: object) -> str:
-    """A value in an error: its beginning, if it is long."""
-    text = repr(value)
-    return text if len(text) <= 100 else f"{text[:90]} ..."
+UNITS: Final = {
+    "mass": "kg", "radius": "m", "width": "m", "length": "m", "stiffness": "N/m", "damping": "N·s/m", "angle": "rad",
+    "torque": "N·m", "limit": "N·m", "speed": "rad/s", "power": "W", "camber": "rad", "toe": "rad", "height": "m",
+    "wheelbase": "m", "offset": "m", "inertia": "kg·m²",
+}  # fmt: skip
+"""By the last word of a key."""
+
+LARGEST: Final = 1.0e15
+"""Of numbers of any unit: squares of larger ones are beyond single precision."""
+
+SPECS: Final = Schema(SpecError, largest=LARGEST, unit=lambda key: UNITS.get(key.rsplit("_", 1)[-1], ""))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Spec:
-    """Base of all descriptions: checks its numbers by the names in the class attributes."""
-
-    POSITIVE: ClassVar[frozenset[str]] = frozenset()
-    NOT_NEGATIVE: ClassVar[frozenset[str]] = frozenset()
-    CURVES: ClassVar[frozenset[str]] = frozenset()
-    ANGLES: ClassVar[Mapping[str, float]] = {
-        "camber": 0.25 * math.pi, "toe": 0.25 * math.pi, "max_angle": 0.5 * math.pi, "camber_limit": 0.5 * math.pi,
-    }  # fmt: skip
-    """Largest size of the fields of these names [rad]: what is beyond are degrees."""
+    """Base of all descriptions: holds its fields to their types."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            check_finite(field.name, value)
-            if value is None:
-                continue
-            if field.name in self.POSITIVE and value == ():
-                raise refuse(field.name, "one or more numbers", value)
-            if field.name in self.POSITIVE and not all(v > 0.0 for v in _numbers(value)):
-                raise refuse(field.name, "positive", value)
-            if field.name in self.NOT_NEGATIVE and not all(v >= 0.0 for v in _numbers(value)):
-                raise refuse(field.name, "zero or positive", value)
-            if field.name in self.CURVES:
-                check_curve(field.name, value)
-            if field.name in self.ANGLES:
-                check_angle(field.name, value, self.ANGLES[field.name])
+        SPECS.hold(self)
         self.check()
 
     def check(self) -> None:
         """Rules between the fields of one description."""
-
-
-def _numbers(value: object) -> list[float]:
-    if isinstance(value, (int, float)):
-        return [float(value)]
-    return [float(v) for v in value] if isinstance(value, tuple) else []
-
-
-LARGEST = 1.0e15
-"""Of numbers of any unit: squares of larger ones are beyond single precision."""
-
-
-def check_finite(key: str, value: object) -> None:
-    """Refuse infinite, undefined and immense numbers at any depth."""
-    if isinstance(value, float) and not math.isfinite(value):
-        raise refuse(key, "a finite number", value)
-    if isinstance(value, (int, float)) and abs(value) > LARGEST:
-        raise refuse(key, f"below {LARGEST:g}", value)
-    if isinstance(value, tuple):
-        for item in value:
-            check_finite(key, item)
-
-
-def check_angle(key: str, value: float, largest: float) -> None:
-    """An angle in radians of a sensible size."""
-    if abs(value) > largest:
-        remedy = f"if these are degrees, they are {math.radians(value):.4g} rad"
-        raise refuse(key, f"within ±{largest:.4g} rad ({math.degrees(largest):.0f}°)", value, remedy)
-
-
-def check_curve(key: str, points: Sequence[tuple[float, float]]) -> None:
-    """At least two points with increasing abscissae."""
-    rule = "two or more (x, y) pairs with increasing x"
-    if len(points) < 2:
-        raise refuse(key, rule, points)
-    for index, (a, b) in enumerate(itertools.pairwise(points), start=1):
-        if b[0] <= a[0]:
-            raise SpecError(f"{key}: must be {rule}, got x = {b[0]:g} in [{index}] after {a[0]:g}; sort them by x")
 
 
 def check_apart(spec: Spec, *pairs: tuple[str, str]) -> None:
@@ -135,13 +84,6 @@ def check_triangle(spec: Spec, first: str, second: str, third: str) -> None:
         raise refuse(third, f"off the line through {first} and {second}", c)
 
 
-def check_direction(spec: Spec, *names: str) -> None:
-    """Axes with a length."""
-    for name in names:
-        if math.hypot(*getattr(spec, name)) < COINCIDENT:
-            raise refuse(name, "a direction", getattr(spec, name))
-
-
 def check_map(key: str, table: DamperMap) -> None:
     """Increasing lengths and rates, one row of forces per rate."""
     lengths, rates, forces = table
@@ -157,12 +99,10 @@ def check_map(key: str, table: DamperMap) -> None:
 class RigidPart(Spec):
     """Mass [kg], centre of mass [m], inertia about it [kg·m²]."""
 
-    POSITIVE: ClassVar = frozenset({"mass", "inertia"})
-
-    mass: float
-    com: Vec3 = ZERO
-    inertia: Vec3
-    products: Vec3 = ZERO
+    mass: Positive
+    com: Point = ZERO
+    inertia: Inertia
+    products: Products = ZERO
     """Ixy, Ixz, Iyz."""
 
     def check(self) -> None:
@@ -197,24 +137,20 @@ class ForceLine(Spec):
     `min_length` and `max_length` a bump stop acts with the table `bump_curve` (penetration [m] -> force [N]).
     """
 
-    POSITIVE: ClassVar = frozenset({"rest_length", "min_length", "max_length"})
-    NOT_NEGATIVE: ClassVar = frozenset({"stiffness", "damping"})
-    CURVES: ClassVar = frozenset({"spring_curve", "damper_curve", "bump_curve"})
-
-    chassis_point: Vec3
-    arm_point: Vec3
-    rest_length: float | None = None
+    chassis_point: Point
+    arm_point: Point
+    rest_length: Positive | None = None
     """None: its length as built."""
     preload: float = 0.0
-    stiffness: float = 0.0
-    damping: float = 0.0
-    spring_curve: Points | None = None
-    damper_curve: Points | None = None
+    stiffness: NotNegative = 0.0
+    damping: NotNegative = 0.0
+    spring_curve: Curve | None = None
+    damper_curve: Curve | None = None
     damper_map: DamperMap | None = None
     """Takes the place of `damper_curve`, which may stand beside it for models that know one curve only."""
-    min_length: float | None = None
-    max_length: float | None = None
-    bump_curve: Points | None = None
+    min_length: Positive | None = None
+    max_length: Positive | None = None
+    bump_curve: Curve | None = None
 
     def check(self) -> None:
         """A line between two points, lengths in order, tables of one shape."""
@@ -240,11 +176,7 @@ BUMP_STOP: Points = (
 class Bushing(Spec):
     """Compliance of a joint: (N/m, N·s/m, N·m/rad, N·m·s/rad), and the same along the joint's own freedom."""
 
-    NOT_NEGATIVE: ClassVar = frozenset(
-        {"stiffness_linear", "damping_linear", "stiffness_rotational", "damping_rotational"}
-    )
-
-    stiffness_linear: float
-    damping_linear: float = 0.0
-    stiffness_rotational: float = 0.0
-    damping_rotational: float = 0.0
+    stiffness_linear: NotNegative
+    damping_linear: NotNegative = 0.0
+    stiffness_rotational: NotNegative = 0.0
+    damping_rotational: NotNegative = 0.0

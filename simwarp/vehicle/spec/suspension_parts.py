@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar, Literal, TypeAlias
+import math
+from typing import Annotated, Literal, TypeAlias
 
+from simwarp.core.constraints import Angle, Direction, Inertia, NotNegative, Point, Positive, Tagged
 from simwarp.vehicle.spec.parts import (
     Bushing,
     ForceLine,
     RigidPart,
     Spec,
-    Vec3,
     check_apart,
-    check_direction,
     check_triangle,
     refuse,
 )
+
+Lean: TypeAlias = Annotated[float, Angle(0.25 * math.pi)]
+"""Camber or toe [rad]."""
 
 TIEROD = ("tierod_chassis", "tierod_upright")
 
@@ -24,28 +27,26 @@ TIEROD = ("tierod_chassis", "tierod_upright")
 class DoubleWishbone(Spec):
     """Two A-arms between chassis and upright, tie rod to the steering link or the chassis."""
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["double-wishbone"] = "double-wishbone"
     inertia_axes: Literal["arm", "vehicle"] = "arm"
-    camber: float = 0.0
+    camber: Lean = 0.0
     """[rad], as built."""
-    toe: float = 0.0
+    toe: Lean = 0.0
     spindle: RigidPart
     upright: RigidPart
     upper_arm: RigidPart
     lower_arm: RigidPart
-    upper_arm_front: Vec3
-    upper_arm_back: Vec3
-    upper_arm_upright: Vec3
-    lower_arm_front: Vec3
-    lower_arm_back: Vec3
-    lower_arm_upright: Vec3
-    tierod_chassis: Vec3
-    tierod_upright: Vec3
+    upper_arm_front: Point
+    upper_arm_back: Point
+    upper_arm_upright: Point
+    lower_arm_front: Point
+    lower_arm_back: Point
+    lower_arm_upright: Point
+    tierod_chassis: Point
+    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and lower arm."""
-    axle_inertia: float
+    axle_inertia: Positive
     upper_arm_bushing: Bushing | None = None
     lower_arm_bushing: Bushing | None = None
 
@@ -60,24 +61,22 @@ class DoubleWishbone(Spec):
 class DoubleWishboneReduced(Spec):
     """The same with massless arms: every arm is two rods."""
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["double-wishbone-reduced"] = "double-wishbone-reduced"
-    camber: float = 0.0
-    toe: float = 0.0
+    camber: Lean = 0.0
+    toe: Lean = 0.0
     spindle: RigidPart
     upright: RigidPart
-    upper_arm_front: Vec3
-    upper_arm_back: Vec3
-    upper_arm_upright: Vec3
-    lower_arm_front: Vec3
-    lower_arm_back: Vec3
-    lower_arm_upright: Vec3
-    tierod_chassis: Vec3
-    tierod_upright: Vec3
+    upper_arm_front: Point
+    upper_arm_back: Point
+    upper_arm_upright: Point
+    lower_arm_front: Point
+    lower_arm_back: Point
+    lower_arm_upright: Point
+    tierod_chassis: Point
+    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and upright."""
-    axle_inertia: float
+    axle_inertia: Positive
 
     def check(self) -> None:
         """Arms are triangles, and nothing has no length."""
@@ -93,28 +92,25 @@ class SingleWishbone(Spec):
     Axes "arm" of the arm's inertia: y from the chassis to the upright, x level.
     """
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["single-wishbone"] = "single-wishbone"
     inertia_axes: Literal["arm", "vehicle"] = "arm"
-    camber: float = 0.0
-    toe: float = 0.0
+    camber: Lean = 0.0
+    toe: Lean = 0.0
     spindle: RigidPart
     upright: RigidPart
     arm: RigidPart
-    arm_chassis: Vec3
-    arm_axis: Vec3 = (1.0, 0.0, 0.0)
-    arm_upright: Vec3
-    kingpin_axis: Vec3 = (0.0, 0.0, 1.0)
-    tierod_chassis: Vec3
-    tierod_upright: Vec3
+    arm_chassis: Point
+    arm_axis: Direction = (1.0, 0.0, 0.0)
+    arm_upright: Point
+    kingpin_axis: Direction = (0.0, 0.0, 1.0)
+    tierod_chassis: Point
+    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and arm."""
-    axle_inertia: float
+    axle_inertia: Positive
 
     def check(self) -> None:
-        """Axes have a direction, arm and tie rod a length."""
-        check_direction(self, "arm_axis", "kingpin_axis")
+        """Arm and tie rod have a length."""
         check_apart(self, TIEROD, ("arm_chassis", "arm_upright"))
 
 
@@ -122,26 +118,24 @@ class SingleWishbone(Spec):
 class MacPhersonStrut(Spec):
     """A lower arm, and a strut that slides in the upright and is pinned to the chassis."""
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["macpherson-strut"] = "macpherson-strut"
     inertia_axes: Literal["arm", "vehicle"] = "arm"
-    camber: float = 0.0
-    toe: float = 0.0
+    camber: Lean = 0.0
+    toe: Lean = 0.0
     spindle: RigidPart
     upright: RigidPart
     strut: RigidPart
     lower_arm: RigidPart
-    lower_arm_front: Vec3
-    lower_arm_back: Vec3
-    lower_arm_upright: Vec3
-    strut_chassis: Vec3
-    strut_upright: Vec3
-    tierod_chassis: Vec3
-    tierod_upright: Vec3
+    lower_arm_front: Point
+    lower_arm_back: Point
+    lower_arm_upright: Point
+    strut_chassis: Point
+    strut_upright: Point
+    tierod_chassis: Point
+    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and upright."""
-    axle_inertia: float
+    axle_inertia: Positive
 
     def check(self) -> None:
         """The arm is a triangle; strut and tie rod have a length."""
@@ -157,29 +151,27 @@ class MultiLink(Spec):
     end at the upright (of the lateral link) or with the spring's lower end (of the trailing link).
     """
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["multi-link"] = "multi-link"
     inertia_axes: Literal["arm", "vehicle"] = "arm"
-    camber: float = 0.0
-    toe: float = 0.0
+    camber: Lean = 0.0
+    toe: Lean = 0.0
     spindle: RigidPart
     upright: RigidPart
     upper_arm: RigidPart
     lateral: RigidPart
     trailing_link: RigidPart
-    upper_arm_front: Vec3
-    upper_arm_back: Vec3
-    upper_arm_upright: Vec3
-    lateral_chassis: Vec3
-    lateral_upright: Vec3
-    trailing_link_chassis: Vec3
-    trailing_link_upright: Vec3
-    tierod_chassis: Vec3
-    tierod_upright: Vec3
+    upper_arm_front: Point
+    upper_arm_back: Point
+    upper_arm_upright: Point
+    lateral_chassis: Point
+    lateral_upright: Point
+    trailing_link_chassis: Point
+    trailing_link_upright: Point
+    tierod_chassis: Point
+    tierod_upright: Point
     springs: tuple[ForceLine, ...]
     """Between chassis and trailing link."""
-    axle_inertia: float
+    axle_inertia: Positive
 
     def check(self) -> None:
         """The arm is a triangle; links have a length and, with inertias of their own axes, a plane."""
@@ -200,28 +192,26 @@ class SolidAxle(Spec):
     plane with the other link's end. The tie rod connects both knuckles.
     """
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["solid-axle"] = "solid-axle"
-    camber: float = 0.0
-    toe: float = 0.0
+    camber: Lean = 0.0
+    toe: Lean = 0.0
     spindle: RigidPart
     knuckle: RigidPart
     axle_tube: RigidPart
     upper_link: RigidPart
     lower_link: RigidPart
-    knuckle_lower: Vec3
-    knuckle_upper: Vec3
-    upper_link_chassis: Vec3
-    upper_link_axle: Vec3
-    lower_link_chassis: Vec3
-    lower_link_axle: Vec3
-    tierod_knuckle: Vec3
-    draglink_chassis: Vec3 | None = None
-    draglink_knuckle: Vec3 | None = None
+    knuckle_lower: Point
+    knuckle_upper: Point
+    upper_link_chassis: Point
+    upper_link_axle: Point
+    lower_link_chassis: Point
+    lower_link_axle: Point
+    tierod_knuckle: Point
+    draglink_chassis: Point | None = None
+    draglink_knuckle: Point | None = None
     springs: tuple[ForceLine, ...]
     """Between chassis and axle tube."""
-    axle_inertia: float
+    axle_inertia: Positive
 
     def check(self) -> None:
         """Links have a length and a plane, knuckles an axis; a drag link has two ends."""
@@ -238,50 +228,40 @@ class SolidAxle(Spec):
 class RigidSuspension(Spec):
     """Spindles that turn in the chassis itself."""
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["rigid-suspension"] = "rigid-suspension"
-    camber: float = 0.0
-    toe: float = 0.0
+    camber: Lean = 0.0
+    toe: Lean = 0.0
     spindle: RigidPart
-    axle_inertia: float
+    axle_inertia: Positive
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PinnedAxle(Spec):
     """A rigid axle that rolls about one longitudinal pin, `pin`; `axle_tube` and `pin` are not mirrored."""
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["pinned-axle"] = "pinned-axle"
     spindle: RigidPart
     axle_tube: RigidPart
-    pin: Vec3
-    axle_inertia: float
+    pin: Point
+    axle_inertia: Positive
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TrailingArm(Spec):
     """An arm behind its pivot on the chassis carries the spindle."""
 
-    POSITIVE: ClassVar = frozenset({"axle_inertia"})
-
     template: Literal["trailing-arm"] = "trailing-arm"
-    camber: float = 0.0
-    toe: float = 0.0
+    camber: Lean = 0.0
+    toe: Lean = 0.0
     spindle: RigidPart
     arm: RigidPart
-    pivot: Vec3
-    pivot_axis: Vec3 = (0.0, 1.0, 0.0)
+    pivot: Point
+    pivot_axis: Direction = (0.0, 1.0, 0.0)
     springs: tuple[ForceLine, ...]
-    axle_inertia: float
-
-    def check(self) -> None:
-        """The pivot has a direction."""
-        check_direction(self, "pivot_axis")
+    axle_inertia: Positive
 
 
-Suspension: TypeAlias = (
+Suspension: TypeAlias = Annotated[
     DoubleWishbone
     | DoubleWishboneReduced
     | SingleWishbone
@@ -290,8 +270,9 @@ Suspension: TypeAlias = (
     | SolidAxle
     | RigidSuspension
     | PinnedAxle
-    | TrailingArm
-)
+    | TrailingArm,
+    Tagged("template"),
+]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -301,16 +282,13 @@ class AntirollBar(Spec):
     vehicle about the arm's centre, half its length from the middle.
     """
 
-    POSITIVE: ClassVar = frozenset({"arm_mass", "arm_inertia", "arm_length", "arm_width", "stiffness"})
-    NOT_NEGATIVE: ClassVar = frozenset({"damping"})
-
-    location: Vec3
+    location: Point
     """Of the bar's middle in the vehicle's frame [m]."""
-    arm_mass: float
-    arm_inertia: Vec3
-    arm_length: float
-    arm_width: float
+    arm_mass: Positive
+    arm_inertia: Inertia
+    arm_length: Positive
+    arm_width: Positive
     droplink_height: float
-    stiffness: float
+    stiffness: Positive
     """Of the torsion spring [N·m/rad]."""
-    damping: float = 0.0
+    damping: NotNegative = 0.0

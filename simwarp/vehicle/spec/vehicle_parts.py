@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
+from simwarp.core.constraints import Inertia, MinLen, NotNegative, Point, Positive
 from simwarp.vehicle.spec.drivetrain_parts import Steering
-from simwarp.vehicle.spec.parts import ZERO, RigidPart, Spec, SpecError, Vec3, merged, refuse
+from simwarp.vehicle.spec.parts import ZERO, RigidPart, Spec, SpecError, merged
 from simwarp.vehicle.spec.suspension_parts import AntirollBar, Suspension
 
 INERTIA_SLACK = 1.01
@@ -22,21 +23,16 @@ class Chassis(Spec):
     `com` of a component is in the vehicle's frame of reference. Drag: 0.5 · density · area · coefficient · v².
     """
 
-    POSITIVE: ClassVar = frozenset({"size"})
-    NOT_NEGATIVE: ClassVar = frozenset({"drag_coefficient", "drag_area", "air_density"})
-
-    components: tuple[RigidPart, ...]
-    drag_coefficient: float = 0.0
-    drag_area: float = 0.0
-    air_density: float = 1.2
-    size: Vec3 = (3.0, 2.0, 0.2)
+    components: Annotated[tuple[RigidPart, ...], MinLen(1)]
+    drag_coefficient: NotNegative = 0.0
+    drag_area: NotNegative = 0.0
+    air_density: NotNegative = 1.2
+    size: tuple[Positive, Positive, Positive] = (3.0, 2.0, 0.2)
     """Of the box that stands for the body in contact and pictures [m]."""
-    size_center: Vec3 = ZERO
+    size_center: Point = ZERO
 
     def check(self) -> None:
-        """One or more components, whose inertia is that of a body."""
-        if not self.components:
-            raise refuse("components", "one or more rigid parts", self.components)
+        """The components' inertia is that of a body."""
         _, _, inertia = merged(self.components)
         least, middle, largest = np.linalg.eigvalsh(inertia).tolist()
         if largest > INERTIA_SLACK * (least + middle):
@@ -50,10 +46,8 @@ class Chassis(Spec):
 class Wheel(Spec):
     """Rim: mass [kg] and inertia [kg·m²] added to the spindle's; y is the axis of rotation."""
 
-    POSITIVE: ClassVar = frozenset({"mass", "inertia"})
-
-    mass: float
-    inertia: Vec3
+    mass: Positive
+    inertia: Inertia
     offset: float = 0.0
     """Of the wheel's middle plane from the spindle's centre, outwards [m]."""
 
@@ -62,9 +56,7 @@ class Wheel(Spec):
 class Brake(Spec):
     """Friction torque up to braking x max_torque [N·m]."""
 
-    NOT_NEGATIVE: ClassVar = frozenset({"max_torque"})
-
-    max_torque: float
+    max_torque: NotNegative
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -74,14 +66,12 @@ class Tire(Spec):
     `parameters` are those of the model (docs/vehicles.md): each model checks its own.
     """
 
-    POSITIVE: ClassVar = frozenset({"mass", "inertia", "radius", "width"})
-
     template: str
-    mass: float
-    inertia: Vec3
-    radius: float
+    mass: Positive
+    inertia: Inertia
+    radius: Positive
     """Unloaded [m]."""
-    width: float
+    width: Positive
     parameters: dict[str, object] = dataclasses.field(default_factory=dict)
 
 
@@ -89,7 +79,7 @@ class Tire(Spec):
 class Axle(Spec):
     """One axle: its suspension at `location` in the vehicle's frame, wheels, brakes, and what steers it."""
 
-    location: Vec3
+    location: Point
     suspension: Suspension
     wheel: Wheel
     tire: Tire
@@ -104,5 +94,5 @@ class SteeringMount(Spec):
     """A steering at a place [m] and orientation (xyzw) in the vehicle's frame."""
 
     steering: Steering
-    location: Vec3
+    location: Point
     rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)

@@ -9,7 +9,9 @@ to its plane) where `inertia_axes` says "arm".
 from __future__ import annotations
 
 import dataclasses
+from typing import Annotated
 
+from simwarp.core.constraints import MinLen
 from simwarp.vehicle.spec.drivetrain_parts import (
     AutomaticCVT,
     AutomaticMap,
@@ -40,8 +42,6 @@ from simwarp.vehicle.spec.parts import (
     Spec,
     SpecError,
     Vec3,
-    check_curve,
-    check_finite,
     check_map,
     refuse,
 )
@@ -107,8 +107,6 @@ __all__ = [
     "Vec3",
     "VehicleSpec",
     "Wheel",
-    "check_curve",
-    "check_finite",
     "check_map",
     "refuse",
 ]
@@ -120,7 +118,7 @@ class VehicleSpec(Spec):
 
     name: str
     chassis: Chassis
-    axles: tuple[Axle, ...]
+    axles: Annotated[tuple[Axle, ...], MinLen(1)]
     steerings: tuple[SteeringMount, ...] = ()
     driveline: Driveline | None = None
     engine: Engine | None = None
@@ -132,8 +130,6 @@ class VehicleSpec(Spec):
 
     def check(self) -> None:
         """Axles, what steers and drives them, and the declared wheelbase fit together."""
-        if not self.axles:
-            raise refuse("axles", "one or more", self.axles)
         if (self.engine is None) != (self.transmission is None):
             key, rule = "transmission", "an engine"
             if self.transmission is None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from simwarp.core.types import shown
+from simwarp.core.wording import nearest, shortened
 from simwarp.kernels.vehicle.tires.parameter_vector import (
     BRISTLE_STATES,
     FIALA_SIZE,
@@ -25,13 +26,12 @@ from simwarp.kernels.vehicle.tires.parameter_vector import (
     Tmeasy,
     Tmsimple,
 )
-from simwarp.vehicle.spec.deserialisation import SourceLocation, build, nearest
-from simwarp.vehicle.spec.parts import told
-from simwarp.vehicle.spec.vehicle_spec import Spec, SpecError, Tire
+from simwarp.vehicle.spec.parts import SPECS, Spec, SpecError
+from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
 from simwarp.vehicle.tires.rigid_tires import rigid_parameters
 from simwarp.vehicle.tires.tire_common import THIRD, Row, common_row, missing
-from simwarp.vehicle.tires.tire_files import TirValues
+from simwarp.vehicle.tires.tire_files import PropertyFileError, TirValues
 from simwarp.vehicle.tires.tire_parameters import (
     CommonParameters,
     FialaParameters,
@@ -226,23 +226,19 @@ MODELS: dict[str, Model] = {
 """The templates of force-element tires. A rigid tire is an ordinary shape in contact, and none of them."""
 
 
-def check_tire(tire: Tire, where: SourceLocation) -> None:
+def check_tire(tire: Tire) -> None:
     """Refuse a tire that could not be built, rigid ones too.
 
     Raises:
-        SpecError: as `tire_row` does.
+        SpecError: unknown template or key, or a value that breaks a rule; it begins with the key.
     """
     if tire.template == RIGID:
-        try:
-            rigid_parameters(tire)
-        except SpecError as error:
-            key, _, rule = str(error).partition(": ")
-            raise where.at(key).error(rule) from None
+        rigid_parameters(tire)
     else:
-        tire_row(tire, where)
+        _row(tire)
 
 
-def tire_row(tire: Tire, place: str | SourceLocation = "tire") -> TireRow:
+def tire_row(tire: Tire, place: str = "tire") -> TireRow:
     """The row of a tire.
 
     Args:
@@ -252,30 +248,37 @@ def tire_row(tire: Tire, place: str | SourceLocation = "tire") -> TireRow:
     Raises:
         SpecError: unknown template or key, or a value that breaks a rule.
     """
-    where = place if isinstance(place, SourceLocation) else SourceLocation(Path(place))
+    try:
+        return _row(tire)
+    except PropertyFileError:
+        raise
+    except SpecError as error:
+        raise SpecError(f"{place}.{error}") from None
+
+
+def _row(tire: Tire) -> TireRow:
     if tire.template not in MODELS:
         names = (*MODELS, RIGID)
         near = nearest(tire.template, names)
-        raise where.at("template").error(f"must be one of {', '.join(names)}, got {told(tire.template)}{near}")
+        raise SpecError(f"template: must be one of {', '.join(names)}, got {shown(tire.template)}{near}")
     model = MODELS[tire.template]
-    where = where.at("parameters")
     parts: tuple[type[Spec], ...] = (CommonParameters, *model.parts)
     keys = [{field.name for field in dataclasses.fields(part)} for part in parts]
     known = sorted(set().union(*keys))
     for key in tire.parameters:
         if key not in known:
-            raise where.at(key).error(f"unknown key{nearest(key, known)}; known: {', '.join(known)}")
-    built = [
-        build(part, {key: v for key, v in tire.parameters.items() if key in own}, where)
-        for part, own in zip(parts, keys, strict=True)
-    ]
+            raise SpecError(f"parameters.{shortened(key)}: unknown key{nearest(key, known)}; known: {', '.join(known)}")
     try:
+        built = [
+            SPECS.load(part, {key: v for key, v in tire.parameters.items() if key in own})
+            for part, own in zip(parts, keys, strict=True)
+        ]
         values = model.fill(tire, *built)
     except SpecError as error:
         key, _, rule = str(error).partition(": ")
         tir = tire.parameters.get("tir")
         if key.startswith("tir.") and isinstance(tir, TirValues):
             raise tir.error(key.removeprefix("tir."), rule) from None
-        raise where.at(key).error(rule) from None
+        raise SpecError(f"parameters.{error}") from None
     states = 2 * int(values[Lugre.DISC_COUNT]) if model.law is TireModel.LUGRE else BRISTLE_STATES
     return TireRow(model.law, CONTACTS[built[0].contact], values, states, built[0].measured_side)

@@ -13,7 +13,9 @@ from simwarp.kernels.vehicle.tires.rigid_tires import limit_friction, measure_ri
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
-from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire, refuse
+from simwarp.vehicle.spec.parts import SPECS, SpecError
+from simwarp.vehicle.spec.vehicle_parts import Tire
+from simwarp.vehicle.tires.tire_parameters import RigidParameters
 
 TEMPLATE = "rigid"
 ACROSS = (0.7071067811865476, 0.0, 0.0, -0.7071067811865476)
@@ -26,14 +28,11 @@ def rigid_parameters(tire: Tire) -> tuple[float, float]:
     Raises:
         SpecError: another key, or a value that breaks a rule.
     """
-    values: dict[str, Any] = dict(tire.parameters)
-    friction, restitution = values.pop("friction", 0.9), values.pop("restitution", 0.0)
-    if values:
-        raise SpecError(f"parameters.{next(iter(values))}: unknown key; known: friction, restitution")
-    for key, value in (("friction", friction), ("restitution", restitution)):
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0.0:
-            raise refuse(f"parameters.{key}", "a number, zero or positive", value)
-    return float(friction), float(restitution)
+    try:
+        values: RigidParameters = SPECS.load(RigidParameters, tire.parameters)
+    except SpecError as error:
+        raise SpecError(f"parameters.{error}") from None
+    return values.friction, values.restitution
 
 
 def add_rigid_tire(builder: ModelBuilder, name: str, body: int, tire: Tire, key: str = "tire") -> int:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 
-from simwarp.vehicle.spec.parts import LARGEST, SpecError, told
+from simwarp.core.types import shown
+from simwarp.vehicle.spec.parts import LARGEST, SpecError
 
 TEXT_BEGINS = ("'", '"', "{", "(")
 """Of lines in blocks of comments and of the heads of tables."""
+
+
+class PropertyFileError(SpecError):
+    """A mistake in a .tir file, which the error names itself."""
 
 
 class TirValues(dict[str, "float | str"]):
@@ -18,10 +23,10 @@ class TirValues(dict[str, "float | str"]):
         self.name = name
         self.lines: dict[str, int] = {}
 
-    def error(self, key: str, rule: str) -> SpecError:
+    def error(self, key: str, rule: str) -> PropertyFileError:
         """The error of a key, which may be missing."""
         line = f"line {self.lines[key]}: " if key in self.lines else ""
-        return SpecError(f"{self.name}: {line}{key[:60]}: {rule}")
+        return PropertyFileError(f"{self.name}: {line}{key[:60]}: {rule}")
 
 
 def parse_tir(text: str, name: str) -> TirValues:
@@ -40,7 +45,7 @@ def parse_tir(text: str, name: str) -> TirValues:
         key, equals, value = (part.strip() for part in line.partition("="))
         if not equals or not key or len(key.split()) > 1:
             rule = "must be KEY = value, a [SECTION], a row of numbers or a comment after $"
-            raise SpecError(f"{name}: line {number}: {rule}, got {told(line)}")
+            raise SpecError(f"{name}: line {number}: {rule}, got {shown(line)}")
         values.lines[key] = number
         values[key] = value[1:-1] if value.startswith(("'", '"')) else _number(values, key, value)
     if not values:
@@ -64,7 +69,7 @@ def _number(values: TirValues, key: str, text: str) -> float:
     try:
         number = float(text)
     except ValueError:
-        raise values.error(key, f"must be a number or quoted text, got {told(text)}") from None
+        raise values.error(key, f"must be a number or quoted text, got {shown(text)}") from None
     if not math.isfinite(number):
         raise values.error(key, f"must be a finite number, got {text[:60]}")
     if abs(number) > LARGEST:

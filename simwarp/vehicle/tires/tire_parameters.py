@@ -17,40 +17,46 @@ Units are SI, but for the coefficients of Pacejka 89.
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar, Literal, TypeAlias
+import math
+from typing import Annotated, Literal, TypeAlias
 
-from simwarp.vehicle.spec.vehicle_spec import Points, Spec, refuse
+from simwarp.core.constraints import Angle, Curve, Ge, Le, NotNegative, Positive
+from simwarp.vehicle.spec.vehicle_spec import Spec, refuse
 
-Pair: TypeAlias = tuple[float, float]
+PositivePair: TypeAlias = tuple[Positive, Positive]
 """Values at the nominal and at twice the nominal load, or along x and y, or two limits."""
+NotNegativePair: TypeAlias = tuple[NotNegative, NotNegative]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RigidParameters(Spec):
+    """All that a rigid tire takes."""
+
+    friction: NotNegative = 0.9
+    restitution: NotNegative = 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CommonParameters(Spec):
     """What every model takes."""
 
-    POSITIVE: ClassVar = frozenset(
-        {"reference_friction", "friction_limits", "camber_limit", "bristle_stiffness", "blend"}
-    )
-    NOT_NEGATIVE: ClassVar = frozenset({"rolling_resistance", "bristle_damping"})
-
     contact: Literal["single-point", "four-point", "envelope"] = "single-point"
     """How the ground is sampled (kernels/vehicle/tires/patch.py)."""
-    reference_friction: float = 0.8
+    reference_friction: Positive = 0.8
     """Friction of the road on which the parameters were measured."""
-    friction_limits: Pair = (0.1, 1.0)
+    friction_limits: PositivePair = (0.1, 1.0)
     """The road's friction is clamped to them."""
-    camber_limit: float | None = None
+    camber_limit: Annotated[Positive, Angle(0.5 * math.pi)] | None = None
     """Camber beyond it counts as it [rad]; None: 4° for TMeasy and TMsimple, 3° for the others."""
-    rolling_resistance: float | None = None
+    rolling_resistance: NotNegative | None = None
     """Torque over load and radius (Fiala: torque over load [m]); None: 0.015, or that of the property file."""
     measured_side: Literal["left", "right"] | None = None
     """Side on which an asymmetric tire was measured; on the other one it is mirrored. None: never."""
-    bristle_stiffness: float = 1.0e5
+    bristle_stiffness: Positive = 1.0e5
     """Of what holds the standing wheel [N/m]."""
-    bristle_damping: float = 5.0e3
+    bristle_damping: NotNegative = 5.0e3
     """[N·s/m]."""
-    blend: Pair = (1.0, 3.0)
+    blend: PositivePair = (1.0, 3.0)
     """Speeds between which the law of slip replaces the bristle [m/s]."""
 
     def check(self) -> None:
@@ -65,15 +71,11 @@ class CommonParameters(Spec):
 class VerticalParameters(Spec):
     """A linear spring, or a table; and a damper."""
 
-    POSITIVE: ClassVar = frozenset({"vertical_stiffness", "load_limit"})
-    NOT_NEGATIVE: ClassVar = frozenset({"vertical_damping"})
-    CURVES: ClassVar = frozenset({"vertical_curve"})
-
-    vertical_stiffness: float | None = None
-    vertical_damping: float = 0.0
-    vertical_curve: Points | None = None
+    vertical_stiffness: Positive | None = None
+    vertical_damping: NotNegative = 0.0
+    vertical_curve: Curve | None = None
     """(deflection [m], force [N]); replaces the stiffness."""
-    load_limit: float | None = None
+    load_limit: Positive | None = None
     """Largest load with which horizontal forces grow [N]; None: for Pacejka 89 where they are largest, else none."""
 
     def check(self) -> None:
@@ -86,35 +88,27 @@ class VerticalParameters(Spec):
 class RatedParameters(Spec):
     """The pattern and the rated load from which a tire is guessed, and its vertical law, which they give otherwise."""
 
-    POSITIVE: ClassVar = frozenset(
-        {
-            "load", "rim_radius", "design_pressure", "use_pressure", "damping_ratio", "nominal_load", "load_limit",
-            "vertical_stiffness", "bottom_deflection",
-        }
-    )  # fmt: skip
-    NOT_NEGATIVE: ClassVar = frozenset({"vertical_damping", "bottom_stiffness"})
-
     pattern: Literal["truck", "car"] | None = None
     """The typical tire whose measured values this one takes."""
-    load: float | None = None
+    load: Positive | None = None
     """Largest load [N]."""
     load_index: int | None = None
-    rim_radius: float
-    design_pressure: float = 1.0
+    rim_radius: Positive
+    design_pressure: Positive = 1.0
     """Inflation at the rated load, and as it is used; only their ratio counts."""
-    use_pressure: float = 1.0
-    damping_ratio: float = 0.5
+    use_pressure: Positive = 1.0
+    damping_ratio: Positive = 0.5
     """Of the tire's mass on its spring."""
-    nominal_load: float | None = None
-    load_limit: float | None = None
+    nominal_load: Positive | None = None
+    load_limit: Positive | None = None
     """Largest load with which horizontal forces grow [N]."""
-    vertical_stiffness: float | None = None
+    vertical_stiffness: Positive | None = None
     vertical_stiffness_square: float = 0.0
     """[N/m²]."""
-    vertical_damping: float | None = None
-    bottom_deflection: float | None = None
+    vertical_damping: NotNegative | None = None
+    bottom_deflection: Positive | None = None
     """Where the rim touches [m]; None: 10 mm before the rim."""
-    bottom_stiffness: float | None = None
+    bottom_stiffness: NotNegative | None = None
     """None: five times the vertical stiffness [N/m]."""
 
 
@@ -122,60 +116,48 @@ class RatedParameters(Spec):
 class TmeasyParameters(Spec):
     """Characteristic values of TMeasy; those that are given replace those of the pattern."""
 
-    POSITIVE: ClassVar = frozenset(
-        {
-            "slope_x", "max_x", "slide_x", "max_slip_x", "slide_slip_x", "slope_y", "max_y", "slide_y", "max_slip_y",
-            "slide_slip_y", "trail_zero_slip", "trail_end_slip",
-        }
-    )  # fmt: skip
-    NOT_NEGATIVE: ClassVar = frozenset({"trail"})
-
-    slope_x: Pair | None = None
+    slope_x: PositivePair | None = None
     """Initial slope of the force over slip [N]."""
-    max_x: Pair | None = None
+    max_x: PositivePair | None = None
     """Largest force [N], and its slip."""
-    slide_x: Pair | None = None
+    slide_x: PositivePair | None = None
     """Force of full sliding [N], and the slip from which it slides."""
-    max_slip_x: Pair | None = None
-    slide_slip_x: Pair | None = None
-    slope_y: Pair | None = None
-    max_y: Pair | None = None
-    slide_y: Pair | None = None
-    max_slip_y: Pair | None = None
-    slide_slip_y: Pair | None = None
-    trail: Pair | None = None
+    max_slip_x: PositivePair | None = None
+    slide_slip_x: PositivePair | None = None
+    slope_y: PositivePair | None = None
+    max_y: PositivePair | None = None
+    slide_y: PositivePair | None = None
+    max_slip_y: PositivePair | None = None
+    slide_slip_y: PositivePair | None = None
+    trail: NotNegativePair | None = None
     """Pneumatic trail over the patch's length at no slip; the slips where it changes its sign and where it ends."""
-    trail_zero_slip: Pair | None = None
-    trail_end_slip: Pair | None = None
+    trail_zero_slip: PositivePair | None = None
+    trail_end_slip: PositivePair | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TmsimpleParameters(Spec):
     """Characteristic values of TMsimple; those that are given replace those of the pattern."""
 
-    POSITIVE: ClassVar = frozenset({"slope_x", "max_x", "slide_x", "slope_y", "max_y", "slide_y"})
-
-    slope_x: Pair | None = None
-    max_x: Pair | None = None
-    slide_x: Pair | None = None
-    slope_y: Pair | None = None
-    max_y: Pair | None = None
-    slide_y: Pair | None = None
+    slope_x: PositivePair | None = None
+    max_x: PositivePair | None = None
+    slide_x: PositivePair | None = None
+    slope_y: PositivePair | None = None
+    max_y: PositivePair | None = None
+    slide_y: PositivePair | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FialaParameters(Spec):
     """Fiala's brush."""
 
-    POSITIVE: ClassVar = frozenset({"slip_stiffness", "cornering_stiffness", "friction_sliding", "friction_static"})
-
-    slip_stiffness: float
+    slip_stiffness: Positive
     """Longitudinal force over slip [N] (CSLIP)."""
-    cornering_stiffness: float
+    cornering_stiffness: Positive
     """Lateral force over slip angle [N/rad] (CALPHA)."""
-    friction_sliding: float
+    friction_sliding: Positive
     """At full slip (UMIN)."""
-    friction_static: float
+    friction_static: Positive
     """Without slip (UMAX)."""
 
 
@@ -183,9 +165,7 @@ class FialaParameters(Spec):
 class Pacejka89Parameters(Spec):
     """Coefficients of Pacejka 89, in kN, degrees and percent."""
 
-    POSITIVE: ClassVar = frozenset({"lateral_stiffness"})
-
-    lateral_stiffness: float
+    lateral_stiffness: Positive
     """Of the carcass [N/m]."""
     lateral: tuple[float, ...]
     """a0 to a13."""
@@ -209,14 +189,12 @@ class Pacejka2002Parameters(Spec):
     argument of the formula is clamped, and QSY1 does not act.
     """
 
-    POSITIVE: ClassVar = frozenset({"argument_limit"})
-
-    tir: dict[str, object]
+    tir: dict[str, float | str]
     """KEY -> value of the file; {"file": "NAME.tir"} stands for them."""
     mode: int | None = None
     """0: vertical force only, 1: F_x, 2: F_y and M_z, 3: both, 4: combined; None: USE_MODE of the file."""
     combined: Literal["friction-ellipse", "weights"] = "friction-ellipse"
-    argument_limit: float | None = None
+    argument_limit: Positive | None = None
     """|B x| is clamped to it before the formula bends it; None: it is not."""
 
 
@@ -224,28 +202,18 @@ class Pacejka2002Parameters(Spec):
 class LugreParameters(Spec):
     """LuGre; the defaults are those with which Project Chrono modelled the HMMWV."""
 
-    POSITIVE: ClassVar = frozenset(
-        {"bristle_rate", "kinetic_friction", "static_friction", "stribeck_speed", "disc_count"}
-    )  # fmt: skip
-    NOT_NEGATIVE: ClassVar = frozenset({"bristle_viscosity", "viscosity", "carry_off", "disc_spacing"})
-
-    bristle_rate: Pair = (181.0, 60.0)
+    bristle_rate: PositivePair = (181.0, 60.0)
     """sigma0 along x and y: force over load and deflection [1/m]."""
-    bristle_viscosity: Pair = (1.0, 0.1)
+    bristle_viscosity: NotNegativePair = (1.0, 0.1)
     """sigma1 [s/m]."""
-    viscosity: Pair = (0.02, 0.002)
+    viscosity: NotNegativePair = (0.02, 0.002)
     """sigma2 [s/m]."""
-    kinetic_friction: float = 0.75
-    static_friction: float = 0.84
-    stribeck_speed: float = 0.035
+    kinetic_friction: Positive = 0.75
+    static_friction: Positive = 0.84
+    stribeck_speed: Positive = 0.035
     """[m/s]."""
-    carry_off: float = 1.2
+    carry_off: NotNegative = 1.2
     """How fast bristles leave the rolling patch, in |omega r| over its length; 0: they do not."""
-    disc_count: int = 3
-    disc_spacing: float | None = None
+    disc_count: Annotated[int, Ge(1), Le(16)] = 3
+    disc_spacing: NotNegative | None = None
     """[m]; None: the outer discs are 0.4 width from the middle."""
-
-    def check(self) -> None:
-        """At most as many discs as are worth their cost."""
-        if self.disc_count > 16:
-            raise refuse("disc_count", "at most 16", self.disc_count)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from simwarp.core.types import shown
 from simwarp.kernels.vehicle.tires.parameter_vector import PAC02_SIZE, Common, Pac02
-from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.tire_common import THIRD, Row, common_row
 from simwarp.vehicle.tires.tire_parameters import CommonParameters, Pacejka2002Parameters
@@ -18,31 +18,31 @@ MODES = (0, 1, 2, 3, 4)
 FREE = 1.0e30
 
 
-def check_file(tire: Tire, tir: dict[str, object]) -> None:
+def check_file(tire: Tire, tir: dict[str, float | str]) -> None:
     """Format, units, the needed keys, and the radius."""
     name = tir.get("PROPERTY_FILE_FORMAT", FORMATS[0])
     if str(name).strip().upper() not in FORMATS:
-        rule = f"must be {FORMATS[0]!r}, got {told(name)}"
+        rule = f"must be {FORMATS[0]!r}, got {shown(name)}"
         raise SpecError(f"tir.PROPERTY_FILE_FORMAT: {rule}; coefficients of other formulas are not read")
     for key, names in UNITS.items():
         if key in tir and str(tir[key]).strip().lower() not in names:
-            raise SpecError(f"tir.{key}: must be {names[0]!r}, got {told(tir[key])}; convert the file to SI units")
+            raise SpecError(f"tir.{key}: must be {names[0]!r}, got {shown(tir[key])}; convert the file to SI units")
     for key in NEEDED:
         if key not in tir:
             raise SpecError(f"tir.{key}: missing; a Pacejka 2002 tire needs {', '.join(NEEDED)}")
     for key in POSITIVE:
         if not number(tir, key, 1.0) > 0.0:
-            raise SpecError(f"tir.{key}: must be positive, got {told(tir[key])}")
+            raise SpecError(f"tir.{key}: must be positive, got {shown(tir[key])}")
     radius = number(tir, "UNLOADED_RADIUS", tire.radius)
     if abs(radius - tire.radius) > 0.02 * radius:
         raise SpecError(f"tir.UNLOADED_RADIUS: must be the tire's radius {tire.radius} m within 2 %, got {radius!r}")
 
 
-def number(tir: dict[str, object], key: str, default: float) -> float:
+def number(tir: dict[str, float | str], key: str, default: float) -> float:
     """The value of a key."""
     value = tir.get(key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SpecError(f"tir.{key}: must be a number, got {told(value)}")
+        raise SpecError(f"tir.{key}: must be a number, got {shown(value)}")
     return float(value)
 
 
@@ -51,7 +51,7 @@ def default_of(key: str) -> float:
     return 1.0 if key.startswith("L") else 0.0
 
 
-def pressure_factors(tir: dict[str, object]) -> dict[str, float]:
+def pressure_factors(tir: dict[str, float | str]) -> dict[str, float]:
     """Factors of the inflation pressure over the nominal one; 1 without [TIRE_CONDITIONS]."""
     nominal = number(tir, "IP_NOM", 0.0) * number(tir, "LIP", 1.0)
     inflation = number(tir, "IP", 0.0)
@@ -104,7 +104,7 @@ def fill_pacejka2002(tire: Tire, common: CommonParameters, given: Pacejka2002Par
     return row
 
 
-def fill_vertical(row: Row, tire: Tire, tir: dict[str, object], pressure: float) -> None:
+def fill_vertical(row: Row, tire: Tire, tir: dict[str, float | str], pressure: float) -> None:
     """The vertical law: QFZ1 to QFZ3 where the file has them, or the stiffness; and the load to which it is valid."""
     scale = number(tir, "LCZ", 1.0) * pressure
     nominal = row[Pac02.FNOMIN]

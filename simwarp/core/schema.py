@@ -1,0 +1,416 @@
+"""The one loader: plain values, as JSON has them, become typed configurations; the same rules hold in Python.
+
+Types and constraints of the fields (`simwarp.core.constraints`) are the schema. pydantic holds values to them; what is
+wrong becomes one line of the room's own error class that names the key path, the rule, the value and the remedy::
+
+    SPECS = Schema(SpecError, largest=1e15)
+
+    @dataclass(frozen=True)
+    class Brake:
+        max_torque: NotNegative
+
+        def __post_init__(self) -> None:
+            SPECS.hold(self)
+
+    SPECS.load(Brake, {"max_torque": -1})  # SpecError: max_torque: must be zero or positive, got -1
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import functools
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, TypeAlias, cast
+
+import numpy as np
+
+from simwarp.core.constraints import Ge, Gt, Le, Lt, Meaning, RuleError, Tagged
+from simwarp.core.types import FLOAT32_MAX, shown
+from simwarp.core.wording import nearest, shortened
+
+if TYPE_CHECKING:
+    from pydantic_core import SchemaValidator
+
+Keys: TypeAlias = tuple[str | int, ...]
+
+WHOLE: Final = 2**63
+"""Whole numbers are below it, and not below its negative."""
+
+
+class Fault(NamedTuple):
+    """What is wrong with a value.
+
+    Attributes:
+        keys: its key path.
+        what: the rule, the value and the remedy.
+        kind: "value", "missing" or "unknown" (keys); "check": a rule between fields, whose error names its field.
+    """
+
+    keys: Keys
+    what: str
+    kind: str = "value"
+
+
+def dotted(keys: Keys) -> str:
+    """A key path as errors have it: `axles[0].suspension.camber`."""
+    text = ""
+    for key in keys:
+        text += f"[{key}]" if isinstance(key, int) else f"{'.' if text else ''}{shortened(key)}"
+    return text
+
+
+def tell(fault: Fault) -> str:
+    """A fault in one line."""
+    path = dotted(fault.keys)
+    if fault.kind == "check" and path:
+        return f"{path}.{fault.what}"
+    return f"{path}: {fault.what}" if path else fault.what
+
+
+class Place(NamedTuple):
+    """Where a value stands, for errors: the name of its file, its key path in there, and their class."""
+
+    file: str
+    failure: type[ValueError]
+    keys: Keys = ()
+
+    def at(self, *keys: str | int) -> Place:
+        """The place of a member or an item of the value."""
+        return self._replace(keys=(*self.keys, *keys))
+
+    def error(self, what: str) -> ValueError:
+        """One line: file, key path, what is wrong."""
+        return self.failure(self.line(Fault(self.keys, what)))
+
+    def line(self, fault: Fault) -> str:
+        """A fault of a value in the file."""
+        return f"{self.file}: {tell(fault)}"
+
+
+class Schema:
+    """The loader of a room.
+
+    Args:
+        error: the class of its errors; those that configurations raise themselves are of it too.
+        largest: size of the largest number.
+        longest: letters of the longest text.
+        unit: unit of a number by its key, for what is wanted.
+        tell: makes the line of a fault.
+    """
+
+    def __init__(
+        self, error: type[ValueError], *, largest: float = FLOAT32_MAX, longest: int = 10**6,
+        unit: Callable[[str], str] = lambda key: "", tell: Callable[[Fault], str] = tell,
+    ) -> None:  # fmt: skip
+        self.error, self.largest, self.longest, self.unit, self.tell = error, largest, longest, unit, tell
+        self._validators: dict[Any, SchemaValidator] = {}
+
+    def load(self, hint: Any, value: Any, tell: Callable[[Fault], str] | None = None) -> Any:
+        """The value as a type hint wants it: a class of configurations, or anything that a field may be.
+
+        Raises:
+            ValueError: of the room's class; it does not fit.
+        """
+        from pydantic_core import ValidationError
+
+        try:
+            return self._validator(hint).validate_python((value,))[0]
+        except ValidationError as found:
+            errors = _errors(found)
+        raise self.error((tell or self.tell)(self._fault(hint, value, errors))) from None
+
+    def hold(self, config: Any) -> None:
+        """Hold the fields of a frozen configuration to their types, in `__post_init__`; lists become tuples.
+
+        Raises:
+            ValueError: of the room's class; it names the field.
+        """
+        from pydantic_core import ValidationError
+
+        kind: Any = type(config)
+        given = {name: _plain(getattr(config, name)) for name in field_hints(kind)}
+        try:
+            vars(config).update(self._validator(kind, fields=True).validate_python((given,))[0])
+            return
+        except ValidationError as found:
+            errors = _errors(found)
+        raise self.error(self.tell(self._fault(kind, given, errors))) from None
+
+    def _validator(self, hint: Any, fields: bool = False) -> SchemaValidator:
+        """What holds a tuple of one value to a hint, or of one dictionary to a class's fields; made when needed."""
+        made = self._validators.get((hint, fields))
+        if made is None:
+            from pydantic_core import SchemaValidator
+
+            made = SchemaValidator(self._strict(_adapter(_fields_of(hint) if fields else hint).core_schema))
+            self._validators[hint, fields] = made
+        return made
+
+    def _strict(self, node: Any) -> Any:
+        """A core schema in which truth values are no numbers and numbers are no texts, all within the room's limits."""
+        if isinstance(node, list | tuple):
+            return type(node)(map(self._strict, node))
+        if not isinstance(node, dict):
+            return node
+        held = {key: item if key == "metadata" else self._strict(item) for key, item in node.items()}
+        kind = held.get("type")
+        if kind == "float":
+            held = {"allow_inf_nan": False, **held, "strict": True}
+            if not held["allow_inf_nan"]:
+                self._bound(held, -self.largest, self.largest)
+        elif kind == "int":
+            held["strict"] = True
+            self._bound(held, -int(min(self.largest, WHOLE)), int(min(self.largest, WHOLE - 1)))
+        elif kind == "str":
+            held = {"max_length": self.longest, **held, "strict": True}
+        elif kind == "bool":
+            held["strict"] = True
+        return held
+
+    def _bound(self, node: dict[str, Any], least: float, most: float) -> None:
+        if "ge" not in node and "gt" not in node:
+            node["ge"] = least
+        if "le" not in node and "lt" not in node:
+            node["le"] = most
+
+    # ---- what is wrong, in words -----------------------------------------------------------------------------------
+
+    def _fault(self, hint: Any, value: Any, errors: Sequence[Mapping[str, Any]]) -> Fault:
+        """The fault to tell: unknown keys before wrong values, and these before missing ones."""
+
+        def rank(error: Mapping[str, Any]) -> int:
+            if error["type"] in ("missing", "too_short"):  # a list is short of items that are wrong
+                return 3 + (error["type"] == "too_short")
+            if error["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+                return 0
+            return 2 if _within(hint, error["loc"]).union and error["type"].endswith(("_type", "_parsing")) else 1
+
+        return self._told(hint, value, min(errors, key=rank))
+
+    def _told(self, hint: Any, root: Any, error: Mapping[str, Any]) -> Fault:
+        kind, value, context = error["type"], error["input"], error.get("ctx", {})
+        place = _within(hint, error["loc"])
+        if kind == "missing" and isinstance(error["loc"][-1], int):  # an item of a list of fixed length
+            place, kind = _within(hint, error["loc"][:-1]), "too_short"
+        if place.union and kind.endswith(("_type", "_parsing")):
+            value = functools.reduce(lambda found, key: found[key], place.keys, root)
+        keys, inner = place.keys, _peeled(place.hint)[0]
+        wanted = self.wanted(place.hint, next((key for key in reversed(keys) if isinstance(key, str)), ""))
+        match kind:
+            case "missing":
+                return Fault(keys, f"missing; give {wanted}", "missing")
+            case "unexpected_keyword_argument" | "extra_forbidden":
+                known = field_hints(place.owner)
+                return Fault(keys, f"unknown key{nearest(keys[-1], known)}; known: {', '.join(known)}", "unknown")
+            case "union_tag_not_found" | "union_tag_invalid" | "model_attributes_type":
+                return _told_of_tag(keys, place.hint, value)
+            case "value_error" if isinstance(context["error"], RuleError):
+                broken = context["error"]
+                remedy = f"; {broken.remedy}" if broken.remedy else ""
+                return Fault(keys, f"must be {broken.rule}, got {broken.got or shown(value)}{remedy}")
+            case "value_error":
+                return Fault(keys, str(context["error"]), "check")
+            case "finite_number":
+                return Fault(keys, f"must be a finite number, got {shown(value)}")
+            case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
+                return Fault(keys, f"must be {self._bounds(place.hint, context)}, got {shown(value)}")
+            case "too_short" | "too_long" if "min_length" in context or "max_length" in context:
+                return Fault(keys, f"must be {_count(inner, context, wanted)}, got {shown(value)}")
+            case "string_too_long":
+                return Fault(keys, f"must be a text of at most {context['max_length']} letters, got {shown(value)}")
+            case "literal_error" | "enum":
+                near = nearest(value, choices(inner))
+                return Fault(keys, f"must be {wanted}, got {shown(value)}{near}")
+        return Fault(keys, f"must be {wanted}, got {shown(value)}")
+
+    def _bounds(self, hint: Any, context: Mapping[str, Any]) -> str:
+        """The bounds of a number in words."""
+        if {abs(context.get("ge", 0.0)), abs(context.get("le", 0.0))} & {self.largest, WHOLE, WHOLE - 1}:
+            return f"below {self.largest:g}" if self.largest < FLOAT32_MAX else self.wanted(hint, "")
+        notes = _peeled(hint)[1]
+        low = next((note for note in notes if isinstance(note, Gt | Ge)), None)
+        high = next((note for note in notes if isinstance(note, Lt | Le)), None)
+        if low is None and high is None:  # in a choice of types
+            made: Mapping[str, Any] = {"gt": Gt, "ge": Ge, "lt": Lt, "le": Le}
+            note = next(made[key](bound) for key, bound in context.items())
+            low, high = (note, None) if isinstance(note, Gt | Ge) else (None, note)
+        return bounds(low, high)
+
+    def wanted(self, hint: Any, key: str) -> str:
+        """What a field wants, in words with its unit."""
+        inner, notes = _peeled(hint)
+        meaning = next((note.words for note in notes if isinstance(note, Meaning)), "")
+        arguments = typing.get_args(inner)
+        if meaning:
+            return meaning
+        if inner is float:
+            unit = self.unit(key)
+            return f"a number [{unit}]" if unit else "a number"
+        if tag := _tag_of(notes):
+            return f"an object with a {tag}: {', '.join(_classes(hint))}"
+        if _is_union(inner):
+            return " or ".join(dict.fromkeys(self.wanted(argument, key) for argument in arguments))
+        if typing.get_origin(inner) is Literal or (isinstance(inner, type) and issubclass(inner, enum.Enum)):
+            return f"one of {', '.join(map(repr, choices(inner)))}"
+        if dataclasses.is_dataclass(inner):
+            return f"an object with the keys of {getattr(inner, '__name__', inner)}"
+        plain = typing.get_origin(inner) or inner
+        if plain is tuple and arguments and arguments[-1] is not Ellipsis:
+            return f"a list of {len(arguments)} items"
+        if isinstance(plain, type) and issubclass(plain, Mapping):
+            return "an object"
+        if isinstance(plain, type) and issubclass(plain, Sequence) and plain is not str:
+            return "a list"
+        words = {int: "a whole number", str: "a text", bool: "true or false", type(None): "null"}
+        return words.get(plain, f"a {getattr(plain, '__name__', 'value')}")
+
+    def json_schema(self, hint: Any, **head: Any) -> dict[str, Any]:
+        """The JSON Schema of a hint, with the docstrings of the fields; `head` comes first."""
+        whole = _adapter(hint, use_attribute_docstrings=True).json_schema()
+        return {**head, **whole["prefixItems"][0], "$defs": whole.get("$defs", {})}
+
+
+def bounds(low: Gt | Ge | None, high: Lt | Le | None) -> str:
+    """Bounds of a number in words."""
+    least: Any = None if low is None else low.gt if isinstance(low, Gt) else low.ge
+    most: Any = None if high is None else high.lt if isinstance(high, Lt) else high.le
+    if low is not None and high is not None:
+        if isinstance(least, int) and isinstance(most, int) and isinstance(low, Ge) and isinstance(high, Le):
+            return f"from {least} to {most}"
+        return f"in {'[' if isinstance(low, Ge) else '('}{least:g}, {most:g}{']' if isinstance(high, Le) else ')'}"
+    if high is not None:
+        return f"{'at most' if isinstance(high, Le) else 'below'} {most:g}"
+    if least == 0:
+        return "zero or positive" if isinstance(low, Ge) else "positive"
+    return f"{'at least' if isinstance(low, Ge) else 'above'} {least:g}"
+
+
+def _count(hint: Any, context: Mapping[str, Any], wanted: str) -> str:
+    """How many items a list wants, in words."""
+    arguments = typing.get_args(hint)
+    if typing.get_origin(hint) is tuple and arguments and arguments[-1] is not Ellipsis:
+        return wanted
+    numbers = "numbers" if arguments and _peeled(arguments[0])[0] in (int, float) else ""
+    if "min_length" in context:
+        least = context["min_length"]
+        return f"{'one' if least == 1 else least} or more {numbers}".strip()
+    return f"at most {context['max_length']} {numbers or 'items'}"
+
+
+def _told_of_tag(keys: Keys, hint: Any, value: Any) -> Fault:
+    """A choice of classes that is not made, or of one that is not there."""
+    tag, classes = _tag_of(_peeled(hint)[1]), list(_classes(hint))
+    if not isinstance(value, Mapping):
+        return Fault(keys, f"must be an object with a {tag}, got {shown(value)}; {tag}s: {', '.join(classes)}")
+    if tag not in value:
+        return Fault((*keys, tag), f"missing; give one of {', '.join(classes)}", "missing")
+    chosen = value[tag]
+    return Fault((*keys, tag), f"must be one of {', '.join(classes)}, got {shown(chosen)}{nearest(chosen, classes)}")
+
+
+# ---- type hints ------------------------------------------------------------------------------------------------------
+
+
+class _Place(NamedTuple):
+    """Where an error stands: key path, hint, the class that has the field, and whether it is in a choice of types."""
+
+    keys: Keys
+    hint: Any
+    owner: Any
+    union: bool = False
+
+
+def _within(hint: Any, steps: Sequence[str | int]) -> _Place:
+    """Follow the steps of pydantic, some of which name classes of a choice, through type hints."""
+    keys: Keys = ()
+    owner: Any = None
+    for step in steps:
+        inner, notes = _peeled(hint)
+        if dataclasses.is_dataclass(inner):
+            owner, keys = inner, (*keys, step)
+            hint = field_hints(owner).get(str(step), Any)
+        elif _tag_of(notes):
+            hint = _classes(hint)[str(step)]
+        elif _is_union(inner):
+            return _Place(keys, hint, owner, union=True)
+        elif (arguments := typing.get_args(inner)) and issubclass(typing.get_origin(inner), Mapping):
+            hint, keys = arguments[1], (*keys, step)
+        elif arguments and isinstance(step, int):
+            fixed = typing.get_origin(inner) is tuple and arguments[-1] is not Ellipsis
+            hint, keys = arguments[min(step, len(arguments) - 1) if fixed else 0], (*keys, step)
+    return _Place(keys, hint, owner)
+
+
+def _peeled(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    """A hint without its annotations and without None, and the annotations."""
+    notes: tuple[Any, ...] = ()
+    while True:
+        if typing.get_origin(hint) is Annotated:
+            notes, hint = (*notes, *hint.__metadata__), typing.get_args(hint)[0]
+        elif _is_union(hint) and type(None) in typing.get_args(hint) and len(typing.get_args(hint)) == 2:
+            hint = next(option for option in typing.get_args(hint) if option is not type(None))
+        else:
+            return hint, notes
+
+
+def _is_union(hint: Any) -> bool:
+    return typing.get_origin(hint) in (typing.Union, types.UnionType)
+
+
+def _tag_of(notes: Iterable[Any]) -> str:
+    return next((note.key for note in notes if isinstance(note, Tagged)), "")
+
+
+def _classes(hint: Any) -> dict[str, Any]:
+    """The classes of a choice by what chooses them."""
+    inner, notes = _peeled(hint)
+    tag = _tag_of(notes)
+    return {str(choices(field_hints(option)[tag])[0]): option for option in typing.get_args(inner)}
+
+
+def choices(hint: Any) -> list[Any]:
+    """The values of a Literal or an enumeration, as files have them."""
+    inner = _peeled(hint)[0]
+    if isinstance(inner, type) and issubclass(inner, enum.Enum):
+        return [member.value for member in inner]
+    return list(typing.get_args(inner))
+
+
+@functools.cache
+def field_hints(kind: Any) -> dict[str, Any]:
+    """Resolved type of every field of a dataclass, with its annotations."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind) if field.init}
+
+
+# ---- pydantic --------------------------------------------------------------------------------------------------------
+
+
+def _adapter(hint: Any, **config: Any) -> Any:
+    """Pydantic's reading of a tuple of one value: settings are given to what is no class of pydantic's own."""
+    from pydantic import ConfigDict, TypeAdapter
+
+    settings = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+    return TypeAdapter(tuple[hint], config=cast(ConfigDict, {**settings, **config}))
+
+
+def _fields_of(kind: Any) -> Any:
+    """A type of dictionaries of a dataclass's fields."""
+    import typing_extensions
+
+    make: Any = typing_extensions.TypedDict
+    return make(kind.__name__, field_hints(kind))
+
+
+def _errors(found: Any) -> list[dict[str, Any]]:
+    return [{**error, "loc": error["loc"][1:]} for error in found.errors(include_url=False)]
+
+
+def _plain(value: Any) -> Any:
+    """NumPy's numbers and arrays as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    return tuple(value.tolist()) if isinstance(value, np.ndarray) and value.ndim == 1 else value

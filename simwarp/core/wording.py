@@ -1,0 +1,28 @@
+"""Words for errors: near names, and long names made short."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+LONGEST_WORD: Final = 255
+"""Letters of a name that are compared with those there are."""
+LONGEST_PATH: Final = 200
+
+
+def near_names(word: object, known: Iterable[str], count: int = 1) -> list[str]:
+    """The known names that are nearest to a word, or none."""
+    return difflib.get_close_matches(word[:LONGEST_WORD], list(known), n=count) if isinstance(word, str) else []
+
+
+def nearest(word: object, known: Iterable[object]) -> str:
+    """` (did you mean 'x'?)`, or nothing where no known name is near."""
+    near = near_names(word, [name for name in known if isinstance(name, str)])
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def shortened(text: str | Path) -> str:
+    """A path or a key: its beginning, if it is long."""
+    return str(text) if len(str(text)) <= LONGEST_PATH else f"{str(text)[:100]}..."
