@@ -298,7 +298,7 @@ GOOD: dict[str, Any] = {"N": np.eye(4), "r": np.zeros(4), "mu": [0.5], "limit_co
         ({"max_iterations": "many"}, "max_iterations must be an integer >= 1, got 'many'"),
         ({"tolerance": None}, "tolerance must be finite and >= 0 m/s, got None"),
         ({"tolerance": 10**400}, "tolerance must be finite"),
-        ({"rescue": "no"}, "rescue must be True or False, got 'no'"),
+        ({"fallback": "no"}, "fallback must be True or False, got 'no'"),
         ({"solver": None}, "solver must be one of apgd, .* got None"),
         ({"limit_count": 2**40}, "mu must have one entry per contact"),
         ({"limit_count": 1.0}, "limit_count must be an integer >= 0, got 1.0"),

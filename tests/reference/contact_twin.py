@@ -71,17 +71,17 @@ class ContactTwin(Twin):
     `contact_force_on_body` (B, 3) [N], `solve_residual` [m/s].
 
     Args:
-        friction_law, recovery_speed, bounce_speed: as `SolverOptions`.
+        friction_law, max_depenetration_velocity, restitution_threshold: as `SolverOptions`.
         envelope: contacts nearer than this at the start of the step, or at its end if nothing touched, take part [m].
     """
 
     def __init__(
-        self, builder: ModelBuilder, dt: float, *, friction_law: str = "exact", recovery_speed: float = 0.6,
-        bounce_speed: float = 0.15, envelope: float = 1e-3, rank: int | str | None = None,
+        self, builder: ModelBuilder, dt: float, *, friction_law: str = "exact", max_depenetration_velocity: float = 0.6,
+        restitution_threshold: float = 0.15, envelope: float = 1e-3, rank: int | str | None = None,
     ) -> None:  # fmt: skip
         super().__init__(builder, dt, rank=rank)
         self.exact, self.envelope = friction_law == "exact", envelope
-        self.recovery, self.bounce = recovery_speed, bounce_speed
+        self.recovery, self.bounce = max_depenetration_velocity, restitution_threshold
         self.solve_residual = 0.0
         self.touches: list[Touch] = []
         self.contact_impulse = np.zeros((0, 6))

@@ -20,7 +20,7 @@ LEAST_ARM = 0.05
 def both(builder: sw.ModelBuilder, law: str, envelope: float) -> tuple[sw.Simulation, ContactTwin]:
     # 1e-7 m/s is the floor of float32 at speeds of 1 m/s: not always reached, so the iterations are limited
     options = sw.SolverOptions(
-        tolerance=1e-7, max_iterations=2000, friction_law=law, position_projection=0, contact_envelope=envelope
+        tolerance=1e-7, max_iterations=2000, friction_law=law, position_projection=0, contact_margin=envelope
     )
     sim = sw.Simulation(builder.finalize(1, "cpu"), DT, solver=options)
     return sim, ContactTwin(builder, DT, friction_law=law, envelope=envelope)
@@ -90,12 +90,12 @@ def test_hinged_limb_with_limit_friction_and_motor(kinds: str, law: str, floatin
 
 
 @pytest.mark.parametrize("extra", [0.0, 30.0])
-def test_recovery_speed_bounds_what_is_pushed_out(extra: float) -> None:
+def test_the_depenetration_velocity_bounds_what_is_pushed_out(extra: float) -> None:
     """5 mm deep at 1 ms would be 5 m/s."""
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, -extra))
     builder.add_shape_plane()
     builder.add_solid("ball", "sphere", 0.25, mass=2.0, pose=sw.pose((0.0, 0.0, 0.245)))
-    sim = sw.Simulation(builder.finalize(1, "cpu"), DT, solver=sw.SolverOptions(recovery_speed=0.9))
+    sim = sw.Simulation(builder.finalize(1, "cpu"), DT, solver=sw.SolverOptions(max_depenetration_velocity=0.9))
     sim.step()
     assert sim.state.body_v.numpy()[0, 0, 2] == pytest.approx(0.9, abs=1e-5)  # the solver's tolerance
 

@@ -293,7 +293,7 @@ def test_a_coupling_offset_is_recovered_at_the_clamped_speed():
     builder.add_coupling("pair", [(a, 1.0), (b, -1.0)], offset=0.5)
     pair = assert_same_steps(builder, steps=4)
     rates = pair.sim.state.joint_qd.numpy()[0]
-    assert abs(rates[0] - rates[1]) == pytest.approx(3.0, rel=1e-5)  # recovery_rate: 0.5 rad are far above 3 rad/s * dt
+    assert abs(rates[0] - rates[1]) == pytest.approx(3.0, rel=1e-5)  # max_depenetration_rate: 0.5 rad are far above 3 rad/s * dt
 
 
 # ---- bounds --------------------------------------------------------------------------------------------------------
