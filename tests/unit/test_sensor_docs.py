@@ -178,4 +178,4 @@ def test_the_noises_that_the_page_names_exist():
         name = kind.sensor.__name__
         sensor = kind.sensor(model, "hinge" if name in ("Encoder", "LoadCell") else Mount("b0"))
         chains = {option for option in dir(sensor) if isinstance(getattr(sensor, option), noises.NoiseChain)}
-        assert chains == set(listed.get(name, listed["other instruments"])), name
+        assert chains == set(listed.get(name, listed["other sensors"])), name
