@@ -76,8 +76,8 @@ class SolverOptions:
     def __post_init__(self) -> None:
         thing = "SolverOptions"
         units = {
-            "max_depenetration_velocity": "m/s", "max_depenetration_rate": "rad/s", "tolerance": "m/s", "row_tolerance": "m/s",
-            "restitution_threshold": "m/s", "contact_margin": "m",
+            "max_depenetration_velocity": "m/s", "max_depenetration_rate": "rad/s", "tolerance": "m/s",
+            "row_tolerance": "m/s", "restitution_threshold": "m/s", "contact_margin": "m",
         }  # fmt: skip
         checked: dict[str, Any] = {
             field: not_negative(thing, field, getattr(self, field), unit, f"the default is {_default(field)}")

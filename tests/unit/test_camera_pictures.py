@@ -44,7 +44,7 @@ def three_things():
     return visuals
 
 
-def twin(rays, lighting=LIGHTS, reach=12.0):
+def reference(rays, lighting=LIGHTS, reach=12.0):
     """The same by the slow ray tracer."""
     light = pictures.Light(
         tuple((sun.direction, sun.color) for sun in lighting.suns),
@@ -64,7 +64,7 @@ def test_a_scene_is_that_of_the_slow_ray_tracer(lens, shadows):
         three_things(), EYE, TARGET, lights=lighting, width=width, height=height, lens=lens, outputs=OUTPUTS,
         far=12.0, imaging=Imaging(),
     )  # fmt: skip
-    wanted = twin(directions(lens, width, height), lighting)
+    wanted = reference(directions(lens, width, height), lighting)
     assert set(np.unique(wanted["instance"])) == {-1, 0, 1, 2}
     np.testing.assert_array_equal(found["instance"][0], wanted["instance"])
     labels = np.array([-1, 1, 2, 3])[wanted["instance"] + 1]

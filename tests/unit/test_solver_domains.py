@@ -104,7 +104,9 @@ def test_the_scratch_has_room_for_all_rows_whatever_is_dense(solver, fallback):
     """Where another solver may follow the first, its impulses are kept for comparison: all rows of them."""
     model = scenes.heavy_on_light().finalize(1, "cpu")
     for dense_rows in (0, 1, 2, 5, 128):
-        sim = sw.Simulation(model, 5e-3, solver=sw.SolverOptions(solver=solver, fallback=fallback, dense_rows=dense_rows))
+        sim = sw.Simulation(
+            model, 5e-3, solver=sw.SolverOptions(solver=solver, fallback=fallback, dense_rows=dense_rows)
+        )
         rows = 3 * model.contact_capacity
         room: Any = sim._scratch
         dense = min(rows, dense_rows)

@@ -58,7 +58,7 @@ def solve(problem: ConeProblem, config: ConeConfig) -> SolveReport:
 
 @wp.func
 def solve_with_fallback(problem: ConeProblem, config: ConeConfig, fallback: int, kept: wp.array[float]) -> SolveReport:
-    """As `solve`; with `fallback`, what misses the tolerance is solved by the interior point and the better one kept."""
+    """As `solve`; with `fallback`, the interior point solves what misses the tolerance, and the better one is kept."""
     chosen = ConeConfig()
     chosen.law = config.law
     chosen.solver = config.solver

@@ -97,8 +97,8 @@ class Camera:
         lights: of the scene; several cameras may share one `Lights`.
         name: unique in the Simulation.
         seed: of its noise, with the name.
-        per_world: arrays that get a row per world: names of `ImageProcessing`, of `Lights` (where a `Lighting` is given),
-            and "mount".
+        per_world: arrays that get a row per world: names of `ImageProcessing`, of `Lights` (where a `Lighting` is
+            given), and "mount".
 
     Attributes:
         outputs: by name, (W, height, width, channels): one array each, the same memory throughout.
@@ -126,7 +126,9 @@ class Camera:
         self.frames = Frames(name, config.schedule, model, fields, seed=seed)
         copies = model.world_count if "mount" in wanted else 1
         self.mount = mount_arrays(name, mount, model, copies)
-        self.image_processing = ImageProcessing(config.imaging, model.world_count, model.device, wanted & {*IMAGING_ARRAYS})
+        self.image_processing = ImageProcessing(
+            config.imaging, model.world_count, model.device, wanted & {*IMAGING_ARRAYS}
+        )
         self.lights = lights_of(lights, scene, wanted & {*LIGHT_ARRAYS})
         self._tables = scene.tables(config.groups)
         self._views = make_views(model.world_count, model.device)
@@ -321,6 +323,9 @@ def launch_render(
     chunk = 1 if device.is_cuda else numbers.width
     return wp.launch(
         render, dim=(views.world.shape[0], -(-pixels // chunk)), device=device, record_cmd=record,
-        inputs=[chunk, numbers, views, tables, scene.model.assets, scene.appearance, lights.arrays, image_processing.arrays],
+        inputs=[
+            chunk, numbers, views, tables, scene.model.assets, scene.appearance, lights.arrays,
+            image_processing.arrays,
+        ],
         outputs=[sums, outputs],
     )  # fmt: skip

@@ -82,7 +82,7 @@ class LidarConfig:
             only there; points are zero in all their components.
         sweep: columns fire from where the sensor is at their own time, to first order between sub-steps; else from
             where it is at the end of the sub-step in which their time falls.
-        groups: bits of the groups of instances that it sees (`Look.group`).
+        groups: bits of the groups of instances that it sees (`Appearance.group`).
 
     Raises:
         ModelError: a value breaks its rule.

@@ -101,7 +101,7 @@ class RadarConfig:
         falloff: k of the amplitude's law r^-k with r in metres: 0 none, 4 the radar equation.
         clusters: how returns are gathered; None: not at all.
         sweep: see `LidarConfig`.
-        groups: bits of the groups of instances that it sees (`Look.group`).
+        groups: bits of the groups of instances that it sees (`Appearance.group`).
 
     Raises:
         ModelError: a value breaks its rule.

@@ -10,7 +10,7 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
-from simwarp.kernels.sensors.cameras.appearance import Appearance
+from simwarp.kernels.sensors.cameras.appearance import AppearanceArrays
 from simwarp.kernels.sensors.cameras.image_processing import ImagingArrays, byte_of, process
 from simwarp.kernels.sensors.cameras.lenses import Lens, lens_direction
 from simwarp.kernels.sensors.cameras.shade import LightArrays, facing, light_along
@@ -213,7 +213,7 @@ def render(
     views: Views,
     scene: RayScene,
     assets: Assets,
-    appearance: Appearance,
+    appearance: AppearanceArrays,
     lights: LightArrays,
     imaging: ImagingArrays,
     # outputs

@@ -77,7 +77,9 @@ def range_rate(
 
 
 @wp.func
-def with_noise(found: RadarReturn, key: wp.uint64, ray: int, near: float, world: int, noise: RadarNoiseArrays) -> RadarReturn:
+def with_noise(
+    found: RadarReturn, key: wp.uint64, ray: int, near: float, world: int, noise: RadarNoiseArrays
+) -> RadarReturn:
     """A return as it is measured; amplitude 0 where it is lost."""
     result = found
     sigma_h = noise.azimuth[world_row(world, noise.azimuth.shape[0])]

@@ -1,4 +1,4 @@
-"""The float64 twin of a step with contacts: `Twin` with contact rows on top, one world, dense NumPy algebra.
+"""The float64 reference of a step with contacts: `ReferenceStep` with contact rows on top, one world, dense algebra.
 
 Contacts are found in closed form: spheres, boxes and capsules on planes, spheres on spheres. A contact has two points,
 one on each surface; the normal goes from the shape with the smaller index to the other one. Equations: SOLVER 1 and 3.
@@ -16,9 +16,9 @@ from simwarp.core.types import WORLD, JointType, Material, ShapeType
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.specifications import ShapeSpec
 from tests.reference.contact_solve import Cones, solve_cones
-from tests.reference.twin import Twin
-from tests.reference.twin_laws import implicit_terms
-from tests.reference.twin_solve import Bilateral
+from tests.reference.step import ReferenceStep
+from tests.reference.step_laws import implicit_terms
+from tests.reference.step_solve import Bilateral
 
 
 @dataclasses.dataclass
@@ -64,7 +64,7 @@ def tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.cross(normal, first)
 
 
-class ContactTwin(Twin):
+class ContactReference(ReferenceStep):
     """One world with shapes, stepped in float64.
 
     After a step: `touches`, `contact_impulse` (contacts, 6) along n, t1, t2 and about t1, t2, n,
