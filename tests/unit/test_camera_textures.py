@@ -14,6 +14,7 @@ from simwarp.core.types import ModelError
 from simwarp.geometry.mesh_files import load_visual_mesh
 from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb, srgb_from_linear
 from simwarp.kernels.sensors.cameras.appearance import (
+    AppearanceArrays,
     checker_share,
     image_color,
     noise_share,
