@@ -9,13 +9,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 __all__ = [
-    "COINCIDENT", "Angle", "Curve", "Direction", "Fraction", "Ge", "Gt", "Inertia", "Infinite", "Le", "Lt", "MaxLen",
-    "Meaning", "MinLen", "NotNegative", "Point", "Positive", "Products", "Rule", "RuleError", "Tagged",
+    "COINCIDENT", "Angle", "Curve", "Different", "Direction", "Fraction", "Ge", "Gt", "Inertia", "Infinite", "Le",
+    "Lt", "MaxLen", "Meaning", "MinLen", "NotNegative", "OneOrMany", "Point", "Positive", "Products", "Read",
+    "Rule", "RuleError", "Tagged",
 ]  # fmt: skip
 
 COINCIDENT = 1.0e-6
@@ -71,6 +72,40 @@ class Tagged:
         return handler(Annotated[source, Field(discriminator=self.key)])
 
 
+class Read:
+    """A field whose objects in a file are read as another type, of which a function makes the field's own.
+
+    Args:
+        plain: type hint of the object.
+        make: what makes the value of it.
+        kind: class of values that are taken as they are; None: whatever is no object.
+    """
+
+    def __init__(self, plain: Any, make: Callable[[Any], Any] | None = None, kind: type | None = None) -> None:
+        self.plain, self.kind, self._make = plain, kind, make
+
+    def _read(self, value: Any, load: Callable[[Any], Any]) -> Any:
+        own = not isinstance(value, dict) if self.kind is None else isinstance(value, self.kind)
+        if own:
+            return value
+        return load(value) if self._make is None else self._make(load(value))
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_wrap_validator_function(self._read, handler.generate_schema(self.plain))
+
+
+class OneOrMany:
+    """A list of names that may be one name alone."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        listed = core_schema.no_info_before_validator_function
+        return listed(lambda value: (value,) if isinstance(value, str) else value, handler(source))
+
+
 class Infinite:
     """Lets a number be infinite."""
 
@@ -97,6 +132,15 @@ def _increase(points: Any) -> None:
     for index, (a, b) in enumerate(itertools.pairwise(points), start=1):
         if b[0] <= a[0]:
             raise RuleError(rule, "sort them by x", f"x = {b[0]:g} in [{index}] after {a[0]:g}")
+
+
+def _differ(names: Any) -> None:
+    if len(set(names)) < len(names):
+        raise RuleError("different ones", "name each once")
+
+
+Different: Final = Rule(_differ, uniqueItems=True)
+"""Items of which none is there twice."""
 
 
 def _have_length(axis: Any) -> None:

@@ -27,7 +27,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Ty
 
 import numpy as np
 
-from simwarp.core.constraints import Ge, Gt, Le, Lt, Meaning, RuleError, Tagged
+from simwarp.core.constraints import Ge, Gt, Le, Lt, Meaning, Read, RuleError, Tagged
+from simwarp.core.renames import RENAMED, with_new_names
 from simwarp.core.types import FLOAT32_MAX, shown
 from simwarp.core.wording import nearest, shortened
 
@@ -96,19 +97,22 @@ class Schema:
     Args:
         error: the class of its errors; those that configurations raise themselves are of it too.
         largest: size of the largest number.
+        least: the smallest positive number.
         longest: letters of the longest text.
         unit: unit of a number by its key, for what is wanted.
-        tell: makes the line of a fault.
+        tell: makes the line of a fault in a configuration of a class.
     """
 
     def __init__(
-        self, error: type[ValueError], *, largest: float = FLOAT32_MAX, longest: int = 10**6,
-        unit: Callable[[str], str] = lambda key: "", tell: Callable[[Fault], str] = tell,
+        self, error: type[ValueError], *, largest: float = FLOAT32_MAX, least: float = 0.0, longest: int = 10**6,
+        unit: Callable[[str], str] = lambda key: "",
+        tell: Callable[[Fault, type], str] = lambda fault, kind: tell(fault),
     ) -> None:  # fmt: skip
-        self.error, self.largest, self.longest, self.unit, self.tell = error, largest, longest, unit, tell
+        self.error, self.unit, self.tell = error, unit, tell
+        self.largest, self.least, self.longest = largest, least, longest
         self._validators: dict[Any, SchemaValidator] = {}
 
-    def load(self, hint: Any, value: Any, tell: Callable[[Fault], str] | None = None) -> Any:
+    def load(self, hint: Any, value: Any, tell: Callable[[Fault], str] = tell) -> Any:
         """The value as a type hint wants it: a class of configurations, or anything that a field may be.
 
         Raises:
@@ -120,7 +124,7 @@ class Schema:
             return self._validator(hint).validate_python((value,))[0]
         except ValidationError as found:
             errors = _errors(found)
-        raise self.error((tell or self.tell)(self._fault(hint, value, errors))) from None
+        raise self.error(tell(self._fault(hint, value, errors))) from None
 
     def hold(self, config: Any) -> None:
         """Hold the fields of a frozen configuration to their types, in `__post_init__`; lists become tuples.
@@ -137,7 +141,7 @@ class Schema:
             return
         except ValidationError as found:
             errors = _errors(found)
-        raise self.error(self.tell(self._fault(kind, given, errors))) from None
+        raise self.error(self.tell(self._fault(kind, given, errors, python=True), kind)) from None
 
     def _validator(self, hint: Any, fields: bool = False) -> SchemaValidator:
         """What holds a tuple of one value to a hint, or of one dictionary to a class's fields; made when needed."""
@@ -159,6 +163,9 @@ class Schema:
         kind = held.get("type")
         if kind == "float":
             held = {"allow_inf_nan": False, **held, "strict": True}
+            if held.get("gt") == 0.0 and self.least:
+                del held["gt"]
+                held["ge"] = self.least
             if not held["allow_inf_nan"]:
                 self._bound(held, -self.largest, self.largest)
         elif kind == "int":
@@ -168,6 +175,8 @@ class Schema:
             held = {"max_length": self.longest, **held, "strict": True}
         elif kind == "bool":
             held["strict"] = True
+        elif kind == "dataclass" and (names := getattr(held["cls"], RENAMED, None)):
+            return _with_new_names(held, names)
         return held
 
     def _bound(self, node: dict[str, Any], least: float, most: float) -> None:
@@ -178,30 +187,38 @@ class Schema:
 
     # ---- what is wrong, in words -----------------------------------------------------------------------------------
 
-    def _fault(self, hint: Any, value: Any, errors: Sequence[Mapping[str, Any]]) -> Fault:
+    def _fault(self, hint: Any, value: Any, errors: Sequence[Mapping[str, Any]], python: bool = False) -> Fault:
         """The fault to tell: unknown keys before wrong values, and these before missing ones."""
 
         def rank(error: Mapping[str, Any]) -> int:
-            if error["type"] in ("missing", "too_short"):  # a list is short of items that are wrong
-                return 3 + (error["type"] == "too_short")
+            if error["type"] == "missing":
+                return 3
+            if error["type"] == "too_short":  # a list is short of items that are wrong
+                return 4
             if error["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
                 return 0
-            return 2 if _within(hint, error["loc"]).union and error["type"].endswith(("_type", "_parsing")) else 1
+            return 2 if _within(hint, error["loc"]).union and _is_of_type(error["type"]) else 1
 
-        return self._told(hint, value, min(errors, key=rank))
+        return self._told(hint, value, min(errors, key=rank), python)
 
-    def _told(self, hint: Any, root: Any, error: Mapping[str, Any]) -> Fault:
+    def _told(self, hint: Any, root: Any, error: Mapping[str, Any], python: bool) -> Fault:
         kind, value, context = error["type"], error["input"], error.get("ctx", {})
         place = _within(hint, error["loc"])
         if kind == "missing" and isinstance(error["loc"][-1], int):  # an item of a list of fixed length
             place, kind = _within(hint, error["loc"][:-1]), "too_short"
-        if place.union and kind.endswith(("_type", "_parsing")):
+        if place.union and _is_of_type(kind):
+            kind = "type"
             value = functools.reduce(lambda found, key: found[key], place.keys, root)
         keys, inner = place.keys, _peeled(place.hint)[0]
-        wanted = self.wanted(place.hint, next((key for key in reversed(keys) if isinstance(key, str)), ""))
+        name = next((key for key in reversed(keys) if isinstance(key, str)), "")
+        wanted = self.wanted(place.hint, name, python)
+        arms = typing.get_args(inner) if _is_union(inner) else (place.hint,)
+        meaning = next(
+            (f"; give {note}" for arm in arms if _peeled(arm)[0] in (int, float) and (note := _meaning(arm))), ""
+        )
         match kind:
             case "missing":
-                return Fault(keys, f"missing; give {wanted}", "missing")
+                return Fault(keys, f"missing; give {_meaning(place.hint) or wanted}", "missing")
             case "unexpected_keyword_argument" | "extra_forbidden":
                 known = field_hints(place.owner)
                 return Fault(keys, f"unknown key{nearest(keys[-1], known)}; known: {', '.join(known)}", "unknown")
@@ -214,9 +231,9 @@ class Schema:
             case "value_error":
                 return Fault(keys, str(context["error"]), "check")
             case "finite_number":
-                return Fault(keys, f"must be a finite number, got {shown(value)}")
+                return Fault(keys, f"must be a finite number, got {shown(value)}{meaning}")
             case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
-                return Fault(keys, f"must be {self._bounds(place.hint, context)}, got {shown(value)}")
+                return Fault(keys, f"must be {self._bounds(place.hint, context, value)}, got {shown(value)}{meaning}")
             case "too_short" | "too_long" if "min_length" in context or "max_length" in context:
                 return Fault(keys, f"must be {_count(inner, context, wanted)}, got {shown(value)}")
             case "string_too_long":
@@ -224,39 +241,47 @@ class Schema:
             case "literal_error" | "enum":
                 near = nearest(value, choices(inner))
                 return Fault(keys, f"must be {wanted}, got {shown(value)}{near}")
-        return Fault(keys, f"must be {wanted}, got {shown(value)}")
+        return Fault(keys, f"must be {wanted}, got {shown(value)}{meaning}")
 
-    def _bounds(self, hint: Any, context: Mapping[str, Any]) -> str:
+    def _bounds(self, hint: Any, context: Mapping[str, Any], value: Any) -> str:
         """The bounds of a number in words."""
         if {abs(context.get("ge", 0.0)), abs(context.get("le", 0.0))} & {self.largest, WHOLE, WHOLE - 1}:
             return f"below {self.largest:g}" if self.largest < FLOAT32_MAX else self.wanted(hint, "")
-        notes = _peeled(hint)[1]
+        if self.least and context.get("ge") == self.least:
+            return "positive" if value <= 0.0 else f"at least {self.least:.2g} (float32)"
+        inner, notes = _peeled(hint)
+        if _is_union(inner):
+            notes = next((found for arm in typing.get_args(inner) if (found := _peeled(arm)[1])), ())
         low = next((note for note in notes if isinstance(note, Gt | Ge)), None)
         high = next((note for note in notes if isinstance(note, Lt | Le)), None)
-        if low is None and high is None:  # in a choice of types
+        if low is None and high is None:
             made: Mapping[str, Any] = {"gt": Gt, "ge": Ge, "lt": Lt, "le": Le}
             note = next(made[key](bound) for key, bound in context.items())
             low, high = (note, None) if isinstance(note, Gt | Ge) else (None, note)
         return bounds(low, high)
 
-    def wanted(self, hint: Any, key: str) -> str:
-        """What a field wants, in words with its unit."""
+    def wanted(self, hint: Any, key: str, python: bool = False) -> str:
+        """What a field wants, in words with its unit; of an object in a file, or of its class in Python."""
         inner, notes = _peeled(hint)
-        meaning = next((note.words for note in notes if isinstance(note, Meaning)), "")
         arguments = typing.get_args(inner)
-        if meaning:
+        if (meaning := _meaning(hint)) and inner not in (int, float):
             return meaning
+        if python and typing.get_origin(hint) is Annotated:
+            hint = next((note.kind for note in hint.__metadata__ if isinstance(note, Read) and note.kind), hint)
+            inner = hint if isinstance(hint, type) else inner
         if inner is float:
             unit = self.unit(key)
             return f"a number [{unit}]" if unit else "a number"
         if tag := _tag_of(notes):
             return f"an object with a {tag}: {', '.join(_classes(hint))}"
         if _is_union(inner):
-            return " or ".join(dict.fromkeys(self.wanted(argument, key) for argument in arguments))
+            return " or ".join(dict.fromkeys(self.wanted(argument, key, python) for argument in arguments))
         if typing.get_origin(inner) is Literal or (isinstance(inner, type) and issubclass(inner, enum.Enum)):
             return f"one of {', '.join(map(repr, choices(inner)))}"
         if dataclasses.is_dataclass(inner):
-            return f"an object with the keys of {getattr(inner, '__name__', inner)}"
+            kind: Any = inner
+            article = "an" if kind.__name__[0] in "AEIO" else "a"
+            return f"{article if python else 'an object with the keys of'} {kind.__name__}"
         plain = typing.get_origin(inner) or inner
         if plain is tuple and arguments and arguments[-1] is not Ellipsis:
             return f"a list of {len(arguments)} items"
@@ -352,8 +377,19 @@ def _peeled(hint: Any) -> tuple[Any, tuple[Any, ...]]:
             notes, hint = (*notes, *hint.__metadata__), typing.get_args(hint)[0]
         elif _is_union(hint) and type(None) in typing.get_args(hint) and len(typing.get_args(hint)) == 2:
             hint = next(option for option in typing.get_args(hint) if option is not type(None))
+        elif read := next((note for note in notes if isinstance(note, Read)), None):
+            hint, notes = read.plain, tuple(note for note in notes if note is not read)
         else:
             return hint, notes
+
+
+def _is_of_type(kind: str) -> bool:
+    """Whether an error says that a value is of another type."""
+    return kind in ("missing", "too_short", "too_long") or kind.endswith(("_type", "_parsing"))
+
+
+def _meaning(hint: Any) -> str:
+    return next((note.words for note in _peeled(hint)[1] if isinstance(note, Meaning)), "")
 
 
 def _is_union(hint: Any) -> bool:
@@ -395,6 +431,16 @@ def _adapter(hint: Any, **config: Any) -> Any:
 
     settings = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
     return TypeAdapter(tuple[hint], config=cast(ConfigDict, {**settings, **config}))
+
+
+def _with_new_names(node: Any, names: Mapping[str, str]) -> Any:
+    """A core schema of a class whose fields have new names: objects may have the old ones."""
+    from pydantic_core import core_schema
+
+    def read(value: Any) -> Any:
+        return with_new_names(node["cls"].__name__, value, names) if isinstance(value, Mapping) else value
+
+    return core_schema.no_info_before_validator_function(read, node)
 
 
 def _fields_of(kind: Any) -> Any:

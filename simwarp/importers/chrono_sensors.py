@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from simwarp.core.types import ModelError, shown
+from simwarp.core.wording import nearest
 from simwarp.importers.chrono_json import Node
 from simwarp.sensors.cameras.camera import CameraConfig
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import FishEye, Lens, Pinhole
-from simwarp.sensors.configuration_files import nearest
 from simwarp.sensors.interface import Schedule
 from simwarp.sensors.motion.gps import GeoOrigin, GpsConfig
 from simwarp.sensors.motion.imu import ImuConfig

@@ -9,18 +9,43 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from simwarp.core.types import WORLD, ModelError, Pose, pose, shown
-from simwarp.model.checks import checked_pose, finite_number, positive_number
+from simwarp.core.constraints import Meaning, NotNegative, Positive
+from simwarp.core.schema import Fault, Schema, dotted
+from simwarp.core.types import FLOAT32_LEAST, WORLD, ModelError, Pose, pose, shown
+from simwarp.model.checks import checked_pose
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import Sensor
 
 Config = TypeVar("Config")
 
-__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index", "checked_config", "checked_model", "checked_outputs"]
+
+def _told(fault: Fault, kind: type) -> str:
+    """A fault in Python: names the class and the field."""
+    if fault.kind == "check":
+        return fault.what
+    return f"{kind.__name__}: {dotted(fault.keys)} {fault.what}"
+
+
+SENSORS: Final = Schema(ModelError, least=FLOAT32_LEAST, tell=_told)
+"""Reads configurations of sensors."""
+
+
+class Configuration:
+    """Base of the configurations: frozen dataclasses whose fields are held to their types."""
+
+    def __post_init__(self) -> None:
+        SENSORS.hold(self)
+        self.check()
+
+    def check(self) -> None:
+        """Rules between the fields."""
+
+
+__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index", "checked_config", "checked_model"]
 
 
 class Steps(NamedTuple):
@@ -32,7 +57,7 @@ class Steps(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Schedule:
+class Schedule(Configuration):
     """When a sensor measures. Times are rounded to the nearest whole number of sub-steps.
 
     Frame k begins at s = phase + k / rate, collects over (s, s + window], is complete at its end and is published `lag`
@@ -48,23 +73,18 @@ class Schedule:
         ModelError: a value breaks its rule.
     """
 
-    rate: float
-    window: float = 0.0
-    lag: float = 0.0
+    rate: Annotated[Positive, Meaning("frames per second [Hz]")]
+    window: Annotated[NotNegative, Meaning("seconds, 0 for none")] = 0.0
+    lag: Annotated[NotNegative, Meaning("seconds, 0 for none")] = 0.0
     phase: Literal["zero", "random"] = "zero"
 
-    def __post_init__(self) -> None:
-        positive_number("Schedule", "rate", self.rate, "Hz", "give the frames per second")
-        for field in ("window", "lag"):
-            if not finite_number("Schedule", field, getattr(self, field), "use 0 for none") >= 0.0:
-                raise ModelError(f"Schedule: {field} must be >= 0 s, got {shown(getattr(self, field))}; use 0 for none")
+    def check(self) -> None:
+        """A window is within a period."""
         if self.window > (1.0 + 1.0e-9) / self.rate:
             raise ModelError(
                 f"Schedule: window must not be longer than a period (1 / rate = {1.0 / self.rate:.6g} s), "
                 f"got {shown(self.window)} s; shorten it or lower the rate"
             )
-        if not isinstance(self.phase, str) or self.phase not in ("zero", "random"):
-            raise ModelError(f"Schedule: phase must be 'zero' or 'random', got {shown(self.phase)}; choose one of them")
 
     def steps(self, dt: float) -> Steps:
         """The schedule in sub-steps of `dt` seconds: the nearest whole numbers (halves up), a period of at least 1."""
@@ -152,18 +172,3 @@ def wanted_arrays(thing: str, per_world: Iterable[str], known: Sequence[str]) ->
     for name in sorted(wanted - set(known), key=str):
         raise ModelError(f"{thing}: per_world names an unknown array '{name}'; known: {', '.join(known)}")
     return wanted
-
-
-def checked_outputs(thing: str, outputs: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """The outputs that a configuration asks for, each once and at least one.
-
-    Raises:
-        ModelError: one is unknown or named twice, or there is none.
-    """
-    names = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, (tuple, list)) else ()
-    strange = any(not isinstance(name, str) or name not in known for name in names)
-    if not names or strange or len(set(names)) < len(names):
-        raise ModelError(
-            f"{thing}: outputs must be some of {', '.join(known)}, each once, got {shown(outputs)}; choose"
-        )
-    return names

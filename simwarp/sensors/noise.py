@@ -11,13 +11,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, Final, TypeAlias, cast
+from typing import Annotated, Any, Final, Literal, TypeAlias, cast
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
-from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
+from simwarp.core.constraints import Infinite, MinLen, NotNegative, Positive, Tagged
+from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.noise import (
     BIAS_WALK,
     BOUNDED_DRIFT,
@@ -27,16 +28,20 @@ from simwarp.kernels.sensors.noise import (
     NoiseArrays,
 )
 from simwarp.model.model import Model
+from simwarp.sensors.interface import Configuration
 
-Numbers: TypeAlias = float | tuple[float, ...]
+Numbers: TypeAlias = float | Annotated[tuple[float, ...], MinLen(1)]
 """One for all channels, or one per channel."""
+PositiveNumbers: TypeAlias = Positive | Annotated[tuple[Positive, ...], MinLen(1)]
+NotNegativeNumbers: TypeAlias = NotNegative | Annotated[tuple[NotNegative, ...], MinLen(1)]
+Bound: TypeAlias = Annotated[float, Infinite()]
 
 LARGEST: Final = 3.0e38
 """Stands for an infinite bound in float32."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class NormalNoise:
+class NormalNoise(Configuration):
     """Independent from frame to frame: value + N(mean, std).
 
     Attributes:
@@ -44,16 +49,13 @@ class NormalNoise:
         mean: a constant bias [unit].
     """
 
-    std: Numbers
+    kind: Literal["normal"] = "normal"
+    std: NotNegativeNumbers
     mean: Numbers = 0.0
-
-    def __post_init__(self) -> None:
-        _check(self, "mean")
-        _check(self, "std", least=0.0)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BiasWalk:
+class BiasWalk(Configuration):
     """A bias that walks: after a time t it has moved by N(0, rate sqrt(t)), without bound.
 
     Attributes:
@@ -61,16 +63,13 @@ class BiasWalk:
         initial_std: standard deviation of the bias at the beginning of an episode (turn-on bias) [unit].
     """
 
-    rate: Numbers
-    initial_std: Numbers = 0.0
-
-    def __post_init__(self) -> None:
-        _check(self, "rate", least=0.0)
-        _check(self, "initial_std", least=0.0)
+    kind: Literal["bias-walk"] = "bias-walk"
+    rate: NotNegativeNumbers
+    initial_std: NotNegativeNumbers = 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BoundedDrift:
+class BoundedDrift(Configuration):
     """A bias that is forgotten: a Gauss-Markov process of first order, stationary from the beginning of an episode.
 
     Over a time t: bias <- e^(-t/time) bias + N(0, std sqrt(1 - e^(-2 t/time))) (exact for any t).
@@ -80,42 +79,37 @@ class BoundedDrift:
         time: its correlation time [s].
     """
 
-    std: Numbers
-    time: Numbers
-
-    def __post_init__(self) -> None:
-        _check(self, "std", least=0.0)
-        _check(self, "time", above=0.0)
+    kind: Literal["bounded-drift"] = "bounded-drift"
+    std: NotNegativeNumbers
+    time: PositiveNumbers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Quantisation:
+class Quantisation(Configuration):
     """The nearest multiple of a step.
 
     Attributes:
         step: [unit].
     """
 
-    step: Numbers
-
-    def __post_init__(self) -> None:
-        _check(self, "step", above=0.0)
+    kind: Literal["quantisation"] = "quantisation"
+    step: PositiveNumbers
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Saturation:
+class Saturation(Configuration):
     """Values are cut off at the ends of the range.
 
     Attributes:
         lower, upper: ends [unit]; infinite where there is none.
     """
 
-    lower: Numbers = -math.inf
-    upper: Numbers = math.inf
+    kind: Literal["saturation"] = "saturation"
+    lower: Bound | tuple[Bound, ...] = -math.inf
+    upper: Bound | tuple[Bound, ...] = math.inf
 
-    def __post_init__(self) -> None:
-        for name in ("lower", "upper"):
-            _check(self, name, infinite=True)
+    def check(self) -> None:
+        """The ends are in order."""
         lower, upper = np.atleast_1d(self.lower), np.atleast_1d(self.upper)
         fits = len({1, len(lower), len(upper)}) <= 2
         if fits and not (lower < upper).all():
@@ -124,7 +118,7 @@ class Saturation:
             )
 
 
-Noise: TypeAlias = NormalNoise | BiasWalk | BoundedDrift | Quantisation | Saturation
+Noise: TypeAlias = Annotated[NormalNoise | BiasWalk | BoundedDrift | Quantisation | Saturation, Tagged("kind")]
 
 _STAGES: Final[dict[type, tuple[int, tuple[str, ...]]]] = {
     NormalNoise: (NORMAL, ("mean", "std")),
@@ -206,22 +200,3 @@ class NoiseChain:
                 f"{name} of {type(stage).__name__} must be one number or {self.channels}, got {shown(value)}"
             )
         return numbers
-
-
-def _check(
-    stage: Any, name: str, *, least: float = -math.inf, above: float = -math.inf, infinite: bool = False
-) -> None:
-    """The numbers of a stage, as floats, or a ModelError."""
-    value = getattr(stage, name)
-    given = np.atleast_1d(numbers(value))
-    usable = given.ndim == 1 and given.size > 0
-    usable = usable and bool(((np.abs(given) <= FLOAT32_MAX) | (infinite & np.isinf(given))).all())
-    rule = "a number or one per channel" if infinite else "a finite number or one per channel"
-    if usable and least > -math.inf:
-        usable, rule = bool((given >= least).all()), f"{rule}, >= {least:g}"
-    elif usable and above > -math.inf:
-        usable, rule = bool((given > above).all()), f"{rule}, > {above:g}"
-    if not usable:
-        raise ModelError(f"{type(stage).__name__}: {name} must be {rule}, got {shown(value)}")
-    plain = tuple(given.tolist())
-    object.__setattr__(stage, name, plain[0] if np.ndim(value) == 0 else plain)

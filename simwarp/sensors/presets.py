@@ -21,13 +21,13 @@ import dataclasses
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from simwarp.core.files import FileError, read_text
+from simwarp.core.files import FileError, parse_json, read_text
+from simwarp.core.schema import Place
 from simwarp.core.types import ModelError, shown
+from simwarp.core.wording import nearest
 from simwarp.model.model import Model
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
-from simwarp.sensors.cameras.image_processing import ImageProcessing
-from simwarp.sensors.configuration_files import Place, build_object, made, nearest, read_object
-from simwarp.sensors.interface import Sensor
+from simwarp.sensors.interface import SENSORS, Sensor
 from simwarp.sensors.motion.encoders import (
     Encoder,
     EncoderConfig,
@@ -69,7 +69,8 @@ KINDS: Final = {
 }
 """By the key "sensor" of a file."""
 
-FOR_PEOPLE: Final = ("summary", "source")
+FOR_PEOPLE: Final = ("summary", "source", "$schema")
+"""Keys beside those of the configuration: texts for people and their editors."""
 
 
 def load_config(path_or_name: str | Path, **changes: Any) -> Any:
@@ -86,13 +87,13 @@ def load_config(path_or_name: str | Path, **changes: Any) -> Any:
         ModelError: unknown name, unreadable file, an unknown or missing key, or a value that breaks a rule.
     """
     path = _path_of(path_or_name)
-    place = Place(path.name)
+    place = Place(path.name, ModelError)
     if _is_of_chrono(path):
         raise place.error(
             "must be a file of simwarp, got one of Project Chrono; read it with "
             "simwarp.importers.chrono_sensors.load_chrono_sensor(path)"
         )
-    members = read_object(path)
+    members = _read_object(path)
     sort = members.pop("sensor", None)
     if sort is None:
         raise place.at("sensor").error(f"missing; give one of {', '.join(KINDS)}")
@@ -101,9 +102,7 @@ def load_config(path_or_name: str | Path, **changes: Any) -> Any:
     for key in FOR_PEOPLE:
         if not isinstance(members.pop(key, ""), str):
             raise place.at(key).error("must be a text")
-    config = build_object(KINDS[sort].config, members, place)
-    if isinstance(config, CameraConfig):
-        made(ImageProcessing, place, imaging=config.imaging, world_count=1, device="cpu")
+    config = SENSORS.load(KINDS[sort].config, members, lambda fault: place.line(fault._replace(kind="value")))
     names = [field.name for field in dataclasses.fields(config)]
     for key in changes:
         if key not in names:
@@ -155,6 +154,21 @@ def load_sensor(
     """
     config = load_config(path_or_name)
     return make_sensor(config, world, place, name=name or _path_of(path_or_name).stem, **options)
+
+
+def _read_object(path: Path) -> dict[str, Any]:
+    """The object in a JSON file.
+
+    Raises:
+        ModelError: it cannot be read, is broken, or holds something else.
+    """
+    try:
+        value = parse_json(read_text(path), path.name)
+    except FileError as error:
+        raise ModelError(f"{path}: cannot be read: {error.reason}" if error.reason else str(error)) from None
+    if not isinstance(value, dict):
+        raise ModelError(f"{path.name}: must be an object, got {shown(value)}")
+    return value
 
 
 def _is_of_chrono(path: Path) -> bool:

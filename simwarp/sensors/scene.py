@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
+from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
@@ -26,6 +27,7 @@ from simwarp.sensors.interface import wanted_arrays
 from simwarp.simulation.state import State
 
 ALL_GROUPS: Final = 0x7FFFFFFF
+GroupBits: TypeAlias = Annotated[int, Ge(0), Le(ALL_GROUPS), Meaning("bits of groups below 2^31")]
 GREY: Final = (0.5, 0.5, 0.5)
 PER_WORLD: Final = ("x", "rot", "size", "asset", "enabled", "color", "texture", "reflectance")
 """Arrays of a Scene that may differ by world."""

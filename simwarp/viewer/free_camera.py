@@ -58,9 +58,11 @@ class FreeCamera:
         self._image_processing = ImageProcessing(config.imaging, model.world_count, model.device)
         self.lights = lights_of(lights, scene, ())
         shape = (len(chosen), config.height, config.width)
-        fields = {name: Field((*shape[1:], OUTPUTS[name][1]), OUTPUTS[name][2]) for name in config.outputs}
+        fields: dict[str, Field] = {
+            name: Field((*shape[1:], OUTPUTS[name][1]), OUTPUTS[name][2]) for name in config.outputs
+        }
         check_frames("free camera", fields, len(chosen), model.device)
-        self.outputs = {
+        self.outputs: dict[str, wp.array] = {
             name: wp.zeros((*shape, OUTPUTS[name][1]), dtype=OUTPUTS[name][2], device=model.device)
             for name in config.outputs
         }

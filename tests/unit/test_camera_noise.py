@@ -110,15 +110,21 @@ def test_colors_per_world():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: noisy(noise_sigma=-0.1), "noise_sigma must be >= 0"),
-        (lambda: noisy(vignetting=1.5), "vignetting must be between 0 and 1"),
+        (lambda: noisy(noise_sigma=-0.1), r"noise_sigma must be zero or positive, got -0\.1"),
+        (lambda: noisy(vignetting=1.5), r"vignetting must be in \[0, 1\], got 1\.5"),
         (lambda: noisy(exposure=float("nan")), "exposure must be a finite number"),
-        (lambda: take(wall_visuals(), imaging=Imaging(gamma=0.0)), "gamma must be finite and > 0"),
+        (
+            lambda: take(wall_visuals(), imaging=Imaging(gamma=0.0)),
+            r"gamma must be positive, got 0\.0; give 1 for a linear response",
+        ),
         (lambda: take(wall_visuals(), imaging=None), "imaging must be an Imaging"),
-        (lambda: take(wall_visuals(), outputs=("rgb", "deep")), "outputs must be different ones of rgb, grey"),
-        (lambda: take(wall_visuals(), outputs="rgb"), "outputs must be different ones of"),
-        (lambda: take(wall_visuals(), width=0), "width must be an integer >= 1"),
-        (lambda: take(wall_visuals(), samples=17), "samples must be at most 16"),
+        (
+            lambda: take(wall_visuals(), outputs=("rgb", "deep")),
+            r"outputs\[1\] must be one of 'rgb', 'grey', 'depth', 'range'",
+        ),
+        (lambda: take(wall_visuals(), outputs="rgb"), "outputs must be a list, got 'rgb'"),
+        (lambda: take(wall_visuals(), width=0), "width must be from 1 to 32768, got 0"),
+        (lambda: take(wall_visuals(), samples=17), "samples must be from 1 to 16, got 17"),
         (lambda: take(wall_visuals(), near=2.0, far=1.0), "0 <= near < far must hold"),
         (lambda: take(wall_visuals(), per_world=("gain",)), "unknown array 'gain'; known: exposure"),
         (lambda: take(wall_visuals(), per_world="exposure"), "per_world must be a collection of names, got 'exposure'"),

@@ -99,11 +99,23 @@ def test_tables_of_real_lidars():
         (lambda: beam_grid(0, 3), "columns must be an integer >= 1, got 0"),
         (lambda: beam_grid(4, 2.5), "rows must be an integer >= 1, got 2.5"),
         (lambda: beam_grid(4, 1, azimuth=(0.0, 360.0)), "at most 2 pi rad, got 360; angles are in radians"),
-        (lambda: Beam(divergence=-0.1), "divergence must be >= 0 and at most pi/2 rad, got -0.1; use 0 for one ray"),
-        (lambda: Beam(divergence=(0.1, 0.2, 0.3)), "divergence must be one angle or"),
-        (lambda: Beam(radius=6), "radius must be 1 to 5, got 6"),
-        (lambda: Beam(radius=1.5), "radius must be an integer, got 1.5"),
-        (lambda: Beam(shape="round"), "shape must be 'elliptic' or 'rectangular', got 'round'"),
+        (
+            lambda: Beam(divergence=-0.1),
+            r"divergence must be in \[0, 1\.5708\], got -0\.1; give radians, 0 for one ray",
+        ),
+        (
+            lambda: Beam(divergence=(0.1, 0.2, 0.3)),
+            r"divergence must be a number or a list of 2 items, got \(0\.1, 0\.2, 0\.3\)",
+        ),
+        (
+            lambda: Beam(radius=6),
+            r"radius must be from 1 to 5, got 6; give rings of rays, of which \(2 radius - 1\)² are cast",
+        ),
+        (
+            lambda: Beam(radius=1.5),
+            r"radius must be a whole number, got 1\.5; give rings of rays, of which \(2 radius - 1\)² are cast",
+        ),
+        (lambda: Beam(shape="round"), "shape must be one of 'elliptic', 'rectangular', got 'round'"),
     ],
 )
 def test_mistakes_are_named(make, message):

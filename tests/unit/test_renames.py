@@ -74,7 +74,7 @@ def test_a_function_reads_the_old_name_of_an_option() -> None:
 def test_a_sensor_file_reads_the_old_key(tmp_path: Path) -> None:
     path = tmp_path / "depth.json"
     path.write_text(json.dumps({"sensor": "camera", "reach": 10.0}))
-    with pytest.warns(FutureWarning, match="depth.json: reach is now called far"):
+    with pytest.warns(FutureWarning, match="CameraConfig: reach is now called far"):
         assert sw.sensors.load_config(path).far == 10.0
 
 

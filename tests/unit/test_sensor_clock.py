@@ -217,14 +217,14 @@ def test_frames_without_whole_words_are_copied():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rate": 0.0}, r"rate must be finite and > 0 Hz, got 0.0"),
-        ({"rate": -1.0}, r"rate must be finite and > 0 Hz"),
-        ({"rate": float("nan")}, r"rate must be finite and > 0 Hz"),
-        ({"rate": 10.0, "lag": -0.1}, r"lag must be >= 0 s, got -0.1"),
-        ({"rate": 10.0, "window": -0.1}, r"window must be >= 0 s, got -0.1"),
+        ({"rate": 0.0}, r"rate must be positive, got 0\.0; give frames per second \[Hz\]"),
+        ({"rate": -1.0}, r"rate must be positive, got -1\.0; give frames per second \[Hz\]"),
+        ({"rate": float("nan")}, r"rate must be a finite number, got nan; give frames per second \[Hz\]"),
+        ({"rate": 10.0, "lag": -0.1}, r"lag must be zero or positive, got -0\.1; give seconds, 0 for none"),
+        ({"rate": 10.0, "window": -0.1}, r"window must be zero or positive, got -0\.1; give seconds, 0 for none"),
         ({"rate": 10.0, "window": 0.2}, r"window must not be longer than a period \(1 / rate = 0.1 s\), got 0.2 s"),
         ({"rate": 10.0, "lag": float("inf")}, r"lag must be a finite number"),
-        ({"rate": 10.0, "phase": "late"}, r"phase must be 'zero' or 'random', got 'late'"),
+        ({"rate": 10.0, "phase": "late"}, "phase must be one of 'zero', 'random', got 'late'"),
     ],
 )
 def test_a_schedule_that_cannot_be_kept(options, message):

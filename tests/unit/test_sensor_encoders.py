@@ -380,17 +380,17 @@ def test_every_world_may_have_its_own_numbers():
             lambda m: Encoder(m, "slide", EncoderConfig(noise=(NormalNoise(std=(0.1, 0.2)),))),
             "sensor 'encoder': noise: std of NormalNoise must be one number or 1, got ",
         ),
-        (lambda m: EncoderConfig(reading="angle"), "EncoderConfig: reading must be one of position, counts, speed"),  # type: ignore[arg-type]
+        (lambda m: EncoderConfig(reading="angle"), "EncoderConfig: reading must be one of 'position', 'counts', "),  # type: ignore[arg-type]
         (lambda m: EncoderConfig(reading="counts"), "EncoderConfig: reading counts needs something to count; give "),
         (lambda m: EncoderConfig(counts_per_turn=100, step=0.1), "EncoderConfig: give either counts_per_turn or step"),
-        (lambda m: EncoderConfig(counts_per_turn=0), "EncoderConfig: counts_per_turn must be finite and > 0"),
-        (lambda m: EncoderConfig(step=-0.1), "EncoderConfig: step must be finite and > 0, one number"),
-        (lambda m: EncoderConfig(ratio=(1.0, 0.0)), "EncoderConfig: ratio must be finite and not 0, one number or"),
-        (lambda m: EncoderConfig(ratio="two"), "EncoderConfig: ratio must be finite and not 0, one number or"),  # type: ignore[arg-type]
+        (lambda m: EncoderConfig(counts_per_turn=0), "EncoderConfig: counts_per_turn must be positive, got 0"),
+        (lambda m: EncoderConfig(step=-0.1), "EncoderConfig: step must be positive, got -0.1"),
+        (lambda m: EncoderConfig(ratio=(1.0, 0.0)), "EncoderConfig: ratio must be not 0, one number or one per joint"),
+        (lambda m: EncoderConfig(ratio="two"), "EncoderConfig: ratio must be a number or a list, got 'two'"),  # type: ignore[arg-type]
         (lambda m: Encoder(m, "slide", EncoderConfig(schedule=100.0)), "schedule must be a Schedule, got 100.0"),  # type: ignore[arg-type]
         (lambda m: Tachometer(m, Mount("wheel")), "sensor 'tachometer': model has no body 'wheel'"),
         (lambda m: Tachometer(m, "wheel"), "sensor 'tachometer': model has no joint 'wheel'"),
-        (lambda m: TachometerConfig(unit="rps"), "TachometerConfig: unit must be 'rpm' or 'rad/s', got 'rps'"),  # type: ignore[arg-type]
+        (lambda m: TachometerConfig(unit="rps"), "TachometerConfig: unit must be one of 'rpm', 'rad/s',"),  # type: ignore[arg-type]
         (lambda m: TachometerConfig(axis=(0.0, 0.0, 0.0)), "TachometerConfig: axis must "),
         (lambda m: Speedometer(m, Mount("car")), "sensor 'speedometer': model has no body 'car'"),
         (lambda m: Speedometer(m, "slide"), "sensor 'speedometer': mount must be a Mount, got 'slide'"),  # type: ignore[arg-type]

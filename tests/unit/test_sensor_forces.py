@@ -249,7 +249,7 @@ def test_every_world_may_have_its_own_axes_and_noise():
         (lambda m: ContactSensor(m, Mount("ghost")), "sensor 'contact': body must have a shape, got 'ghost'"),
         (
             lambda m: ContactSensorConfig(threshold=-1.0),
-            "ContactSensorConfig: threshold must be >= 0 N, got -1.0; use 0 for any",
+            "ContactSensorConfig: threshold must be zero or positive, got -1.0; give newtons, 0 for any force",
         ),
         (lambda m: LoadCell(m, "clamp"), "sensor 'load_cell': model has no joint 'clamp'"),
         (lambda m: LoadCell(m, 7), "sensor 'load_cell': joint must be a name or an index below 1, got 7; take what"),

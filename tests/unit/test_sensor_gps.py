@@ -193,9 +193,9 @@ def test_the_field_points_north_and_into_the_ground():
     [
         (lambda m: Gps(m, Mount("car")), "sensor 'gps': model has no body 'car'"),
         (lambda m: Magnetometer(m, Mount("car")), "sensor 'magnetometer': model has no body 'car'"),
-        (lambda m: GeoOrigin(latitude=91.0), "GeoOrigin: latitude must be within ±90, got 91.0"),
+        (lambda m: GeoOrigin(latitude=91.0), r"GeoOrigin: latitude must be in \[-90, 90\], got 91\.0; give degrees"),
         (lambda m: GeoOrigin(longitude=math.nan), "GeoOrigin: longitude must be a finite number"),
-        (lambda m: GpsConfig(earth="flat"), "GpsConfig: earth must be 'wgs84' or 'sphere', got 'flat'"),  # type: ignore[arg-type]
+        (lambda m: GpsConfig(earth="flat"), "GpsConfig: earth must be one of 'wgs84', 'sphere', got 'flat'"),  # type: ignore[arg-type]
         (lambda m: MagnetometerConfig(strength=math.inf), "MagnetometerConfig: strength must be a finite number"),
     ],
 )

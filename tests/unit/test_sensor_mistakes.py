@@ -79,13 +79,22 @@ def test_a_sensor_on_what_is_not_there(sort):
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
-        ({"rate": 0.0}, "Schedule: rate must be finite and > 0 Hz, got 0.0; give the frames per second"),
-        ({"rate": -5.0}, "Schedule: rate must be finite and > 0 Hz, got -5.0; give the frames per second"),
-        ({"rate": float("nan")}, "Schedule: rate must be finite and > 0 Hz, got nan; give the frames per second"),
-        ({"rate": "fast"}, "Schedule: rate must be finite and > 0 Hz, got 'fast'; give the frames per second"),
-        ({"rate": 10.0, "lag": -0.01}, "Schedule: lag must be >= 0 s, got -0.01; use 0 for none"),
-        ({"rate": 10.0, "lag": float("inf")}, "Schedule: lag must be a finite number, got inf; use 0 for none"),
-        ({"rate": 10.0, "window": -0.01}, "Schedule: window must be >= 0 s, got -0.01; use 0 for none"),
+        ({"rate": 0.0}, "Schedule: rate must be positive, got 0.0; give frames per second [Hz]"),
+        ({"rate": -5.0}, "Schedule: rate must be positive, got -5.0; give frames per second [Hz]"),
+        ({"rate": float("nan")}, "Schedule: rate must be a finite number, got nan; give frames per second [Hz]"),
+        ({"rate": "fast"}, "Schedule: rate must be a number, got 'fast'; give frames per second [Hz]"),
+        (
+            {"rate": 10.0, "lag": -0.01},
+            "Schedule: lag must be zero or positive, got -0.01; give seconds, 0 for none",
+        ),
+        (
+            {"rate": 10.0, "lag": float("inf")},
+            "Schedule: lag must be a finite number, got inf; give seconds, 0 for none",
+        ),
+        (
+            {"rate": 10.0, "window": -0.01},
+            "Schedule: window must be zero or positive, got -0.01; give seconds, 0 for none",
+        ),
         (
             {"rate": 10.0, "window": 0.2},
             (
@@ -93,7 +102,7 @@ def test_a_sensor_on_what_is_not_there(sort):
                 "shorten it or lower the rate"
             ),
         ),
-        ({"rate": 10.0, "phase": 0.5}, "Schedule: phase must be 'zero' or 'random', got 0.5; choose one of them"),
+        ({"rate": 10.0, "phase": 0.5}, "Schedule: phase must be one of 'zero', 'random', got 0.5"),
     ],
 )  # fmt: skip
 def test_schedules_that_cannot_be(values, expected):
@@ -106,7 +115,7 @@ def test_a_schedule_that_is_none(sort):
     found = message(
         lambda: make_sensor(dataclasses.replace(config, schedule=20.0), scene(), right_place(sort), name="eye")
     )
-    assert re.fullmatch(r".*: schedule must be a Schedule, got 20.0; (write Schedule\(rate=...\)|construct one)", found)
+    assert re.fullmatch(r".*: schedule must be a Schedule, got 20.0", found)
 
 
 @pytest.mark.parametrize("sort", KINDS)
@@ -167,9 +176,9 @@ def test_textures_that_do_not_know_where_they_lie(tmp_path):
 
 def test_a_camera_that_cannot_be():
     for changes, rule in (
-        ({"width": 0}, "width must be an integer >= 1, got 0"),
-        ({"samples": 99}, "samples must be at most 16, got 99"),
-        ({"outputs": ("heat",)}, "outputs must be different ones of rgb, grey, depth, range, "),
+        ({"width": 0}, "width must be from 1 to 32768, got 0"),
+        ({"samples": 99}, "samples must be from 1 to 16, got 99"),
+        ({"outputs": ("heat",)}, "outputs[0] must be one of 'rgb', 'grey', 'depth', 'range', "),
         ({"near": 3.0, "far": 2.0}, "0 <= near < far must hold, got near=3, far=2 m; swap them"),
     ):  # fmt: skip
         assert message(lambda changes=changes: CameraConfig(**changes)).startswith(f"CameraConfig: {rule}")

@@ -112,10 +112,10 @@ def test_a_snapshot_of_other_sensors():
 def huge(target: Scene) -> dict[str, Any]:
     slow, many = Schedule(rate=10.0), Schedule(rate=100.0, lag=1.0e6)
     return {
-        "width must be an integer from 1 to 32768, got 200000": lambda: Camera(
+        "width must be from 1 to 32768, got 200000": lambda: Camera(
             target, HUB, CameraConfig(width=200_000, height=200_000)
         ),
-        "width must be an integer from 1 to 32768, got 1000000000000": lambda: Camera(
+        "width must be from 1 to 32768, got 1000000000000": lambda: Camera(
             target, HUB, CameraConfig(width=10**12)
         ),
         "must be below 2 GiB": lambda: Camera(target, HUB, CameraConfig(width=32_000, height=32_000)),
@@ -165,7 +165,7 @@ def test_a_rounded_full_turn_is_a_full_turn():
         assert np.allclose(rounded.azimuth, exact.azimuth, atol=1e-4)
     assert np.abs(BeamTable(azimuth=[0.0], elevation=[1.5708]).elevation).max() == 0.5 * np.pi
     assert "at most 2 pi" in message(lambda: beam_grid(10, 4, azimuth=(3.15, -3.15)))
-    assert "below" in message(lambda: FishEye(fov=6.3))
+    assert "must be in (0, " in message(lambda: FishEye(fov=6.3))
 
 
 # ---- arguments of another sort ---------------------------------------------------------------------------------------
@@ -189,7 +189,7 @@ def test_arguments_of_another_sort():
         ("config must be of class RadarConfig, got None; write RadarConfig(...)", lambda: Radar(target, HUB)),
         ("lens must be a lens, got 'sun'; ", lambda: Camera(target, HUB, CameraConfig(lens=word))),
         ("lights must be Lights or a Lighting, got 'sun'; ", lambda: Camera(target, HUB, small, lights=word)),
-        ("outputs must be different ones of ", lambda: Camera(target, HUB, CameraConfig(outputs=cast(Any, 5)))),
+        ("outputs must be a list, got 5", lambda: Camera(target, HUB, CameraConfig(outputs=cast(Any, 5)))),
         ("builder must be a ModelBuilder, got a Model; ", lambda: Visuals(model)),
         ("coordinates must be joints by name or columns of joint_q, got ", lambda: Encoder(model, hub)),
     ]
@@ -198,8 +198,7 @@ def test_arguments_of_another_sort():
 
 
 def test_a_divergence_in_degrees():
-    assert "pi/2" in message(lambda: Beam(divergence=3.0))
-    assert "degrees" in message(lambda: Beam(divergence=3.0))
+    assert "Beam: divergence must be in [0, 1.5708], got 3.0" in message(lambda: Beam(divergence=3.0))
     Beam(divergence=1.0)
 
 
@@ -271,7 +270,7 @@ def test_the_remedy_is_that_of_the_mistake(tmp_path):
     found = message(lambda: built()[1].add_sphere(0, radius=0.1, texture=picture))
     assert found.endswith("got an array of shape (64, 64, 3); write texture=visuals.texture(ImageTexture(image=...))")
     behind = message(lambda: Camera(target, HUB, CameraConfig(far=-5.0)))
-    assert behind.endswith("reach must be > 0 m, got -5; give the largest distance that is seen")
+    assert behind.endswith("far must be positive, got -5.0; give the largest distance that is seen [m]")
     assert message(lambda: Camera(target, HUB, CameraConfig(imaging=Imaging(gamma=0)))).startswith(
         "Imaging: gamma must be finite and > 0, got 0; "
     )

@@ -5,26 +5,26 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias
 
 import numpy as np
 import warp as wp
 
+from simwarp.core.constraints import Different, Ge, Le, Meaning, MinLen, NotNegative, Positive
 from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
 from simwarp.kernels.sensors.cameras.image import Camera as CameraNumbers
 from simwarp.kernels.sensors.cameras.image import Outputs, Views, aim_views, render
-from simwarp.model.checks import finite_number
 from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS
 from simwarp.sensors.cameras.image_processing import ImageProcessing, Imaging
-from simwarp.sensors.cameras.lenses import Lens, Pinhole
+from simwarp.sensors.cameras.lenses import LensField, Pinhole
 from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.scanning import scene_model
-from simwarp.sensors.scene import ALL_GROUPS, Scene
+from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
@@ -43,11 +43,13 @@ LIGHT_OUTPUTS: Final = ("rgb", "grey")
 MOST_SAMPLES: Final = 16
 MOST_PIXELS: Final = 32768
 """Along either side of an image."""
+Pixels: TypeAlias = Annotated[int, Ge(1), Le(MOST_PIXELS)]
+Output: TypeAlias = Literal["rgb", "grey", "depth", "range", "normals", "instance", "semantic"]
 
 
 @renamed_fields(reach="far")
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class CameraConfig:
+class CameraConfig(Configuration):
     """What a camera is. It looks along X of its mount; Y is to the left, Z up.
 
     Attributes:
@@ -71,18 +73,19 @@ class CameraConfig:
     """
 
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=30.0))
-    width: int = 80
-    height: int = 45
-    lens: Lens = dataclasses.field(default_factory=Pinhole)
-    outputs: Sequence[str] = ("rgb",)
-    samples: int = 1
-    near: float = 0.0
-    far: float = 1000.0
+    width: Pixels = 80
+    height: Pixels = 45
+    lens: LensField = dataclasses.field(default_factory=Pinhole)
+    outputs: Annotated[tuple[Output, ...], MinLen(1), Different] = ("rgb",)
+    samples: Annotated[int, Ge(1), Le(MOST_SAMPLES)] = 1
+    near: Annotated[NotNegative, Meaning("metres, 0 to see everything")] = 0.0
+    far: Annotated[Positive, Meaning("the largest distance that is seen [m]")] = 1000.0
     imaging: Imaging = dataclasses.field(default_factory=Imaging)
-    grey_weights: Vec3 = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
-    groups: int = ALL_GROUPS
+    grey_weights: tuple[float, float, float] = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+    groups: GroupBits = ALL_GROUPS
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """The lens fits the image, and there is something to see."""
         camera_numbers(self)
 
 
@@ -119,7 +122,7 @@ class Camera:
         wanted = wanted_arrays(f"camera '{name}'", per_world, (*IMAGING_ARRAYS, *LIGHT_ARRAYS, "mount"))
         self.name, self.scene, self.config = name, scene, config
         self.numbers = camera_numbers(config)
-        fields = {
+        fields: dict[str, Field] = {
             output: Field((config.height, config.width, OUTPUTS[output][1]), OUTPUTS[output][2])
             for output in config.outputs
         }
@@ -219,54 +222,22 @@ def camera_numbers(config: CameraConfig) -> CameraNumbers:
     Raises:
         ModelError: a number, an output or the lens is not usable.
     """
-    thing = "CameraConfig"
-    for field, least in (("width", 1), ("height", 1), ("samples", 1), ("groups", 0)):
-        value = getattr(config, field)
-        if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < least:
-            raise ModelError(f"{thing}: {field} must be an integer >= {least}, got {shown(value)}")
-        if field == "groups" and value > ALL_GROUPS:
-            raise ModelError(f"{thing}: groups must be bits below 2^31, got {shown(value)}; leave out the higher ones")
-        if field in ("width", "height") and value > MOST_PIXELS:
-            raise ModelError(
-                f"{thing}: {field} must be an integer from 1 to {MOST_PIXELS}, got {shown(value)}; use fewer pixels"
-            )
-    if config.samples > MOST_SAMPLES:
-        raise ModelError(
-            f"{thing}: samples must be at most {MOST_SAMPLES}, got {shown(config.samples)}: s x s rays are cast"
-        )
-    names = tuple(config.outputs) if isinstance(config.outputs, (tuple, list)) else ()
-    known = all(isinstance(name, str) and name in OUTPUTS for name in names)
-    if not names or not known or len(set(names)) < len(names):
-        raise ModelError(
-            f"{thing}: outputs must be different ones of {', '.join(OUTPUTS)}, got {shown(config.outputs)}; "
-            'write for example ("rgb", "depth")'
-        )
-    near = finite_number(thing, "near", config.near, "0 sees everything")
-    far = finite_number(thing, "far", config.far, "pass metres")
-    for field, number, rule, usable, remedy in (
-        ("near", near, ">= 0", near >= 0.0, "0 sees everything"),
-        ("far", far, "> 0", far > 0.0, "give the largest distance that is seen"),
-    ):
-        if not usable:
-            raise ModelError(f"{thing}: {field} must be {rule} m, got {number:g}; {remedy}")
+    thing, near, far = "CameraConfig", config.near, config.far
     if not near < far:
         raise ModelError(f"{thing}: 0 <= near < far must hold, got near={near:g}, far={far:g} m; swap them")
-    if not isinstance(config.schedule, Schedule):
-        found = shown(config.schedule)
-        raise ModelError(f"{thing}: schedule must be a Schedule, got {found}; write Schedule(rate=...)")
     if isinstance(config.lens, type) or not (hasattr(config.lens, "numbers") and hasattr(config.lens, "points")):
         found = shown(config.lens)
         raise ModelError(f"{thing}: lens must be a lens, got {found}; write Pinhole(fov=1.0), FishEye or Radial")
     numbers = CameraNumbers()
-    numbers.width, numbers.height = int(config.width), int(config.height)
+    numbers.width, numbers.height = config.width, config.height
     numbers.lens = config.lens.numbers(config.height / config.width)
-    numbers.outputs = sum(OUTPUTS[name][0] for name in names)
-    numbers.side = int(config.samples)
+    numbers.outputs = sum(OUTPUTS[name][0] for name in config.outputs)
+    numbers.side = config.samples
     numbers.stride = _stride(config.samples**2)
     numbers.samples = config.samples**2
     numbers.near, numbers.far = near, far
     numbers.spread = 2.0 * numbers.lens.scale / (config.width * config.samples)
-    numbers.grey = wp.vec3(*finite_vector(thing, "grey_weights", config.grey_weights, 3))
+    numbers.grey = wp.vec3(*config.grey_weights)
     return numbers
 
 

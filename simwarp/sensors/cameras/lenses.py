@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Protocol
+from typing import Annotated, Literal, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from simwarp.core.types import ModelError, shown
+from simwarp.core.constraints import Gt, Lt, Meaning, Read, Tagged
+from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.cameras.lenses import Lens as LensNumbers
 from simwarp.kernels.sensors.cameras.lenses import LensKind
-from simwarp.model.checks import finite_number
+from simwarp.sensors.interface import Configuration
 from simwarp.sensors.ranging.beams import ROUNDED
 
 Array = npt.NDArray[np.float64]
@@ -39,17 +40,15 @@ class Lens(Protocol):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Pinhole:
+class Pinhole(Configuration):
     """Straight lines stay straight: tan of the angle from the axis grows with the distance from the middle.
 
     Attributes:
         fov: angle between the left and the right edge of the image [rad], below pi.
     """
 
-    fov: float = 1.5
-
-    def __post_init__(self) -> None:
-        _check_angle("Pinhole", self.fov, math.pi, "FishEye sees more")
+    kind: Literal["pinhole"] = "pinhole"
+    fov: Annotated[float, Gt(0.0), Lt(math.pi), Meaning("radians, FishEye sees more")] = 1.5
 
     def numbers(self, aspect: float) -> LensNumbers:
         """See `Lens`."""
@@ -68,7 +67,7 @@ class Pinhole:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class FishEye:
+class FishEye(Configuration):
     """The FOV model of Devernay and Faugeras (2001), its angle that of the image: the angle from the axis grows in
     proportion to the distance from the middle.
 
@@ -77,10 +76,11 @@ class FishEye:
             rounded 2 pi).
     """
 
-    fov: float = math.pi
+    kind: Literal["fish-eye"] = "fish-eye"
+    fov: Annotated[float, Gt(0.0), Lt(_FULL_TURN + ROUNDED), Meaning("radians")] = math.pi
 
-    def __post_init__(self) -> None:
-        _check_angle("FishEye", self.fov, _FULL_TURN + ROUNDED, "there is no more to see")
+    def check(self) -> None:
+        """A rounded full turn is one."""
         object.__setattr__(self, "fov", min(self.fov, _FULL_TURN))
 
     def numbers(self, aspect: float) -> LensNumbers:
@@ -97,7 +97,7 @@ class FishEye:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Radial:
+class Radial(Configuration):
     """A pinhole whose image is moved towards or away from its middle: r -> r (1 + k1 r² + k2 r⁴ + k3 r⁶), r being the
     distance from the axis in focal lengths (Brown 1966, and the usual calibration tools).
 
@@ -108,15 +108,11 @@ class Radial:
         k1, k2, k3: coefficients. The law has to rise up to the corners of the image.
     """
 
-    fov: float = 1.5
+    kind: Literal["radial"] = "radial"
+    fov: Annotated[float, Gt(0.0), Lt(math.pi), Meaning("radians, FishEye sees more")] = 1.5
     k1: float = 0.0
     k2: float = 0.0
     k3: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check_angle("Radial", self.fov, math.pi, "FishEye sees more")
-        for name in ("k1", "k2", "k3"):
-            finite_number("Radial lens", name, getattr(self, name), "0 leaves the term out")
 
     def numbers(self, aspect: float) -> LensNumbers:
         """See `Lens`.
@@ -171,6 +167,10 @@ class Radial:
         return high
 
 
+LensField: TypeAlias = Annotated[Lens, Read(Annotated[Pinhole | FishEye | Radial, Tagged("kind")])]
+"""A lens: in a file one of these, in Python anything that is one."""
+
+
 def directions(lens: Lens, width: int, height: int) -> Array:
     """(height, width, 3) float64 unit directions of the middles of all pixels, as the kernels cast them (in float32).
 
@@ -220,12 +220,3 @@ def _plane(directions: npt.ArrayLike) -> Array:
     d = np.asarray(directions, dtype=np.float64)
     forward = np.where(d[..., :1] > 0.0, d[..., :1], np.nan)
     return np.concatenate([-d[..., 1:2], d[..., 2:3]], axis=-1) / forward
-
-
-def _check_angle(name: str, fov: float, limit: float, remedy: str) -> None:
-    value = finite_number(f"{name} lens", "fov", fov, "pass an angle in rad")
-    if not 0.0 < value < limit:
-        raise ModelError(
-            f"{name} lens: fov must be above 0 and below {limit:.4g} rad, got {shown(fov)}; "
-            f"it is in radians, and {remedy}"
-        )

@@ -5,20 +5,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, cast
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
+from simwarp.core.constraints import Direction, Rule, RuleError
 from simwarp.core.rotation import unit_vector
-from simwarp.core.types import FLOAT32_MAX, JointType, ModelError, RowKind, Vec3, numbers, shown
+from simwarp.core.types import JointType, ModelError, RowKind, numbers, shown
 from simwarp.kernels.sensors.motion.encoders import EncoderArrays, RateMeter, sample_encoder, sample_rate
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, checked_config, checked_model
-from simwarp.sensors.noise import Noise, NoiseChain, Numbers
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, checked_model
+from simwarp.sensors.noise import Noise, NoiseChain, Numbers, PositiveNumbers
 from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
@@ -31,8 +32,13 @@ Coordinate: TypeAlias = str | int
 """A joint of one coordinate by name, or a column of `joint_q` (`model.dof(name, local)`)."""
 
 
+def _not_zero(ratio: Any) -> None:
+    if not np.all(ratio):
+        raise RuleError("not 0, one number or one per joint")
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class EncoderConfig:
+class EncoderConfig(Configuration):
     """An encoder on coordinates of joints: a joint encoder, or that of a wheel.
 
     Everything is told of the encoder's own shaft, which moves `ratio` times as far as the coordinate. It knows whole
@@ -53,18 +59,13 @@ class EncoderConfig:
 
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=1000.0))
     reading: Literal["position", "counts", "speed"] = "position"
-    counts_per_turn: Numbers | None = None
-    step: Numbers | None = None
-    ratio: Numbers = 1.0
+    counts_per_turn: PositiveNumbers | None = None
+    step: PositiveNumbers | None = None
+    ratio: Annotated[Numbers, Rule(_not_zero)] = 1.0
     noise: tuple[Noise, ...] = ()
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.reading, str) or self.reading not in READINGS:
-            raise ModelError(f"EncoderConfig: reading must be one of {', '.join(READINGS)}, got {shown(self.reading)}")
-        for name in ("counts_per_turn", "step"):
-            if getattr(self, name) is not None:
-                _check_numbers(name, getattr(self, name), "> 0")
-        _check_numbers("ratio", self.ratio, "not 0")
+    def check(self) -> None:
+        """One way to count, and counts of something."""
         if self.counts_per_turn is not None and self.step is not None:
             raise ModelError("EncoderConfig: give either counts_per_turn or step, got both; a turn is 2 pi")
         if self.reading == "counts" and self.counts_per_turn is None and self.step is None:
@@ -163,7 +164,7 @@ class Encoder(VectorSensor):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class TachometerConfig:
+class TachometerConfig(Configuration):
     """A tachometer.
 
     Attributes:
@@ -175,19 +176,12 @@ class TachometerConfig:
 
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=100.0))
     unit: Literal["rpm", "rad/s"] = "rpm"
-    axis: Vec3 = (0.0, 0.0, 1.0)
+    axis: Direction = (0.0, 0.0, 1.0)
     noise: tuple[Noise, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.unit, str) or self.unit not in ("rpm", "rad/s"):
-            raise ModelError(
-                f"TachometerConfig: unit must be 'rpm' or 'rad/s', got {shown(self.unit)}; choose one of them"
-            )
-        unit_vector("TachometerConfig", "axis", self.axis)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SpeedometerConfig:
+class SpeedometerConfig(Configuration):
     """A speedometer.
 
     Attributes:
@@ -356,13 +350,3 @@ def _per_coordinate(sensor: str, field: str, values: Any, count: int) -> Any:
     if len(given) not in (1, count):
         raise ModelError(f"sensor '{sensor}': {field} must be one number or {count}, got {len(given)}")
     return np.broadcast_to(given, count)
-
-
-def _check_numbers(field: str, value: Any, rule: Literal["> 0", "not 0"]) -> None:
-    """One number or one per coordinate that keep a rule, or a ModelError."""
-    given = np.atleast_1d(numbers(value))
-    usable = given.ndim == 1 and given.size > 0 and bool((np.abs(given) <= FLOAT32_MAX).all())
-    if not usable or (given == 0.0 if rule == "not 0" else given <= 0.0).any():
-        raise ModelError(
-            f"EncoderConfig: {field} must be finite and {rule}, one number or one per joint, got {shown(value)}"
-        )

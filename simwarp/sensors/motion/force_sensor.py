@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import warp as wp
 
+from simwarp.core.constraints import Meaning, NotNegative
 from simwarp.core.types import WORLD, ModelError, Quat, pose, shown
 from simwarp.kernels.sensors.motion.force_sensor import sample_forces, sample_touch
-from simwarp.model.checks import finite_number
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, body_index, checked_config
+from simwarp.sensors.interface import Configuration, Mount, Schedule, body_index, checked_config
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ContactSensorConfig:
+class ContactSensorConfig(Configuration):
     """A sensor of contact forces.
 
     Attributes:
@@ -32,18 +32,12 @@ class ContactSensorConfig:
     """
 
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=1000.0))
-    threshold: float = 0.0
+    threshold: Annotated[NotNegative, Meaning("newtons, 0 for any force")] = 0.0
     noise: tuple[Noise, ...] = ()
-
-    def __post_init__(self) -> None:
-        if finite_number("ContactSensorConfig", "threshold", self.threshold) < 0.0:
-            raise ModelError(
-                f"ContactSensorConfig: threshold must be >= 0 N, got {shown(self.threshold)}; use 0 for any"
-            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LoadCellConfig:
+class LoadCellConfig(Configuration):
     """A sensor of what a joint transmits.
 
     Attributes:

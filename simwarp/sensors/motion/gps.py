@@ -5,18 +5,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
 import warp as wp
 
+from simwarp.core.constraints import Ge, Le, Meaning
 from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.motion.geodesy import GeoFrame
 from simwarp.kernels.sensors.motion.gps import GpsRings, sample_gps
-from simwarp.model.checks import finite_number
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, checked_config
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 
@@ -29,7 +29,7 @@ ECCENTRICITY2 = (2.0 - 1.0 / 298.257223563) / 298.257223563
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class GeoOrigin:
+class GeoOrigin(Configuration):
     """Where on the Earth the world's origin is. The world's z is the normal of the ellipsoid there.
 
     Attributes:
@@ -42,23 +42,14 @@ class GeoOrigin:
         ModelError: a value is outside its range.
     """
 
-    latitude: float = 43.07
-    longitude: float = -89.40
-    altitude: float = 260.0
-    heading: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, limit in (("latitude", 90.0), ("longitude", 180.0), ("altitude", 1.0e9), ("heading", 1.0e9)):
-            value = finite_number("GeoOrigin", name, getattr(self, name))
-            if abs(value) > limit:
-                raise ModelError(
-                    f"GeoOrigin: {name} must be within ±{limit:g}, got {shown(value)}; "
-                    "angles on the Earth are in degrees"
-                )
+    latitude: Annotated[float, Ge(-90.0), Le(90.0), Meaning("degrees")] = 43.07
+    longitude: Annotated[float, Ge(-180.0), Le(180.0), Meaning("degrees")] = -89.40
+    altitude: Annotated[float, Ge(-1.0e9), Le(1.0e9)] = 260.0
+    heading: Annotated[float, Ge(-1.0e9), Le(1.0e9)] = 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class GpsConfig:
+class GpsConfig(Configuration):
     """A satellite receiver.
 
     Attributes:
@@ -74,12 +65,6 @@ class GpsConfig:
     earth: Literal["wgs84", "sphere"] = "wgs84"
     noise: tuple[Noise, ...] = ()
     velocity_noise: tuple[Noise, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.earth, str) or self.earth not in ("wgs84", "sphere"):
-            raise ModelError(
-                f"GpsConfig: earth must be 'wgs84' or 'sphere', got {shown(self.earth)}; choose one of them"
-            )
 
 
 def geo_frame(origin: GeoOrigin, spherical: bool = False) -> GeoFrame:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, cast
 
 import warp as wp
 
+from simwarp.core.constraints import Different, MinLen, OneOrMany
 from simwarp.kernels.sensors.motion.imu import InertialArrays, sample_inertial
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, checked_config, checked_outputs
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
 
@@ -22,7 +23,7 @@ PARTS: Final = ("accelerometer", "gyroscope")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ImuConfig:
+class ImuConfig(Configuration):
     """An inertial unit.
 
     Attributes:
@@ -33,12 +34,11 @@ class ImuConfig:
     """
 
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=100.0))
-    outputs: tuple[str, ...] = PARTS
+    outputs: Annotated[tuple[Literal["accelerometer", "gyroscope"], ...], MinLen(1), Different, OneOrMany()] = (
+        "accelerometer", "gyroscope",
+    )  # fmt: skip
     accelerometer_noise: tuple[Noise, ...] = ()
     gyroscope_noise: tuple[Noise, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "outputs", checked_outputs("ImuConfig", self.outputs, PARTS))
 
 
 class Imu(VectorSensor):

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import warp as wp
 
 from simwarp.kernels.sensors.motion.gps import sample_magnetometer
-from simwarp.model.checks import finite_number
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, checked_config
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config
 from simwarp.sensors.motion.gps import GeoOrigin, geo_frame
 from simwarp.sensors.noise import Noise, NoiseChain
 from simwarp.sensors.vector_sensor import VectorSensor
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class MagnetometerConfig:
+class MagnetometerConfig(Configuration):
     """A magnetometer.
 
     Attributes:
@@ -40,10 +39,6 @@ class MagnetometerConfig:
     strength: float = 3.05e-5
     pole_latitude: float = 80.65
     pole_longitude: float = -72.68
-
-    def __post_init__(self) -> None:
-        for name in ("strength", "pole_latitude", "pole_longitude"):
-            finite_number("MagnetometerConfig", name, getattr(self, name))
 
 
 class Magnetometer(VectorSensor):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.constraints import Ge, Le, Meaning, MinLen, Read
 from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
+from simwarp.sensors.interface import Configuration
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Angles: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
@@ -128,8 +130,55 @@ def beam_grid(
     return BeamTable(azimuth=_even(ends, columns), elevation=_even(heights, rows))
 
 
+Row: TypeAlias = Annotated[tuple[float, ...], MinLen(1)]
+BeamCount: TypeAlias = Annotated[int, Ge(1)]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Beam:
+class BeamLayout(Configuration):
+    """Beams as a file has them: a grid of `columns` and `rows`, or tables of both angles.
+
+    Attributes:
+        columns, rows: of a grid.
+        azimuth: of a grid's first and last column, or a table [rad].
+        elevation: of a grid's first and last row or of all its rows, or a table [rad].
+    """
+
+    columns: BeamCount | None = None
+    rows: BeamCount | None = None
+    azimuth: Row | tuple[Row, ...] | None = None
+    elevation: Row | tuple[Row, ...]
+
+    def table(self) -> BeamTable:
+        """The beams.
+
+        Raises:
+            ModelError: they do not fit together.
+        """
+        if self.columns is None and self.rows is None:
+            if self.azimuth is None:
+                raise ModelError("needs columns, rows and elevation (a grid), or tables of azimuth and elevation")
+            return BeamTable(azimuth=np.array(self.azimuth), elevation=np.array(self.elevation))
+        for key in ("columns", "rows"):
+            if getattr(self, key) is None:
+                raise ModelError(f"needs {key} too; a grid has columns, rows, azimuth, elevation")
+        columns, rows, heights = cast(int, self.columns), cast(int, self.rows), np.array(self.elevation)
+        if len(heights) not in (2, rows):
+            rule = f"the first and the last row's, or {rows} angles [rad]"
+            raise ModelError(f"elevation must be {rule}, got {len(heights)}")
+        ends: dict[str, Any] = {} if self.azimuth is None else {"azimuth": self.azimuth}
+        grid = beam_grid(columns, rows, elevation=(heights[0], heights[-1]), **ends)
+        return grid if len(heights) == 2 else BeamTable(azimuth=grid.azimuth, elevation=heights)
+
+
+Beams: TypeAlias = Annotated[BeamTable, Read(BeamLayout, BeamLayout.table, BeamTable)]
+"""A table of beams; in a file a `BeamLayout`."""
+
+Spread: TypeAlias = Annotated[float, Ge(0.0), Le(0.5 * math.pi), Meaning("radians, 0 for one ray")]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Beam(Configuration):
     """Cross-section of a beam, sampled by rays of equal energy.
 
     Attributes:
@@ -141,30 +190,9 @@ class Beam:
         ModelError: a divergence is negative or above pi/2, a radius outside 1 to 5, an unknown shape.
     """
 
-    divergence: float | tuple[float, float] = 0.0
-    radius: int = 1
-    shape: str = "elliptic"
-
-    def __post_init__(self) -> None:
-        given = numbers(self.divergence)
-        if given.shape not in ((), (1,), (2,)):
-            raise ModelError(
-                f"Beam: divergence must be one angle or (horizontal, vertical), got {shown(self.divergence)}"
-            )
-        pair = np.broadcast_to(given, (2,))
-        if not (np.isfinite(pair).all() and (pair >= 0.0).all() and (pair <= 0.5 * math.pi).all()):
-            remedy = "use 0 for one ray" if not (pair > 0.0).all() else "it is in radians: math.radians(...) of degrees"
-            raise ModelError(
-                f"Beam: divergence must be >= 0 and at most pi/2 rad, got {shown(self.divergence)}; {remedy}"
-            )
-        if isinstance(self.radius, bool) or not isinstance(self.radius, (int, np.integer)):
-            raise ModelError(f"Beam: radius must be an integer, got {shown(self.radius)}; use 2 for 9 rays")
-        if not 1 <= self.radius <= MAX_RADIUS:
-            raise ModelError(
-                f"Beam: radius must be 1 to {MAX_RADIUS}, got {shown(self.radius)}; (2 radius - 1)² rays are cast"
-            )
-        if not isinstance(self.shape, str) or self.shape not in ("elliptic", "rectangular"):
-            raise ModelError(f"Beam: shape must be 'elliptic' or 'rectangular', got {shown(self.shape)}")
+    divergence: Spread | tuple[Spread, Spread] = 0.0
+    radius: Annotated[int, Ge(1), Le(MAX_RADIUS), Meaning("rings of rays, of which (2 radius - 1)² are cast")] = 1
+    shape: Literal["elliptic", "rectangular"] = "elliptic"
 
     def offsets(self) -> Array:
         """Angles of the rays from the beam's axis, to the left and upwards, (rays, 2) float64 [rad]; the first is 0."""

@@ -5,23 +5,22 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 import warp as wp
 
+from simwarp.core.constraints import Different, Meaning, MinLen, NotNegative, OneOrMany, Positive
 from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.lidar import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
 from simwarp.kernels.sensors.ranging.returns import ReturnMode
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
-from simwarp.sensors.ranging.beams import Beam, BeamTable
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.ranging.beams import Beam, Beams
 from simwarp.sensors.ranging.scanning import (
     PerWorld,
-    check_choice,
+    Share,
     check_reach,
-    check_scan,
-    check_shares,
     lane_count,
     noise_arrays,
     rows_of,
@@ -29,18 +28,18 @@ from simwarp.sensors.ranging.scanning import (
     scene_model,
     set_sweep,
 )
-from simwarp.sensors.scene import ALL_GROUPS, Scene
+from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
 
 MODES: Final = tuple(mode.name.lower() for mode in ReturnMode)
-OUTPUTS: Final = ("points", "ranges")
-MISSES: Final = ("zero", "inf", "far")
+Output: TypeAlias = Literal["points", "ranges"]
+OUTPUTS: Final = get_args(Output)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LidarNoise:
+class LidarNoise(Configuration):
     """What a lidar gets wrong: a number, or one per world.
 
     Attributes:
@@ -59,15 +58,11 @@ class LidarNoise:
     elevation: PerWorld = 0.0
     intensity: PerWorld = 0.0
     threshold: PerWorld = 0.0
-    dropout: PerWorld = 0.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            check_shares("LidarNoise", field.name, getattr(self, field.name), 1.0 if field.name == "dropout" else None)
+    dropout: Share = 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LidarConfig:
+class LidarConfig(Configuration):
     """A lidar.
 
     Attributes:
@@ -89,32 +84,20 @@ class LidarConfig:
     """
 
     schedule: Schedule
-    beams: BeamTable
+    beams: Beams
     beam: Beam = dataclasses.field(default_factory=Beam)
-    mode: str = "strongest"
-    near: float = 1.0e-3
-    far: float = 100.0
+    mode: Literal["strongest", "first", "last", "mean", "dual"] = "strongest"
+    near: NotNegative = 1.0e-3
+    far: Annotated[Positive, Meaning("the largest range [m]")] = 100.0
     noise: LidarNoise = dataclasses.field(default_factory=LidarNoise)
-    outputs: Sequence[str] = OUTPUTS
-    miss: str = "zero"
+    outputs: Annotated[tuple[Output, ...], MinLen(1), Different, OneOrMany()] = ("points", "ranges")
+    miss: Literal["zero", "inf", "far"] = "zero"
     sweep: bool = True
-    groups: int = ALL_GROUPS
+    groups: GroupBits = ALL_GROUPS
 
-    def __post_init__(self) -> None:
-        for field, kind in (("schedule", Schedule), ("beams", BeamTable), ("beam", Beam), ("noise", LidarNoise)):
-            if not isinstance(getattr(self, field), kind):
-                value = getattr(self, field)
-                raise ModelError(f"LidarConfig: {field} must be a {kind.__name__}, got {shown(value)}; construct one")
-        check_choice("LidarConfig", "mode", self.mode, MODES)
-        check_choice("LidarConfig", "miss", self.miss, MISSES)
+    def check(self) -> None:
+        """There is something between near and far."""
         check_reach("LidarConfig", self.near, self.far)
-        check_scan("LidarConfig", self.sweep, self.groups)
-        names = (self.outputs,) if not isinstance(self.outputs, (tuple, list)) else tuple(self.outputs)
-        for name in names or ("",):
-            check_choice("LidarConfig", "outputs", name, OUTPUTS)
-        if len(set(names)) < len(names):
-            raise ModelError(f"LidarConfig: outputs must be different, got {shown(names)}; name each once")
-        object.__setattr__(self, "outputs", names)
 
 
 class Lidar:
@@ -152,7 +135,9 @@ class Lidar:
         self.returns = 2 if config.mode == "dual" else 1
         rows, columns = config.beams.shape
         widths = {"points": 4 * self.returns, "ranges": 2 * self.returns}
-        fields = {output: Field((rows, columns, widths[output]), wp.float32) for output in config.outputs}
+        fields: dict[str, Field] = {
+            output: Field((rows, columns, widths[output]), wp.float32) for output in config.outputs
+        }
         self.frames = Frames(
             name, config.schedule, model, {**fields, "count": Field((), wp.int32)}, seed=seed, gradual=True
         )  # fmt: skip

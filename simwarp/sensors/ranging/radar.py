@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable_from
-from simwarp.core.types import ModelError, shown
+from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
+from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarNoiseArrays, scan_radar
-from simwarp.model.checks import finite_number, positive_number
 from simwarp.sensors.clock import Field, Frames, mount_arrays
-from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
-from simwarp.sensors.ranging.beams import BeamTable
+from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
+from simwarp.sensors.ranging.beams import Beams
 from simwarp.sensors.ranging.scanning import (
     PerWorld,
+    Share,
     check_reach,
-    check_scan,
-    check_shares,
     lane_count,
     noise_arrays,
     rows_of,
@@ -29,14 +28,14 @@ from simwarp.sensors.ranging.scanning import (
     scene_model,
     set_sweep,
 )
-from simwarp.sensors.scene import ALL_GROUPS, Scene
+from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RadarNoise:
+class RadarNoise(Configuration):
     """What a radar gets wrong: a number, or one per world.
 
     Attributes:
@@ -57,15 +56,11 @@ class RadarNoise:
     velocity: PerWorld = 0.0
     amplitude: PerWorld = 0.0
     threshold: PerWorld = 0.0
-    dropout: PerWorld = 0.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            check_shares("RadarNoise", field.name, getattr(self, field.name), 1.0 if field.name == "dropout" else None)
+    dropout: Share = 0.0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Clusters:
+class Clusters(Configuration):
     """How returns are gathered: DBSCAN in which every return counts (least 1), by distance in space alone.
 
     Attributes:
@@ -77,20 +72,13 @@ class Clusters:
         ModelError: a value breaks its rule.
     """
 
-    distance: float = 1.0
-    least: int = 1
-    capacity: int = 64
-
-    def __post_init__(self) -> None:
-        positive_number("Clusters", "distance", self.distance, "m", "give the largest gap within a cluster")
-        for field in ("least", "capacity"):
-            value = getattr(self, field)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-                raise ModelError(f"Clusters: {field} must be an integer >= 1, got {shown(value)}")
+    distance: Annotated[Positive, Meaning("the largest gap within a cluster [m]")] = 1.0
+    least: Annotated[int, Ge(1)] = 1
+    capacity: Annotated[int, Ge(1)] = 64
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RadarConfig:
+class RadarConfig(Configuration):
     """A radar.
 
     Attributes:
@@ -108,28 +96,18 @@ class RadarConfig:
     """
 
     schedule: Schedule
-    rays: BeamTable
-    near: float = 1.0e-3
-    far: float = 100.0
+    rays: Beams
+    near: NotNegative = 1.0e-3
+    far: Annotated[Positive, Meaning("the largest range [m]")] = 100.0
     noise: RadarNoise = dataclasses.field(default_factory=RadarNoise)
-    falloff: float = 0.0
+    falloff: Annotated[NotNegative, Meaning("4 for the radar equation")] = 0.0
     clusters: Clusters | None = None
     sweep: bool = True
-    groups: int = ALL_GROUPS
+    groups: GroupBits = ALL_GROUPS
 
-    def __post_init__(self) -> None:
-        for field, kind in (("schedule", Schedule), ("rays", BeamTable), ("noise", RadarNoise)):
-            if not isinstance(getattr(self, field), kind):
-                value = getattr(self, field)
-                raise ModelError(f"RadarConfig: {field} must be a {kind.__name__}, got {shown(value)}; construct one")
-        if not (self.clusters is None or isinstance(self.clusters, Clusters)):
-            raise ModelError(f"RadarConfig: clusters must be None or Clusters, got {shown(self.clusters)}")
+    def check(self) -> None:
+        """There is something between near and far."""
         check_reach("RadarConfig", self.near, self.far)
-        check_scan("RadarConfig", self.sweep, self.groups)
-        if not finite_number("RadarConfig", "falloff", self.falloff) >= 0.0:
-            raise ModelError(
-                f"RadarConfig: falloff must be >= 0, got {shown(self.falloff)}; use 4 for the radar equation"
-            )
 
 
 class Radar:

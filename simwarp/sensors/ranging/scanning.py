@@ -4,58 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
-from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
+from simwarp.core.constraints import Fraction, MinLen, NotNegative
+from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays
 from simwarp.kernels.sensors.ranging.beams import Scan
-from simwarp.model.checks import checked_flag, finite_number, positive_number, whole_number
 from simwarp.model.model import Model
 from simwarp.sensors.clock import Frames
 from simwarp.sensors.ranging.beams import BeamTable
-from simwarp.sensors.scene import ALL_GROUPS, Scene
+from simwarp.sensors.scene import Scene
 
-PerWorld: TypeAlias = float | Sequence[float] | npt.NDArray[np.floating]
+PerWorld: TypeAlias = NotNegative | Annotated[tuple[NotNegative, ...], MinLen(1)]
 """A number for all worlds, or one for each."""
+Share: TypeAlias = Fraction | Annotated[tuple[Fraction, ...], MinLen(1)]
+"""A probability for all worlds, or one for each."""
 
 
-def check_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> None:
-    """A ModelError where `value` is none of the names."""
-    if not isinstance(value, str) or value not in known:
-        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {shown(value)}")
-
-
-def check_scan(thing: str, sweep: Any, groups: Any) -> None:
-    """A flag and the bits of groups that are seen, or a ModelError."""
-    checked_flag(thing, "sweep", sweep)
-    whole_number(thing, "groups", groups, 0, ALL_GROUPS, "leave out the higher bits")
-
-
-def check_reach(thing: str, near: Any, far: Any) -> None:
-    """0 <= near < far, or a ModelError."""
-    positive_number(thing, "far", far, "m", "give the largest range")
-    if not 0.0 <= finite_number(thing, "near", near, "use 0 for none") < float(far):
-        raise ModelError(
-            f"{thing}: near must be >= 0 m and below far = {shown(far)} m, got {shown(near)}; use 0 for none"
-        )
-
-
-def check_shares(thing: str, field: str, value: Any, limit: float | None) -> None:
-    """Numbers >= 0, up to `limit`, or a ModelError."""
-    given = numbers(value)
-    top = math.inf if limit is None else limit
-    rule = ">= 0" if limit is None else f"between 0 and {limit:g}"
-    good = given.size > 0 and (given >= 0.0).all() and (given <= min(top, FLOAT32_MAX)).all()
-    if not good or given.ndim > 1:
-        raise ModelError(
-            f"{thing}: {field} must be {rule}, a number or one per world, got {shown(value)}; use 0 for none"
-        )
+def check_reach(thing: str, near: float, far: float) -> None:
+    """A ModelError unless near is below far."""
+    if not near < far:
+        raise ModelError(f"{thing}: near must be below far = {shown(far)} m, got {shown(near)}; use 0 for none")
 
 
 def scene_model(sensor: str, scene: Any) -> Model:
