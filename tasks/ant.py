@@ -10,11 +10,13 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
 
-from .config import TaskConfig, require
+from simwarp.core.constraints import Ge, Le, NotNegative, Positive
+
+from .config import TaskConfig
 from .drawing import Drawing, Line, View
 from .frames import Orientation, euler_123, heading_quaternion, rotate_back
 from .registry import register
@@ -62,11 +64,11 @@ class AntConfig(TaskConfig):
     """Control steps after which an episode is truncated: 10 s."""
     gravity: float = 9.81
     """Gravitational acceleration, downwards [m/s2]."""
-    torque: float = 30.0
+    torque: Positive = 30.0
     """Joint torque of a full action [N·m]."""
     reward: AntReward = AntReward.WALK
     """Which reward is paid."""
-    target_speed: float = 1.3
+    target_speed: Positive = 1.3
     """Speed along X for which the walk reward pays most [m/s]."""
     orientation: Orientation = Orientation.EULER
     """How the torso's orientation is observed: 30 observations with Euler angles, 31 with a quaternion."""
@@ -74,25 +76,18 @@ class AntConfig(TaskConfig):
     """Divide every observation by its usual size; without, they are in SI units."""
     lateral: bool = False
     """Observe the sideways position in place of the height, as the original's code does."""
-    start_angle: float = 0.1
+    start_angle: Annotated[float, Ge(0.0), Le(0.5)] = 0.1
     """Half-width of the uniform start angles of the joints and of the heading [rad]."""
-    start_rate: float = 0.1
+    start_rate: NotNegative = 0.1
     """Half-width of the uniform start rates of the joints [rad/s]."""
-    goal_distance: float = 10.0
+    goal_distance: Positive = 10.0
     """Distance along X that a success has covered [m]."""
-    goal_time: float = 10.0
+    goal_time: Positive = 10.0
     """Time in which it must be covered [s]."""
-    goal_width: float = 1.0
+    goal_width: Positive = 1.0
     """Largest distance from the line y = 0 of a success, over the whole episode [m]."""
-    tolerance: float = 1e-3
+    tolerance: Positive = 1e-3
     """Residual at which the contact solve stops [m/s]."""
-
-    def validate(self) -> None:
-        """Check that sizes are positive."""
-        for field in ("torque", "target_speed", "goal_distance", "goal_time", "goal_width", "tolerance"):
-            require(getattr(self, field) > 0.0, self, field, "positive")
-        require(0.0 <= self.start_angle <= 0.5, self, "start_angle", "in [0, 0.5]")
-        require(self.start_rate >= 0.0, self, "start_rate", "zero or positive")
 
 
 @register("ant")

@@ -5,18 +5,18 @@ from __future__ import annotations
 import dataclasses
 import enum
 import json
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, TypeVar
 
 import tyro
 
+from simwarp.core.constraints import Count, Ge, Le, NotNegative, Positive
 from simwarp.core.files import parse_json
 from simwarp.core.types import shown
 
 from .errors import InputError, near_names
-from .plain import choice, config_from_plain, hold_fields, plain_value
-from .uncertainty import Curriculum, Range, Sensing, coerce, delay_range
+from .plain import Settings, plain_value, typed
+from .uncertainty import Curriculum, Delay, Range, Sensing
 
 ConfigT = TypeVar("ConfigT")
 
@@ -26,14 +26,6 @@ def require(condition: bool, config: object, field: str, rule: str) -> None:
     if not condition:
         value = getattr(config, field)
         raise InputError(f"{field.replace('_', '-')} must be {rule}, got {shown(value)}")
-
-
-def require_finite(config: Any) -> None:
-    """Raise an :class:`InputError` for the first float field that is infinite or NaN."""
-    for field in dataclasses.fields(config):
-        value = getattr(config, field.name)
-        if isinstance(value, float):
-            require(math.isfinite(value), config, field.name, "a finite number")
 
 
 def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
@@ -53,7 +45,7 @@ def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
             grouped.setdefault(head, {})[rest] = value
         else:
             like = getattr(config, head)
-            direct[head] = choice(head, type(like), value) if isinstance(like, enum.Enum) else value
+            direct[head] = typed(type(like), value, head.replace("_", "-")) if isinstance(like, enum.Enum) else value
     for head, nested in grouped.items():
         direct[head] = replace_fields(direct.get(head, getattr(config, head)), nested)
     return dataclasses.replace(config, **direct)  # type: ignore[type-var]
@@ -86,23 +78,23 @@ BY_NAME: Final = tyro.constructors.PrimitiveConstructorSpec(
 
 
 @dataclasses.dataclass(frozen=True)
-class TaskConfig:
+class TaskConfig(Settings):
     """Fields that every task has; a task adds its own in a frozen subclass."""
 
-    dt: float = 0.01
+    dt: Positive = 0.01
     """Physics step [s]."""
-    substeps: int = 1
+    substeps: Count = 1
     """Sub-steps of dt / substeps inside one physics step."""
-    decimation: int = 1
+    decimation: Annotated[int, Ge(1), Le(100_000)] = 1
     """Physics steps per control step; one action lasts decimation * dt seconds."""
-    max_episode_steps: int = 1000
+    max_episode_steps: Annotated[int, Ge(1), Le(10**9)] = 1000
     """Control steps after which an episode is truncated."""
-    action_rise_time: float | tuple[float, ...] = 0.0
+    action_rise_time: NotNegative | tuple[NotNegative, ...] = 0.0
     """Time an action takes from 0 to 1 [s], of all components or of each: it moves towards what the policy asks for by
     at most dt / rise time per physics step; 0 is at once."""
-    action_delay: tuple[int, int] = (0, 0)
+    action_delay: Delay = (0, 0)
     """Least and largest delay of the actions [control steps], drawn for every world and episode."""
-    guard_steps: int = 100
+    guard_steps: Annotated[int, Ge(0), Le(10000)] = 100
     """Control steps kept in memory for the dump of a world whose physics breaks down; 0 keeps none."""
     randomise: Annotated[Mapping[str, Range], BY_NAME] = dataclasses.field(default_factory=dict)
     """Model parameter -> range: what differs from world to world and from episode to episode."""
@@ -110,38 +102,6 @@ class TaskConfig:
     """Observation group -> noise, bias and delay."""
     curriculum: Curriculum = dataclasses.field(default_factory=Curriculum)
     """What moves the level of difficulty."""
-
-    def __post_init__(self) -> None:
-        self._make_typed()
-        require_finite(self)
-        hold_fields(self)
-        require(self.dt > 0.0, self, "dt", "positive")
-        require(self.substeps >= 1, self, "substeps", "at least 1")
-        require(self.decimation >= 1, self, "decimation", "at least 1")
-        require(self.decimation <= 100_000, self, "decimation", "at most 100000 physics steps per action")
-        require(self.max_episode_steps >= 1, self, "max_episode_steps", "at least 1")
-        require(self.max_episode_steps <= 10**9, self, "max_episode_steps", "at most 1000000000")
-        times = self.action_rise_time if isinstance(self.action_rise_time, tuple) else (self.action_rise_time,)
-        good = all(math.isfinite(time) and time >= 0.0 for time in times)
-        require(good, self, "action_rise_time", "zero or positive")
-        require(self.guard_steps >= 0, self, "guard_steps", "zero or positive")
-        require(self.guard_steps <= 10000, self, "guard_steps", "at most 10000: they are kept in memory")
-        self.validate()
-
-    def _make_typed(self) -> None:
-        """Turn the plain values that a run folder keeps into those of the fields' types."""
-        if isinstance(self.action_rise_time, list):
-            object.__setattr__(self, "action_rise_time", tuple(self.action_rise_time))
-        object.__setattr__(self, "action_delay", delay_range("action-delay", self.action_delay))
-        object.__setattr__(self, "randomise", coerce("randomise", Range, self.randomise))
-        object.__setattr__(self, "sensing", coerce("sensing", Sensing, self.sensing))
-        if isinstance(self.curriculum, Mapping):
-            object.__setattr__(self, "curriculum", config_from_plain(Curriculum, self.curriculum, "curriculum"))
-        elif not isinstance(self.curriculum, Curriculum):
-            raise InputError(f"curriculum must be a Curriculum, got {shown(self.curriculum)}")
-
-    def validate(self) -> None:
-        """Check the fields of a subclass with :func:`require`; called after the shared ones."""
 
     @property
     def control_dt(self) -> float:

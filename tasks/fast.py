@@ -8,6 +8,8 @@ from typing import Any, ClassVar
 
 import torch
 
+from simwarp.core.constraints import NotNegative, Positive
+
 from .config import TaskConfig, require
 from .drawing import Drawing, Line, View
 from .registry import register
@@ -20,21 +22,18 @@ class FastConfig(TaskConfig):
 
     max_episode_steps: int = 64
     """Control steps after which an episode is truncated."""
-    gain: float = 0.1
+    gain: Positive = 0.1
     """Distance a full action moves the point [m]."""
-    start_radius: float = 1.0
+    start_radius: NotNegative = 1.0
     """Half-width of the uniform start position, per axis [m]."""
     bound: float = 2.0
     """Coordinate at which an episode ends as a failure [m]."""
 
-    goal_radius: float = 0.2
+    goal_radius: Positive = 0.2
     """Distance from the origin below which the end of an episode is a success [m]."""
 
     def validate(self) -> None:
         """Check gain, start and bound."""
-        require(self.gain > 0.0, self, "gain", "positive")
-        require(self.start_radius >= 0.0, self, "start_radius", "zero or positive")
-        require(self.goal_radius > 0.0, self, "goal_radius", "positive")
         require(self.bound > self.start_radius, self, "bound", "larger than start-radius")
 
 

@@ -11,18 +11,19 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol, TypeAlias
 
 import numpy as np
 import torch
 
+from simwarp.core.constraints import Fraction, Ge, Lt
 from simwarp.core.files import FileError, OutputError
 
 from .config import require
 from .interface_checks import Worlds
 from .limits import check_room
 from .npz import write_arrays
-from .plain import config_to_plain
+from .plain import Settings, config_to_plain
 from .randomising import drawn_parameters
 from .randomness import WorldRandom
 from .simulation_access import copy_snapshot, pack_snapshot
@@ -30,8 +31,12 @@ from .simulation_access import copy_snapshot, pack_snapshot
 FORMAT = 1
 
 
+Counted: TypeAlias = Annotated[int, Ge(0), Lt(2**53)]
+"""A whole number that float64 holds."""
+
+
 @dataclasses.dataclass(frozen=True)
-class DumpAbout:
+class DumpAbout(Settings):
     """What a dump says about itself, as JSON in its array ``meta``.
 
     Attributes:
@@ -51,21 +56,19 @@ class DumpAbout:
     task: str
     config: Mapping[str, Any]
     seed: int
-    world: int
-    episode: int
+    world: Counted
+    episode: Counted
     episode_steps: int
     replay_steps: int
     from_reset: bool
-    level: float
-    iteration: int
+    level: Fraction
+    iteration: Counted
     device: str
 
-    def __post_init__(self) -> None:
-        for name in ("world", "episode", "iteration"):
-            require(0 <= getattr(self, name) < 2**53, self, name, "zero or positive, and below 2**53")
+    def validate(self) -> None:
+        """Check that the steps fit together."""
         require(1 <= self.replay_steps <= self.episode_steps, self, "replay_steps", "from 1 to episode_steps")
         require(not self.from_reset or self.replay_steps == self.episode_steps, self, "from_reset", "of all steps")
-        require(0.0 <= self.level <= 1.0, self, "level", "in [0, 1]")
 
 
 class Guarded(Worlds, Protocol):

@@ -10,11 +10,13 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
 
-from .config import TaskConfig, require
+from simwarp.core.constraints import Ge, Le, NotNegative, Positive
+
+from .config import TaskConfig
 from .drawing import Drawing, Line, View
 from .frames import Orientation, euler_123, heading_quaternion, rotate_back
 from .registry import register
@@ -45,6 +47,9 @@ class HexapodReward(enum.Enum):
     CODE = "code"
 
 
+_SPEED_LIMIT = math.radians(354.0)
+
+
 @dataclasses.dataclass(frozen=True)
 class HexapodConfig(TaskConfig):
     """Configuration of :class:`HexapodTask`."""
@@ -59,38 +64,30 @@ class HexapodConfig(TaskConfig):
     """Control steps after which an episode is truncated: 10 s; the original stops at 16 s."""
     gravity: float = 9.81
     """Gravitational acceleration, downwards [m/s2]."""
-    torque: float = 1.5
+    torque: Positive = 1.5
     """Joint torque of a full action [N·m]."""
-    speed_limit: float = math.radians(354.0)
+    speed_limit: Positive = _SPEED_LIMIT
     """Joint speed beyond which a torque that would drive it on is cut off [rad/s]: 59 turns a minute."""
     reward: HexapodReward = HexapodReward.WALK
     """Which reward is paid."""
-    target_speed: float = 0.4
+    target_speed: Positive = 0.4
     """Speed along X for which the walk reward pays most [m/s]."""
     orientation: Orientation = Orientation.QUATERNION
     """How the base's orientation is observed: 53 observations with a quaternion, 52 with Euler angles."""
     scaled: bool = False
     """Divide every observation by its usual size; without, they are in SI units."""
-    start_angle: float = 0.05
+    start_angle: Annotated[float, Ge(0.0), Le(0.5)] = 0.05
     """Half-width of the uniform start angles of the joints and of the heading [rad]."""
-    start_rate: float = 0.1
+    start_rate: NotNegative = 0.1
     """Half-width of the uniform start rates of the joints [rad/s]."""
-    goal_distance: float = 2.0
+    goal_distance: Positive = 2.0
     """Distance along X that a success has covered [m]."""
-    goal_time: float = 10.0
+    goal_time: Positive = 10.0
     """Time in which it must be covered [s]."""
-    goal_width: float = 0.5
+    goal_width: Positive = 0.5
     """Largest distance from the line y = 0 of a success, over the whole episode [m]."""
-    tolerance: float = 1e-3
+    tolerance: Positive = 1e-3
     """Residual at which the contact solve stops [m/s]."""
-
-    def validate(self) -> None:
-        """Check that sizes are positive."""
-        sizes = ("torque", "speed_limit", "target_speed", "goal_distance", "goal_time", "goal_width", "tolerance")
-        for field in sizes:
-            require(getattr(self, field) > 0.0, self, field, "positive")
-        require(0.0 <= self.start_angle <= 0.5, self, "start_angle", "in [0, 0.5]")
-        require(self.start_rate >= 0.0, self, "start_rate", "zero or positive")
 
 
 @register("hexapod")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
+from simwarp.core.constraints import NotNegative, Positive
 from simwarp.core.renames import renamed_fields
 
 from .config import TaskConfig, require
@@ -41,17 +42,17 @@ class PendulumConfig(TaskConfig):
 
     gravity: float = 9.81
     """Gravitational acceleration, downwards [m/s2]."""
-    force_gain: float = 1.0
+    force_gain: Positive = 1.0
     """Force on the cart of a full action [N]."""
-    max_position: float = 2.0
+    max_position: Positive = 2.0
     """Distance of the cart from the middle at which an episode fails [m]."""
-    max_angle: float = 0.2
+    max_angle: Positive = 0.2
     """Angle of the pole at which an episode fails [rad]."""
     start_position: float = 0.5
     """Half-width of the uniform start position of the cart [m]."""
     start_angle: float = 0.05
     """Half-width of the uniform start angle of the pole [rad]."""
-    start_rate: float = 0.02
+    start_rate: NotNegative = 0.02
     """Half-width of the uniform start velocity [m/s] and angular velocity [rad/s]."""
     legacy_compat: bool = False
     """Observe as the original did: unsigned position and its rate, unsigned angular speed one step late; and start
@@ -59,12 +60,8 @@ class PendulumConfig(TaskConfig):
 
     def validate(self) -> None:
         """Check ranges: a start must lie inside the limits."""
-        require(self.force_gain > 0.0, self, "force_gain", "positive")
-        require(self.max_position > 0.0, self, "max_position", "positive")
-        require(self.max_angle > 0.0, self, "max_angle", "positive")
         require(0.0 <= self.start_position < self.max_position, self, "start_position", "in [0, max-position)")
         require(0.0 <= self.start_angle < self.max_angle, self, "start_angle", "in [0, max-angle)")
-        require(self.start_rate >= 0.0, self, "start_rate", "zero or positive")
 
 
 @register("pendulum")

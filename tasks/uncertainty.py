@@ -8,17 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-from collections.abc import Callable, Mapping
-from typing import Any, Final, TypeVar
+from typing import Annotated, ClassVar, Final, TypeAlias
 
-from simwarp.core.types import FLOAT32_MAX, number, shown
+from simwarp.core.constraints import As, Fraction, Ge, Le, MinLen, NotNegative, OneOrMany, Rule, RuleError, Whole
+from simwarp.core.types import shown
 
-from .errors import InputError, near_names
+from .errors import InputError
+from .plain import Settings
 
-ItemT = TypeVar("ItemT")
-
-LATEST: Final = 2**63
-"""An iteration that no training reaches."""
 LONGEST_DELAY: Final = 2**31 - 1
 """Control steps of the longest delay: draws of whole numbers have 31 bits."""
 
@@ -38,25 +35,25 @@ class When(enum.Enum):
     STEP = "step"
 
 
-def _refuse(kind: str, rule: str, value: object) -> InputError:
-    return InputError(f"{kind} must be {rule}, got {shown(value)}")
+def _in_order(delay: tuple[int, int]) -> None:
+    if delay[0] > delay[1]:
+        raise RuleError("two whole numbers, 0 <= least <= largest")
 
 
-def _finite(kind: str, rule: str, value: object, least: float = -FLOAT32_MAX, most: float = FLOAT32_MAX) -> float:
-    """Return a number within bounds that float32 holds."""
-    if not least <= number(value) <= most:
-        raise _refuse(kind, rule, value)
-    return number(value)
+def _printable(word: str) -> None:
+    if not word.isprintable():
+        raise RuleError("a word")
 
 
-def _flag(kind: str, value: object) -> bool:
-    if not isinstance(value, bool):
-        raise _refuse(kind, "true or false", value)
-    return value
+Name: TypeAlias = Annotated[str, MinLen(1)]
+Names: TypeAlias = Annotated[tuple[Name, ...], OneOrMany()]
+Steps: TypeAlias = Annotated[int, Ge(0), Le(LONGEST_DELAY)]
+Delay: TypeAlias = Annotated[tuple[Steps, Steps], Rule(_in_order)]
+"""Least and largest delay [control steps]."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Range:
+class Range(Settings):
     """Uniform range of a model parameter, drawn for every world.
 
     Attributes:
@@ -72,37 +69,27 @@ class Range:
             changes, as if it sat in the centre of mass.
     """
 
+    NAMED: ClassVar[bool] = True
     low: float
     high: float
-    mode: Mode | str = Mode.SCALE
-    when: When | str = When.EPISODE
-    only: tuple[str, ...] | str = ()
+    mode: Annotated[Mode | str, As(Mode)] = Mode.SCALE
+    when: Annotated[When | str, As(When)] = When.EPISODE
+    only: Annotated[tuple[Name, ...] | str, As(Names)] = ()
     shared: bool = False
-    draw: str = ""
+    draw: Annotated[str, Rule(_printable)] = ""
     grows: bool = False
     inertia: bool = True
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "mode", _member("mode of a Range", Mode, self.mode))
-        object.__setattr__(self, "when", _member("when of a Range", When, self.when))
-        only = (self.only,) if isinstance(self.only, str) else self.only
-        if not isinstance(only, list | tuple) or not all(isinstance(name, str) and name for name in only):
-            raise _refuse("only of a Range", "names of bodies, joints or shapes", self.only)
-        object.__setattr__(self, "only", tuple(only))
-        if not isinstance(self.draw, str) or not self.draw.isprintable():
-            raise _refuse("draw of a Range", "a word", self.draw)
-        for field in ("shared", "grows", "inertia"):
-            _flag(f"{field} of a Range", getattr(self, field))
-        for field in ("low", "high"):
-            object.__setattr__(self, field, _finite("bounds of a Range", "finite, low <= high", getattr(self, field)))
+    def validate(self) -> None:
+        """Check that the bounds are in order."""
         if self.low > self.high:
-            raise _refuse("bounds of a Range", "finite, low <= high", (self.low, self.high))
+            raise InputError(f"bounds of a Range must be in order, low <= high, got {shown((self.low, self.high))}")
         if self.mode is Mode.SCALE and self.low < 0.0:
-            raise _refuse("factor of a Range", "zero or positive", self.low)
+            raise InputError(f"factor of a Range must be zero or positive, got {shown(self.low)}")
 
 
 @dataclasses.dataclass(frozen=True)
-class Sensing:
+class Sensing(Settings):
     """What lies between the state and one observation group.
 
     Attributes:
@@ -111,18 +98,10 @@ class Sensing:
         delay: least and largest delay [control steps], drawn for every world and episode.
     """
 
-    noise: float | tuple[float, ...] = 0.0
-    bias: float | tuple[float, ...] = 0.0
-    delay: tuple[int, int] = (0, 0)
-
-    def __post_init__(self) -> None:
-        for field in ("noise", "bias"):
-            value = getattr(self, field)
-            listed = isinstance(value, list | tuple)
-            kind, rule = f"{field} of a Sensing", "zero or positive"
-            items = tuple(_finite(kind, rule, item, 0.0) for item in (value if listed else (value,)))
-            object.__setattr__(self, field, items if listed else items[0])
-        object.__setattr__(self, "delay", delay_range("delay of a Sensing", self.delay))
+    NAMED: ClassVar[bool] = True
+    noise: NotNegative | tuple[NotNegative, ...] = 0.0
+    bias: NotNegative | tuple[NotNegative, ...] = 0.0
+    delay: Delay = (0, 0)
 
 
 class Driver(enum.Enum):
@@ -134,7 +113,7 @@ class Driver(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True)
-class Curriculum:
+class Curriculum(Settings):
     """How a level between 0 and 1 moves during training; every world has its own (``Task.level``).
 
     Attributes:
@@ -146,70 +125,19 @@ class Curriculum:
         down: fall after a failure.
     """
 
+    NAMED: ClassVar[bool] = True
     driver: Driver = Driver.NONE
-    first: int = 0
-    last: int = 100
-    up: float = 0.05
-    down: float = 0.025
+    first: Whole = 0
+    last: Whole = 100
+    up: Fraction = 0.05
+    down: Fraction = 0.025
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "driver", _member("driver of a Curriculum", Driver, self.driver))
-        whole = all(isinstance(item, int) and not isinstance(item, bool) for item in (self.first, self.last))
-        if not whole or not 0 <= self.first < self.last < LATEST:
-            raise _refuse("iterations of a Curriculum", "whole numbers, 0 <= first < last", (self.first, self.last))
-        for field in ("up", "down"):
-            object.__setattr__(
-                self, field, _finite("steps of a Curriculum", "in [0, 1]", getattr(self, field), 0.0, 1.0)
-            )
+    def validate(self) -> None:
+        """Check that the level rises."""
+        if not self.first < self.last:
+            rule = "whole numbers, 0 <= first < last"
+            raise InputError(f"iterations of a Curriculum must be {rule}, got {shown((self.first, self.last))}")
 
     def at_iteration(self, iteration: int) -> float:
         """Return the level of a training iteration."""
         return min(1.0, max(0.0, (iteration - self.first) / (self.last - self.first)))
-
-
-def _member(what: str, kind: type[enum.Enum], value: Any) -> enum.Enum:
-    """Return the member that a value or a member names."""
-    try:
-        return kind(value)
-    except (TypeError, ValueError):
-        raise _refuse(what, f"one of {', '.join(str(item.value) for item in kind)}", value) from None
-
-
-def delay_range(what: str, value: Any) -> tuple[int, int]:
-    """Return a checked (least, largest) delay [control steps]."""
-    bounds = tuple(value) if isinstance(value, list | tuple) else (value,)
-    whole = all(isinstance(item, int) and not isinstance(item, bool) for item in bounds)
-    if len(bounds) != 2 or not whole or not 0 <= bounds[0] <= bounds[1]:
-        raise _refuse(what, "two whole numbers, 0 <= least <= largest", value)
-    if bounds[1] > LONGEST_DELAY:
-        raise _refuse(what, f"below {LONGEST_DELAY + 1} control steps", value)
-    return (bounds[0], bounds[1])
-
-
-def _from_fields(kind: Callable[..., ItemT], fields: Mapping[str, Any]) -> ItemT:
-    """Return ``kind(**fields)``; a name that it does not have is an error that lists those it has."""
-    known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    for name in fields:
-        if name not in known:
-            raise InputError(f"has no field {shown(name)}{near_names(str(name), known)}; fields: {', '.join(known)}")
-    try:
-        return kind(**fields)
-    except TypeError as error:
-        raise InputError(f"{error}; fields: {', '.join(known)}") from None
-
-
-def coerce(field: str, kind: Callable[..., ItemT], values: Any) -> dict[str, ItemT]:
-    """Return a dictionary of ``kind`` from one that may hold plain dictionaries, as a run folder keeps them."""
-    if not isinstance(values, Mapping):
-        raise _refuse(field, "a dictionary", values)
-    made = {}
-    for name, value in values.items():
-        if not isinstance(name, str):
-            raise _refuse(f"a name in {field}", "a string", name)
-        try:
-            made[name] = _from_fields(kind, value) if isinstance(value, Mapping) else value
-        except InputError as error:
-            raise InputError(f"{field} {shown(name)}: {error}") from None
-        if not isinstance(kind, type) or not isinstance(made[name], kind):
-            raise InputError(f"{field} {shown(name)} must be a {getattr(kind, '__name__', kind)}, got {shown(value)}")
-    return made

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -12,9 +12,10 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import nn
 
+from simwarp.core.constraints import Count, Ge, Lt, Positive, Whole
 from simwarp.core.types import shown
-from simwarp.tasks import InputError, Task, config_to_plain, require
-from simwarp.tasks.config import require_finite
+from simwarp.tasks import InputError, Task, config_to_plain
+from simwarp.tasks.plain import Settings
 
 from .config import NetworkKind, TrainConfig, rsl_rl_config
 from .networks import check_groups
@@ -26,30 +27,21 @@ _LARGEST_BATCH = 65_536
 
 
 @dataclasses.dataclass(frozen=True)
-class CloneConfig:
+class CloneConfig(Settings):
     """How to imitate."""
 
-    epochs: int = 60
+    epochs: Count = 60
     """Passes over the recorded steps."""
-    batch: int = 256
+    batch: Count = 256
     """Steps per optimiser step."""
-    learning_rate: float = 1e-3
+    learning_rate: Positive = 1e-3
     """Step size of Adam at the start; it falls to zero along half a cosine."""
-    held_out: float = 0.1
+    held_out: Annotated[float, Ge(0.0), Lt(1.0)] = 0.1
     """Share of the episodes that is not learnt from but measured on; at least one where there are two."""
-    std: float = 0.2
+    std: Positive = 0.2
     """Standard deviation of the actions in the policy that is written, for the training that goes on from it."""
-    seed: int = 0
+    seed: Whole = 0
     """Seed of the network and of the order of the steps."""
-
-    def __post_init__(self) -> None:
-        require_finite(self)
-        require(self.epochs >= 1, self, "epochs", "at least 1")
-        require(self.batch >= 1, self, "batch", "at least 1")
-        require(self.learning_rate > 0.0, self, "learning_rate", "positive")
-        require(0.0 <= self.held_out < 1.0, self, "held_out", "in [0, 1)")
-        require(self.std > 0.0, self, "std", "positive")
-        require(self.seed >= 0, self, "seed", "zero or positive")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,16 +5,19 @@ from __future__ import annotations
 import dataclasses
 import enum
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
+from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
 from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require, task_class
-from simwarp.tasks.config import require_finite
+from simwarp.tasks.plain import Settings
 
 CRITIC = "critic"
 """Observation group of a privileged critic."""
 _MOST_LAYERS, _MOST_UNITS, _MOST_THREADS, _MOST_EPOCHS = 64, 16_384, 1024, 10_000
 _MOST_COUNTED = 2**31 - 1
 """Longest axis of an array."""
+Axis: TypeAlias = Annotated[int, Ge(1), Le(_MOST_COUNTED)]
+Units: TypeAlias = Annotated[int, Ge(1), Le(_MOST_UNITS)]
 
 
 class Activation(enum.Enum):
@@ -73,113 +76,90 @@ class LoggerKind(enum.Enum):
 
 
 @dataclasses.dataclass(frozen=True)
-class NetworkConfig:
+class NetworkConfig(Settings):
     """Actor and critic: two networks, of the same kind unless the critic is privileged."""
 
     kind: NetworkKind = NetworkKind.MLP
     """mlp: perceptron with the layers of `hidden`; thesis-mlp: three layers sized by inputs and outputs; recurrent: a
     memory cell before the perceptron; nature-cnn: images alone; early-fusion, late-fusion: images and vectors."""
-    hidden: tuple[int, ...] = (64, 64)
+    hidden: Annotated[tuple[Units, ...], MinLen(1), MaxLen(_MOST_LAYERS)] = (64, 64)
     """Units of each hidden layer of mlp, recurrent and a privileged critic; the other kinds have rules of their own."""
     activation: Activation = Activation.ELU
     """Non-linearity between layers."""
     normalise: bool = True
     """Normalise observations by their running mean and deviation."""
-    init_std: float = 1.0
+    init_std: Positive = 1.0
     """Standard deviation of the actions at the start."""
     tanh_output: bool = False
     """Bound the mean action to (-1, 1) by a tanh."""
     cell: Cell = Cell.GRU
     """Memory cell of recurrent."""
-    memory: int = 64
+    memory: Units = 64
     """Units of the memory cell of recurrent."""
     critic: CriticSees = CriticSees.SAME
     """same: what the actor sees, with a network of its kind; privileged: exact state that the task keeps from the
     actor, with a perceptron. Only training needs a critic."""
 
-    def __post_init__(self) -> None:
-        require_finite(self)
-        require(len(self.hidden) > 0 and min(self.hidden) > 0, self, "hidden", "at least one layer of positive size")
-        small = len(self.hidden) <= _MOST_LAYERS and max(self.hidden) <= _MOST_UNITS
-        require(small, self, "hidden", f"at most {_MOST_LAYERS} layers of at most {_MOST_UNITS} units")
-        require(self.init_std > 0.0, self, "init_std", "positive")
-        require(1 <= self.memory <= _MOST_UNITS, self, "memory", f"from 1 to {_MOST_UNITS}")
-
 
 @dataclasses.dataclass(frozen=True)
-class PPOConfig:
+class PPOConfig(Settings):
     """Proximal policy optimisation (Schulman et al. 2017)."""
 
     objective: Objective = Objective.CLIP
     """clip: bound the probability ratio; kl-penalty: penalise the KL divergence, with a weight that adapts."""
-    learning_rate: float = 1e-3
+    learning_rate: Positive = 1e-3
     """Step size of Adam at the start."""
     schedule: Schedule = Schedule.ADAPTIVE
     """How the learning rate moves; the KL penalty has a rule of its own."""
-    desired_kl: float = 0.01
+    desired_kl: Positive = 0.01
     """KL divergence per update that the adaptive schedule, or the KL penalty, aims at."""
-    kl_beta: float = 1.0
+    kl_beta: Positive = 1.0
     """Weight of the KL penalty at the start; it adapts between 1/35 and 35."""
-    kl_hinge: float = 50.0
+    kl_hinge: NotNegative = 50.0
     """Weight of the squared KL divergence beyond twice the desired one, under the KL penalty."""
-    epochs: int = 5
+    epochs: Annotated[int, Ge(1), Le(_MOST_EPOCHS)] = 5
     """Passes over each batch."""
-    mini_batches: int = 4
+    mini_batches: Count = 4
     """Parts of a batch, one optimiser step each."""
-    clip: float = 0.2
+    clip: Positive = 0.2
     """Bound of the probability ratio's change."""
-    gamma: float = 0.99
+    gamma: Annotated[float, Gt(0.0), Le(1.0)] = 0.99
     """Discount per control step."""
-    lam: float = 0.95
+    lam: Fraction = 0.95
     """Trace decay of the advantage estimate."""
-    value_loss: float = 1.0
+    value_loss: NotNegative = 1.0
     """Weight of the value loss."""
     clip_value_loss: bool = False
     """Let values move by at most `clip` per update. It stalls a critic whose returns are far larger than 1."""
-    entropy: float = 0.0
+    entropy: NotNegative = 0.0
     """Weight of the entropy bonus."""
-    max_grad_norm: float = 1.0
+    max_grad_norm: Positive = 1.0
     """Bound of the gradient's norm."""
-
-    def __post_init__(self) -> None:
-        require_finite(self)
-        require(self.learning_rate > 0.0, self, "learning_rate", "positive")
-        require(self.desired_kl > 0.0, self, "desired_kl", "positive")
-        require(self.kl_beta > 0.0, self, "kl_beta", "positive")
-        require(self.kl_hinge >= 0.0, self, "kl_hinge", "zero or positive")
-        require(1 <= self.epochs <= _MOST_EPOCHS, self, "epochs", f"from 1 to {_MOST_EPOCHS}")
-        require(self.mini_batches >= 1, self, "mini_batches", "at least 1")
-        require(self.clip > 0.0, self, "clip", "positive")
-        require(0.0 < self.gamma <= 1.0, self, "gamma", "in (0, 1]")
-        require(0.0 <= self.lam <= 1.0, self, "lam", "in [0, 1]")
-        require(self.value_loss >= 0.0, self, "value_loss", "zero or positive")
-        require(self.entropy >= 0.0, self, "entropy", "zero or positive")
-        require(self.max_grad_norm > 0.0, self, "max_grad_norm", "positive")
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainConfig:
+class TrainConfig(Settings):
     """A training run."""
 
-    num_envs: int = 256
+    num_envs: Axis = 256
     """Worlds stepped together, by each process where there are several."""
     device: str = "auto"
     """Where physics and networks run: cpu, cuda, cuda:N, or auto (the first GPU, else the CPU)."""
-    seed: int = 0
+    seed: Whole = 0
     """Seed of worlds, networks and exploration."""
-    iterations: int = 100
+    iterations: Count = 100
     """Training iterations in total; a resumed run goes on up to this number."""
-    steps_per_iteration: int = 32
+    steps_per_iteration: Axis = 32
     """Control steps of every world per iteration."""
-    save_interval: int = 25
+    save_interval: Count = 25
     """Iterations between two checkpoints."""
-    keep_checkpoints: int = 5
+    keep_checkpoints: Whole = 5
     """Checkpoints kept in the run folder, the newest ones; 0 keeps all."""
     spread_start: bool = True
     """Shift the episode clocks at the start, so that time limits do not strike in all worlds at once."""
-    threads: int = 1
+    threads: Annotated[int, Ge(1), Le(_MOST_THREADS)] = 1
     """CPU threads of torch; small networks are fastest with one."""
-    critic_warmup: int = 0
+    critic_warmup: Whole = 0
     """Iterations at the start in which only the critic learns; after a warm start, whose critic knows nothing."""
     logger: LoggerKind = LoggerKind.TENSORBOARD
     """Where scalars go beside progress.csv: tensorboard, wandb, or csv for nowhere else."""
@@ -188,16 +168,8 @@ class TrainConfig:
     network: NetworkConfig = NetworkConfig()
     """The networks."""
 
-    def __post_init__(self) -> None:
-        for field in ("num_envs", "steps_per_iteration"):
-            require(getattr(self, field) >= 1, self, field, "at least 1")
-            require(getattr(self, field) <= _MOST_COUNTED, self, field, f"at most {_MOST_COUNTED}")
-        require(self.seed >= 0, self, "seed", "zero or positive")
-        require(self.iterations >= 1, self, "iterations", "at least 1")
-        require(self.save_interval >= 1, self, "save_interval", "at least 1")
-        require(self.keep_checkpoints >= 0, self, "keep_checkpoints", "zero or positive")
-        require(1 <= self.threads <= _MOST_THREADS, self, "threads", f"from 1 to {_MOST_THREADS}")
-        require(self.critic_warmup >= 0, self, "critic_warmup", "zero or positive")
+    def validate(self) -> None:
+        """Check that worlds, steps and mini-batches fit together."""
         if self.network.kind is NetworkKind.RECURRENT:
             same = self.network.critic is CriticSees.SAME
             require(same, self.network, "critic", "same for a recurrent network, whose critic remembers too")

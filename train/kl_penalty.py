@@ -17,7 +17,9 @@ from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 from torch import nn
 
-from simwarp.tasks import config_from_plain, require
+from simwarp.core.constraints import Positive
+from simwarp.tasks import config_from_plain
+from simwarp.tasks.plain import Settings
 
 _BETA_BOUND = 35.0
 _BETA_FACTOR = 1.5
@@ -27,15 +29,11 @@ _STOP = 4.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Penalty:
+class Penalty(Settings):
     """Weight of the penalty, and the factor on the learning rate."""
 
-    beta: float
-    multiplier: float = 1.0
-
-    def __post_init__(self) -> None:
-        require(self.beta > 0.0, self, "beta", "positive")
-        require(self.multiplier > 0.0, self, "multiplier", "positive")
+    beta: Positive
+    multiplier: Positive = 1.0
 
     def after(self, divergence: float, target: float) -> Penalty:
         """Return what follows an update that moved the policy by ``divergence``."""

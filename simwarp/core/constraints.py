@@ -14,9 +14,33 @@ from typing import Annotated, Any, Final, TypeAlias
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 __all__ = [
-    "COINCIDENT", "Angle", "Curve", "Different", "Direction", "Fraction", "Ge", "Gt", "Inertia", "Infinite", "Le",
-    "Lt", "MaxLen", "Meaning", "MinLen", "NotNegative", "OneOrMany", "Point", "Positive", "Products", "Read",
-    "Rule", "RuleError", "Tagged",
+    "COINCIDENT",
+    "Angle",
+    "As",
+    "Count",
+    "Curve",
+    "Different",
+    "Direction",
+    "Fraction",
+    "Ge",
+    "Gt",
+    "Inertia",
+    "Infinite",
+    "Le",
+    "Lt",
+    "MaxLen",
+    "Meaning",
+    "MinLen",
+    "NotNegative",
+    "OneOrMany",
+    "Point",
+    "Positive",
+    "Products",
+    "Read",
+    "Rule",
+    "RuleError",
+    "Tagged",
+    "Whole",
 ]  # fmt: skip
 
 COINCIDENT = 1.0e-6
@@ -96,6 +120,13 @@ class Read:
         return core_schema.no_info_wrap_validator_function(self._read, handler.generate_schema(self.plain))
 
 
+class As(Read):
+    """A field whose values are all read as another type: `Annotated[Mode | str, As(Mode)]`."""
+
+    def _read(self, value: Any, load: Callable[[Any], Any]) -> Any:
+        return load(value)
+
+
 class OneOrMany:
     """A list of names that may be one name alone."""
 
@@ -151,6 +182,8 @@ def _have_length(axis: Any) -> None:
 Positive: TypeAlias = Annotated[float, Gt(0.0)]
 NotNegative: TypeAlias = Annotated[float, Ge(0.0)]
 Fraction: TypeAlias = Annotated[float, Ge(0.0), Le(1.0)]
+Count: TypeAlias = Annotated[int, Ge(1)]
+Whole: TypeAlias = Annotated[int, Ge(0)]
 Point: TypeAlias = Annotated[tuple[float, float, float], Meaning("a point (x, y, z) [m]")]
 Direction: TypeAlias = Annotated[tuple[float, float, float], Rule(_have_length), Meaning("a direction (x, y, z)")]
 Inertia: TypeAlias = Annotated[

@@ -41,6 +41,14 @@ WHOLE: Final = 2**63
 """Whole numbers are below it, and not below its negative."""
 
 
+LARGEST_TOLD: Final = 16_384
+"""A range of whole numbers is told whole up to here, beyond it by the end that matters."""
+
+
+class FreeKey(str):
+    """A key of a mapping, which may be any."""
+
+
 class Fault(NamedTuple):
     """What is wrong with a value.
 
@@ -206,15 +214,16 @@ class Schema:
         place = _within(hint, error["loc"])
         if kind == "missing" and isinstance(error["loc"][-1], int):  # an item of a list of fixed length
             place, kind = _within(hint, error["loc"][:-1]), "too_short"
-        if place.union and _is_of_type(kind):
-            kind = "type"
+        item = value
+        if place.union:
+            kind = "type" if _is_of_type(kind) else kind
             value = functools.reduce(lambda found, key: found[key], place.keys, root)
-        keys, inner = place.keys, _peeled(place.hint)[0]
+        keys, inner = place.keys, peeled(place.hint)[0]
         name = next((key for key in reversed(keys) if isinstance(key, str)), "")
         wanted = self.wanted(place.hint, name, python)
         arms = typing.get_args(inner) if _is_union(inner) else (place.hint,)
         meaning = next(
-            (f"; give {note}" for arm in arms if _peeled(arm)[0] in (int, float) and (note := _meaning(arm))), ""
+            (f"; give {note}" for arm in arms if peeled(arm)[0] in (int, float) and (note := _meaning(arm))), ""
         )
         match kind:
             case "missing":
@@ -233,7 +242,7 @@ class Schema:
             case "finite_number":
                 return Fault(keys, f"must be a finite number, got {shown(value)}{meaning}")
             case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
-                return Fault(keys, f"must be {self._bounds(place.hint, context, value)}, got {shown(value)}{meaning}")
+                return Fault(keys, f"must be {self._bounds(place.hint, context, item)}, got {shown(value)}{meaning}")
             case "too_short" | "too_long" if "min_length" in context or "max_length" in context:
                 return Fault(keys, f"must be {_count(inner, context, wanted)}, got {shown(value)}")
             case "string_too_long":
@@ -249,20 +258,22 @@ class Schema:
             return f"below {self.largest:g}" if self.largest < FLOAT32_MAX else self.wanted(hint, "")
         if self.least and context.get("ge") == self.least:
             return "positive" if value <= 0.0 else f"at least {self.least:.2g} (float32)"
-        inner, notes = _peeled(hint)
+        inner, notes = peeled(hint)
         if _is_union(inner):
-            notes = next((found for arm in typing.get_args(inner) if (found := _peeled(arm)[1])), ())
+            notes = next((found for arm in typing.get_args(inner) if (found := peeled(arm)[1])), ())
         low = next((note for note in notes if isinstance(note, Gt | Ge)), None)
         high = next((note for note in notes if isinstance(note, Lt | Le)), None)
         if low is None and high is None:
             made: Mapping[str, Any] = {"gt": Gt, "ge": Ge, "lt": Lt, "le": Le}
             note = next(made[key](bound) for key, bound in context.items())
             low, high = (note, None) if isinstance(note, Gt | Ge) else (None, note)
+        if low and high and int(number_of(high)) > LARGEST_TOLD and isinstance(value, int):
+            low, high = (low, None) if value <= number_of(low) else (None, high)
         return bounds(low, high)
 
     def wanted(self, hint: Any, key: str, python: bool = False) -> str:
         """What a field wants, in words with its unit; of an object in a file, or of its class in Python."""
-        inner, notes = _peeled(hint)
+        inner, notes = peeled(hint)
         arguments = typing.get_args(inner)
         if (meaning := _meaning(hint)) and inner not in (int, float):
             return meaning
@@ -276,7 +287,9 @@ class Schema:
             return f"an object with a {tag}: {', '.join(_classes(hint))}"
         if _is_union(inner):
             return " or ".join(dict.fromkeys(self.wanted(argument, key, python) for argument in arguments))
-        if typing.get_origin(inner) is Literal or (isinstance(inner, type) and issubclass(inner, enum.Enum)):
+        if isinstance(inner, type) and issubclass(inner, enum.Enum):
+            return f"one of {', '.join(map(str, choices(inner)))}"
+        if typing.get_origin(inner) is Literal:
             return f"one of {', '.join(map(repr, choices(inner)))}"
         if dataclasses.is_dataclass(inner):
             kind: Any = inner
@@ -298,19 +311,23 @@ class Schema:
         return {**head, **whole["prefixItems"][0], "$defs": whole.get("$defs", {})}
 
 
+def number_of(note: Gt | Ge | Lt | Le | None) -> Any:
+    """The number of a bound."""
+    return None if note is None else next(iter(dataclasses.asdict(note).values()))
+
+
 def bounds(low: Gt | Ge | None, high: Lt | Le | None) -> str:
     """Bounds of a number in words."""
-    least: Any = None if low is None else low.gt if isinstance(low, Gt) else low.ge
-    most: Any = None if high is None else high.lt if isinstance(high, Lt) else high.le
+    least, most = number_of(low), number_of(high)
     if low is not None and high is not None:
         if isinstance(least, int) and isinstance(most, int) and isinstance(low, Ge) and isinstance(high, Le):
             return f"from {least} to {most}"
         return f"in {'[' if isinstance(low, Ge) else '('}{least:g}, {most:g}{']' if isinstance(high, Le) else ')'}"
     if high is not None:
-        return f"{'at most' if isinstance(high, Le) else 'below'} {most:g}"
+        return f"{'at most' if isinstance(high, Le) else 'below'} {most if isinstance(most, int) else f'{most:g}'}"
     if least == 0:
         return "zero or positive" if isinstance(low, Ge) else "positive"
-    return f"{'at least' if isinstance(low, Ge) else 'above'} {least:g}"
+    return f"{'at least' if isinstance(low, Ge) else 'above'} {least if isinstance(least, int) else f'{least:g}'}"
 
 
 def _count(hint: Any, context: Mapping[str, Any], wanted: str) -> str:
@@ -318,7 +335,7 @@ def _count(hint: Any, context: Mapping[str, Any], wanted: str) -> str:
     arguments = typing.get_args(hint)
     if typing.get_origin(hint) is tuple and arguments and arguments[-1] is not Ellipsis:
         return wanted
-    numbers = "numbers" if arguments and _peeled(arguments[0])[0] in (int, float) else ""
+    numbers = "numbers" if arguments and peeled(arguments[0])[0] in (int, float) else ""
     if "min_length" in context:
         least = context["min_length"]
         return f"{'one' if least == 1 else least} or more {numbers}".strip()
@@ -327,7 +344,7 @@ def _count(hint: Any, context: Mapping[str, Any], wanted: str) -> str:
 
 def _told_of_tag(keys: Keys, hint: Any, value: Any) -> Fault:
     """A choice of classes that is not made, or of one that is not there."""
-    tag, classes = _tag_of(_peeled(hint)[1]), list(_classes(hint))
+    tag, classes = _tag_of(peeled(hint)[1]), list(_classes(hint))
     if not isinstance(value, Mapping):
         return Fault(keys, f"must be an object with a {tag}, got {shown(value)}; {tag}s: {', '.join(classes)}")
     if tag not in value:
@@ -353,8 +370,10 @@ def _within(hint: Any, steps: Sequence[str | int]) -> _Place:
     keys: Keys = ()
     owner: Any = None
     for step in steps:
-        inner, notes = _peeled(hint)
-        if dataclasses.is_dataclass(inner):
+        inner, notes = peeled(hint)
+        if step == "[key]":  # what is wrong is the key itself
+            hint = str
+        elif dataclasses.is_dataclass(inner):
             owner, keys = inner, (*keys, step)
             hint = field_hints(owner).get(str(step), Any)
         elif _tag_of(notes):
@@ -362,14 +381,14 @@ def _within(hint: Any, steps: Sequence[str | int]) -> _Place:
         elif _is_union(inner):
             return _Place(keys, hint, owner, union=True)
         elif (arguments := typing.get_args(inner)) and issubclass(typing.get_origin(inner), Mapping):
-            hint, keys = arguments[1], (*keys, step)
+            hint, keys = arguments[1], (*keys, FreeKey(step))
         elif arguments and isinstance(step, int):
             fixed = typing.get_origin(inner) is tuple and arguments[-1] is not Ellipsis
             hint, keys = arguments[min(step, len(arguments) - 1) if fixed else 0], (*keys, step)
     return _Place(keys, hint, owner)
 
 
-def _peeled(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+def peeled(hint: Any) -> tuple[Any, tuple[Any, ...]]:
     """A hint without its annotations and without None, and the annotations."""
     notes: tuple[Any, ...] = ()
     while True:
@@ -389,7 +408,7 @@ def _is_of_type(kind: str) -> bool:
 
 
 def _meaning(hint: Any) -> str:
-    return next((note.words for note in _peeled(hint)[1] if isinstance(note, Meaning)), "")
+    return next((note.words for note in peeled(hint)[1] if isinstance(note, Meaning)), "")
 
 
 def _is_union(hint: Any) -> bool:
@@ -402,14 +421,14 @@ def _tag_of(notes: Iterable[Any]) -> str:
 
 def _classes(hint: Any) -> dict[str, Any]:
     """The classes of a choice by what chooses them."""
-    inner, notes = _peeled(hint)
+    inner, notes = peeled(hint)
     tag = _tag_of(notes)
     return {str(choices(field_hints(option)[tag])[0]): option for option in typing.get_args(inner)}
 
 
 def choices(hint: Any) -> list[Any]:
     """The values of a Literal or an enumeration, as files have them."""
-    inner = _peeled(hint)[0]
+    inner = peeled(hint)[0]
     if isinstance(inner, type) and issubclass(inner, enum.Enum):
         return [member.value for member in inner]
     return list(typing.get_args(inner))
@@ -417,8 +436,17 @@ def choices(hint: Any) -> list[Any]:
 
 @functools.cache
 def field_hints(kind: Any) -> dict[str, Any]:
-    """Resolved type of every field of a dataclass, with its annotations."""
-    hints = typing.get_type_hints(kind, include_extras=True)
+    """Resolved type of every field of a dataclass, with its constraints.
+
+    A field that a subclass declares again with the plain type, to give it another default, keeps those of its base.
+    """
+    hints, plain = typing.get_type_hints(kind, include_extras=True), typing.get_type_hints(kind)
+    bases: list[Any] = [base for base in kind.__mro__[1:] if dataclasses.is_dataclass(base)]
+    for base in bases:
+        declared = typing.get_type_hints(base)
+        for name, hint in field_hints(base).items():
+            if hints[name] == plain[name] == declared[name]:
+                hints[name] = hint
     return {field.name: hints[field.name] for field in dataclasses.fields(kind) if field.init}
 
 

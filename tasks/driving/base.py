@@ -7,12 +7,14 @@ import enum
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 import torch
 
-from ..config import TaskConfig, require
+from simwarp.core.constraints import Ge, Gt, Lt, NotNegative, Positive
+
+from ..config import TaskConfig
 from ..frames import heading_of, heading_quaternion, quat_product, rotate, tilt_to
 from ..simulation_access import Attachments
 from ..task import Task
@@ -54,6 +56,10 @@ BY_CAMERA: Mapping[str, Any] = {
 """Training by camera: the critic, which only training needs, sees the exact state."""
 
 
+Pixels: TypeAlias = Annotated[int, Ge(36)]
+"""The networks' first layers need 36 at least."""
+
+
 @dataclasses.dataclass(frozen=True)
 class DrivingConfig(TaskConfig):
     """Fields of every driving task."""
@@ -62,26 +68,18 @@ class DrivingConfig(TaskConfig):
     """camera: an image and what a vehicle measures; state: exact relative positions, which trains fast on a CPU."""
     full: bool = False
     """Drive the full vehicle model instead of the reduced one that policies are trained on."""
-    friction: float = 0.9
+    friction: Positive = 0.9
     """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
-    camera_width: int = 80
+    camera_width: Pixels = 80
     """Of the image [pixels]."""
-    camera_height: int = 45
+    camera_height: Pixels = 45
     """Of the image [pixels]."""
-    camera_fov: float = math.pi / 3.0
+    camera_fov: Annotated[float, Gt(0.0), Lt(math.pi)] = math.pi / 3.0
     """Horizontal field of view [rad]."""
-    camera_rate: float | None = None
+    camera_rate: Positive | None = None
     """Images per second [Hz]; None: one at the end of each control step, as no policy sees more."""
-    action_rise_time: float | tuple[float, ...] = 0.5
+    action_rise_time: NotNegative | tuple[NotNegative, ...] = 0.5
     """Time in which steering and pedals move from 0 to 1 [s]."""
-
-    def validate(self) -> None:
-        """Check what all driving tasks share."""
-        require(self.friction > 0.0, self, "friction", "positive")
-        for field in ("camera_width", "camera_height"):
-            require(getattr(self, field) >= 36, self, field, "at least 36: the network's first layers need that many")
-        require(0.0 < self.camera_fov < math.pi, self, "camera_fov", "between 0 and pi")
-        require(self.camera_rate is None or self.camera_rate > 0.0, self, "camera_rate", "positive")
 
 
 DrivingT = TypeVar("DrivingT", bound=DrivingConfig)

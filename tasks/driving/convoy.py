@@ -9,10 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 import torch
+
+from simwarp.core.constraints import Ge, Gt, Le, Positive
 
 from ..config import require
 from ..drawing import Drawing, Line, View
@@ -48,17 +50,17 @@ class ConvoyConfig(DrivingConfig):
     """Physics steps per control step: five actions a second."""
     max_episode_steps: int = 310
     """Control steps after which an episode is truncated; leaders are at the end of the path before."""
-    latest_start: float = 0.5
+    latest_start: Annotated[float, Ge(0.0), Le(0.8)] = 0.5
     """The nearest leader starts between 0.05 and this more of its path, as shares."""
     generated: bool = False
     """Paths around four large obstacles, other than the sixteen of training."""
     place_frame: Frame = Frame.VEHICLE
     """Axes in which the leader's place is observed with a camera."""
-    cone: float = math.pi / 4.0
+    cone: Annotated[float, Gt(0.0), Le(math.pi)] = math.pi / 4.0
     """Half angle of the cone behind the leader in which following is paid for [rad]."""
     near: float = 16.0
     """Distance up to which following is paid in full [m]."""
-    softness: float = 4.0
+    softness: Positive = 4.0
     """Distance beyond ``near`` at which the pay is halved [m]. The original has 0.2."""
     following_weight: float = 0.1
     """Reward of a step in the cone and near. The original pays 100."""
@@ -72,10 +74,7 @@ class ConvoyConfig(DrivingConfig):
     def validate(self) -> None:
         """Check sizes."""
         super().validate()
-        require(0.0 <= self.latest_start <= 0.8, self, "latest_start", "in [0, 0.8]")
-        require(0.0 < self.cone <= math.pi, self, "cone", "in (0, pi]")
         require(0.0 < self.near < self.lost_distance, self, "near", "in (0, lost_distance)")
-        require(self.softness > 0.0, self, "softness", "positive")
 
 
 @register("convoy")

@@ -6,11 +6,12 @@ import dataclasses
 import enum
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 
 import torch
 
-from ..config import require
+from simwarp.core.constraints import Ge, Gt, Le, Positive, Whole
+
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from .base import DrivingConfig, DrivingTask, outline
@@ -37,15 +38,15 @@ class Start(enum.Enum):
 class LappingConfig(DrivingConfig):
     """Fields of tasks on closed tracks."""
 
-    tracks: int = 1
+    tracks: Annotated[int, Ge(1), Le(64)] = 1
     """How many tracks there are; every episode is driven on one of them."""
-    first_track: int = 0
+    first_track: Whole = 0
     """Number of the first one: others than those of training show what a policy makes of a new one."""
     start: Start = Start.TURN
     """Where an episode begins. On a straight, going straight on looks good for too long."""
-    speed: float = 1.0
+    speed: Positive = 1.0
     """At which a lap is driven: held by a controller, or aimed at [m/s]."""
-    patience: float = 1.5
+    patience: Annotated[float, Gt(1.0)] = 1.5
     """An episode is cut off after this many times the time of a lap at ``speed``."""
     progress_weight: float = 0.1
     """Reward per metre along the lane."""
@@ -57,10 +58,6 @@ class LappingConfig(DrivingConfig):
     def validate(self) -> None:
         """Check sizes."""
         super().validate()
-        require(1 <= self.tracks <= 64, self, "tracks", "in 1..64")
-        require(self.first_track >= 0, self, "first_track", "at least 0")
-        require(self.speed > 0.0, self, "speed", "positive")
-        require(self.patience > 1.0, self, "patience", "above 1")
 
 
 LappingT = TypeVar("LappingT", bound=LappingConfig)

@@ -9,11 +9,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
 
-from ..config import require
+from simwarp.core.constraints import Ge, Le, Positive
+
 from ..drawing import Drawing, Line, View
 from ..frames import to_heading
 from ..registry import register
@@ -44,9 +45,9 @@ class ObstacleAvoidanceConfig(DrivingConfig):
     """Physics steps per control step: ten actions a second."""
     max_episode_steps: int = 200
     """Control steps after which an episode is truncated: 20 s."""
-    spread: float = 5.0
+    spread: Annotated[float, Ge(0.0), Le(ROAD_HALF_WIDTH)] = 5.0
     """Pillars stand within this of the middle of the road [m]."""
-    end: float = 100.0
+    end: Positive = 100.0
     """Distance along the road that is to be driven [m]."""
     progress_weight: float = 0.1
     """Reward per metre nearer to the end."""
@@ -59,8 +60,6 @@ class ObstacleAvoidanceConfig(DrivingConfig):
     def validate(self) -> None:
         """Check sizes."""
         super().validate()
-        require(0.0 <= self.spread <= ROAD_HALF_WIDTH, self, "spread", f"in [0, {ROAD_HALF_WIDTH}]")
-        require(self.end > 0.0, self, "end", "positive")
 
 
 @register("obstacle-avoidance")

@@ -8,9 +8,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
+
+from simwarp.core.constraints import Ge, Gt, Le, NotNegative
 
 from ..config import require
 from ..drawing import Drawing, Line, View
@@ -47,13 +49,13 @@ class OffRoadConfig(DrivingConfig):
     """Control steps after which an episode is truncated: 20 s."""
     camera_fov: float = math.pi / 2.0
     """Horizontal field of view [rad]."""
-    obstacles: int = 30
+    obstacles: Annotated[int, Ge(0), Le(500)] = 30
     """Rocks, bushes and trees."""
-    obstacle_scale: float = 1.0
+    obstacle_scale: Annotated[float, Gt(0.0), Le(4.0)] = 1.0
     """Factor of their sizes."""
-    hills: float = 0.0
+    hills: NotNegative = 0.0
     """Height of the hills as a share of ``hill_height``; 0: flat ground."""
-    hill_height: float = 3.0
+    hill_height: Annotated[float, Gt(0.0), Le(5.0)] = 3.0
     """Greatest height above or depth below the middle at ``hills`` 1 [m]."""
     half: float = 40.0
     """Obstacles stand in a square of twice this side [m]."""
@@ -79,11 +81,7 @@ class OffRoadConfig(DrivingConfig):
     def validate(self) -> None:
         """Check sizes."""
         super().validate()
-        require(0 <= self.obstacles <= 500, self, "obstacles", "in 0..500")
-        require(0.0 < self.obstacle_scale <= 4.0, self, "obstacle_scale", "in (0, 4]")
-        require(self.hills >= 0.0, self, "hills", "at least 0")
         require(self.hills * self.hill_height <= 10.0, self, "hills", "at most 10 m / hill_height")
-        require(0.0 < self.hill_height <= 5.0, self, "hill_height", "in (0, 5] m")
         require(0.0 < self.radius < self.border <= 0.45 * _SIDE, self, "border", f"in (radius, {0.45 * _SIDE:g}] m")
         require(0.0 < self.half <= self.border, self, "half", "in (0, border]")
         require(0.0 < self.goal_radius < self.radius, self, "goal_radius", "in (0, radius)")

@@ -110,13 +110,13 @@ def test_what_is_left_away_has_the_value_of_the_owners_default():
 @pytest.mark.parametrize(
     ("plain", "message"),
     [
-        ({"many": [{}]}, "many must be a list"),
-        ({"named": {"x": {"low": 1}}}, "named 'x': Range has no 'high'; give it"),
+        ({"many": [{}]}, "many[0].first: missing; give a whole number"),
+        ({"named": {"x": {"low": 1}}}, "named 'x'.high: missing; give a number"),
         ({"named": {"x": {"low": 2, "high": 1}}}, "named 'x': bounds of a Range must be"),
-        ({"inner": {"frist": 1}}, "inner has no field 'frist'; did you mean first?"),
-        ({"word": "c"}, "word must be one of a, b, got 'c'"),
-        ({"outer": 1}, "Outer has no field 'outer'"),
-        (None, "Outer must be an object of named values, got null"),
+        ({"inner": {"frist": 1}}, "inner.frist: unknown key (did you mean 'first'?); known: first, second"),
+        ({"word": "c"}, "word must be one of 'a', 'b', got 'c'"),
+        ({"outer": 1}, "outer: unknown key; known: inner, many"),
+        (None, "Outer must be an object with the keys of Outer, got None"),
     ],
 )
 def test_what_is_wrong_is_named(plain, message):

@@ -354,7 +354,10 @@ def test_seeds_that_are_none(value):
         (lambda: Sensing(noise=-1.0), "noise of a Sensing"),
         (lambda: Sensing(delay=(2, 1)), "delay of a Sensing"),
         (lambda: Curriculum(first=5, last=5), "iterations of a Curriculum"),
-        (lambda: replace_fields(TaskConfig(), {"action_delay": (1.5, 2)}), "action-delay must be two whole numbers"),
+        (
+            lambda: replace_fields(TaskConfig(), {"action_delay": (1.5, 2)}),
+            r"action-delay\[0\] must be a whole number, got 1.5",
+        ),
         (lambda: TaskConfig(action_rise_time=(1.0, -1.0)), "action-rise-time must be zero or positive"),
     ],
 )

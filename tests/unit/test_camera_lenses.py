@@ -1,6 +1,7 @@
 """Lenses: closed forms, inverses, corners, and lenses that cannot be."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +14,9 @@ from tests.reference import lenses as reference
 
 # float32 rounds u, v, and one function each of sin, cos or sqrt: a few units in the last place of 1
 ROUNDING = 1.0e-6
-BARREL = {"k1": -0.25, "k2": 0.06, "k3": -0.005}
+BARREL: dict[str, Any] = {"k1": -0.25, "k2": 0.06, "k3": -0.005}
 CUSHION = {"k1": 0.3, "k2": 0.1, "k3": 0.05}
-MIXED = {"k1": -0.4, "k2": 0.3, "k3": -0.04}
+MIXED: dict[str, Any] = {"k1": -0.4, "k2": 0.3, "k3": -0.04}
 
 
 @wp.kernel

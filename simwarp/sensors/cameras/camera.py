@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias
 import numpy as np
 import warp as wp
 
-from simwarp.core.constraints import Different, Ge, Le, Meaning, MinLen, NotNegative, Positive
+from simwarp.core.constraints import As, Different, Ge, Le, Meaning, MinLen, NotNegative, Positive
 from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
@@ -45,6 +45,7 @@ MOST_PIXELS: Final = 32768
 """Along either side of an image."""
 Pixels: TypeAlias = Annotated[int, Ge(1), Le(MOST_PIXELS)]
 Output: TypeAlias = Literal["rgb", "grey", "depth", "range", "normals", "instance", "semantic"]
+OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different]
 
 
 @renamed_fields(reach="far")
@@ -76,7 +77,7 @@ class CameraConfig(Configuration):
     width: Pixels = 80
     height: Pixels = 45
     lens: LensField = dataclasses.field(default_factory=Pinhole)
-    outputs: Annotated[tuple[Output, ...], MinLen(1), Different] = ("rgb",)
+    outputs: Annotated[Sequence[str], As(OutputNames)] = ("rgb",)
     samples: Annotated[int, Ge(1), Le(MOST_SAMPLES)] = 1
     near: Annotated[NotNegative, Meaning("metres, 0 to see everything")] = 0.0
     far: Annotated[Positive, Meaning("the largest distance that is seen [m]")] = 1000.0

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, cast, get_args
 
 import warp as wp
 
-from simwarp.core.constraints import Different, MinLen, OneOrMany
+from simwarp.core.constraints import As, Different, MinLen, OneOrMany
 from simwarp.kernels.sensors.motion.imu import InertialArrays, sample_inertial
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
@@ -19,7 +19,9 @@ from simwarp.sensors.vector_sensor import VectorSensor
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
 
-PARTS: Final = ("accelerometer", "gyroscope")
+Output: TypeAlias = Literal["accelerometer", "gyroscope"]
+OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different, OneOrMany()]
+PARTS: Final = get_args(Output)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -34,9 +36,7 @@ class ImuConfig(Configuration):
     """
 
     schedule: Schedule = dataclasses.field(default_factory=lambda: Schedule(rate=100.0))
-    outputs: Annotated[tuple[Literal["accelerometer", "gyroscope"], ...], MinLen(1), Different, OneOrMany()] = (
-        "accelerometer", "gyroscope",
-    )  # fmt: skip
+    outputs: Annotated[Sequence[str], As(OutputNames)] = PARTS
     accelerometer_noise: tuple[Noise, ...] = ()
     gyroscope_noise: tuple[Noise, ...] = ()
 

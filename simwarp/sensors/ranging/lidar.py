@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, get
 import numpy as np
 import warp as wp
 
-from simwarp.core.constraints import Different, Meaning, MinLen, NotNegative, OneOrMany, Positive
+from simwarp.core.constraints import As, Different, Meaning, MinLen, NotNegative, OneOrMany, Positive
 from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.lidar import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
 from simwarp.kernels.sensors.ranging.returns import ReturnMode
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 MODES: Final = tuple(mode.name.lower() for mode in ReturnMode)
 Output: TypeAlias = Literal["points", "ranges"]
+OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different, OneOrMany()]
 OUTPUTS: Final = get_args(Output)
 
 
@@ -90,7 +91,7 @@ class LidarConfig(Configuration):
     near: NotNegative = 1.0e-3
     far: Annotated[Positive, Meaning("the largest range [m]")] = 100.0
     noise: LidarNoise = dataclasses.field(default_factory=LidarNoise)
-    outputs: Annotated[tuple[Output, ...], MinLen(1), Different, OneOrMany()] = ("points", "ranges")
+    outputs: Annotated[Sequence[str], As(OutputNames)] = ("points", "ranges")
     miss: Literal["zero", "inf", "far"] = "zero"
     sweep: bool = True
     groups: GroupBits = ALL_GROUPS
