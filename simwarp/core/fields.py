@@ -29,7 +29,7 @@ class Size(enum.Enum):
     TOUCHED_BODIES = ("B", "0 without shapes")
     JOINTS = ("J", "")
     DOFS = ("dofs", "")
-    BOUNDED_ROWS = ("bounded rows", "")
+    BOX_CONSTRAINTS = ("box constraints", "")
     COUPLINGS = ("couplings", "")
     TERMS = ("terms", "")
     SHAPES = ("S", "")

@@ -22,7 +22,7 @@ from simwarp.simulation.solver_options import MOST_ITERATIONS
 Array = npt.NDArray[np.float64]
 
 SOLVERS = {solver.name.lower(): solver for solver in ConeSolver}
-LAWS = {law.name.lower(): law for law in FrictionLaw}
+FRICTION_LAWS = {law.name.lower(): law for law in FrictionLaw}
 ITERATIONS = {
     ConeSolver.APGD: 2000,
     ConeSolver.PSOR: 10000,
@@ -110,7 +110,7 @@ def solve_cone_problems(
     config = ConeConfig()
     chosen = _choice("solver", solver, SOLVERS)
     config.solver = int(chosen)
-    config.law = int(_choice("friction_law", friction_law, LAWS))
+    config.friction_law = int(_choice("friction_law", friction_law, FRICTION_LAWS))
     aim = number(tolerance)
     if not 0.0 <= aim <= FLOAT32_MAX:
         raise ValueError(f"tolerance must be finite and >= 0 m/s, got {shown(tolerance)}; pass 0 to use all iterations")
@@ -322,9 +322,9 @@ def _launch(
     problems, rows = given.r.shape
     contacts = given.mu.shape[1]
     velocities = 0 if given.jacobian is None else given.jacobian.shape[1]
-    # A CPU takes the problems in turn: one lane stays in its cache.
-    lanes = 1 if device.is_cpu else max(problems, 1)
-    layouts = batch_layouts(lanes, rows, bilateral, velocities)
+    # A CPU takes the problems in turn: one slot stays in its cache.
+    scratch_slots = 1 if device.is_cpu else max(problems, 1)
+    layouts = batch_layouts(scratch_slots, rows, bilateral, velocities)
     more = 4 * problems * (rows * (rows + velocities + 4) + velocities * (velocities + 2))
     check_layouts("solve_cone_problems: its arrays", layouts, device, "solve fewer or smaller problems at a time", more)
     batch: Any = BatchInput()
@@ -346,7 +346,7 @@ def _launch(
     batch.lower = wp.zeros(cones, dtype=float, device=device)
     batch.upper = wp.full(cones, float("inf"), dtype=float, device=device)
     batch.zeros = wp.zeros(max(limits + contacts, 1), dtype=float, device=device)
-    scratch = make_batch_scratch(device, lanes, rows, bilateral, velocities)
+    scratch = make_batch_scratch(device, scratch_slots, rows, bilateral, velocities)
     impulse = wp.zeros((problems, rows), dtype=float, device=device)
     velocity = wp.zeros((problems, velocities), dtype=float, device=device)
     residual = wp.zeros(problems, dtype=float, device=device)

@@ -28,6 +28,8 @@ FORMAT: Final = "simwarp snapshot 1"
 HEADER: Final = "header"
 MOST_HEADER: Final = 64 * 2**20
 """Bytes of the largest header: lines about every body, joint and shape."""
+NAMES_IN_FILES: Final = {"state.box_impulse": "state.bounded_impulse"}
+"""Arrays that files know under their first names."""
 OVERHEAD: Final = 4096
 """Bytes of a file beside the numbers of one array."""
 
@@ -68,11 +70,12 @@ class Snapshot:
         return cls(State(model), Control(model, elements=elements), Contacts(model), kept, identity)
 
     def arrays(self) -> dict[str, wp.array]:
-        """All arrays by name."""
+        """All arrays by the names that files have for them."""
         groups: dict[str, State | Control | Contacts] = {
             "state": self.state, "control": self.control, "contacts": self.contacts,
         }  # fmt: skip
         named = {f"{group}.{name}": getattr(part, name) for group, part in groups.items() for name in part.NAMES}
+        named = {NAMES_IN_FILES.get(name, name): array for name, array in named.items()}
         return named | {f"memory.{index}": array for index, array in enumerate(self.memory)}
 
     def save(self, path: str | Path) -> None:

@@ -54,11 +54,11 @@ class BatchInput:
 
 @wp.struct
 class BatchScratch:
-    """Room for a few problems at a time ("lanes"): first axis the lane."""
+    """Room for a few problems at a time (slots): first axis the slot."""
 
     s: wp.array3d[float]
     factor: wp.array3d[float]
-    cone_rows: wp.array3d[float]  # (lanes, 5, cone rows): r, diagonal, gamma, scale, gamma kept
+    cone_rows: wp.array3d[float]  # (slots, 5, cone rows): r, diagonal, gamma, scale, gamma kept
     vectors: wp.array3d[float]
     wide: wp.array3d[wp.float64]
     n_bb: wp.array3d[float]
@@ -72,7 +72,7 @@ class BatchScratch:
     gamma: wp.array3d[float]
 
 
-def batch_layouts(lanes: int, rows: int, bilateral: int, velocities: int) -> dict[str, ArrayLayout]:
+def batch_layouts(scratch_slots: int, rows: int, bilateral: int, velocities: int) -> dict[str, ArrayLayout]:
     """The arrays of the scratch of problems of one size."""
     cones = rows - bilateral
     shapes: dict[str, tuple[int, ...]] = {
@@ -92,22 +92,26 @@ def batch_layouts(lanes: int, rows: int, bilateral: int, velocities: int) -> dic
         "gamma": (2, rows),
     }
     return {
-        name: ArrayLayout((lanes, *(max(length, 1) for length in shape)), wp.float64 if name == "wide" else wp.float32)
+        name: ArrayLayout(
+            (scratch_slots, *(max(length, 1) for length in shape)), wp.float64 if name == "wide" else wp.float32
+        )
         for name, shape in shapes.items()
     }
 
 
-def make_batch_scratch(device: wp.Device, lanes: int, rows: int, bilateral: int, velocities: int) -> BatchScratch:
+def make_batch_scratch(
+    device: wp.Device, scratch_slots: int, rows: int, bilateral: int, velocities: int
+) -> BatchScratch:
     """Allocates the scratch of problems of one size."""
     scratch = BatchScratch()
-    for name, layout in batch_layouts(lanes, rows, bilateral, velocities).items():
+    for name, layout in batch_layouts(scratch_slots, rows, bilateral, velocities).items():
         setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
     return scratch
 
 
 @wp.func
-def pack_system(index: int, lane: int, batch: BatchInput, scratch: BatchScratch) -> DenseSystem:
-    """One problem and its lane."""
+def pack_system(index: int, scratch_slot: int, batch: BatchInput, scratch: BatchScratch) -> DenseSystem:
+    """One problem and its slot."""
     system = DenseSystem()
     system.rows = batch.rows
     system.bilateral = batch.bilateral
@@ -118,26 +122,26 @@ def pack_system(index: int, lane: int, batch: BatchInput, scratch: BatchScratch)
         system.jacobian = batch.jacobian[index]
         system.inverse_mass = batch.inverse_mass[index]
         system.free_velocity = batch.free_velocity[index]
-    system.gamma = scratch.gamma[lane]
-    system.root = scratch.root[lane]
-    system.a = scratch.a[lane]
-    system.y = scratch.y[lane]
-    system.change = scratch.change[lane]
-    system.compliance = scratch.compliance[lane]
-    system.n_bb = scratch.n_bb[lane]
-    system.c = scratch.c[lane]
-    system.work = scratch.work[lane]
+    system.gamma = scratch.gamma[scratch_slot]
+    system.root = scratch.root[scratch_slot]
+    system.a = scratch.a[scratch_slot]
+    system.y = scratch.y[scratch_slot]
+    system.change = scratch.change[scratch_slot]
+    system.compliance = scratch.compliance[scratch_slot]
+    system.n_bb = scratch.n_bb[scratch_slot]
+    system.c = scratch.c[scratch_slot]
+    system.work = scratch.work[scratch_slot]
     return system
 
 
 @wp.func
-def pack_cones(index: int, lane: int, batch: BatchInput, scratch: BatchScratch) -> ConeProblem:
-    """The cone problem of a lane."""
+def pack_cones(index: int, scratch_slot: int, batch: BatchInput, scratch: BatchScratch) -> ConeProblem:
+    """The cone problem of a slot."""
     problem = ConeProblem()
     problem.row_count = batch.rows - batch.bilateral
     problem.block_count = batch.blocks
     problem.dense = 1
-    problem.slot_count = 0
+    problem.tree_dof_count = 0
     problem.loop_count = 0
     problem.block_row = batch.block_row
     problem.block_kind = batch.block_kind
@@ -147,14 +151,14 @@ def pack_cones(index: int, lane: int, batch: BatchInput, scratch: BatchScratch) 
     problem.cohesion = batch.zeros
     problem.lower = batch.lower
     problem.upper = batch.upper
-    problem.s = scratch.s[lane]
-    problem.factor = scratch.factor[lane]
-    problem.r = scratch.cone_rows[lane, 0]
-    problem.diagonal = scratch.cone_rows[lane, 1]
-    problem.gamma = scratch.cone_rows[lane, 2]
-    problem.scale = scratch.cone_rows[lane, 3]
-    problem.vectors = scratch.vectors[lane]
-    problem.wide = scratch.wide[lane]
+    problem.s = scratch.s[scratch_slot]
+    problem.factor = scratch.factor[scratch_slot]
+    problem.r = scratch.cone_rows[scratch_slot, 0]
+    problem.diagonal = scratch.cone_rows[scratch_slot, 1]
+    problem.gamma = scratch.cone_rows[scratch_slot, 2]
+    problem.scale = scratch.cone_rows[scratch_slot, 3]
+    problem.vectors = scratch.vectors[scratch_slot]
+    problem.wide = scratch.wide[scratch_slot]
     return problem
 
 
@@ -188,10 +192,10 @@ def solve_batch(
 ):
     """Solves one problem per thread."""
     index = wp.tid()
-    lanes = scratch.vectors.shape[0]
-    lane = index % lanes
-    system = pack_system(index, lane, batch, scratch)
-    problem = pack_cones(index, lane, batch, scratch)
+    scratch_slots = scratch.vectors.shape[0]
+    scratch_slot = index % scratch_slots
+    system = pack_system(index, scratch_slot, batch, scratch)
+    problem = pack_cones(index, scratch_slot, batch, scratch)
     nb = system.bilateral
     if system.velocities > 0:
         form_rows(system)
@@ -207,7 +211,7 @@ def solve_batch(
     if nb > 0:
         # The reduced problem has the rounding of its elimination; u of the whole problem, for `correct`, has not.
         turns = 1 + CORRECTIONS
-    kept = scratch.cone_rows[lane, 4]
+    kept = scratch.cone_rows[scratch_slot, 4]
     total = SolveReport()
     for _ in range(turns):
         report = solve_with_fallback(problem, config, batch.fallback, kept)

@@ -20,7 +20,7 @@ EXACT = wp.constant(int(FrictionLaw.EXACT))
 class ConeConfig:
     """Numbers of a solve."""
 
-    law: int  # FrictionLaw
+    friction_law: int  # FrictionLaw
     solver: int  # ConeSolver
     max_iterations: int
     tolerance: float  # residual at which a solver stops [m/s or rad/s]
@@ -30,15 +30,15 @@ class ConeConfig:
 class ConeProblem:
     """One world's problem. Arrays are as long as the capacity; only the first `row_count`, `block_count` count.
 
-    S is either dense (`dense` = 1: array `s`) or applied through the slots of the tree (`dense` = 0):
-    S = Y Y^T - W W^T + diag(compliance), where row i of block b has the entries y[i, e] at slots block_slot[b, e],
-    e < block_entries[b], and W has `loop_count` columns.
+    S is either dense (`dense` = 1: array `s`) or applied through the degrees of freedom of the tree (`dense` = 0):
+    S = Y Y^T - W W^T + diag(compliance), where row i of block b has the entries y[i, e] at the tree
+    degrees of freedom block_tree_dof[b, e], e < block_entries[b], and W has `loop_count` columns.
     """
 
     row_count: int
     block_count: int
     dense: int
-    slot_count: int
+    tree_dof_count: int
     loop_count: int
 
     block_row: wp.array[int]  # first row of each block, and the total at the end
@@ -56,13 +56,13 @@ class ConeProblem:
 
     s: wp.array2d[float]  # (rows, rows), symmetric, compliance on its diagonal
     y: wp.array2d[float]  # (rows, entries)
-    block_slot: wp.array2d[int]  # (blocks, entries)
+    block_tree_dof: wp.array2d[int]  # (blocks, entries)
     block_entries: wp.array[int]
     w: wp.array2d[float]  # (rows, loop rows)
     compliance: wp.array[float]  # per row
 
     # scratch
-    slot_sum: wp.array[float]  # (slots,)
+    tree_dof_sum: wp.array[float]  # (tree degrees of freedom,)
     loop_sum: wp.array[float]  # (loop rows,)
     scale: wp.array[float]  # per row
     vectors: wp.array2d[float]  # (SOLVER_VECTORS, rows)

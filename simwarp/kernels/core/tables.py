@@ -15,18 +15,18 @@ def world_row(world: int, copies: int) -> int:
 
 @wp.struct
 class Topology:
-    """Level-ordered tables: links (bodies and shafts) parents first, slots (tree degrees of freedom), rows."""
+    """Level-ordered tables: links (bodies and shafts) parents first, tree degrees of freedom, rows."""
 
     link_count: int
-    slot_count: int
+    tree_dof_count: int
     dof_count: int
     joint_count: int
     loop_joint_count: int
     row_count: int  # rows of loop joints, then couplings
     joint_row_count: int
-    bounded_count: int
+    box_count: int
     loop_dof_count: int
-    slot_line_count: int
+    distance_count: int
     shape_count: int
     pair_count: int
     grid_buckets: int  # 0: pairs come from the list
@@ -37,9 +37,9 @@ class Topology:
     link_type: wp.array[int]  # JointType
     link_sign: wp.array[float]  # -1: the joint is traversed from its child to its parent
     link_alone: wp.array[int]  # 1: no joint touches the body
-    link_slot: wp.array[int]  # CSR
-    slot_dof: wp.array[int]  # -1: floating without a named joint
-    slot_link: wp.array[int]
+    link_tree_dof: wp.array[int]  # CSR
+    tree_dof_to_dof: wp.array[int]  # -1: floating without a named joint
+    tree_dof_link: wp.array[int]
     body_link: wp.array[int]
 
     joint_type: wp.array[int]
@@ -48,7 +48,7 @@ class Topology:
     joint_dof: wp.array[int]  # CSR
 
     dof_joint: wp.array[int]
-    dof_slot: wp.array[int]  # -1: the joint closes a loop
+    dof_to_tree_dof: wp.array[int]  # -1: the joint closes a loop
     dof_kind: wp.array[int]  # RowKind
     dof_axis: wp.array[int]
     dof_drive: wp.array[int]  # DriveMode
@@ -65,16 +65,18 @@ class Topology:
     row_axis1: wp.array[int]
     row_dof: wp.array[int]  # -1: rigid; else the row carries that degree of freedom's law or prescribed motion
     coupling_dof: wp.array2d[int]  # (couplings, terms), -1: none
-    coupling_wrench: wp.array2d[int]  # (couplings, terms): where j0, j1 hold a TURN term's wrenches, -1: a slot
-    row_path: wp.array[int]  # CSR over rows: slots that a row can move
-    path_slot: wp.array[int]
-
-    slot_line: wp.array2d[
+    coupling_wrench: wp.array2d[
         int
-    ]  # (lines, 2): coordinate of a LINE, slot of the joint between its bodies, on which it acts
+    ]  # (couplings, terms): where j0, j1 hold a RELATIVE_ROTATION term's wrenches, -1: a tree degree of freedom
+    row_path: wp.array[int]  # CSR over rows: tree degrees of freedom that a row can move
+    path_tree_dof: wp.array[int]
+
+    distance_dof: wp.array2d[
+        int
+    ]  # (lines, 2): coordinate of a DISTANCE, tree degree of freedom of the joint between its bodies, on which it acts
     loop_dof: wp.array[int]  # coordinates of loop joints without a law: `joint_force` acts on them as it is
-    bounded_dof: wp.array[int]
-    bounded_kind: wp.array[int]  # BoundedKind
+    box_dof: wp.array[int]
+    box_kind: wp.array[int]  # BoxKind
 
     shape_body: wp.array[int]  # -1: world
     shape_type: wp.array[int]  # ShapeType
@@ -121,8 +123,8 @@ class Work:
     coupling: wp.array[wp.mat33]
     mass: wp.array[wp.mat33]
     shift: wp.array[wp.vec3]  # parent's centre to child's, through the joint
-    drift_ang: wp.array[wp.vec3]
-    drift_lin: wp.array[wp.vec3]
+    stabilisation_ang: wp.array[wp.vec3]
+    stabilisation_lin: wp.array[wp.vec3]
     p_ang: wp.array[wp.vec3]
     p_lin: wp.array[wp.vec3]
     v_ang: wp.array[wp.vec3]  # change of velocity in this step
@@ -137,7 +139,7 @@ class Work:
     f_ang: wp.array[wp.vec3]  # impulse balance of the reactions
     f_lin: wp.array[wp.vec3]
 
-    s_ang: wp.array[wp.vec3]  # per slot
+    s_ang: wp.array[wp.vec3]  # per tree degree of freedom
     s_lin: wp.array[wp.vec3]
     u_ang: wp.array[wp.vec3]
     u_lin: wp.array[wp.vec3]
@@ -150,7 +152,7 @@ class Work:
     k_qd: wp.array[float]  # kept while a correction is computed
     k_effort: wp.array[float]
 
-    j0_ang: wp.array[wp.vec3]  # per row, then per TURN term of a coupling
+    j0_ang: wp.array[wp.vec3]  # per row, then per RELATIVE_ROTATION term of a coupling
     j0_lin: wp.array[wp.vec3]
     j1_ang: wp.array[wp.vec3]
     j1_lin: wp.array[wp.vec3]
@@ -160,10 +162,10 @@ class Work:
     row_r: wp.array[float]
     row_t: wp.array[float]
     row_scale: wp.array[float]
-    y: wp.array2d[float]  # (rows, slots)
-    y_t: wp.array2d[float]  # (slots, padded rows), zero where a row does not reach
+    y: wp.array2d[float]  # (rows, tree_dofs)
+    y_t: wp.array2d[float]  # (tree degrees of freedom, padded rows), zero where a row does not reach
     n: wp.array2d[float]  # (rows, padded rows)
     inv_pivot: wp.array[float]
 
-    active: wp.array[int]  # per block: bounded row, or the number of bounded rows plus the contact
+    active: wp.array[int]  # per block: box constraint, or the number of box constraints plus the contact
     b_sign: wp.array[float]  # per block
