@@ -81,7 +81,7 @@ class Examiner:
         if status:
             problems.append(f"world status {WorldStatus(status)!r}")
         speed = float(np.linalg.norm(arrays[2], axis=-1).max(initial=0.0))
-        residual = max(_largest(reports.row_residual), _largest(reports.bounded_residual))
+        residual = max(_largest(reports.row_residual), _largest(reports.cone_residual))
         if not residual <= RESIDUAL_SHARE * max(speed, 1.0):
             problems.append(f"row residual {residual:.2g} m/s at {speed:.3g} m/s")
         position_error = _largest(reports.position_error)

@@ -50,10 +50,13 @@ class JointType(IntEnum):
     PERPENDICULAR = 19
     OLDHAM = 20
     ROD = 21
-    LINE = 22
+    DISTANCE = 22
     REVOLUTE_SPHERICAL = 23
     REVOLUTE_TRANSLATIONAL = 24
     BUSHING = 25
+    RELATIVE_ROTATION = 26
+    # names of before, until the next release
+    LINE = 22
     TURN = 26
 
 
@@ -90,7 +93,7 @@ class DriveMode(IntEnum):
     """qd follows a table or `joint_target_qd`, whatever the effort."""
 
 
-class BoundedKind(IntEnum):
+class BoxKind(IntEnum):
     """Rows with a bounded impulse: solved by accelerated gradient on the joint-eliminated system."""
 
     LIMIT = 0

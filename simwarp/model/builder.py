@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
 from simwarp.core.types import (
     WORLD,
@@ -45,7 +46,7 @@ from simwarp.model.specifications import BodySpec, Frame, JointSpec
 Array = npt.NDArray[np.float64]
 
 
-WITHOUT_AXIS: Final = (JointType.FIXED, JointType.SPHERICAL, JointType.ROD, JointType.LINE)
+WITHOUT_AXIS: Final = (JointType.FIXED, JointType.SPHERICAL, JointType.ROD, JointType.DISTANCE)
 """Joints whose frames have the world's axes."""
 FLAT: Final = (JointType.PLANAR, JointType.POINT_ON_PLANE, JointType.OLDHAM)
 """Joints whose axis is the normal of a plane."""
@@ -57,6 +58,7 @@ ANCHORED: Final = (
 IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
 
 
+@renamed_fields(add_turn="add_joint_relative_rotation")
 class ModelBuilder(ShapeList, CouplingList):
     """Collects the bodies and joints of one world; every world of a Model shares this topology.
 
@@ -315,7 +317,7 @@ class ModelBuilder(ShapeList, CouplingList):
         frame = checked_rotation(thing, "rotation", rotation)
         return self._add(JointType.BUSHING, name, parent, child, anchor, None, dofs, rotation=frame)
 
-    def add_turn(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
+    def add_joint_relative_rotation(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
         """The rotation of the child about an axis of its own, seen from the parent: a coordinate for couplings, as
         where a shaft with joints drives a wheel that also steers. It constrains nothing.
 
@@ -325,7 +327,7 @@ class ModelBuilder(ShapeList, CouplingList):
         Args:
             axis: direction, world frame, fixed in the child.
         """
-        return self._add_single(JointType.TURN, name, parent, child, None, axis, {})
+        return self._add_single(JointType.RELATIVE_ROTATION, name, parent, child, None, axis, {})
 
     # ---- finish --------------------------------------------------------------------------------------------------
 
@@ -384,7 +386,7 @@ class ModelBuilder(ShapeList, CouplingList):
 
     def _add_line(self, name: str, parent: int, child: int, anchor0: Vec3, anchor1: Vec3, dofs: Sequence[Dof]) -> int:
         distance_between(checked_name("joint", name), anchor0, anchor1)
-        return self._add(JointType.LINE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
+        return self._add(JointType.DISTANCE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
 
     def _add(
         self, kind: JointType, name: str, parent: int, child: int, anchor: Any, axis: Any,

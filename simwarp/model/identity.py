@@ -10,16 +10,19 @@ from typing import Any, Final
 
 import numpy as np
 
-from simwarp.core.types import Dof, PositionDrive, shown
+from simwarp.core.types import Dof, JointType, PositionDrive, shown
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec, Specification
-from simwarp.model.topology import drive_mode, has_law
+from simwarp.model.topology import drive_mode, has_effort
 
 VERSION: Final = "1"
 """Of the layout of states: another one is another identity."""
 
 LONGEST_PART: Final = 60
+
+KINDS_IN_FILES: Final = {JointType.DISTANCE: "line", JointType.RELATIVE_ROTATION: "turn"}
+"""Kinds of joints that snapshots know under their first names."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,7 +119,8 @@ def _joint_line(joint: JointSpec) -> str:
     laws = [_law(dof) for dof in joint.dofs]
     said = f" with {', '.join(laws)}" if any(laws) else ""
     assert len(joint.dofs) == len(ELEMENTS[joint.type].dofs)
-    return f"'{joint.name}' ({joint.type.name.lower()} {joint.parent} to {joint.child}{said})"
+    kind = KINDS_IN_FILES.get(joint.type, joint.type.name.lower())
+    return f"'{joint.name}' ({kind} {joint.parent} to {joint.child}{said})"
 
 
 def _law(dof: Dof) -> str:
@@ -126,7 +130,7 @@ def _law(dof: Dof) -> str:
         "limit": dof.limit is not None,
         "friction": dof.friction > 0.0,
         "effort limit": isinstance(dof.drive, PositionDrive) and math.isfinite(dof.drive.effort_limit),
-        "law": has_law(dof),
+        "law": has_effort(dof),
         f"drive {drive_mode(dof).name.lower()}": dof.drive is not None,
         f"tables {_digest(repr(_plain(tables)).encode())[:8]}": any(table is not None for table in tables),
     }

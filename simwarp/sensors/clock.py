@@ -29,7 +29,7 @@ from simwarp.sensors.interface import Mount, Schedule, Steps, body_index, checke
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
 
-LANES = 128
+THREADS = 128
 """Threads that copy one world's frame on a GPU."""
 MOST_BYTES = 2**31 - 1
 """Of one world's frame: kernels tell places in it by 32 bits."""
@@ -306,12 +306,12 @@ class Frames:
             size = data.size * wp.types.type_size_in_bytes(data.dtype) // self.model.world_count
             whole = size % 4 == 0
             count = size // 4 if whole else size
-            lanes = min(LANES, count) if self.model.device.is_cuda else 1
+            threads = min(THREADS, count) if self.model.device.is_cuda else 1
             commands.append(
                 wp.launch(
-                    publish_words if whole else publish_bytes, dim=(self.model.world_count, lanes),
+                    publish_words if whole else publish_bytes, dim=(self.model.world_count, threads),
                     device=self.model.device, record_cmd=True,
-                    inputs=[lanes, self.tick, _rows(ring, count, whole)], outputs=[_rows(data, count, whole)],
+                    inputs=[threads, self.tick, _rows(ring, count, whole)], outputs=[_rows(data, count, whole)],
                 )
             )  # fmt: skip
         return commands

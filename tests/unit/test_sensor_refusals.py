@@ -272,7 +272,7 @@ def test_the_remedy_is_that_of_the_mistake(tmp_path):
     behind = message(lambda: Camera(target, HUB, CameraConfig(far=-5.0)))
     assert behind.endswith("far must be positive, got -5.0; give the largest distance that is seen [m]")
     assert message(lambda: Camera(target, HUB, CameraConfig(imaging=Imaging(gamma=0)))).startswith(
-        "Imaging: gamma must be finite and > 0, got 0; "
+        "Imaging: gamma must be positive, got 0; give 1 for a linear response"
     )
     assert "got -1.0;" in message(lambda: built()[1].add_sphere(0, radius=cast(Any, np.float64(-1.0))))
     assert "got -1.0" in message(lambda: Schedule(rate=cast(Any, np.float64(-1.0))))

@@ -138,7 +138,7 @@ def set_start(problem: ConeProblem):
 
 @wp.func
 def start_bounds(problem: ConeProblem, row: int, size: wp.float64):
-    """XI, ZI, ZU of a bounded row <- between the bounds."""
+    """XI, ZI, ZU of a box constraint <- between the bounds."""
     low = problem.wide[LO, row]
     high = problem.wide[UP, row]
     below = low > -BOUND
@@ -201,7 +201,7 @@ def set_scalings(problem: ConeProblem):
 
 @wp.func
 def bound_stiffness(problem: ConeProblem, row: int) -> wp.float64:
-    """Sum of dual over slack of a bounded row."""
+    """Sum of dual over slack of a box constraint."""
     low = problem.wide[LO, row]
     high = problem.wide[UP, row]
     if not (high > low):

@@ -217,7 +217,7 @@ def collect_contacts(
                         cone.gamma[row + 3 + i] = warm_moment[i]
                 for i in range(count):
                     cone.diagonal[row + i] = wp.max(cone.diagonal[row + i], FREE_MOBILITY)
-                work.active[block] = topology.bounded_count + contact
+                work.active[block] = topology.box_count + contact
                 block += 1
                 row += count
     cone.block_row[block] = row
@@ -231,7 +231,7 @@ def publish_contacts(
 ):  # fmt: skip
     """Impulses of the contacts from their blocks, and the forces that they add up to."""
     for block in range(first, blocks):
-        contact = work.active[block] - topology.bounded_count
+        contact = work.active[block] - topology.box_count
         row = cone.block_row[block]
         count = cone.block_row[block + 1] - row
         impulse = wp.vec3(cone.gamma[row], 0.0, 0.0)

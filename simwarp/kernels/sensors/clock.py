@@ -175,32 +175,32 @@ def begin_clock(
 @wp.kernel
 def publish_words(
     # inputs
-    lanes: int,
+    threads: int,
     tick: Tick,
     ring: wp.array2d[int],  # (W·slots, words)
     # outputs
     data: wp.array2d[int],  # (W, words)
 ):
-    """Rows of the ring that are due become the data; `lanes` threads share a row."""
-    world, lane = wp.tid()
+    """Rows of the ring that are due become the data; `threads` threads share a row."""
+    world, thread = wp.tid()
     if tick.publish[world] == 1:
         row = tick.publish_row[world]
-        for word in range(lane, data.shape[1], lanes):
+        for word in range(thread, data.shape[1], threads):
             data[world, word] = ring[row, word]
 
 
 @wp.kernel
 def publish_bytes(
     # inputs
-    lanes: int,
+    threads: int,
     tick: Tick,
     ring: wp.array2d[wp.uint8],  # (W·slots, bytes)
     # outputs
     data: wp.array2d[wp.uint8],  # (W, bytes)
 ):
     """The same for rows that are no whole number of words."""
-    world, lane = wp.tid()
+    world, thread = wp.tid()
     if tick.publish[world] == 1:
         row = tick.publish_row[world]
-        for byte in range(lane, data.shape[1], lanes):
+        for byte in range(thread, data.shape[1], threads):
             data[world, byte] = ring[row, byte]

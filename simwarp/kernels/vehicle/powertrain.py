@@ -307,8 +307,8 @@ def run_powertrain(
     axes.
 
     In a closed balance it is zero: shafts turn in the chassis, so that the torques between them cancel, and what drives
-    the wheels acts back on it through their `TURN` joints. The reactions stand for arrangements that are described by
-    no body of their own, such as a counter-rotating driveline.
+    the wheels acts back on it through their relative rotations. The reactions stand for arrangements that are described
+    by no body of their own, such as a counter-rotating driveline.
     """
     if powertrain.drive_dof >= 0:
         memory.drive_speed[world] = state.joint_qd[world, powertrain.drive_dof]

@@ -21,12 +21,12 @@ from simwarp.sensors.ranging.scanning import (
     PerWorld,
     Share,
     check_reach,
-    lane_count,
     noise_arrays,
     rows_of,
     scan_tables,
     scene_model,
     set_sweep,
+    thread_count,
 )
 from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
@@ -207,13 +207,13 @@ class Lidar:
         frames, state, device = self.frames, simulation.state, self.model.device
         tables = self.scene.tables(self.config.groups)
         set_sweep(self._scan, frames, self.config.sweep)
-        lanes = lane_count(self.config.beams, frames, device)
+        threads = thread_count(self.config.beams, frames, device)
         flat = {name: rows_of(frames.ring[name]) for name in self.config.outputs}
         points, ranges = (flat.get(name, self._nowhere) for name in OUTPUTS)
         scan = wp.launch(
-            scan_lidar, dim=(self.model.world_count, lanes), device=device, record_cmd=True,
+            scan_lidar, dim=(self.model.world_count, threads), device=device, record_cmd=True,
             inputs=[
-                lanes, self._scan, self._settings, self._noise, state.arrays, tables, self.model.assets, frames.tick,
+                threads, self._scan, self._settings, self._noise, state.arrays, tables, self.model.assets, frames.tick,
             ],
             outputs=[points, ranges],
         )  # fmt: skip

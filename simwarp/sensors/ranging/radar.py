@@ -21,12 +21,12 @@ from simwarp.sensors.ranging.scanning import (
     PerWorld,
     Share,
     check_reach,
-    lane_count,
     noise_arrays,
     rows_of,
     scan_tables,
     scene_model,
     set_sweep,
+    thread_count,
 )
 from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
 
@@ -214,12 +214,12 @@ class Radar:
         frames, state, device = self.frames, simulation.state, self.model.device
         tables = self.scene.tables(self.config.groups)
         set_sweep(self._scan, frames, self.config.sweep)
-        lanes = lane_count(self.config.rays, frames, device)
+        threads = thread_count(self.config.rays, frames, device)
         returns = rows_of(frames.ring["returns"])
         scan = wp.launch(
-            scan_radar, dim=(self.model.world_count, lanes), device=device, record_cmd=True,
+            scan_radar, dim=(self.model.world_count, threads), device=device, record_cmd=True,
             inputs=[
-                lanes, self._scan, float(self.config.falloff), self.backscatter, self._noise, state.arrays, tables,
+                threads, self._scan, float(self.config.falloff), self.backscatter, self._noise, state.arrays, tables,
                 self.model.assets, frames.tick,
             ],
             outputs=[returns],

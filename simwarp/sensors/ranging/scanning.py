@@ -67,7 +67,7 @@ def set_sweep(scan: Scan, frames: Frames, sweep: bool) -> None:
     scan.span = frames.steps.window * frames.dt if sweep else 0.0
 
 
-def lane_count(beams: BeamTable, frames: Frames, device: Any) -> int:
+def thread_count(beams: BeamTable, frames: Frames, device: Any) -> int:
     """Threads of one world: a beam each on a GPU, in sub-steps that take part of a sweep; one on a CPU."""
     rows, columns = beams.shape
     return rows * math.ceil(columns / max(frames.steps.window, 1)) if device.is_cuda else 1
