@@ -112,10 +112,10 @@ def test_a_snapshot_of_other_sensors():
 def huge(target: Scene) -> dict[str, Any]:
     slow, many = Schedule(rate=10.0), Schedule(rate=100.0, lag=1.0e6)
     return {
-        "width must be from 1 to 32768, got 200000": lambda: Camera(
+        "width must be at most 32768, got 200000": lambda: Camera(
             target, HUB, CameraConfig(width=200_000, height=200_000)
         ),
-        "width must be from 1 to 32768, got 1000000000000": lambda: Camera(
+        "width must be at most 32768, got 1000000000000": lambda: Camera(
             target, HUB, CameraConfig(width=10**12)
         ),
         "must be below 2 GiB": lambda: Camera(target, HUB, CameraConfig(width=32_000, height=32_000)),

@@ -1,0 +1,85 @@
+"""JSON Schemas of the files of vehicles and sensors, made of their types: `python -m scripts.schemas` writes them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from simwarp.sensors.interface import SENSORS
+from simwarp.sensors.presets import FOR_PEOPLE, KINDS
+from simwarp.vehicle.spec.parts import SPECS
+from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+
+DATA = Path(__file__).resolve().parents[1] / "simwarp" / "data"
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+FILE: dict[str, Any] = {
+    "type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"], "additionalProperties": False,
+    "description": "what stands in another file, relative to this one",
+}  # fmt: skip
+TAGS = ("template", "kind")
+"""Keys that choose one of several classes: files have to give them."""
+
+
+def schemas() -> dict[Path, str]:
+    """Text of every schema by its file."""
+    made = {"vehicle": vehicle_schema(), "sensor": sensor_schema()}
+    return {DATA / f"{name}.schema.json": json.dumps(schema, indent=1) + "\n" for name, schema in made.items()}
+
+
+def vehicle_schema() -> dict[str, Any]:
+    """That of a vehicle: any value in it may be `{"file": ...}`."""
+    whole = SPECS.json_schema(VehicleSpec)
+    classes = whole["$defs"]
+    for schema in classes.values():
+        _tidy(schema)
+        for key, value in schema["properties"].items():
+            if "items" in value:
+                value["items"] = _or_file(value["items"])
+            if key not in TAGS:
+                schema["properties"][key] = _or_file(value)
+    classes["VehicleSpec"]["properties"]["$schema"] = {"type": "string"}
+    return {"$schema": DIALECT, "title": "A vehicle of simwarp", **whole, "$defs": {**classes, "File": FILE}}
+
+
+def sensor_schema() -> dict[str, Any]:
+    """That of a sensor: one of all sorts by the key "sensor"."""
+    classes: dict[str, Any] = {}
+    for kind in KINDS.values():
+        classes |= SENSORS.json_schema(kind.config)["$defs"]
+    sorts = [{"$ref": f"#/$defs/{kind.config.__name__}"} for kind in KINDS.values()]
+    for schema in classes.values():
+        _tidy(schema)
+    for sort, kind in KINDS.items():
+        schema = classes[kind.config.__name__]
+        texts = {key: {"type": "string"} for key in FOR_PEOPLE}
+        schema["properties"] = {"sensor": {"const": sort}, **texts, **schema["properties"]}
+        schema["required"] = ["sensor", *schema.get("required", [])]
+    return {"$schema": DIALECT, "title": "A sensor of simwarp", "oneOf": sorts, "$defs": classes}
+
+
+def _tidy(schema: dict[str, Any]) -> None:
+    """Leave out titles that repeat the keys, add units, and ask for the keys that choose a class."""
+    for key, value in schema["properties"].items():
+        value.pop("title", None)
+        unit = SPECS.unit(key)
+        if value.get("type") == "number" and unit and "[" not in value.get("description", ""):
+            value["description"] = f"{value.get('description', '')} [{unit}]".strip()
+        if key in TAGS and "const" in value:
+            schema["required"] = [key, *schema.get("required", [])]
+
+
+def _or_file(value: dict[str, Any]) -> dict[str, Any]:
+    head = {key: value[key] for key in ("description", "default") if key in value}
+    rest = {key: item for key, item in value.items() if key not in head}
+    return {**head, "anyOf": [*(rest["anyOf"] if list(rest) == ["anyOf"] else [rest]), {"$ref": "#/$defs/File"}]}
+
+
+def main() -> None:
+    """Write the files."""
+    for path, text in schemas().items():
+        path.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
