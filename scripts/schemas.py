@@ -70,7 +70,7 @@ def _tidy(schema: dict[str, Any]) -> None:
 
 
 def _or_file(value: dict[str, Any]) -> dict[str, Any]:
-    head = {key: value[key] for key in ("description", "default") if key in value}
+    head: dict[str, Any] = {key: value[key] for key in ("description", "default") if key in value}
     rest = {key: item for key, item in value.items() if key not in head}
     return {**head, "anyOf": [*(rest["anyOf"] if list(rest) == ["anyOf"] else [rest]), {"$ref": "#/$defs/File"}]}
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from typing import Final
 
-LONGEST_NAME: Final = 255
-"""Letters of a name that are compared with those there are."""
+from simwarp.core.wording import close_names
+
 MOST_LISTED: Final = 24
 """Names that an error lists."""
 
@@ -26,7 +25,7 @@ class TaskError(RuntimeError):
 def near_names(name: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean A or B?"`` for names close to ``name``, else ``"; known: ..."``."""
     known = sorted(known)
-    close = difflib.get_close_matches(name[:LONGEST_NAME], known, n=3, cutoff=0.5)
+    close = close_names(name, known, 3, 0.5)
     if close:
         return f"; did you mean {' or '.join(close)}?"
     more = ", ..." if len(known) > MOST_LISTED else ""

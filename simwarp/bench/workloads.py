@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import inspect
 from collections.abc import Callable, Iterable
 from typing import Any, Final
@@ -12,6 +11,7 @@ from simwarp import scenes
 from simwarp.bench.motion import swinging_drives, swinging_joints, twisted_bodies
 from simwarp.cli import shortened
 from simwarp.core.types import WORLD, Material, PositionDrive, pose
+from simwarp.core.wording import close_names
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation, SolverOptions
 from simwarp.vehicle.spec.vehicle_files import vehicle_names
@@ -173,6 +173,6 @@ def names_for_people(tasks: Iterable[str]) -> list[str]:
 def explain_unknown(name: str, tasks: Iterable[str]) -> str:
     """One line about a name that is no scene, vehicle or task."""
     known = names_for_people(tasks)
-    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    close = close_names(name, known, 3, 0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else f"there are: {', '.join(known)}"
     return f"unknown scene '{shortened(name)}'; {hint}"

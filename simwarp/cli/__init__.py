@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import difflib
 import importlib
 import importlib.util
 import sys
@@ -22,6 +21,7 @@ from simwarp.cli.process import (
     silence_output,
     start_warp,
 )
+from simwarp.core.wording import close_names
 
 DONE, FELL_SHORT, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 HELP = frozenset({"-h", "--help"})
@@ -164,7 +164,7 @@ def explanation(error: BaseException) -> str:
 def _find(name: str) -> Command:
     if name in COMMANDS:
         return COMMANDS[name]
-    close = difflib.get_close_matches(name, COMMANDS, n=3, cutoff=0.5)
+    close = close_names(name, COMMANDS, 3, 0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else f"commands: {', '.join(COMMANDS)}"
     raise UsageError(f"unknown command '{shortened(name)}'; {hint}")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import difflib
 import io
 import itertools
 import json
@@ -23,6 +22,7 @@ from simwarp.cli import HELP, UsageError, one_line, shortened
 from simwarp.cli.values import check_option, is_flag, may_repeat
 from simwarp.core.files import check_output, is_special, write_file
 from simwarp.core.renames import RENAMED
+from simwarp.core.wording import close_names
 
 OptionsT = TypeVar("OptionsT")
 
@@ -289,7 +289,7 @@ def _positive(option: str) -> str:
 
 def unknown_option(name: str, known: Iterable[str]) -> str:
     """Return what to say about an option that there is not."""
-    close = difflib.get_close_matches(name, known, n=3)
+    close = close_names(name, known, 3)
     hint = f"did you mean {' or '.join(close)}?" if close else "see --help"
     return f"unknown option {shortened(name)}; {hint}"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import inspect
 import time
@@ -18,6 +17,7 @@ from rich.text import Text
 
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options
+from simwarp.core.wording import close_names
 from simwarp.model.model import resolve_device
 from simwarp.verify import SCENES
 from simwarp.verify.known import EXPLAINED, Verdict, reason, verdict
@@ -48,7 +48,7 @@ def chosen(names: tuple[str, ...]) -> list[str]:
     """
     for name in names:
         if name not in SCENES:
-            close = difflib.get_close_matches(name, SCENES, n=3, cutoff=0.5)
+            close = close_names(name, SCENES, 3, 0.5)
             hint = f"did you mean {' or '.join(close)}?" if close else f"scenes: {', '.join(SCENES)}"
             raise UsageError(f"unknown scene '{shortened(name)}'; {hint}")
     return list(dict.fromkeys(names)) or list(SCENES)

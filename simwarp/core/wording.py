@@ -12,14 +12,16 @@ LONGEST_WORD: Final = 255
 LONGEST_PATH: Final = 200
 
 
-def near_names(word: object, known: Iterable[str], count: int = 1) -> list[str]:
-    """The known names that are nearest to a word, or none."""
-    return difflib.get_close_matches(word[:LONGEST_WORD], list(known), n=count) if isinstance(word, str) else []
+def close_names(word: object, known: Iterable[str], count: int = 1, cutoff: float = 0.6) -> list[str]:
+    """The known names that are nearest to a word, at most `count` of them; none where it is no text."""
+    if not isinstance(word, str):
+        return []
+    return difflib.get_close_matches(word[:LONGEST_WORD], list(known), n=count, cutoff=cutoff)
 
 
 def nearest(word: object, known: Iterable[object]) -> str:
     """` (did you mean 'x'?)`, or nothing where no known name is near."""
-    near = near_names(word, [name for name in known if isinstance(name, str)])
+    near = close_names(word, [name for name in known if isinstance(name, str)])
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 

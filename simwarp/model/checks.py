@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,6 +31,7 @@ from simwarp.core.types import (
 from simwarp.core.types import (
     pose as make_pose,
 )
+from simwarp.core.wording import close_names
 
 Array = npt.NDArray[np.float64]
 
@@ -94,7 +94,7 @@ def whole_number(thing: str, field: str, value: Any, least: int, most: int, reme
 def checked_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> str:
     """`value` as one of the known words, or a ModelError that lists them."""
     if not isinstance(value, str) or value not in known:
-        near = difflib.get_close_matches(value[:LONGEST_NAME], known, n=1) if isinstance(value, str) else []
+        near = close_names(value, known)
         hint = f"did you mean '{near[0]}'?" if near else "choose one of them"
         raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {shown(value)}; {hint}")
     return value
@@ -120,7 +120,7 @@ def checked_names(thing: str, field: str, given: Any, known: Iterable[str]) -> s
     listed = list(known)
     for name in names:
         if not isinstance(name, str) or name not in listed:
-            near = difflib.get_close_matches(name[:LONGEST_NAME], listed, n=1) if isinstance(name, str) else []
+            near = close_names(name, listed)
             hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(listed[:8])}, ..."
             raise ModelError(f"{thing}: {field} names an unknown parameter {shown(name)}; {hint}")
     return set(names)
@@ -223,7 +223,7 @@ def dof_from_options(thing: str, options: Mapping[str, Any]) -> Dof:
     known = [field.name for field in dataclasses.fields(Dof)]
     for key in options:
         if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
+            near = close_names(key, known)
             hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
             raise ModelError(f"{thing}: unknown option '{key}'; {hint}")
     return checked_dof(thing, Dof(**options))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, NoReturn
 
@@ -14,10 +13,11 @@ from simwarp.core.arrays import writable_from
 from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
 from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
+from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
-from simwarp.model.checks import LONGEST_NAME, checked_names, whole_number
+from simwarp.model.checks import checked_names, whole_number
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
@@ -203,7 +203,7 @@ def resolve_device(device: str | None) -> Any:
 
 def _index(name: str, names: tuple[str, ...], kind: str) -> int:
     if not isinstance(name, str) or name not in names:
-        near = difflib.get_close_matches(name[:LONGEST_NAME], names, n=3) if isinstance(name, str) else []
+        near = close_names(name, names, 3)
         some = ", ".join(map(repr, near or names[:MOST_LISTED])) + (", ..." if len(names) > MOST_LISTED else "")
         raise ModelError(f"model has no {kind} {shown(name)}; " + (f"did you mean {some}?" if some else "it has none"))
     return names.index(name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,10 @@ import warp as wp
 from simwarp.core.memory import check_layouts
 from simwarp.core.renames import renamed_options
 from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
+from simwarp.core.wording import close_names
 from simwarp.kernels.cones.batch import BatchInput, BatchSizes, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
-from simwarp.model.checks import LONGEST_NAME, checked_flag, whole_number
+from simwarp.model.checks import checked_flag, whole_number
 from simwarp.model.model import resolve_device
 from simwarp.simulation.solver_options import MOST_ITERATIONS
 
@@ -302,7 +302,7 @@ def _choice(name: str, value: Any, choices: dict[str, Any]) -> Any:
     """The enum member of a name."""
     if isinstance(value, str) and value in choices:
         return choices[value]
-    near = difflib.get_close_matches(value[:LONGEST_NAME], choices, n=1) if isinstance(value, str) else []
+    near = close_names(value, choices)
     hint = f"did you mean {near[0]!r}?" if near else "choose one of them"
     raise ValueError(f"{name} must be one of {', '.join(choices)}, got {shown(value)}; {hint}")
 

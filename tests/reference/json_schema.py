@@ -8,8 +8,8 @@ TYPES: dict[str, Any] = {
 }  # fmt: skip
 KNOWN = {
     "$defs", "$ref", "$schema", "additionalProperties", "anyOf", "const", "default", "description", "discriminator",
-    "enum", "exclusiveMaximum", "exclusiveMinimum", "items", "maxItems", "maximum", "minItems", "minLength", "minimum", "oneOf",
-    "prefixItems", "properties", "required", "title", "type", "uniqueItems",
+    "enum", "exclusiveMaximum", "exclusiveMinimum", "items", "maxItems", "maximum", "minItems", "minLength",
+    "minimum", "oneOf", "prefixItems", "properties", "required", "title", "type", "uniqueItems",
 }  # fmt: skip
 
 

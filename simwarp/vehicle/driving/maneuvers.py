@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import inspect
 import math
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from simwarp.core.wording import close_names
 from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
 from simwarp.vehicle.driving.path_tracking import FollowSpec, PIDGains, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, circle
@@ -248,7 +248,7 @@ def maneuver(name: str, spec: VehicleSpec, **options: float) -> Maneuver:
         script, end = read_script(FilePath(name))
         return Maneuver(name=FilePath(name).name, script=script, start=0.0, duration=options.get("duration", end))
     if name not in MANEUVERS:
-        close = difflib.get_close_matches(name, MANEUVERS, n=2, cutoff=0.5)
+        close = close_names(name, MANEUVERS, 2, 0.5)
         hint = f"did you mean {' or '.join(close)}?" if close else f"choose from {', '.join(MANEUVERS)}"
         raise SpecError(f"maneuver '{name}' is not known; {hint}")
     known = maneuver_options(name)
