@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,8 @@ from simwarp.scenery.solids import icosphere, moved
 
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder
-    from simwarp.sensors.scene import Visuals
+    from simwarp.model.options import SurfaceOptions
+    from simwarp.sensors.scene import AppearanceOptions, Visuals
 
 Array = npt.NDArray[np.float64]
 
@@ -152,7 +153,7 @@ def yaw_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Pose:
 
 def add_collision(
     builder: ModelBuilder, visual: Visual, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
-    **options: Any,
+    **options: Unpack[SurfaceOptions],
 ) -> list[int]:  # fmt: skip
     """The proxies of a visual as shapes; returns them.
 
@@ -197,7 +198,7 @@ def _add_shape(builder: ModelBuilder, proxy: Proxy, body: int, scale: float, opt
 
 def add_visual(
     visuals: Visuals, visual: Visual, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
-    shapes: list[int] | tuple[int, ...] = (), **appearance: Any,
+    shapes: list[int] | tuple[int, ...] = (), **appearance: Unpack[AppearanceOptions],
 ) -> int:  # fmt: skip
     """The picture of a visual; returns the instance, whose number later calls of `Visuals.hide` change.
 
@@ -212,7 +213,7 @@ def add_visual(
         appearance: fields of `Appearance`; label and reflectance are the visual's unless given.
     """
     visuals.hide(*shapes)
+    own: AppearanceOptions = {"label": int(visual.label), "reflectance": visual.reflectance}
     return visuals.add_mesh(
-        body, visual.mesh, name=name, pose=at, scale=(scale,) * 3,
-        **{"label": int(visual.label), "reflectance": visual.reflectance, **appearance},
+        body, visual.mesh, name=name, pose=at, scale=(scale,) * 3, **(own | appearance)
     )  # fmt: skip
