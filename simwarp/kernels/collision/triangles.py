@@ -104,7 +104,7 @@ def corner_of(t: Triangle, k: int) -> wp.vec3:
 
 @wp.func
 def covers(t: Triangle, along: wp.vec3, p: wp.vec3) -> bool:
-    """Whether a line through p along a direction on the outer side meets the triangle."""
+    """True if a line through p along a direction on the outer side meets the triangle."""
     inside = bool(True)
     for k in range(3):
         a = corner_of(t, k)
@@ -162,7 +162,7 @@ def triangle_sphere(t: Triangle, margin: float, b: Shape, reach: float, out: Man
 
 @wp.func
 def fits_surface(g: Ground, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets) -> bool:
-    """Whether a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
+    """True if a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
     every edge near p that n leans over the surface bends away by at least as much.
     """
     if wp.dot(n, t.normal) < -SAME_NORMAL:

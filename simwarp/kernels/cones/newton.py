@@ -65,7 +65,7 @@ def put(problem: ConeProblem, vector: int, row: int, value: wp.vec3d):
 
 @wp.func
 def is_cone(problem: ConeProblem, block: int) -> bool:
-    """Whether the block is treated as a second-order cone: without friction a contact is a bound and two zeros."""
+    """True if the block is treated as a second-order cone; without friction a contact is a bound and two zeros."""
     row = problem.block_row[block]
     return problem.block_kind[block] == CONTACT and problem.friction[block] > 0.0 and problem.scale[row] > 0.0
 

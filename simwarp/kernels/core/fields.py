@@ -16,7 +16,7 @@ AN_EFFORT = Domain(least=0.0, remedy="1e30 stands for no limit")
 
 
 class ParameterFields(FieldGroup):
-    """What may differ per world: shared by all of them, or one each."""
+    """Parameters that may differ per world: one row for all worlds, or one each."""
 
     gravity: WritableArray = parameter(wp.vec3, text="acceleration [m/s²], world frame")
     body_mass: WritableArray = parameter(wp.float32, Size.BODIES, text="[kg]", domain=POSITIVE)
@@ -122,7 +122,7 @@ class ParameterFields(FieldGroup):
 
 
 class StateFields(FieldGroup):
-    """What a step changes. Angular and linear parts are separate arrays; everything is in the world frame."""
+    """State that a step advances. Angular and linear parts are separate arrays; everything is in the world frame."""
 
     body_x: WritableArray = field(
         wp.vec3d, Size.WORLDS, Size.BODIES, text="position of record of the centre of mass [m]", writable=True
@@ -254,7 +254,7 @@ class ContactFields(FieldGroup):
 
 
 class ReportFields(FieldGroup):
-    """What the last sub-step tells about itself."""
+    """Diagnostics of the last sub-step."""
 
     row_residual: wp.array = field(
         wp.float32, Size.WORLDS, text="largest speed error of the loop and coupling rows [m/s or rad/s]"

@@ -1,4 +1,4 @@
-"""Where a ray first meets the surface of a primitive shape, in the shape's frame, from outside or from within."""
+"""First hit of a ray on the surface of a primitive shape, in the shape's frame, from outside or from inside."""
 
 import warp as wp
 

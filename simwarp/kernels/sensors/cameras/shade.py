@@ -38,7 +38,7 @@ class LightArrays:
 
 @wp.func
 def sky_color(world: int, direction: wp.vec3, lights: LightArrays) -> wp.vec3:
-    """What is seen where nothing is: from the horizon to the zenith with the square root of the sine of the height."""
+    """Colour of the sky: from the horizon to the zenith with the square root of the sine of the elevation."""
     horizon = lights.sky_horizon[world_row(world, lights.sky_horizon.shape[0])]
     if direction[2] <= 0.0:
         return lights.sky_below[world_row(world, lights.sky_below.shape[0])]

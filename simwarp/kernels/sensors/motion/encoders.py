@@ -18,7 +18,7 @@ SPEED = wp.constant(2)
 
 @wp.struct
 class EncoderArrays:
-    """What an encoder is and remembers; n coordinates."""
+    """Parameters and state of an encoder; n coordinates."""
 
     reading: int  # POSITION, COUNTS or SPEED
     dof: wp.array[int]  # (n,) columns of joint_x

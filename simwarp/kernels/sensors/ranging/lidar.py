@@ -32,7 +32,7 @@ FAINT = wp.constant(1.0e-6)
 
 @wp.struct
 class LidarSettings:
-    """How beams become returns."""
+    """Settings by which beams become returns."""
 
     mode: int  # ReturnMode
     miss: float  # range that the image shows where nothing returns [m]

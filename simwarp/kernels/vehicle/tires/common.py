@@ -1,4 +1,4 @@
-"""What the models share: the vertical force, the bristle that holds a standing wheel, blending, rolling resistance.
+"""Common to all tire models: vertical force, the bristle that holds a standing wheel, blending, rolling resistance.
 
 A law of slip has no answer at standstill, where slip is 0/0. Below `BLEND_BEGIN` a bristle takes its place (Dahl 1968,
 with damping): deflection z, stiffness s0, damping s1, Coulomb force Fc,
