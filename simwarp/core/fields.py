@@ -69,7 +69,7 @@ class Field:
 
     @property
     def per_world(self) -> bool:
-        """Whether all worlds share it unless they are given one each."""
+        """True if it may differ per world; otherwise all worlds share it."""
         return self.sizes[0] is Size.PARAMETER_WORLDS
 
 

@@ -39,7 +39,7 @@ LONGEST_INTEGER: Final = 19
 """Digits of the largest whole number of 64 bits."""
 
 WAIT_FOR_READER: Final = 5.0
-"""How long writing to a FIFO waits for somebody to read it [s]."""
+"""Time that writing to a FIFO waits for a reader [s]."""
 
 
 class FileError(ValueError):

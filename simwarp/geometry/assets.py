@@ -287,12 +287,12 @@ def _indices(triangles: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def _in_float32(values: Array) -> bool:
-    """Whether all numbers are finite, and stay so in float32."""
+    """True if all numbers are finite, and stay so in float32."""
     return bool((np.abs(values) <= FLOAT32_MAX).all())
 
 
 def _shape_of(given: Any, values: Array) -> str:
-    """What was given in the place of an array of numbers, for errors."""
+    """Description of a value given in place of an array of numbers, for errors."""
     return f"shape {values.shape}" if values.ndim else shown(given)
 
 

@@ -41,7 +41,7 @@ ASYMMETRY = 1.0e-4
 
 @dataclasses.dataclass(frozen=True)
 class ConeSolution:
-    """What `solve_cone_problems` returns; float32 arrays of the kind that r was given in (NumPy, torch or Warp)."""
+    """Result of `solve_cone_problems`: float32 arrays of the kind that r was given in (NumPy, torch or Warp)."""
 
     impulse: Any
     """(problems, rows) [N·s or N·m·s], rows in the order of the problem."""
@@ -228,7 +228,7 @@ class _Given:
 
 
 def _kind(value: Any) -> str:
-    """Which library an array is of."""
+    """Name of the library that an array is of: "warp", "torch" or "numpy"."""
     if isinstance(value, wp.array):
         return "warp"
     return "torch" if hasattr(value, "data_ptr") else "numpy"

@@ -14,7 +14,7 @@ def scratch_slots_of(model: Model) -> int:
 
 
 def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> Sizes:
-    """What one world of a model needs room for in a step.
+    """Workspace sizes of one world of a model in a step.
 
     Args:
         model: the model.

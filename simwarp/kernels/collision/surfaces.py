@@ -179,7 +179,7 @@ def height_field_height(
 
 @wp.func
 def triangle_ray(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, direction: wp.vec3) -> float:
-    """Ray parameter of a ray from the origin at a triangle, from either side (Möller and Trumbore 1997); NEVER: miss."""
+    """Parameter of a ray from the origin at a triangle, from either side (Möller and Trumbore 1997); NEVER: miss."""
     e = p1 - p0
     f = p2 - p0
     h = wp.cross(direction, f)

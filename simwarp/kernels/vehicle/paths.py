@@ -44,7 +44,7 @@ def segment_distance(first: int, x: wp.vec2d, paths: PathTables) -> float:
 
 @wp.func
 def nearest_segment(path: int, hint: int, x: wp.vec2d, paths: PathTables) -> int:
-    """Descent in distance from the segment `hint`, so that a path may cross itself; a search of all segments if it is -1."""
+    """Nearest segment downhill from `hint`, so that a path may cross itself; of all segments if it is -1."""
     first = paths.start[path]
     count = paths.start[path + 1] - first - 1
     best = wp.clamp(hint, 0, count - 1)
