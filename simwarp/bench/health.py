@@ -1,4 +1,4 @@
-"""Whether a final state deserves a speed: an exploded world may be stepped very fast indeed."""
+"""Checks that a final state is sound: an exploded world may be stepped very fast indeed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RESIDUAL_SHARE = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class Health:
-    """What a state says about itself; the worst world counts.
+    """Diagnostics of a state; the worst world counts.
 
     Attributes:
         problems: why it is refused; empty when it is sound.

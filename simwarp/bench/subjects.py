@@ -1,4 +1,4 @@
-"""What a name on the command line means: how it is measured, and what stands beside it."""
+"""Benchmark subjects by their names on the command line: how each is measured, and what it is compared with."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Subject:
 
 
 def find_subject(name: str, tasks: Callable[[], list[str]], obs: str | None = None) -> Subject:
-    """What `name` means; the names of tasks, which take long to find, come last. `obs`: a task's observations.
+    """Subject called `name`; the names of tasks, which take long to find, come last. `obs`: a task's observations.
 
     Raises:
         UsageError: nothing has that name.

@@ -249,6 +249,6 @@ def hull_corners(points: Array, count: int = 32) -> Array:
 
 
 def volume(mesh: VisualMesh) -> float:
-    """What the triangles enclose [m³]; negative where they are inside out."""
+    """Volume that the triangles enclose [m³]; negative where they are inside out."""
     p = mesh.vertices[mesh.triangles]
     return float(np.linalg.det(p).sum() / 6.0)

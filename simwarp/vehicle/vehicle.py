@@ -136,7 +136,7 @@ class Vehicle:
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a reset brings back and a snapshot keeps."""
+        """State that a reset restores and a snapshot keeps."""
         state = self._powertrain_state
         arrays = {
             "input": self.input,

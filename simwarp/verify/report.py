@@ -26,7 +26,7 @@ class Row:
 
     @property
     def passed(self) -> bool:
-        """Whether the answer is within the tolerance; NaN is not."""
+        """True if the answer is within the tolerance; False for NaN."""
         return bool(abs(self.got - self.expected) <= self.tolerance)
 
     def as_dict(self) -> dict[str, Any]:

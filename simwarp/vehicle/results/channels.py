@@ -1,4 +1,4 @@
-"""What a run of a vehicle records: the columns that analysts expect, from the arrays of a Simulation."""
+"""Recorded channels of a vehicle's run: the columns that analysts expect, from the arrays of a Simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recorded manoeuvre amounts to: a few numbers, such as times to a speed or the distance to a stop."""
+"""Results of a recorded manoeuvre: a few numbers, such as times to a speed or the distance to a stop."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Result:
     value: float
     unit: str = ""
     missing: str = "not reached"
-    """What NaN means."""
+    """Text in place of NaN."""
 
     @property
     def told_unit(self) -> str:
@@ -175,7 +175,7 @@ def deviation(run: Run, path: Path) -> Array:
 
 
 def followed(run: Run, maneuver: Maneuver) -> list[Result]:
-    """How near a follower stays to its path."""
+    """Deviation of a path follower from its path, and the peaks of its yaw rate and of speed x yaw rate."""
     if maneuver.follow is None:
         return []
     off = deviation(run, maneuver.follow.paths[0])
@@ -222,7 +222,7 @@ def frequency_response(run: Run, maneuver: Maneuver) -> list[Result]:
 
 
 def held(run: Run, maneuver: Maneuver) -> list[Result]:
-    """How far a standing vehicle has moved, from the beginning and after five seconds, when the springs are calm."""
+    """Displacement of a standing vehicle, from the beginning and after five seconds, when the springs are calm."""
     t = run["t_s"]
     place = np.stack([run["x_m"], run["y_m"], run["z_m"]], axis=1)
     found = [Result("moved", "moved since t = 0", 1e3 * float(np.linalg.norm(place[-1] - place[0])), "mm")]

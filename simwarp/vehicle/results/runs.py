@@ -133,12 +133,12 @@ class Drive:
         return self.result()
 
     def broken(self) -> bool:
-        """Whether the first recorded world is not finite any more."""
+        """True if the first recorded world is not finite any more."""
         world = self.recorder.worlds.start or 0
         return bool(self.setup.simulation.state.world_status.numpy()[world] & WorldStatus.NON_FINITE)
 
     def result(self, world: int = 0) -> Run:
-        """What was recorded of one of the recorder's worlds, at multiples of 10 ms."""
+        """Recorded run of one of the recorder's worlds, at multiples of 10 ms."""
         run = Run.of(self.recorder, world)
         if self._every:
             return run

@@ -58,7 +58,7 @@ CONTACTS = {
     "envelope": TireContact.ENVELOPE,
 }
 RIM_CLEARANCE = 0.01
-"""How far above the rim the tire touches it [m]."""
+"""Height above the rim at which the tire touches it [m]."""
 TYPICAL_RESISTANCE = 0.015
 
 

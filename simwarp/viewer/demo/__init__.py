@@ -37,7 +37,7 @@ MOST_PANEL = 2048
 
 @dataclasses.dataclass(frozen=True)
 class Demo:
-    """What `sensor_demo` made.
+    """Result of `sensor_demo`.
 
     Attributes:
         sheet: the contact sheet.
@@ -140,7 +140,7 @@ def _data(rig: Rig, found: Traces) -> dict[str, npt.NDArray[Any]]:
 
 
 def _summary(world: DemoWorld, rig: Rig, found: Traces) -> dict[str, Any]:
-    """How far measurements are from the truth."""
+    """Errors of measurements against the true values, and counts."""
     error = found["imu"]["data"] - found["imu"]["truth"]
     gps = found["gps"]["position"] - to_local(GeoOrigin(), *found["gps"]["truth"].T)
     return {

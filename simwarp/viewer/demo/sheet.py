@@ -24,7 +24,7 @@ PAPER: Final = (250, 250, 249)
 INK: Final = (31, 41, 51)
 GREY: Final = (110, 120, 131)
 BLANK: Final = (24, 27, 32)
-"""Where nothing is seen."""
+"""Colour of pixels without a measurement."""
 
 
 @dataclasses.dataclass(frozen=True)
