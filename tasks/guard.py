@@ -1,4 +1,4 @@
-"""What is kept for the day the physics of a world breaks down, and the file that it is written to.
+"""Record of the last states and actions in case the physics of a world breaks down, and the file of such a dump.
 
 Two snapshots of all worlds, taken in turn, and a ring of the last actions and joint states are always at hand. A break
 is noted on the device (which world, when); the host looks every few dozen steps, while a snapshot from before the break
@@ -32,7 +32,7 @@ FORMAT = 1
 
 @dataclasses.dataclass(frozen=True)
 class DumpAbout:
-    """What a dump says about itself, as JSON in its array ``meta``.
+    """Description of a dump, as JSON in its array ``meta``.
 
     Attributes:
         format: of the file.
@@ -69,7 +69,7 @@ class DumpAbout:
 
 
 class Guarded(Worlds, Protocol):
-    """What is kept of a task: see the attributes of `Task`."""
+    """Parts of a task that are recorded: see the attributes of `Task`."""
 
     action: torch.Tensor
     level: torch.Tensor
@@ -100,7 +100,7 @@ class Guarded(Worlds, Protocol):
         ...
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """What the task keeps beside the simulation's state."""
+        """State of the task beside the simulation's."""
         ...
 
 

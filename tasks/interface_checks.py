@@ -1,4 +1,4 @@
-"""What a task must return, checked once when it is built; every complaint names the task and the term."""
+"""Checks of a task's return values, made once when it is built; every error names the task and the term."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .errors import TaskError
 
 
 class Worlds(Protocol):
-    """What a batch of worlds has to tell about itself."""
+    """Interface of a batch of worlds."""
 
     @property
     def name(self) -> str:

@@ -25,7 +25,7 @@ from .task import Task
 
 @dataclasses.dataclass(frozen=True)
 class ReplayReport:
-    """What a replay showed.
+    """Result of a replay.
 
     Attributes:
         task: name of the task.

@@ -1,4 +1,4 @@
-"""What lies between a task and its policy: delayed actions, and observations that are late, noisy or biased."""
+"""Delays and noise between a task and its policy: delayed actions, and observations that are late, noisy or biased."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Sensors:
 
     @property
     def late(self) -> bool:
-        """Whether any group is delayed: its history must see the state before a reset too."""
+        """True if any group is delayed: its history must see the state before a reset too."""
         return bool(self._lines)
 
     def push(self, groups: Mapping[str, torch.Tensor]) -> None:

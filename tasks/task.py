@@ -45,7 +45,7 @@ NON_FINITE = "non_finite"
 
 @dataclasses.dataclass(frozen=True)
 class StepResult:
-    """What one control step returned. ``W`` worlds; worlds that ended have already been reset.
+    """Result of one control step. ``W`` worlds; worlds that ended have already been reset.
 
     Attributes:
         observations: group name -> (W, ...), of the new episode where one ended. May share memory with the
@@ -414,7 +414,7 @@ class Task(ABC, Generic[ConfigT]):
 
     @contextlib.contextmanager
     def _acting(self) -> Iterator[None]:
-        """Where state is changed: without gradients, with Warp and torch on one stream, and with ordinary tensors.
+        """Context of changes to the state: without gradients, Warp and torch on one stream, and ordinary tensors.
 
         Callers roll out under inference_mode; tensors made there could never be written in place afterwards.
         """

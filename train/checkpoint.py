@@ -35,7 +35,7 @@ POLICY: Final[Mapping[str, Any]] = {
     "task_config": dict,
     "actor_state_dict": Mapping[str, torch.Tensor],
 }
-"""What every checkpoint holds, and of which types."""
+"""Entries of every checkpoint, and their types."""
 
 _ZIP = b"PK\x03\x04"
 _ZIP_END = b"PK\x05\x06"

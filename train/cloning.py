@@ -27,7 +27,7 @@ _LARGEST_BATCH = 65_536
 
 @dataclasses.dataclass(frozen=True)
 class CloneConfig:
-    """How to imitate."""
+    """Hyperparameters of behaviour cloning."""
 
     epochs: int = 60
     """Passes over the recorded steps."""
@@ -54,7 +54,7 @@ class CloneConfig:
 
 @dataclasses.dataclass(frozen=True)
 class CloneResult:
-    """What cloning reached.
+    """Result of behaviour cloning.
 
     Attributes:
         content: a checkpoint of the policy.

@@ -22,9 +22,9 @@ class Processes:
     """The processes of a run.
 
     Attributes:
-        rank: which one this is, from 0.
-        local_rank: which one on its machine.
-        count: how many there are.
+        rank: index of this process, from 0.
+        local_rank: its index on its machine.
+        count: number of processes.
     """
 
     rank: int = 0
@@ -33,12 +33,12 @@ class Processes:
 
     @property
     def several(self) -> bool:
-        """Whether there is more than one."""
+        """True if there is more than one process."""
         return self.count > 1
 
     @property
     def first(self) -> bool:
-        """Whether this one writes the run folder and speaks to the user."""
+        """True for the process that writes the run folder and the messages."""
         return self.rank == 0
 
     def device(self, name: str) -> str:

@@ -55,7 +55,7 @@ class DrivenPaths:
 
     @property
     def flat(self) -> bool:
-        """Whether nothing leaves a straight line along x or y: a map would show nothing."""
+        """True if nothing leaves a straight line along x or y: a map would show nothing."""
         extents = [np.ptp(path, axis=0).min() for path in self.paths if len(path)]
         return max(extents, default=0.0) < _TINY
 
@@ -113,7 +113,7 @@ class PathRecorder(Watcher):
 def _surroundings(
     task: Task[Any],
 ) -> tuple[tuple[Surrounding, ...], tuple[tuple[float, float], tuple[float, float]] | None]:
-    """What a task draws from above, and in which window; nothing where it draws otherwise."""
+    """Surroundings that a task draws from above, and the window; nothing where it draws otherwise."""
     if type(task).drawing is Task.drawing:
         return (), None
     drawing = task.drawing()

@@ -1,4 +1,4 @@
-"""How good a policy is: statistics over fresh worlds."""
+"""Evaluation of a policy: statistics over fresh worlds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .policies import Policy, bad_actions, forget, random_policy, zero_policy
 _MAX_WORLDS = 4096
 CHECK_INTERVAL = 25
 _RECORD_BYTES = 64
-"""What is kept of an episode, about."""
+"""Approximate bytes kept of an episode."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Evaluation:
 
     @property
     def problem(self) -> str:
-        """Why these numbers say nothing about the task; empty if they do."""
+        """Reason why these numbers say nothing about the task; empty if they do."""
         if self.bad_actions:
             return f"the policy returned NaN or infinity {self.bad_actions} times"
         if self.end_reasons.get(NON_FINITE) == self.episodes:
@@ -126,7 +126,7 @@ class Tally:
         self.length.masked_fill_(ended, 0)
 
     def finished(self) -> bool:
-        """Whether every world has played its share; reads the device."""
+        """True if every world has completed its share of episodes; reads the device."""
         return bool((self.done >= self.quota).all())
 
     def ended(self) -> int:

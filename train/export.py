@@ -55,7 +55,7 @@ SUFFIXES = {ExportFormat.ONNX: ".onnx", ExportFormat.TORCHSCRIPT: ".ts"}
 
 @dataclasses.dataclass(frozen=True)
 class Export:
-    """What was written. The names are the keys of ``simwarp export --json``."""
+    """Description of an exported policy. The names are the keys of ``simwarp export --json``."""
 
     task: str
     checkpoint: str

@@ -19,7 +19,7 @@ from .progress import LiveLine, duration
 from .stopping import StopRequest
 
 POLICY_NAMES = {"policy": "trained", "zero": "zero action", "random": "random"}
-"""What people read for the names of :func:`evaluate_policies`."""
+"""Labels of the policies of :func:`evaluate_policies`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ class GridPoint:
 
 @dataclasses.dataclass
 class PointResult:
-    """What came out at a point.
+    """Result at a point.
 
     Attributes:
         point: the point.
@@ -212,7 +212,7 @@ class _Watch(Watcher):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GridSettings:
-    """How every point is evaluated.
+    """Settings of the evaluation, the same at every point.
 
     Attributes:
         episodes: of each policy.

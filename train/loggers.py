@@ -1,4 +1,4 @@
-"""Where the scalars of a run go: ``progress.csv`` always, TensorBoard events or Weights & Biases beside it."""
+"""Loggers of a run's scalars: ``progress.csv`` always, TensorBoard events or Weights & Biases beside it."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def _layers(sizes: list[int], activation: type[nn.Module], last: bool) -> nn.Seq
 
 
 class ImageModel(MLPModel):
-    """What the networks over images have in common: an encoder per image group, a branch of vectors, and a head.
+    """Base class of the networks over images: an encoder per image group, a branch of vectors, and a head.
 
     Args:
         obs, obs_groups, obs_set, output_dim: what rsl-rl hands to every model.
@@ -242,7 +242,7 @@ class LateFusion(ImageModel):
 
 @dataclasses.dataclass(frozen=True)
 class NetworkNeeds:
-    """What a kind of network wants to observe; None is either way."""
+    """Observations that a kind of network needs."""
 
     images: bool
     vectors: bool

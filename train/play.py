@@ -35,7 +35,7 @@ _LONGEST = 3600.0
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """What one moment looks like.
+    """Picture data of one moment.
 
     Attributes:
         lines: per line of the drawing, (W, P, 2) projected points [m].

@@ -1,4 +1,4 @@
-"""What a user sees while something long runs: one live line on a terminal, plain lines elsewhere."""
+"""Progress display of long operations: one live line on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 

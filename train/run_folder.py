@@ -37,7 +37,7 @@ _ITERATION = re.compile(rf"iteration_([0-9]{{1,18}}){re.escape(SUFFIX)}")
 _STAMP = "%Y-%m-%d_%H-%M-%S"
 _RUN_NAME = re.compile(r"([0-9]{4}-[0-9]{2}-[0-9]{2}_[0-9]{2}-[0-9]{2}-[0-9]{2})(?:-([0-9]{1,9}))?")
 _FOLDER_BYTES = 8192
-"""What two empty folders take."""
+"""Bytes of two empty folders."""
 _LONGEST_SHOWN = 300
 """Characters of a path that an error shows as it is."""
 _SAME_SECOND = 1000

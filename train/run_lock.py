@@ -27,7 +27,7 @@ from .trainer import TrainingError
 
 LOCK: Final = "writer.json"
 _PATIENCE = 5.0
-"""How long another process may be reading or changing the file [s]."""
+"""Longest time that another process may be reading or changing the file [s]."""
 _LARGEST = 10_000
 _PROC = Path("/proc")
 

@@ -1,4 +1,4 @@
-"""What a checkpoint keeps of an optimiser and of memories, held to those that it is to replace."""
+"""State of an optimiser and of memories in a checkpoint, checked against those that it is to replace."""
 
 from __future__ import annotations
 

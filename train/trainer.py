@@ -35,13 +35,13 @@ from .vec_env import TaskVecEnv
 _WINDOW_EPISODES = 100
 _FLOAT_BYTES = 4
 _SAVED: Final[Mapping[str, Any]] = {"critic_state_dict": dict, "optimizer_state_dict": dict, "window": list}
-"""What a checkpoint that can be resumed holds beside the policy, and of which types."""
+"""Entries beside the policy of a checkpoint that can be resumed, and their types."""
 _SAVED_BY_EACH: Final[Mapping[str, Any]] = {
     "torch_rng": torch.Tensor,
     "cuda_rng": torch.Tensor | None,
     "worlds": dict,
 }
-"""What it holds of each process."""
+"""Entries for each process."""
 
 
 class TrainingError(RuntimeError):
@@ -50,7 +50,7 @@ class TrainingError(RuntimeError):
 
 @dataclasses.dataclass(frozen=True)
 class IterationReport:
-    """What one training iteration did.
+    """Report of one training iteration.
 
     Attributes:
         iteration: iterations completed, this one included.
@@ -204,7 +204,7 @@ class Trainer:
             raise self._diverged() from error
 
     def _is_sound(self) -> bool:
-        """Whether the policy is made of finite numbers, and its deviation is positive."""
+        """True if the policy is made of finite numbers, and its standard deviation is positive."""
         named = dict(self.algorithm.get_policy().named_parameters())
         sure = all(bool((value > 0.0).all()) for name, value in named.items() if name.endswith("std_param"))
         return sure and all(bool(value.isfinite().all()) for value in named.values())

@@ -30,7 +30,7 @@ from .trainer import IterationReport, Trainer
 
 @dataclasses.dataclass(frozen=True)
 class TrainResult:
-    """What a run reached. The names are the keys of ``simwarp train --json``."""
+    """Result of a run. The names are the keys of ``simwarp train --json``."""
 
     task: str
     run: str
@@ -192,7 +192,7 @@ def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path,
 
 
 def _stops(group: Processes, stop: StopRequest, device: str) -> bool:
-    """Whether any process was asked to stop: all must leave in the same iteration."""
+    """True if any process was asked to stop: all must leave in the same iteration."""
     return group.sums({"stop": float(stop.requested)}, device)["stop"] > 0.0
 
 

@@ -33,8 +33,8 @@ class Shot:
 
     Attributes:
         body: body that the camera follows, by name or index; `WORLD`: it stands still.
-        target: point that it looks at, from the body's place (from the origin for `WORLD`), world axes [m]; None: the middle
-            of what moves, as it is at the start.
+        target: point that it looks at, from the body's position (the origin for `WORLD`), world axes [m]; None: the
+            middle of what moves, as it is at the start.
         eye: its position, from the target [m]; None: so far away that all that moves is in sight at the start.
         fov: horizontal field of view [rad].
         calm: time in which it catches up with the body [s].

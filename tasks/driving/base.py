@@ -1,4 +1,4 @@
-"""What all driving tasks share: a vehicle that the policy drives, where it is put, what it senses, what it hits."""
+"""Base of all driving tasks: a vehicle that the policy drives, its placement, its sensors, its collisions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CHASSIS_GROUP = 2
 
 
 class Observing(enum.Enum):
-    """What a policy sees: a camera's image beside a few numbers, or exact numbers alone."""
+    """Observations of a policy: a camera's image beside a few numbers, or exact numbers alone."""
 
     STATE = "state"
     CAMERA = "camera"

@@ -1,4 +1,4 @@
-"""What tasks on closed tracks share: a lane, where a vehicle is on it, and laps."""
+"""Base of tasks on closed tracks: a lane, the vehicle's position on it, and laps."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PREVIEW = 5
 
 
 class Start(enum.Enum):
-    """Where on a track an episode begins."""
+    """Start position of an episode on a track."""
 
     TURN = "turn"
     STRAIGHT = "straight"
@@ -38,11 +38,11 @@ class LappingConfig(DrivingConfig):
     """Fields of tasks on closed tracks."""
 
     tracks: int = 1
-    """How many tracks there are; every episode is driven on one of them."""
+    """Number of tracks; every episode is driven on one of them."""
     first_track: int = 0
     """Number of the first one: others than those of training show what a policy makes of a new one."""
     start: Start = Start.TURN
-    """Where an episode begins. On a straight, going straight on looks good for too long."""
+    """Start position of an episode. On a straight, going straight on looks good for too long."""
     speed: float = 1.0
     """At which a lap is driven: held by a controller, or aimed at [m/s]."""
     patience: float = 1.5
@@ -84,7 +84,7 @@ class LappingTask(DrivingTask[LappingT]):
     @property
     @abstractmethod
     def lane_half(self) -> float:
-        """How far from the middle of the lane the vehicle's reference point may be [m]."""
+        """Largest distance of the vehicle's reference point from the middle of the lane [m]."""
 
     @abstractmethod
     def course_mesh(self, track: Track, number: int) -> VisualMesh:

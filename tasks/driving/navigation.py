@@ -1,4 +1,4 @@
-"""Where a vehicle thinks it is: place and speed by a satellite receiver, heading by a gyroscope."""
+"""Estimate of a vehicle's pose: place and speed by a satellite receiver, heading by a gyroscope."""
 
 from __future__ import annotations
 
