@@ -88,7 +88,7 @@ AREA = Quantity("area under the curve", "", 0)
 
 @dataclasses.dataclass(frozen=True)
 class Budget:
-    """What every run of a study gets.
+    """Training and evaluation of every run of a study.
 
     Attributes:
         iterations: of training.

@@ -1,4 +1,4 @@
-"""What the thesis's chapter on driving found, tried again: each ablation is a comparison with equal seeds and budget.
+"""Ablations of the thesis's chapter on driving: each is a comparison with equal seeds and budget.
 
     python benchmarks/driving_ablations.py --dry-run            what there is to do, and about how long it takes
     python benchmarks/driving_ablations.py [--ablations fusion,frame] [--seeds 3] [--plot] [--report-only]

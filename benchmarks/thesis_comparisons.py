@@ -48,7 +48,7 @@ CONFIGURATIONS = {
     "kl-penalty": Arm("KL penalty", BASELINE, train={"ppo.objective": Objective.KL_PENALTY}),
 }
 OPPOSITES = {"unscaled": "scaled", "quaternion": "Euler angles", "kl-penalty": "clipping"}
-"""What the picture calls the baseline beside a configuration."""
+"""Labels of the baseline beside a configuration, in the picture."""
 
 
 def study(options: argparse.Namespace) -> Study:

@@ -1,4 +1,4 @@
-"""Which build of torch to ask pip for.
+"""Choice of the build of torch to ask pip for.
 
 PyPI's wheel for Linux is the CUDA build, gigabytes with what it pulls in; the CPU build is called `+cpu` and comes
 from torch's own index or from wherever pip's configuration finds it. On other systems PyPI has the CPU build.
@@ -45,7 +45,7 @@ def pinned(name: str) -> str:
 
 
 def has_cuda() -> bool:
-    """Whether a CUDA driver answers; SIMWARP_TORCH=cpu or =cuda overrides."""
+    """True if a CUDA driver answers; SIMWARP_TORCH=cpu or =cuda overrides."""
     wish = os.environ.get("SIMWARP_TORCH", "").lower()
     if wish in ("cpu", "cuda"):
         return wish == "cuda"

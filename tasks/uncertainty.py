@@ -32,7 +32,7 @@ class Mode(enum.Enum):
 
 
 class When(enum.Enum):
-    """Time at which a parameter is drawn."""
+    """Interval at which a parameter is drawn."""
 
     EPISODE = "episode"
     STEP = "step"

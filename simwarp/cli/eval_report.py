@@ -1,4 +1,4 @@
-"""What ``simwarp eval`` tells: tables, pictures, JSON."""
+"""Report of ``simwarp eval``: tables, pictures, JSON."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ class Report:
 
     @property
     def problem(self) -> str:
-        """Why the results of the policy say nothing about the task; empty if they do."""
+        """Reason why the results of the policy say nothing about the task; empty if they do."""
         found = [(result.point.label, result.evaluation.problem) for result in self.results]
         return "; ".join(": ".join(filter(None, parts)) for parts in found if parts[1])
 
     @property
     def is_grid(self) -> bool:
-        """Whether there are keys."""
+        """True if there are keys."""
         return bool(self.points[0].values)
 
     def content(self) -> dict[str, Any]:
@@ -227,7 +227,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], tight: bool) -> T
 
 
 def _fits(console: Console, table: Table) -> bool:
-    """Whether nothing of a table has to be cut."""
+    """True if nothing of a table has to be cut."""
     wide = console.options.update(max_width=10_000)
     return Measurement.get(console, wide, table).minimum <= console.width
 

@@ -91,7 +91,7 @@ class _Teller:
         self._progress.stop()
 
     def tell(self, stage: str, share: float) -> None:
-        """What is being done, and which share of it is done."""
+        """Shows the present stage, and the share of it that is done."""
         if self._console.is_terminal:
             self._progress.update(self._task, description=stage, completed=share)
         elif stage != self._stage:

@@ -1,4 +1,4 @@
-"""What the words of a command line may be, by the types of their options: numbers of arrays, names of file systems."""
+"""Valid words of a command line, by the types of their options: numbers of arrays, names of file systems."""
 
 from __future__ import annotations
 

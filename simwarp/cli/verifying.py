@@ -31,7 +31,7 @@ class VerifyOptions(CommonOptions):
     """Physics against known answers: exit code 1 if one of them is missed by more than is known."""
 
     scenes: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENE ...]")] = ()
-    """What to check; everything when none is named."""
+    """Names of the checks to run; everything when none is named."""
     device: str = "cpu"
     """That runs the engine."""
     reference: Path | None = None

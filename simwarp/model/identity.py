@@ -94,7 +94,7 @@ def model_identity(builder: Specification, world_count: int, contact_capacity: i
 
 
 def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float) -> dict[str, list[str]]:
-    """Parts that a Simulation adds to its model: force elements, and sensors, whose clocks count sub-steps of dt [s]."""
+    """Parts that a Simulation adds to its model: force elements, and sensors, whose clocks count sub-steps of `dt`."""
     clock = [f"sub-steps of {dt!r} s"] if sensors else []
     parts = (*elements, *sensors)
     return {

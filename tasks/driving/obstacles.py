@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..randomness import WorldRandom
 
 UNDERGROUND = -100.0
-"""Height at which obstacles are that do not take part [m]."""
+"""Height of obstacles that do not take part [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
