@@ -1,4 +1,4 @@
-"""What cameras, lidars and radars see: instances of shapes and meshes on bodies, over geometry shared by all worlds."""
+"""Scene of cameras, lidars and radars: instances of shapes and meshes on bodies, over geometry shared by all worlds."""
 
 from __future__ import annotations
 
@@ -280,7 +280,7 @@ def _checked_appearance(name: str, values: dict[str, Any]) -> dict[str, Any]:
 
 
 class Scene:
-    """What rays can hit, in all worlds. Geometry is stored once; a world has only places, sizes and looks.
+    """Instances that rays can hit, in all worlds. Geometry is stored once; a world has only poses, sizes and appearance.
 
     Args:
         visuals: the instances.
@@ -406,7 +406,7 @@ def _instance_values(instances: list[Instance]) -> dict[str, tuple[npt.NDArray[A
 
 
 def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
-    """What `place_instances` writes."""
+    """Output arrays of `place_instances`."""
     nodes, level = 0, max(count, 1)
     while True:
         level = -(-level // WIDTH)

@@ -72,7 +72,7 @@ class VectorSensor:
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a snapshot keeps."""
+        """State that a snapshot keeps."""
         kept = {**self.frames.memory, "window sums": self._sums}
         for option, chain in self._chains.items():
             kept |= {f"{option} {name}": array for name, array in chain.memory.items()}

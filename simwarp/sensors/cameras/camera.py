@@ -48,7 +48,7 @@ MOST_PIXELS: Final = 32768
 @renamed_fields(reach="far")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraConfig:
-    """What a camera is. It looks along X of its mount; Y is to the left, Z up.
+    """Configuration of a camera. It looks along X of its mount; Y is to the left, Z up.
 
     Attributes:
         schedule: when it takes pictures. With a window `rgb` and `grey` are means over it (motion blur); depth, normals

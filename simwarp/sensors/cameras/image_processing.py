@@ -1,4 +1,4 @@
-"""What a camera does to light before it becomes pixel values: vignetting, exposure, response curve, noise."""
+"""Image processing of a camera, from light to pixel values: vignetting, exposure, response curve, noise."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ class Encoder(VectorSensor):
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a snapshot keeps."""
+        """State that a snapshot keeps."""
         return {**super().memory, **{f"shaft {name}": getattr(self._encoder, name) for name in MEMORY}}
 
     def _steps(self, model: Model) -> Any:
@@ -200,7 +200,7 @@ class SpeedometerConfig:
 
 
 class Tachometer(VectorSensor):
-    """How fast a body turns about an axis of its own, or a joint's coordinate changes.
+    """Angular speed of a body about an axis of its own, or rate of a joint's coordinate.
 
     Args:
         model: whose worlds it measures.
@@ -343,7 +343,7 @@ def _joint_of(dof: int, model: Model) -> int:
 
 
 def _turns(dof: int, model: Model) -> bool:
-    """Whether a coordinate is an angle."""
+    """True if a coordinate is an angle."""
     joint = _joint_of(dof, model)
     kind = JointType(int(model.topology.joint_type.numpy()[joint]))
     row = ELEMENTS[kind].dofs[dof - model.joint_dof_start[joint]]

@@ -30,7 +30,7 @@ ECCENTRICITY2 = (2.0 - 1.0 / 298.257223563) / 298.257223563
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GeoOrigin:
-    """Where on the Earth the world's origin is. The world's z is the normal of the ellipsoid there.
+    """Geodetic position and heading of the world's origin. The world's z is the normal of the ellipsoid there.
 
     Attributes:
         latitude: geodetic, -90 to 90 [deg].
@@ -122,7 +122,7 @@ def to_local(origin: GeoOrigin, latitude: Any, longitude: Any, altitude: Any) ->
 
 
 class Gps(VectorSensor):
-    """Where a point of a body is on the Earth, and how it moves.
+    """Satellite receiver: position on the Earth, and velocity, of a point of a body.
 
     The world is a plane that touches the ellipsoid at `config.origin`: one kilometre away, z = 0 lies 8 cm above it.
 

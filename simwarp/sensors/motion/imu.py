@@ -97,7 +97,7 @@ class Imu(VectorSensor):
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a snapshot keeps."""
+        """State that a snapshot keeps."""
         return {**super().memory, "point velocity": self._inertial.velocity}
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:

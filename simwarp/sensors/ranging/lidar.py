@@ -41,7 +41,7 @@ MISSES: Final = ("zero", "inf", "far")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LidarNoise:
-    """What a lidar gets wrong: a number, or one per world.
+    """Noise of a lidar: each a number, or one per world.
 
     Attributes:
         range: standard deviation of ranges [m].

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RadarNoise:
-    """What a radar gets wrong: a number, or one per world.
+    """Noise of a radar: each a number, or one per world.
 
     Attributes:
         range: standard deviation of ranges [m].
@@ -66,7 +66,7 @@ class RadarNoise:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Clusters:
-    """How returns are gathered: DBSCAN in which every return counts (least 1), by distance in space alone.
+    """Clustering of returns: DBSCAN in which every return counts (least 1), by distance in space alone.
 
     Attributes:
         distance: returns at most this far apart belong together [m].

@@ -1,4 +1,4 @@
-"""What lidar and radar share: checks of their numbers, noise per world, beams on a mount."""
+"""Shared by lidar and radar: checks of their numbers, noise per world, beams on a mount."""
 
 from __future__ import annotations
 
