@@ -198,7 +198,7 @@ class Frames:
 
     @property
     def memory(self) -> dict[str, wp.array]:
-        """State that a snapshot keeps, complete once recorded; names have two words, so that sensors add theirs freely."""
+        """State that a snapshot keeps, complete once recorded; names have two words, so that sensors can add theirs."""
         kept = {f"clock {name}": getattr(self._state, name) for name in _members(ClockState)}
         kept |= {f"data {name}": array for name, array in self.data.items()}
         kept |= {f"ring {name}": array for name, array in self.ring.items() if array is not self.data[name]}
