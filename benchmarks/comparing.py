@@ -49,7 +49,7 @@ class Arm:
     """One of the ways that are compared.
 
     Attributes:
-        label: what the picture calls it.
+        label: name in the picture.
         against: name of the arm it is compared with; empty: none.
         train: changed fields of the training configuration.
         task: changed fields of the task's configuration.
@@ -115,13 +115,13 @@ class Study:
 
     Attributes:
         task: a registered task.
-        arms: what is compared, by name.
+        arms: configurations that are compared, by name.
         budget: of every run.
-        quantities: what is reported of a run, by the key in its result.
+        quantities: reported quantities of a run, by the key in its result.
         out: folder of the results.
         runs: folder of the run folders.
         seeds: 0, 1, ... of each arm.
-        device: where to train.
+        device: device of the training.
         train: fields of the training configuration that all arms share.
         config: fields of the task's configuration that all arms share.
         evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.

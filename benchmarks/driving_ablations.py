@@ -53,7 +53,7 @@ class Ablation:
     Attributes:
         title: of its panel in the picture.
         task: a registered task.
-        arms: what is compared, given the budget.
+        arms: configurations that are compared, given the budget.
         budget: of every run.
         metric: the task's own number that is reported.
         speed: environment steps per CPU-second, learning included, as measured; for the estimate alone.

@@ -105,12 +105,12 @@ class Shelf:
     """A folder of wheels for one target, kept between runs, from which the needed ones are picked.
 
     Attributes:
-        folder: Where the wheels lie.
+        folder: Folder of the wheels.
         target: The machine they are for.
         pinned: Exact versions by canonical name.
         without: Names of packages that the machine has itself.
         indexes: Arguments for pip by the name of the package that needs them.
-        asked: What has been required of each package so far.
+        asked: Requirements of each package so far.
         left_out: Names of `without` that were met.
     """
 

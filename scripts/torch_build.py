@@ -65,8 +65,8 @@ def choose(version: str, *, cuda: bool, linux: bool, offers: Callable[..., list[
 
     Args:
         version: The pinned version, without a label.
-        cuda: Whether the build has to use CUDA.
-        linux: Whether it is for Linux, where the plain version is the CUDA build.
+        cuda: True if the build has to use CUDA.
+        linux: True if it is for Linux, where the plain version is the CUDA build.
         offers: Versions that pip finds with these additional arguments.
         target: Python and system it is for, in words.
 

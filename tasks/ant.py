@@ -130,7 +130,7 @@ class AntTask(Task[AntConfig]):
         return SolverOptions(tolerance=self.config.tolerance)
 
     def setup(self) -> None:
-        """Make views of positions of record and of contact forces, and allocate what an episode remembers."""
+        """Make views of positions of record and of contact forces, and allocate the state of an episode."""
         from simwarp import to_torch
 
         worlds, device, simulation = self.num_worlds, self.device, self.simulation

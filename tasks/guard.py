@@ -38,13 +38,13 @@ class DumpAbout:
         format: of the file.
         task: name of the task.
         config: the task's configuration, as plain values.
-        seed, world, episode: which episode of which world broke down.
+        seed, world, episode: indices of the episode and of the world that broke down.
         episode_steps: control step of the episode in which it broke, the first is 1.
         replay_steps: control steps to be repeated.
         from_reset: from the beginning of the episode; else from the snapshot within it.
         level: the curriculum's.
         iteration: of the training.
-        device: where it happened.
+        device: device of the run.
     """
 
     format: int
@@ -128,7 +128,7 @@ class Guard:
         steps: control steps remembered.
 
     Attributes:
-        path: where the dump is written as soon as the host notices a break; None keeps it in memory.
+        path: of the dump, written as soon as the host notices a break; None keeps it in memory.
         dump: the kept arrays of the first break, or None.
     """
 

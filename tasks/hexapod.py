@@ -129,7 +129,7 @@ class HexapodTask(Task[HexapodConfig]):
         return SolverOptions(tolerance=self.config.tolerance)
 
     def setup(self) -> None:
-        """Make views of positions of record and of contact forces, and allocate what an episode remembers."""
+        """Make views of positions of record and of contact forces, and allocate the state of an episode."""
         from simwarp import to_torch
         from simwarp.scenes.phantomx import HEXAPOD_LIMIT
 

@@ -18,8 +18,8 @@ def check_like(like: Any, saved: Any, where: str) -> None:
 
     Args:
         like: the present values: tensors, numbers, mappings and lists of them.
-        saved: what was read.
-        where: where it stood: the errors begin with it.
+        saved: content that was read.
+        where: its location: the errors begin with it.
 
     Raises:
         InputError: something is missing, superfluous or of another kind.

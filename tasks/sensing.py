@@ -71,7 +71,7 @@ class Sensors:
 
     Args:
         sensing: group name -> what to do with it.
-        groups: what the task observes.
+        groups: observation groups of the task.
         random: draws.
     """
 

@@ -30,7 +30,7 @@ def true_next(space: gymnasium.Space[Any], next_observations: torch.Tensor, info
     Args:
         space: space of one world's observation.
         next_observations: (W, N) flattened, as skrl's wrapper returned them; not changed.
-        infos: what the step of a ``TaskVectorEnv`` said.
+        infos: infos of the step of a ``TaskVectorEnv``.
     """
     if "final_obs" not in infos:
         return next_observations

@@ -115,7 +115,7 @@ class Task(ABC, Generic[ConfigT]):
         self.device = torch.device(device)
         self.keep_final_observations = True
         self.iteration = 0
-        """Training iteration, told by the trainer; for a curriculum."""
+        """Training iteration, set by the trainer; for a curriculum."""
         self.first_world = first_world
         self.before_reset: Callable[[], None] | None = None
         """Called in every control step once it is judged, while the worlds that ended still are where they ended."""
@@ -151,7 +151,7 @@ class Task(ABC, Generic[ConfigT]):
         """Allocate the task's own buffers, once, after the simulation exists. Optional."""
 
     def begin_step(self) -> None:
-        """Hear that a control step begins, before its action: remember what a difference needs. Optional."""
+        """Called before the action of each control step: store what a difference needs. Optional."""
 
     @abstractmethod
     def apply(self, action: torch.Tensor) -> None:

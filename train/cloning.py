@@ -114,8 +114,8 @@ def clone(
 
     Args:
         task: says what is observed; on the CPU.
-        data: what to imitate.
-        config: how.
+        data: trajectories to imitate.
+        config: hyperparameters.
         train_config: its network is built, and is what a later training must have.
         report: called after each epoch with its number and mean loss.
 

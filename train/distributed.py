@@ -1,4 +1,4 @@
-"""Several processes that train one policy: what ``torchrun`` says about them, and what they tell each other.
+"""Several processes that train one policy: their settings from ``torchrun``, and their communication.
 
 Each process steps worlds of its own; gradients, normalisers, learning rate and statistics are averaged or summed over
 all, so that parameters stay equal. NCCL carries this between GPUs, gloo between CPUs.

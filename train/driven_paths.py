@@ -41,7 +41,7 @@ class DrivenPaths:
         successes: per world, whether that counts as a success.
         known_reasons: all reasons the task knows, in its order.
         control_dt: between two positions [s].
-        surroundings: what stands there; empty where the task does not draw it from above.
+        surroundings: obstacles and ground; empty where the task does not draw it from above.
         window: ((x low, high), (y low, high)) [m]; None follows the paths.
     """
 
@@ -64,7 +64,7 @@ class PathRecorder(Watcher):
     """Notes where the first worlds of a task are, from their start to the end of their first episode.
 
     Attributes:
-        paths_driven: what was noted; None before the end, and where the task is nowhere.
+        paths_driven: recorded paths; None before the end, and where the task is nowhere.
     """
 
     def __init__(self) -> None:

@@ -27,16 +27,16 @@ class Evaluation:
     """Statistics of some episodes.
 
     Attributes:
-        episodes: how many there were.
+        episodes: number of episodes.
         mean_return: mean of the summed rewards.
         std_return: its standard deviation over episodes.
         mean_episode_length: [control steps].
         min_episode_length: the shortest [control steps].
         success_rate: share of successes.
         success_ci95: Wilson interval of that share at 95 %.
-        end_reasons: how many episodes ended for each reason that occurred.
+        end_reasons: number of episodes that ended for each reason that occurred.
         metrics: means of the task's own metrics at the end of the episodes.
-        bad_actions: how often the policy returned NaN or infinity.
+        bad_actions: number of times that the policy returned NaN or infinity.
     """
 
     episodes: int
@@ -245,12 +245,12 @@ def evaluate_policies(
     Args:
         task_name: a registered task.
         make_policy: builds the policy for a task.
-        config: of the task.
+        config: configuration of the task.
         episodes: of each policy.
         seed: of the worlds.
         device: canonical device name.
         num_envs: worlds stepped together; by default one per episode, at most 4096.
-        baselines: whether the other two are evaluated at all.
+        baselines: True if the other two are evaluated at all.
         watch: given a name, returns who looks on.
 
     Yields:

@@ -126,7 +126,7 @@ class RunLog:
     Args:
         folder: the run folder.
         first: report of the first iteration; its values are the columns.
-        kind: where scalars go beside the table.
+        kind: logger beside the table.
         description: task and configurations.
 
     Attributes:

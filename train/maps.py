@@ -22,7 +22,7 @@ _UNDECIDED = "#7b8794"
 """Of an episode that only the clock ended, without success."""
 _WORLDS = 12
 _COMMON = 20
-"""A line of which the worlds know at most so many different ones is shown on the map of all of them."""
+"""Most variants of a line over the worlds with which it is shown on the map of all of them."""
 _SHEET = (11.0, 9.0)
 """Width and height of all panels together [inch]."""
 _LEAST = 1.5

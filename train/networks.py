@@ -54,7 +54,7 @@ class Perceptron(MLPModel):
     """Multi-layer perceptron over all vector groups.
 
     Args:
-        obs, obs_groups, obs_set, output_dim: what rsl-rl hands to every model.
+        obs, obs_groups, obs_set, output_dim: arguments that rsl-rl hands to every model.
         hidden_dims: units of the hidden layers; None takes :func:`thesis_sizes`.
         tanh_output: bound the mean action to (-1, 1).
         options: activation, obs_normalization and distribution_cfg of rsl-rl.
@@ -123,7 +123,7 @@ class ImageModel(MLPModel):
     """Base class of the networks over images: an encoder per image group, a branch of vectors, and a head.
 
     Args:
-        obs, obs_groups, obs_set, output_dim: what rsl-rl hands to every model.
+        obs, obs_groups, obs_set, output_dim: arguments that rsl-rl hands to every model.
         action_size: number of actions; the sizing rules count in it, the critic's too.
         activation: name of the non-linearity of the linear layers; convolutions have ReLU.
         tanh_output: bound the mean action to (-1, 1).
@@ -176,7 +176,7 @@ class ImageModel(MLPModel):
         Args:
             features: numbers that the convolutions leave.
             actions: number of actions.
-            outputs: what the network returns.
+            outputs: results of the network.
             activation: non-linearity.
         """
         raise NotImplementedError

@@ -75,8 +75,8 @@ def record(
     """Let a policy act and keep frames.
 
     Args:
-        task: what is played.
-        policy: what acts.
+        task: task to play.
+        policy: policy that acts.
         seconds: time shown [s].
         seed: of the worlds.
         film: takes rendered images of the frames it wants.

@@ -34,7 +34,7 @@ class PolicySource:
 
     Attributes:
         path: the file.
-        content: what is in it.
+        content: content of the checkpoint.
         origin: one phrase for the user.
     """
 

@@ -34,14 +34,14 @@ _PROC = Path("/proc")
 
 @dataclasses.dataclass(frozen=True)
 class Writer:
-    """A process, so that it can be told whether it still runs.
+    """Identity of a process, to check whether it still runs.
 
     Attributes:
         host: name of its machine.
-        machine: what tells machines of one name apart; empty where the system does not say.
+        machine: identifier of the machine beside its name; empty where the system has none.
         boot: of the machine since its last start, and of the container within it; numbers of processes mean the same.
         pid: its number.
-        started: when it was started, in whatever unit: numbers of processes are used again.
+        started: start time, in whatever unit: numbers of processes are used again.
     """
 
     host: str
@@ -126,7 +126,7 @@ class RunLock:
 
     Attributes:
         path: the file.
-        took_over: what was said of the lock that was found; empty where there was none.
+        took_over: description of the lock that was found; empty where there was none.
     """
 
     def __init__(self, path: Path, take_over: bool = False) -> None:

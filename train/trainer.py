@@ -298,7 +298,7 @@ class Trainer:
         }
 
     def _own_state(self) -> dict[str, Any]:
-        """Return what each process has of its own: random numbers, worlds, and what recurrent networks remember."""
+        """Return the state of each process: random numbers, worlds, and hidden states of recurrent networks."""
         cuda = torch.cuda.get_rng_state(self.device) if self.device.startswith("cuda") else None
         memories = (self.algorithm.actor.get_hidden_state(), self.algorithm.critic.get_hidden_state())
         return {
@@ -312,7 +312,7 @@ class Trainer:
         """Go on from a checkpoint; False where its worlds could not be taken over (another number of them).
 
         Args:
-            content: what :meth:`checkpoint` returned, once; it may hold anything.
+            content: result of :meth:`checkpoint`, once; it may hold anything.
             where: the errors begin with it.
 
         Raises:
@@ -345,7 +345,7 @@ class Trainer:
             ) from error
 
     def _load_worlds(self, own: dict[str, Any], where: str) -> bool:
-        """Take over the worlds and what recurrent networks remember of them; False if there are more or fewer."""
+        """Load the worlds and the hidden states of recurrent networks; False if there are more or fewer worlds."""
         saved, models = own["worlds"], (self.algorithm.actor, self.algorithm.critic)
         check_members(saved, {"episode_index": torch.Tensor}, f"{where}: worlds")
         if saved["episode_index"].dim() == 1 and len(saved["episode_index"]) != self.task.num_worlds:
@@ -373,7 +373,7 @@ class Trainer:
 
 
 def _cells(memory: torch.Tensor | tuple[torch.Tensor, ...] | None) -> list[torch.Tensor]:
-    """Return copies of what a recurrent network remembers: nothing, one tensor of a GRU, or two of an LSTM."""
+    """Return copies of the hidden state of a recurrent network: nothing, one tensor of a GRU, or two of an LSTM."""
     if memory is None:
         return []
     return [cell.detach().clone() for cell in (memory if isinstance(memory, tuple) else (memory,))]

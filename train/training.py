@@ -64,13 +64,13 @@ def train(
 
     Args:
         task_name: a registered task.
-        config: how to train.
+        config: configuration of the training.
         task_config: the task's configuration.
         root: folder of all runs.
         resume: run folder to go on with, in place of a new one.
         warm_start: checkpoint or run whose actor a new run starts from.
         take_over: resume a run that a process elsewhere has locked, and that is known to write it no more.
-        console: where the progress goes; standard output by default.
+        console: for the progress; standard output by default.
 
     Raises:
         InputError: something asked for is impossible.
@@ -147,7 +147,7 @@ def _kept(folder: RunFolder) -> str:
 
 
 def _folder(trainer: Trainer, root: Path, resume: Path | None, description: dict[str, Any]) -> RunFolder:
-    """Make or open the run folder, in the first process; the others are told which one it is."""
+    """Make or open the run folder, in the first process; the others receive its path."""
     path: Path | None = None
     if trainer.group.first:
         if resume is None:

@@ -80,10 +80,10 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
 
     Args:
         task: the worlds.
-        policy: who acts.
-        episodes: how many episodes.
+        policy: policy that acts.
+        episodes: number of episodes.
         seed: seed of the worlds.
-        about: what to remember beside the task and the returns.
+        about: metadata to keep beside the task and the returns.
 
     Raises:
         TrainingError: the policy returned NaN or infinity.

@@ -79,7 +79,7 @@ class PeerRun(Protocol):
         """(W,) of the watched body [m]."""
 
     def contacts(self) -> float | None:
-        """Touching now, mean of the worlds; None where the engine cannot tell."""
+        """Contacts that touch now, mean of the worlds; None where the engine does not report them."""
 
     def bytes_per_world(self) -> int | None:
         """Of the engine's buffers."""
@@ -307,7 +307,7 @@ class NewtonRun:
         return np.asarray(self.states[0].body_q.numpy().reshape(self.worlds, self._bodies, 7)[:, 0, 2], float)
 
     def contacts(self) -> None:
-        """It only tells candidates."""
+        """None: the engine reports candidates only."""
 
     def bytes_per_world(self) -> None:
         """Not counted."""

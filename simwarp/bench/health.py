@@ -22,7 +22,7 @@ class Health:
     """Diagnostics of a state; the worst world counts.
 
     Attributes:
-        problems: why it is refused; empty when it is sound.
+        problems: reasons why it is refused; empty when it is sound.
         residual: of any row [m/s or rad/s].
         position_error: of any joint [m or rad].
         energy_gain: mechanical energy above that of the start [J].

@@ -25,7 +25,7 @@ class Subject:
         kind: scene, vehicle, sensor or task.
         measures: each gives a row for every number of worlds.
         peers: the same of other engines.
-        notes: why others are missing.
+        notes: reasons why others are missing.
         cold_name: by which a new process knows it; None: it has no cold start.
     """
 

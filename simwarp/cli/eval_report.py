@@ -42,11 +42,11 @@ class Report:
     Attributes:
         task: its name.
         source: the policy.
-        settings: how every point is evaluated.
+        settings: settings of the evaluation, the same at every point.
         points: all that were asked for.
         folder: for pictures and results; None writes none.
         results: of the points that were evaluated.
-        stopped: where it was stopped, if it was.
+        stopped: place at which it was stopped, if it was.
         written: files written so far.
     """
 
@@ -88,7 +88,7 @@ class Report:
         return head | (self.results[0].as_json() if self.results else {})
 
     def finish(self, console: Console) -> bool:
-        """Print the tables, write the files; return whether there is anything to tell.
+        """Print the tables, write the files; return True if there is anything to report.
 
         Raises:
             OutputError: a file could not be written.

@@ -105,7 +105,7 @@ def _text(word: str, seed: bool) -> str:
 
 
 RULES: Final[dict[Any, Callable[[str, bool], str]]] = {int: _whole_number, float: _number, Path: _path, str: _text}
-"""Type -> what tells the rule that a word breaks, of an option that is a seed or is not."""
+"""Type -> function that returns the rule that a word breaks, of an option that is a seed or is not."""
 
 
 def _notes(hint: Any) -> tuple[Any, ...]:

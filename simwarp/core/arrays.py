@@ -27,7 +27,7 @@ class Domain:
 
     Attributes:
         least, most: smallest and largest one; or arrays of them that broadcast to the array's shape.
-        remedy: what to do with others.
+        remedy: advice for values out of bounds.
     """
 
     least: Bound = -FLOAT32_MAX
@@ -78,8 +78,8 @@ class WritableArray(wp.array):
 
     Attributes:
         label: the array's name in errors.
-        domain: what its numbers may be; None: anything.
-        hint: what to do about values of another shape.
+        domain: allowed values; None: anything.
+        hint: advice for values of another shape.
     """
 
     label: str = "array"

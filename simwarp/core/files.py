@@ -1,4 +1,4 @@
-"""Files: read with limits, written whole or not at all, and every failure told in one line.
+"""Files: read with limits, written whole or not at all, and every failure reported in one line.
 
 Every room writes through :func:`replacing` or :func:`write_file` and reads JSON through :func:`read_json`, so that a
 full disk, a device node, a symlink or a hostile file means the same everywhere.
@@ -46,7 +46,7 @@ class FileError(ValueError):
     """A file that cannot be read, or a path that cannot be written to: the user's to mend.
 
     Attributes:
-        reason: why it cannot be read, without its name; empty for other errors.
+        reason: reason why it cannot be read, without its name; empty for other errors.
     """
 
     def __init__(self, message: str, reason: str = "") -> None:
@@ -66,7 +66,7 @@ def check_output(path: str | Path, option: str = "output") -> Path:
 
     Args:
         path: of a file to be written; devices and FIFOs may stand there.
-        option: what asked for it, such as ``--json``: the errors begin with it.
+        option: option that asked for it, such as ``--json``: the errors begin with it.
 
     Raises:
         FileError: it is empty, a folder or a socket, its name is too long, its folder does not exist, or there is no
@@ -179,9 +179,9 @@ def output_error(path: str | Path, error: OSError, draft: Path | None = None, ne
     """Return the error that says which folder did not take how much.
 
     Args:
-        path: what was to be written.
-        error: what the operating system said.
-        draft: what there was of it already.
+        path: of the file that was to be written.
+        error: of the operating system.
+        draft: partial file that exists already.
         needed: bytes of the whole, where they are known.
     """
     folder = Path(path).absolute().parent
@@ -245,7 +245,7 @@ def check_input(path: str | Path, what: str = "file", *, largest: int | None = N
 
     Args:
         path: of the file.
-        what: what it should be, such as ``vehicle file``: the errors begin with it.
+        what: expected kind of file, such as ``vehicle file``: the errors begin with it.
         largest: most bytes it may have.
 
     Raises:
@@ -300,7 +300,7 @@ def parse_json(text: str, name: str) -> Any:
 
     Args:
         text: the JSON.
-        name: where it stands: the errors begin with it.
+        name: its location: the errors begin with it.
 
     Raises:
         FileError: it is broken, nested too deep, gives a key twice, or has a number that no array could hold: a whole

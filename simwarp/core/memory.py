@@ -64,8 +64,8 @@ def check_layouts(what: str, layouts: Mapping[str, ArrayLayout], device: Any, re
     Args:
         what: needs them.
         layouts: of the arrays, by the names that errors use.
-        device: where they will be.
-        remedy: what to do.
+        device: device on which they will be.
+        remedy: advice for the user.
         more: bytes beside them.
 
     Raises:

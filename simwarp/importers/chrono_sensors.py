@@ -34,7 +34,7 @@ from simwarp.vehicle.spec.parts import told
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 GAUSS: Final = 1.0e-4
-"""Chrono's magnetometers tell their field in gauss [T]."""
+"""One gauss, the unit of Chrono's magnetometers [T]."""
 DIVERGENCE: Final = 0.003
 """Of Chrono's lidars where the file gives none [rad]."""
 

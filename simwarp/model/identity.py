@@ -22,7 +22,7 @@ VERSION: Final = "1"
 LONGEST_PART: Final = 60
 
 KINDS_IN_FILES: Final = {JointType.DISTANCE: "line", JointType.RELATIVE_ROTATION: "turn"}
-"""Kinds of joints that snapshots know under their first names."""
+"""Kinds of joints that snapshots hold under their former names."""
 
 
 @dataclasses.dataclass(frozen=True)

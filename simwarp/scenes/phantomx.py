@@ -236,7 +236,7 @@ def hexapod(*, ground: bool = True, drive: PositionDrive | None = None) -> Model
     through each other.
 
     Args:
-        ground: whether there is a floor.
+        ground: True if there is a floor.
         drive: of every joint, towards `joint_target_q`; without, torques alone (`joint_force`) move it.
     """
     builder = ModelBuilder()

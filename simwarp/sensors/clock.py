@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 THREADS = 128
 """Threads that copy one world's frame on a GPU."""
 MOST_BYTES = 2**31 - 1
-"""Of one world's frame: kernels tell places in it by 32 bits."""
+"""Largest frame of one world [bytes]: kernels index it with 32 bits."""
 MOST_WAITING = 2**20
 """Frames of a world that wait to be published."""
 
@@ -67,7 +67,7 @@ def check_frames(sensor: str, fields: Mapping[str, Field], worlds: int, device: 
 
 
 def stream_of(seed: int, name: str) -> int:
-    """64 bits that tell the randomness of one sensor from all others; different names give unrelated numbers.
+    """64-bit key of the random numbers of one sensor; different names give unrelated numbers.
 
     Raises:
         ModelError: the seed is no integer.
@@ -135,7 +135,7 @@ class Frames:
 
     Args:
         sensor: its name.
-        schedule: when it measures.
+        schedule: times of the measurements.
         model: whose worlds it measures.
         fields: outputs by name: shape of one world's part, dtype.
         seed: of its randomness, together with its name.
@@ -146,7 +146,7 @@ class Frames:
         ring: (W·slots, ...) frames in waiting; without a lag the same memory as `data`.
         timestamp: (W,) float64, the world's time when the published frame was complete [s].
         valid: (W,) bool, false in frozen worlds.
-        tick: what happens in this sub-step.
+        tick: actions in this sub-step.
         clock: numbers of the clock, in sub-steps, once recorded.
         steps: the schedule in sub-steps of `dt` seconds, once recorded.
         dt: of a sub-step [s], once recorded.

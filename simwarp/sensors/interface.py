@@ -40,7 +40,7 @@ class Schedule:
 
     Attributes:
         rate: frames per second [Hz]; at most one per sub-step.
-        window: how long a frame collects, at most 1 / rate [s]; 0: one instant.
+        window: time over which a frame collects, at most 1 / rate [s]; 0: one instant.
         lag: from completion to publication [s].
         phase: "zero", or "random": a whole number of sub-steps within a period, per world and episode.
 

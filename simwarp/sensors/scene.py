@@ -37,7 +37,7 @@ class Appearance:
 
     Attributes:
         color: linear albedo, 0 to 1.
-        texture: what `Visuals.texture` returned; -1: none, or that of the mesh's file.
+        texture: index that `Visuals.texture` returned; -1: none, or that of the mesh's file.
         label: semantic class.
         reflectance: of a lidar's or radar's beam, 0 to 1.
         group: bits; a sensor sees instances of the groups in its mask.

@@ -22,12 +22,12 @@ class VectorSensor:
     Args:
         model: whose worlds it measures.
         name: of the sensor.
-        schedule: when it measures.
+        schedule: times of the measurements.
         channels: of a frame.
         noise: stages by option, each with the number of channels that it acts on; they follow one another.
         dtype: of data and truth.
         seed: of the randomness, together with the name.
-        randomised: whether every world has a row of its own in the parameters of the noise (and in the mount).
+        randomised: True if every world has a row of its own in the parameters of the noise (and in the mount).
         others: further outputs by name.
     """
 

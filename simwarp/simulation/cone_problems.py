@@ -86,8 +86,8 @@ def solve_cone_problems(
         r: (problems, rows) velocities at zero impulse, D^T v_free + b [m/s or rad/s]. None when the mechanics are
             given: formed from them and `bias`.
         mu: (problems, contacts) or (contacts,) friction coefficients.
-        bilateral_count: how many of the rows are bilateral.
-        limit_count: how many are limits.
+        bilateral_count: number of bilateral rows.
+        limit_count: number of limits.
         jacobian: (problems, velocities, rows) D.
         inverse_mass: (problems, velocities, velocities), or (problems, velocities) its diagonal.
         free_velocity: (problems, velocities) v_free [m/s or rad/s].
@@ -100,7 +100,7 @@ def solve_cone_problems(
         max_iterations: per solver when None (`ITERATIONS`).
         warm_start: (problems, rows) impulses to start from [N·s or N·m·s].
         fallback: let the interior point solve what "apgd" leaves above the tolerance.
-        device: where to solve; Warp's default when None.
+        device: device of the solve; Warp's default when None.
 
     Raises:
         ValueError: an argument breaks a rule that the message names, with the value received and the remedy.

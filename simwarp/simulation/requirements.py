@@ -19,7 +19,7 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> Sizes:
     Args:
         model: the model.
         dense_rows: most rows for which the Schur complement is formed.
-        all_solvers: whether other solvers than accelerated gradient descent may run.
+        all_solvers: True if other solvers than accelerated gradient descent may run.
     """
     topology = model.topology
     rows = model.box_count + (6 if model.has_rolling_friction else 3) * model.contact_capacity

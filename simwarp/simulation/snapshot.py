@@ -29,7 +29,7 @@ HEADER: Final = "header"
 MOST_HEADER: Final = 64 * 2**20
 """Bytes of the largest header: lines about every body, joint and shape."""
 NAMES_IN_FILES: Final = {"state.box_impulse": "state.bounded_impulse"}
-"""Arrays that files know under their first names."""
+"""Arrays that files hold under their former names."""
 OVERHEAD: Final = 4096
 """Bytes of a file beside the numbers of one array."""
 

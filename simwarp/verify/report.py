@@ -12,7 +12,7 @@ class Row:
 
     Attributes:
         scene: name of the scene.
-        quantity: what was measured, with its unit.
+        quantity: measured quantity, with its unit.
         expected: the known answer; 0 for an error.
         got: the engine's.
         tolerance: largest |got - expected| that passes.

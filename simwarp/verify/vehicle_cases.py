@@ -67,7 +67,7 @@ class Case:
 
 
 def case_of(name: str) -> Case | None:
-    """The run that a file's name (without suffix) tells; None where it is none that can be compared."""
+    """The run that a file's name (without suffix) denotes; None where it is none that can be compared."""
     match = _NAME.fullmatch(name)
     if match is None or match["tire"] == "RIGID":
         return None

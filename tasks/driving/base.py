@@ -110,7 +110,7 @@ class DrivingTask(Task[DrivingT]):
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
     """In the vehicle's frame of reference [m]."""
     navigates: ClassVar[bool] = False
-    """Beside a camera there are a satellite receiver and a gyroscope, and the vehicle knows no more than they tell."""
+    """Beside a camera there are a satellite receiver and a gyroscope, the only other instruments of the vehicle."""
     view_distance: ClassVar[float] = 20.0
     """Of the camera that takes pictures for people [m]."""
 
@@ -143,7 +143,7 @@ class DrivingTask(Task[DrivingT]):
 
     @abstractmethod
     def measured(self) -> torch.Tensor:
-        """Return (W, N) float32, what the vehicle's instruments tell: the observations ``policy`` beside a camera."""
+        """Return (W, N) float32, measurements of the vehicle: the observations ``policy`` beside a camera."""
 
     @abstractmethod
     def exact_state(self) -> torch.Tensor:
@@ -254,7 +254,7 @@ class DrivingTask(Task[DrivingT]):
         return VEHICLE_SOLVER
 
     def setup(self) -> None:
-        """Let the vehicle settle on its springs, make views, remember where its bodies are."""
+        """Let the vehicle settle on its springs, make views, store the positions of its bodies."""
         from simwarp import to_torch
 
         self.input = to_torch(self.vehicle.input)

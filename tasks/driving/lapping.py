@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from simwarp.sensors import Scene, Visuals
 
 PREVIEW = 5
-"""Points of the lane ahead that exact observations tell."""
+"""Number of points of the lane ahead in exact observations."""
 
 
 class Start(enum.Enum):
@@ -73,7 +73,7 @@ class LappingTask(DrivingTask[LappingT]):
     course_label: ClassVar[int] = 0
     """Semantic class of what is beside the lane."""
     preview: ClassVar[float] = 1.0
-    """Distance of the points ahead that exact observations tell [m]."""
+    """Distance of the points ahead in exact observations [m]."""
 
     _shown: torch.Tensor | None = None
 

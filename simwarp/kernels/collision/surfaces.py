@@ -33,7 +33,7 @@ class Ground:
     margin: float  # [m]
     x: wp.vec3d  # origin relative to the pair's, world axes [m]
     rot: wp.mat33  # its axes to world axes
-    lower: wp.vec3d  # where the other shape is, in the shape's own frame [m]
+    lower: wp.vec3d  # bounds of the other shape, in the shape's own frame [m]
     upper: wp.vec3d
 
 

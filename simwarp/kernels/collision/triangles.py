@@ -31,7 +31,7 @@ from simwarp.kernels.collision.surfaces import (
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 RAW_CONTACTS = wp.constant(64)  # of all triangles before the reduction
-THINNED = wp.constant(24)  # what is left of them when they become too many on the way
+THINNED = wp.constant(24)  # kept when they become too many on the way
 SAME_NORMAL = wp.constant(2.0e-3)  # [rad] normals this close to a face's are that; edges that bend less are flat
 MERGED_NORMAL = wp.constant(1.0e-4)  # squared difference of normals, and
 MERGED = wp.constant(2.0e-3)  # distance in radii of the shape, below which two contacts are one

@@ -131,7 +131,7 @@ class Work:
     v_lin: wp.array[wp.vec3]
     o_ang: wp.array[wp.vec3]  # velocity at its start
     o_lin: wp.array[wp.vec3]
-    l_ang: wp.array[wp.vec3]  # what rounding kept back from it so far
+    l_ang: wp.array[wp.vec3]  # accumulated rounding error of it
     l_lin: wp.array[wp.vec3]
     t_ang: wp.array[wp.vec3]  # their sum
     t_lin: wp.array[wp.vec3]

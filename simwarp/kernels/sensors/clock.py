@@ -42,7 +42,7 @@ class ClockState:
     """State of a clock, per world."""
 
     count: wp.array[int]  # sub-steps since the world's state was set
-    episode: wp.array[int]  # how often it was set
+    episode: wp.array[int]  # number of times that it was set
     phase: wp.array[int]
     ring_time: wp.array[wp.float64]  # (W·slots,) world time at completion [s]
     timestamp: wp.array[wp.float64]  # of the published frame [s]

@@ -22,7 +22,7 @@ class VehicleTables:
     brake_torque: wp.array[float]  # at full braking [N·m]
     lock_dof: wp.array[int]  # slip of the differentials' clutches
     lock_held: wp.array[float]  # torque of the open clutch [N·m]
-    lock_torque: wp.array[float]  # what closing it adds [N·m]
+    lock_torque: wp.array[float]  # torque added when it closes [N·m]
 
 
 @wp.struct

@@ -62,8 +62,8 @@ class GpsConfig:
     """A satellite receiver.
 
     Attributes:
-        schedule: when it measures; a frame holds the latest sample of its window.
-        origin: where the world is.
+        schedule: times of the measurements; a frame holds the latest sample of its window.
+        origin: geodetic position of the world.
         earth: "wgs84", or "sphere" of 6371 km, on which metres north and east are turned into angles one by one.
         noise: of the position east, north and up [m], per axis or for all.
         velocity_noise: of the velocity east, north and up [m/s].
@@ -128,11 +128,11 @@ class Gps(VectorSensor):
 
     Args:
         model: whose worlds it measures.
-        mount: place on a body; its axes do not matter.
+        mount: body and pose; its axes do not matter.
         config: schedule, origin and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in noise parameters and mount.
+        randomised: True if every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 3) float64: latitude, longitude [deg], altitude above the ellipsoid [m].

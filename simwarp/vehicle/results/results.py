@@ -17,7 +17,7 @@ from simwarp.vehicle.results.channels import Run
 Array = npt.NDArray[np.float64]
 
 MARKS: Final = (5.0, 10.0, 15.0, 20.0, 25.0)
-"""Speeds whose times are told [m/s]."""
+"""Speeds whose times are reported [m/s]."""
 STANDSTILL: Final = 0.05
 """[m/s]."""
 STEADY: Final = 3.0

@@ -59,8 +59,8 @@ def set_up(
     Args:
         spec: of the vehicle.
         maneuver: of `simwarp.vehicle.driving.maneuvers`.
-        worlds: how many.
-        device: where they run.
+        worlds: number of worlds.
+        device: device of the run.
         dt: time step [s].
         friction: of the ground.
         randomised: model arrays of which every world needs its own, beside those that a vehicle writes.
@@ -100,7 +100,7 @@ class Drive:
 
     Args:
         setup: of `set_up`.
-        worlds: which ones are recorded; the first alone by default.
+        worlds: indices of those that are recorded; the first alone by default.
     """
 
     def __init__(self, setup: Setup, worlds: slice = slice(0, 1)) -> None:

@@ -247,7 +247,7 @@ def tire_row(tire: Tire, place: str | SourceLocation = "tire") -> TireRow:
 
     Args:
         tire: its description.
-        place: what errors call it.
+        place: name in errors.
 
     Raises:
         SpecError: unknown template or key, or a value that breaks a rule.

@@ -1,4 +1,4 @@
-"""The contact sheet of `simwarp sensor-demo`: a truck on a trail, and what all its sensors tell of one drive."""
+"""The contact sheet of `simwarp sensor-demo`: a truck on a trail, and the measurements of all its sensors."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Demo:
 
 
 def sensor_demo(*, seed: int = 0, device: str | None = None, panel: int = 320, tell: Progress | None = None) -> Demo:
-    """Drives a truck along a trail, looks with all its sensors, and puts what they tell on one sheet.
+    """Drives a truck along a trail, measures with all its sensors, and puts the results on one sheet.
 
     Args:
         seed: of the landscape and of all noise.

@@ -49,7 +49,7 @@ class Panel:
     """A picture in the sheet.
 
     Attributes:
-        title: what it shows; in bold.
+        title: of the content; in bold.
         note: units, numbers; in grey behind the title.
         image: (height, width, 3).
         bar: of its colours, at the right end of the caption.

@@ -37,7 +37,7 @@ def counted(shaft: wp.float64, step: wp.float64) -> wp.float64:
 
 @wp.func
 def on_a_step(shaft: wp.float64, step: wp.float64) -> wp.float64:
-    """A position as its count tells it."""
+    """Position quantised to counts."""
     if step > wp.float64(0.0):
         return counted(shaft, step) * step
     return shaft

@@ -1,4 +1,4 @@
-"""Lidar: casts the beams whose time has come, reduces their rays to returns, and adds what the detector gets wrong."""
+"""Lidar: casts the beams whose time has come, reduces their rays to returns, and adds the noise of the detector."""
 
 import warp as wp
 
