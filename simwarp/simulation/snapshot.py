@@ -28,8 +28,6 @@ FORMAT: Final = "simwarp snapshot 1"
 HEADER: Final = "header"
 MOST_HEADER: Final = 64 * 2**20
 """Bytes of the largest header: lines about every body, joint and shape."""
-NAMES_IN_FILES: Final = {"state.box_impulse": "state.bounded_impulse"}
-"""Arrays that files hold under their former names."""
 OVERHEAD: Final = 4096
 """Bytes of a file beside the numbers of one array."""
 
@@ -74,8 +72,7 @@ class Snapshot:
         groups: dict[str, State | Control | Contacts] = {
             "state": self.state, "control": self.control, "contacts": self.contacts,
         }  # fmt: skip
-        named = {f"{group}.{name}": getattr(part, name) for group, part in groups.items() for name in part.NAMES}
-        named = {NAMES_IN_FILES.get(name, name): array for name, array in named.items()}
+        named = {f"{group}.{name}": array for group, part in groups.items() for name, array in part.in_files().items()}
         return named | {f"memory.{index}": array for index, array in enumerate(self.memory)}
 
     def save(self, path: str | Path) -> None:

@@ -277,7 +277,7 @@ def solve_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveRepor
     take_gamma(problem, config.friction_law)
     updates = int(1)
     most = int(FINISH)
-    if config.friction_friction_law == EXACT:
+    if config.friction_law == EXACT:
         updates = int(TERM_UPDATES)
         most = int(EXACT_FINISH)
     steps = int(0)

@@ -111,7 +111,7 @@ def solve_spg(problem: ConeProblem, config: ConeConfig) -> SolveReport:
             project_all(problem, problem.vectors[X])
             refresh(problem, X, AX)
         shift = int(0)
-        if iteration % SHIFT == 0 and config.friction_friction_law == EXACT:
+        if iteration % SHIFT == 0 and config.friction_law == EXACT:
             # The function has changed: values of the old one are no reference.
             shift = 1
             value = float(0.0)

@@ -73,7 +73,7 @@ class Topology:
 
     distance_dof: wp.array2d[
         int
-    ]  # (lines, 2): coordinate of a DISTANCE, tree degree of freedom of the joint between its bodies, on which it acts
+    ]  # (lines, 2): coordinate of a distance, and the tree degree of freedom that it acts on
     loop_dof: wp.array[int]  # coordinates of loop joints without a law: `joint_force` acts on them as it is
     box_dof: wp.array[int]
     box_kind: wp.array[int]  # BoxKind

@@ -23,7 +23,7 @@ PLANAR = wp.constant(int(JointType.PLANAR))
 SPHERICAL = wp.constant(int(JointType.SPHERICAL))
 SHAFT = wp.constant(int(JointType.SHAFT))
 RELATIVE_ROTATION = wp.constant(int(JointType.RELATIVE_ROTATION))
-DISTANCE = wp.constant(int(JointType.DISTANCE))
+JOINT_DISTANCE = wp.constant(int(JointType.DISTANCE))
 BUSHING = wp.constant(int(JointType.BUSHING))
 POINT_ON_PLANE = wp.constant(int(JointType.POINT_ON_PLANE))
 POINT_ON_LINE = wp.constant(int(JointType.POINT_ON_LINE))
@@ -219,7 +219,7 @@ def coordinate(kind: int, local: int, exact: int, frames: JointFrames, angles: w
             q = turn(wp.dot(x1, x0), wp.dot(column(frames.f1, 2), x0), exact)
     elif kind == PLANAR:
         q = wp.dot(frames.d, column(frames.f0, local))
-    elif kind == DISTANCE:
+    elif kind == JOINT_DISTANCE:
         q = wp.length(frames.d)
     elif kind == SPHERICAL:
         q = angles[local]
