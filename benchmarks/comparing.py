@@ -155,7 +155,7 @@ class Study:
         return replace_fields(default_config(kind, config), {**common, **self.train, **arm.train}), config
 
     def result_path(self, name: str, seed: int) -> Path:
-        """Return where a run's result is written."""
+        """Return the path of a run's result."""
         return self.out / f"{name}-{seed}.json"
 
     def missing(self) -> list[tuple[str, int]]:

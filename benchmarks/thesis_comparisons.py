@@ -52,7 +52,7 @@ OPPOSITES = {"unscaled": "scaled", "quaternion": "Euler angles", "kl-penalty": "
 
 
 def study(options: argparse.Namespace) -> Study:
-    """Return what is compared."""
+    """Return the study."""
     return Study(
         task="ant",
         arms={name: CONFIGURATIONS[name] for name in options.configurations},

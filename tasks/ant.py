@@ -154,7 +154,7 @@ class AntTask(Task[AntConfig]):
         self._sizes = torch.tensor(sizes, device=device)
 
     def begin_step(self) -> None:
-        """Remember where the torso is: progress is a difference."""
+        """Store the position of the torso: progress is a difference."""
         self._before.copy_(self._distance())
         self._touched.zero_()
 

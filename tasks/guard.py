@@ -121,7 +121,7 @@ class _Keep:
 
 
 class Guard:
-    """Remembers the last steps of a task and keeps the first break of its physics.
+    """Recorder of the last steps of a task, which keeps the first break of its physics.
 
     Args:
         task: the task; its simulation exists.

@@ -155,7 +155,7 @@ class HexapodTask(Task[HexapodConfig]):
         self._sizes = torch.tensor(sizes, device=device)
 
     def begin_step(self) -> None:
-        """Remember where the base is and what acted: progress and trembling are differences."""
+        """Store the position of the base and the action: progress and trembling are differences."""
         self._before.copy_(self._distance())
         self._last_action.copy_(self.action)
         self._touched.zero_()

@@ -125,7 +125,7 @@ def _task_of(about: DumpAbout, device: str, where: str) -> Task[Any]:
 
 
 def _check_columns(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str) -> None:
-    """Hold what was recorded of every control step to the task.
+    """Check the recorded control steps against the task.
 
     Raises:
         InputError: a column is missing, too short, or of other actions or joints.

@@ -57,7 +57,7 @@ class DelayLine:
         return self.values[self.delay, self._world]
 
     def state(self, name: str) -> dict[str, torch.Tensor]:
-        """Return what a checkpoint keeps."""
+        """Return the state that a checkpoint keeps."""
         return {f"{name} values": self.values.clone(), f"{name} delay": self.delay.clone()}
 
     def load(self, name: str, state: Mapping[str, torch.Tensor]) -> None:
@@ -128,7 +128,7 @@ class Sensors:
         return sensed
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
+        """Return the state that a checkpoint keeps."""
         return {key: value for name, line in self._lines.items() for key, value in line.state(name).items()}
 
     def load(self, state: Mapping[str, Any]) -> None:

@@ -25,7 +25,7 @@ from skrl.utils.spaces.torch import flatten_tensorized_space, tensorize_space
 
 
 def true_next(space: gymnasium.Space[Any], next_observations: torch.Tensor, infos: dict[str, Any]) -> torch.Tensor:
-    """Return what followed the actions, (W, N): the true final observation where an episode ended.
+    """Return the observations after the actions, (W, N): the true final observation where an episode ended.
 
     Args:
         space: space of one world's observation.

@@ -72,7 +72,7 @@ class Processes:
 
 
 def processes() -> Processes:
-    """Return what ``torchrun`` has put into the environment; a single process without it.
+    """Return the settings of ``torchrun`` in the environment; a single process without it.
 
     Raises:
         InputError: its variables contradict each other.

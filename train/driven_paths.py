@@ -61,7 +61,7 @@ class DrivenPaths:
 
 
 class PathRecorder(Watcher):
-    """Notes where the first worlds of a task are, from their start to the end of their first episode.
+    """Recorder of the positions of a task's first worlds, from their start to the end of their first episode.
 
     Attributes:
         paths_driven: recorded paths; None before the end, and where the task is nowhere.
@@ -73,7 +73,7 @@ class PathRecorder(Watcher):
         self._positions: list[torch.Tensor] = []
 
     def begin(self, task: Task[Any]) -> None:
-        """Note the start, and what stands around."""
+        """Record the start positions and the surroundings."""
         if task.map_position() is None:
             return
         self._task = task

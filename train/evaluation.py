@@ -130,11 +130,11 @@ class Tally:
         return bool((self.done >= self.quota).all())
 
     def ended(self) -> int:
-        """Return how many of the episodes that count are over; reads the device."""
+        """Return the number of the episodes that count and are over; reads the device."""
         return int(torch.minimum(self.done, self.quota).sum())
 
     def reasons_so_far(self, reasons: list[str]) -> dict[str, int]:
-        """Return what the episodes that are over ended by; reads the device. Short ones come first: no statistics."""
+        """Return the end reasons of finished episodes; reads the device. Short ones come first: no statistics."""
         over = self._round < torch.minimum(self.done, self.quota).unsqueeze(1)
         return _counts(self.records["reason"][over].cpu(), reasons)
 
@@ -166,25 +166,25 @@ class Tally:
 
 
 def _counts(column: torch.Tensor, reasons: list[str]) -> dict[str, int]:
-    """Return how often each reason occurs in a column of indices, if it does."""
+    """Return the count of each reason in a column of indices, if it occurs."""
     counts = column.to(torch.int64).bincount(minlength=len(reasons)).tolist()
     return {name: count for name, count in zip(reasons, counts, strict=True) if count}
 
 
 class Watcher:
-    """Looks on while a policy is evaluated; this one is not interested."""
+    """Observer of an evaluation; this base class does nothing."""
 
     def begin(self, task: Task[Any]) -> None:
-        """Hear that all worlds stand at the beginning of their first episode."""
+        """Called when all worlds are at the beginning of their first episode."""
 
     def step(self, step: int, tally: Tally) -> None:
-        """Hear that so many control steps are done. An exception stops the evaluation."""
+        """Called with the number of control steps done. An exception stops the evaluation."""
 
     def warn(self, text: str) -> None:
-        """Hear that something is wrong with the policy."""
+        """Called when something is wrong with the policy."""
 
     def end(self, tally: Tally) -> None:
-        """Hear that all episodes are over."""
+        """Called when all episodes are over."""
 
 
 def evaluate(

@@ -118,7 +118,7 @@ class ExportedPolicy(nn.Module):
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Hold back what exporters print and warn about; they fail by exceptions."""
+    """Suppress prints and warnings of exporters; they fail by exceptions."""
     level = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

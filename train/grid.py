@@ -175,7 +175,7 @@ class GridDisplay(LiveLine):
 
 
 class _Watch(Watcher):
-    """Tells the display, hears of a stop, and lets a recorder note the paths."""
+    """Observer that updates the display, checks for a stop, and passes steps to a path recorder."""
 
     def __init__(
         self, point: GridPoint, policy: str, episodes: int, display: GridDisplay, stop: StopRequest,

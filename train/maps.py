@@ -122,7 +122,7 @@ def _draw_paths(axes: Any, paths_driven: DrivenPaths, colours: dict[End, str], w
 
 
 def _common_lines(paths_driven: DrivenPaths) -> list[tuple[Points, str]]:
-    """Return what stands everywhere, or in few variants: each as (variants, P, 2) points and its colour."""
+    """Return the lines that are the same in all worlds or have few variants: (variants, P, 2) points and a colour."""
     found = []
     for surrounding in paths_driven.surroundings:
         variants = np.unique(surrounding.points.round(3), axis=0)

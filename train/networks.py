@@ -39,7 +39,7 @@ def thesis_sizes(inputs: int, outputs: int) -> list[int]:
 
 
 def nature_size(height: int, width: int) -> int:
-    """Return how many numbers the three convolutions leave of an image; 45 x 80 gives 768."""
+    """Return the size of the output of the three convolutions over an image; 45 x 80 gives 768."""
     for _, kernel, stride in _NATURE:
         height, width = ((side - kernel) // stride + 1 for side in (height, width))
     return _NATURE[-1][0] * height * width
@@ -261,7 +261,7 @@ NEEDS = {
 def check_groups(
     kind: NetworkKind, task: str, shapes: Mapping[str, tuple[int, ...]], dtypes: Mapping[str, torch.dtype]
 ) -> None:
-    """Hold a task's observation groups to what a network takes.
+    """Check a task's observation groups against the inputs of a network.
 
     Raises:
         InputError: a group has the wrong shape or dtype, or the network takes no such group.

@@ -108,7 +108,7 @@ class RunFolder:
             ) from None
 
     def checkpoint_path(self, iteration: int) -> Path:
-        """Return where the checkpoint after ``iteration`` iterations is written."""
+        """Return the path of the checkpoint after ``iteration`` iterations."""
         return self.checkpoints / checkpoint_name(iteration)
 
     def sweep(self) -> None:
@@ -132,7 +132,7 @@ class RunFolder:
         return path
 
     def load_config(self) -> dict[str, Any]:
-        """Return what :func:`create_run` wrote: ``task``, ``train_config``, ``task_config``.
+        """Return the configuration that :func:`create_run` wrote: ``task``, ``train_config``, ``task_config``.
 
         Raises:
             InputError: it is missing, damaged, has values of other types, or is of a task that is not installed.
@@ -149,7 +149,7 @@ class RunFolder:
         return content
 
     def began(self) -> tuple[float, int, str]:
-        """Return what sorts runs by time: seconds, the number behind the name, the name.
+        """Return the key that sorts runs by time: seconds, the number behind the name, the name.
 
         The time is that in the provenance; of a run without one that in the name; of one without either, long ago.
         """
@@ -289,7 +289,7 @@ def versions() -> dict[str, str | None]:
 
 
 def provenance() -> dict[str, Any]:
-    """Return what made a run: command, revision, versions, machine."""
+    """Return the provenance of a run: command, revision, versions, machine."""
     return {
         "command": ["simwarp", *sys.argv[1:]],
         "started": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),

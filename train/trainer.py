@@ -192,7 +192,7 @@ class Trainer:
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
-        """Tell what comes of a policy of NaN, or one of no deviation, from mistakes of a task or of ours."""
+        """Tell errors caused by a policy of NaN or of no deviation from mistakes of a task or of ours."""
         try:
             yield
         except OutputError:

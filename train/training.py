@@ -139,7 +139,7 @@ def _trainer(
 
 
 def _kept(folder: RunFolder) -> str:
-    """Return what is left of a run that a disk has stopped, in words."""
+    """Return a text on the remains of a run that a disk has stopped."""
     files = folder.checkpoint_files()
     if not files:
         return f"run {folder.path} has no checkpoint"

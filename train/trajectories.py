@@ -194,7 +194,7 @@ def _column(arrays: Arrays, name: str, where: str) -> npt.NDArray[Any]:
 
 
 def _check_values(columns: dict[str, npt.NDArray[Any]], where: str) -> None:
-    """Hold actions to their range, and numbers of episodes to their order."""
+    """Check the range of actions, and the order of episode numbers."""
     actions, episode = columns["actions"], columns["episode"]
     if actions.size and float(np.abs(actions).max()) > 1.0:
         raise InputError(f"{where}: actions must lie in [-1, 1], got {float(np.abs(actions).max()):g}")

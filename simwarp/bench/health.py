@@ -50,7 +50,7 @@ class Health:
 
 
 class Judge(Protocol):
-    """Says what a state is worth."""
+    """Interface of a health check."""
 
     def examine(self) -> Health:
         """Judges the state now; waits for the device."""
@@ -58,7 +58,7 @@ class Judge(Protocol):
 
 
 class Examiner:
-    """Remembers the start of a motion and judges what became of it."""
+    """Health check of a motion's final state against its start."""
 
     def __init__(
         self, sim: Simulation, *, energy_gain: float | None, position_error: float, penetration: float

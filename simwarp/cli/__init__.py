@@ -123,7 +123,7 @@ def exit_code_of(error: BaseException) -> int | None:
 
 
 def _is_shortfall(error: BaseException) -> bool:
-    """Return whether the work began and could not be brought to its end: learning diverged, or a disk is full."""
+    """Return True if the work began and could not be brought to its end: learning diverged, or a disk is full."""
     kinds = (
         ("simwarp.train.trainer", "TrainingError"),
         ("simwarp.core.files", "OutputError"),

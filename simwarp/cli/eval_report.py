@@ -71,7 +71,7 @@ class Report:
         return bool(self.points[0].values)
 
     def content(self) -> dict[str, Any]:
-        """Return what ``--json`` writes."""
+        """Return the content of ``--json``."""
         head: dict[str, Any] = {"task": self.task, "checkpoint": str(self.source.path), "seed": self.settings.seed}
         if self.written:
             head["files"] = [str(path) for path in self.written]

@@ -280,7 +280,7 @@ def _write_all(target: Path, texts: Mapping[str, str], made: list[Path]) -> None
 
 
 def _is_empty(target: Path) -> bool:
-    """Return whether nothing is there, or an empty folder.
+    """Return True if nothing is there, or an empty folder.
 
     Raises:
         UsageError: it cannot be looked at.

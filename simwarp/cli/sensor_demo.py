@@ -20,7 +20,7 @@ from simwarp.viewer.demo import LEAST_PANEL, MOST_PANEL, sensor_demo
 
 @dataclasses.dataclass(frozen=True)
 class SensorDemoOptions(CommonOptions):
-    """Drives a truck over hills, and writes a picture of the data of its cameras, lidar, radar, inertial unit and GPS."""
+    """Drives a truck over hills, and writes a picture of the data of cameras, lidar, radar, inertial unit and GPS."""
 
     out: Path = Path("sensor_demo.png")
     """Picture to write, a .png file."""

@@ -118,7 +118,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def _reporter(console: Console) -> Callable[[str], None] | None:
-    """Tells on a terminal what runs; a file gets no such lines."""
+    """Shows on a terminal the check that runs; a file gets no such lines."""
     if not console.is_terminal:
         return None
     return lambda title: console.print(f"  {title} ...", style="dim", highlight=False)

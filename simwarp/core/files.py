@@ -103,7 +103,7 @@ def check_output(path: str | Path, option: str = "output") -> Path:
 
 
 def _is_name(text: str) -> bool:
-    """Return whether a text can be a path: neither empty nor of characters that no file system takes."""
+    """Return True if a text can be a path: neither empty nor of characters that no file system takes."""
     try:
         os.fsencode(text)
     except UnicodeEncodeError:
@@ -112,7 +112,7 @@ def _is_name(text: str) -> bool:
 
 
 def _target(path: Path, option: str = "output") -> Path:
-    """Return what a path stands for: where a symlink leads, whether something is there or not."""
+    """Return the target of a path: that of a symlink, existing or not."""
     try:
         return Path(os.path.realpath(path)) if path.is_symlink() else path
     except OSError as error:
@@ -120,7 +120,7 @@ def _target(path: Path, option: str = "output") -> Path:
 
 
 def is_special(path: str | Path) -> bool:
-    """Return whether a device, a FIFO or the like stands there: written to, never replaced."""
+    """Return True if a device, a FIFO or the like stands there: written to, never replaced."""
     try:
         mode = Path(path).stat().st_mode
     except (OSError, ValueError):
@@ -320,7 +320,7 @@ def parse_json(text: str, name: str) -> Any:
 
 
 def _deeper_than(levels: int, value: Any) -> bool:
-    """Return whether lists and objects lie deeper within one another than that: whoever reads them recurses."""
+    """Return True if lists and objects lie deeper within one another than that: whoever reads them recurses."""
     layer = [value] if isinstance(value, dict | list) else []
     for _ in range(levels):
         inner = (item for owner in layer for item in (owner.values() if isinstance(owner, dict) else owner))

@@ -20,7 +20,7 @@ _told: Final[set[tuple[str, str]]] = set()
 
 
 def warn_renamed(thing: str, old: str, new: str, *, stacklevel: int = 3) -> None:
-    """Say once per process that a name has changed.
+    """Warn once per process that a name has changed.
 
     Args:
         thing: class, module or other thing that carries the name.

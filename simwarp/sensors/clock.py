@@ -271,7 +271,7 @@ class Frames:
         return [advance, *self._samples]
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """Forgets the worlds of the mask and publishes a frame of their present state."""
+        """Resets the worlds of the mask and publishes a frame of their present state."""
         wp.launch(
             begin_clock, dim=self.model.world_count, device=self.model.device,
             inputs=[mask, self.clock, simulation.state.arrays], outputs=[self._state, self.tick],

@@ -87,7 +87,7 @@ class VectorSensor:
         return self.frames.record(simulation, dt, lambda: self._sample(simulation))
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """Forgets the worlds of the mask and publishes a frame of their present state."""
+        """Resets the worlds of the mask and publishes a frame of their present state."""
         self.frames.begin(simulation, mask)
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:

@@ -93,5 +93,5 @@ class Sensor(Protocol):
         ...
 
     def begin(self, simulation: StepContext, mask: wp.array[wp.bool]) -> None:
-        """Forgets the worlds of the (W,) mask and publishes a frame of their present state at once."""
+        """Resets the worlds of the (W,) mask and publishes a frame of their present state at once."""
         ...

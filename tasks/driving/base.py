@@ -150,7 +150,7 @@ class DrivingTask(Task[DrivingT]):
         """Return (W, N) float32, exact relative positions and motion: the observations ``policy`` without a camera."""
 
     def end_step(self) -> None:
-        """Hear that the physics of a control step is done, before rewards. Optional."""
+        """Called after the physics of a control step, before rewards. Optional."""
 
     def seen_per_world(self) -> Sequence[str]:
         """Return the arrays of the scene that differ by world."""
@@ -218,7 +218,7 @@ class DrivingTask(Task[DrivingT]):
         return Attachments(elements=[*self.more_elements(model), self.vehicle], sensors=sensors)
 
     def scene(self) -> Scene:
-        """Return what the camera sees, and pictures show."""
+        """Return the scene of the camera and of pictures."""
         known = self._scene
         scene = self._scene_of(self.simulation.model)
         if known is None:
@@ -308,7 +308,7 @@ class DrivingTask(Task[DrivingT]):
         return None if self.camera is None else self.exact_state()
 
     def begin_step(self) -> None:
-        """Forget the touches of the step before."""
+        """Clear the touches of the step before."""
         self._hit.zero_()
         self._substep = 0
 

@@ -88,7 +88,7 @@ class LappingTask(DrivingTask[LappingT]):
 
     @abstractmethod
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
-        """Return what is seen of a track: what is on both sides of it, its ground."""
+        """Return the visual of a track: both of its sides, and its ground."""
 
     def make_tracks(self) -> list[Track]:
         """Return all tracks of the configuration."""
@@ -162,7 +162,7 @@ class LappingTask(DrivingTask[LappingT]):
         self._arc.copy_(arc)
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return how far the vehicles have come."""
+        """Return the progress of the vehicles."""
         return super().extra_state() | {"progress": self.progress, "arc": self._arc}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
@@ -174,7 +174,7 @@ class LappingTask(DrivingTask[LappingT]):
     # ---- what a policy sees and is paid for ----------------------------------------------------------------------
 
     def lane(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return where the vehicle is in the lane: (W,) aside of its middle [m] and heading off it [rad]; and (W, 5, 2)
+        """Return the vehicle's pose in the lane: (W,) aside of its middle [m] and heading off it [rad]; and (W, 5, 2)
         points of the middle ahead, in axes of the vehicle [m].
         """
         point, heading = self.pose()

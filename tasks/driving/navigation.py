@@ -60,7 +60,7 @@ class Navigation:
         self.heading = torch.zeros_like(self._rate)
 
     def begin(self, world_mask: torch.Tensor, heading: torch.Tensor) -> None:
-        """Know the heading (W,) [rad] where an episode begins."""
+        """Set the heading (W,) [rad] at the beginning of an episode."""
         self.heading.copy_(torch.where(world_mask, heading.float(), self.heading))
 
     def advance(self) -> None:

@@ -60,7 +60,7 @@ def results(run: Run, maneuver: Maneuver) -> list[Result]:
 
 
 def _missed_speed(run: Run, maneuver: Maneuver) -> list[Result]:
-    """Says so where the driver never got to the speed that he was to hold."""
+    """A result that reports a driver who never reached the speed to hold; otherwise none."""
     follow = maneuver.follow
     wanted = max(speed for _, speed in maneuver.script.speed) if follow is None else follow.speed
     top = float(run["speed_mps"].max())

@@ -31,7 +31,7 @@ FRICTION = (1.0e-4, 10.0)
 REFERENCE_DT = 1.0e-3
 
 Progress = Callable[[float], None]
-"""Told the time of the manoeuvre [s] after every row."""
+"""Called with the time of the manoeuvre [s] after every row."""
 
 
 @dataclasses.dataclass(frozen=True)
