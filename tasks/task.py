@@ -210,7 +210,7 @@ class Task(ABC, Generic[ConfigT]):
         return Drawing((Line(self.views.body_q[..., :3]),))
 
     def map_position(self) -> torch.Tensor | None:
-        """Return the agent's position, (W, 3) [m], for paths on a map: by default that of body 0; None if it has none."""
+        """Return the agent's position, (W, 3) [m], for paths on a map: by default body 0's; None if it has none."""
         return None if self._views is None else self.views.body_q[:, 0, :3]
 
     def visuals(self, visuals: Visuals) -> None:

@@ -280,7 +280,7 @@ def _checked_appearance(name: str, values: dict[str, Any]) -> dict[str, Any]:
 
 
 class Scene:
-    """Instances that rays can hit, in all worlds. Geometry is stored once; worlds have only poses, sizes and appearance.
+    """Instances that rays can hit, in all worlds. Geometry is stored once; worlds have poses, sizes and appearance.
 
     Args:
         visuals: the instances.
