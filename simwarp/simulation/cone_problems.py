@@ -13,7 +13,7 @@ import warp as wp
 from simwarp.core.memory import check_layouts
 from simwarp.core.renames import renamed_options
 from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
-from simwarp.kernels.cones.batch import BatchInput, batch_layouts, make_batch_scratch, solve_batch
+from simwarp.kernels.cones.batch import BatchInput, BatchSizes, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
 from simwarp.model.checks import LONGEST_NAME, checked_flag, whole_number
 from simwarp.model.model import resolve_device
@@ -324,7 +324,8 @@ def _launch(
     velocities = 0 if given.jacobian is None else given.jacobian.shape[1]
     # A CPU takes the problems in turn: one slot stays in its cache.
     scratch_slots = 1 if device.is_cpu else max(problems, 1)
-    layouts = batch_layouts(scratch_slots, rows, bilateral, velocities)
+    sizes = BatchSizes(rows=rows, bilateral=bilateral, velocities=velocities)
+    layouts = batch_layouts(scratch_slots, sizes)
     more = 4 * problems * (rows * (rows + velocities + 4) + velocities * (velocities + 2))
     check_layouts("solve_cone_problems: its arrays", layouts, device, "solve fewer or smaller problems at a time", more)
     batch: Any = BatchInput()
@@ -346,7 +347,7 @@ def _launch(
     batch.lower = wp.zeros(cones, dtype=float, device=device)
     batch.upper = wp.full(cones, float("inf"), dtype=float, device=device)
     batch.zeros = wp.zeros(max(limits + contacts, 1), dtype=float, device=device)
-    scratch = make_batch_scratch(device, scratch_slots, rows, bilateral, velocities)
+    scratch = make_batch_scratch(device, scratch_slots, sizes)
     impulse = wp.zeros((problems, rows), dtype=float, device=device)
     velocity = wp.zeros((problems, velocities), dtype=float, device=device)
     residual = wp.zeros(problems, dtype=float, device=device)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from simwarp.core.types import ArrayLayout
-from simwarp.kernels.collision.collide import collision_layouts
+from simwarp.kernels.collision.collide import CollisionSizes, collision_layouts
 from simwarp.kernels.dynamics.world import Sizes, scratch_layouts
 from simwarp.model.model import Model
 
@@ -32,12 +32,18 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> Sizes:
     )  # fmt: skip
 
 
+def collision_sizes(model: Model) -> CollisionSizes:
+    """Room that one world of a model needs for its collision."""
+    return CollisionSizes(
+        shapes=model.shape_count, contacts=model.contact_capacity, buckets=model.topology.grid_buckets
+    )
+
+
 def step_layouts(model: Model, sizes: Sizes) -> dict[str, ArrayLayout]:
     """Scratch of a step and of collision."""
-    scratch_slots = scratch_slots_of(model)
-    buckets = model.topology.grid_buckets
+    slots = scratch_slots_of(model)
     groups = {
-        "scratch": scratch_layouts(scratch_slots, sizes),
-        "collision": collision_layouts(scratch_slots, model.shape_count, model.contact_capacity, buckets),
+        "scratch": scratch_layouts(slots, sizes),
+        "collision": collision_layouts(slots, collision_sizes(model)),
     }
     return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}

@@ -31,7 +31,7 @@ from simwarp.model.model import FEWER, Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.protocols import ForceElement, Sensor
-from simwarp.simulation.requirements import scratch_slots_of, step_layouts, step_sizes
+from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, step_layouts, step_sizes
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
 from simwarp.simulation.state import Control, State, initial_arrays
@@ -119,13 +119,7 @@ class Simulation(FixedAttributes):
         self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
         self._scratch = make_scratch(model.device, scratch_slots_of(model), sizes)
         self.contacts = Contacts(model)
-        self._collision_scratch = make_collision_scratch(
-            model.device,
-            scratch_slots_of(model),
-            model.shape_count,
-            model.contact_capacity,
-            model.topology.grid_buckets,
-        )
+        self._collision_scratch = make_collision_scratch(model.device, scratch_slots_of(model), collision_sizes(model))
         self.state = initial_arrays(model)
         self._launch(Operation.MEASURE, self._all_worlds)
         self._initial = State(model)

@@ -4,15 +4,19 @@ Contacts come in the order of the pairs of shapes, so that slots are determinist
 read in step with them.
 """
 
+import dataclasses
+from typing import Any
+
 import warp as wp
 
 from simwarp.core.types import ArrayLayout, ShapeType, WorldStatus
-from simwarp.kernels.collision.broad import Grid, candidates, fill_grid
-from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY, Assets, Manifold, Shape
+from simwarp.kernels.collision.broad import Grid, GridRooms, candidates, fill_grid
+from simwarp.kernels.collision.shape import Assets, Manifold, ManifoldRooms, Shape
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
-from simwarp.kernels.collision.surfaces import TRIANGLE_BATCH, Ground, ground_bounds, ground_of, is_ground
-from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_contacts
+from simwarp.kernels.collision.surfaces import Ground, ground_bounds, ground_of, is_ground
+from simwarp.kernels.collision.triangles import RawContactRooms, RawContacts, pair_contacts
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
+from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, room, slot_function
 from simwarp.kernels.core.spatial import matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
 from simwarp.kernels.dynamics.contact_rows import contact_frame
@@ -24,92 +28,58 @@ PLANE = wp.constant(int(ShapeType.PLANE))
 NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 
 
-@wp.struct
-class CollisionScratch:
-    """Room for a few worlds (slots), first axis. Placed shapes, the last step's contacts, one pair's manifold."""
+class WorldRooms(ScratchGroup, packed=False):
+    """Placed shapes and the last step's contacts of one world."""
 
-    x: wp.array2d[wp.vec3d]  # per shape
-    rot: wp.array2d[wp.mat33]
-    lower: wp.array2d[wp.vec3]  # bounds relative to x, world axes
-    upper: wp.array2d[wp.vec3]
-    velocity: wp.array2d[wp.vec3]
-    sweep: wp.array2d[float]  # speed that rotation adds to the surface [m/s]
+    x = room(wp.vec3d, "shapes")
+    rot = room(wp.mat33, "shapes")
+    lower = room(wp.vec3, "shapes")  # bounds relative to x, world axes
+    upper = room(wp.vec3, "shapes")
+    velocity = room(wp.vec3, "shapes")
+    sweep = room(wp.float32, "shapes")  # speed that rotation adds to the surface [m/s]
 
-    shape0: wp.array2d[int]  # per contact of the last step
-    shape1: wp.array2d[int]
-    feature: wp.array2d[int]
-    arm1: wp.array2d[wp.vec3]
-    impulse_w: wp.array2d[wp.vec3]
-    moment_w: wp.array2d[wp.vec3]
-
-    normal: wp.array2d[wp.vec3]
-    point: wp.array2d[wp.vec3]
-    gap: wp.array2d[float]
-    contact_feature: wp.array2d[int]
-    polygon: wp.array3d[wp.vec3]
-
-    triangle: wp.array2d[int]  # of a height field or mesh (triangles.py)
-    raw_normal: wp.array2d[wp.vec3]
-    raw_point: wp.array2d[wp.vec3]
-    raw_gap: wp.array2d[float]
-    raw_feature: wp.array2d[int]
-    raw_spread: wp.array2d[float]
-
-    cell: wp.array2d[wp.vec3i]  # of the grid (broad.py)
-    home: wp.array2d[int]
-    start: wp.array2d[int]
-    member: wp.array2d[int]
-    candidate: wp.array2d[int]
+    shape0 = room(wp.int32, "contacts")  # of the last step
+    shape1 = room(wp.int32, "contacts")
+    feature = room(wp.int32, "contacts")
+    arm1 = room(wp.vec3, "contacts")
+    impulse_w = room(wp.vec3, "contacts")
+    moment_w = room(wp.vec3, "contacts")
 
 
-def collision_layouts(scratch_slots: int, shapes: int, contacts: int, buckets: int) -> dict[str, ArrayLayout]:
+GROUPS = (WorldRooms, GridRooms, ManifoldRooms, RawContactRooms)
+CollisionScratch = memory_struct("CollisionScratch", __name__, GROUPS)
+pack_grid = slot_function("pack_grid", __name__, GridRooms, Grid, CollisionScratch)
+pack_manifold = slot_function("pack_manifold", __name__, ManifoldRooms, Manifold, CollisionScratch)
+pack_raw = slot_function("pack_raw", __name__, RawContactRooms, RawContacts, CollisionScratch)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CollisionSizes:
+    """Lengths of the scratch of one world; `buckets` of the grid, 0 without one."""
+
+    shapes: int
+    contacts: int
+    buckets: int
+
+    @property
+    def in_grid(self) -> int:
+        """Shapes in the grid."""
+        return self.shapes if self.buckets else 0
+
+    @property
+    def bucket_ends(self) -> int:
+        """Buckets, and their end."""
+        return self.buckets + 1
+
+
+def collision_layouts(slots: int, sizes: CollisionSizes) -> dict[str, ArrayLayout]:
     """The arrays of the scratch."""
-    manifold, raw = int(MANIFOLD_CONTACTS), int(RAW_CONTACTS)
-    in_grid = shapes if buckets else 0
-    rows: dict[str, tuple[tuple[int, ...], type]] = {
-        "x": ((shapes,), wp.vec3d),
-        "rot": ((shapes,), wp.mat33),
-        "lower": ((shapes,), wp.vec3),
-        "upper": ((shapes,), wp.vec3),
-        "velocity": ((shapes,), wp.vec3),
-        "sweep": ((shapes,), wp.float32),
-        "shape0": ((contacts,), wp.int32),
-        "shape1": ((contacts,), wp.int32),
-        "feature": ((contacts,), wp.int32),
-        "arm1": ((contacts,), wp.vec3),
-        "impulse_w": ((contacts,), wp.vec3),
-        "moment_w": ((contacts,), wp.vec3),
-        "normal": ((manifold,), wp.vec3),
-        "point": ((manifold,), wp.vec3),
-        "gap": ((manifold,), wp.float32),
-        "contact_feature": ((manifold,), wp.int32),
-        "polygon": ((4, int(POLYGON_CAPACITY)), wp.vec3),
-        "triangle": ((int(TRIANGLE_BATCH),), wp.int32),
-        "raw_normal": ((raw,), wp.vec3),
-        "raw_point": ((raw,), wp.vec3),
-        "raw_gap": ((raw,), wp.float32),
-        "raw_feature": ((raw,), wp.int32),
-        "raw_spread": ((raw,), wp.float32),
-        "cell": ((in_grid,), wp.vec3i),
-        "home": ((in_grid,), wp.int32),
-        "start": ((buckets + 1,), wp.int32),
-        "member": ((in_grid,), wp.int32),
-        "candidate": ((shapes,), wp.int32),
-    }
-    return {
-        name: ArrayLayout((scratch_slots, *(max(length, 1) for length in shape)), dtype)
-        for name, (shape, dtype) in rows.items()
-    }
+    return memory_layouts(GROUPS, slots, sizes)
 
 
-def make_collision_scratch(
-    device: wp.Device, scratch_slots: int, shapes: int, contacts: int, buckets: int
-) -> CollisionScratch:
+def make_collision_scratch(device: wp.Device, slots: int, sizes: CollisionSizes) -> Any:
     """Allocates the scratch."""
-    scratch = CollisionScratch()
-    for name, layout in collision_layouts(scratch_slots, shapes, contacts, buckets).items():
-        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
-    return scratch
+    return make_memory(CollisionScratch, collision_layouts(slots, sizes), device)
 
 
 @wp.func
@@ -280,13 +250,13 @@ def keep_pair(
     """
     count = int(slots)
     for k in range(found):
-        gap = scratch.gap[scratch_slot, k]
+        gap = scratch.pair_gap[scratch_slot, k]
         slot = free_slot(world, count, gap, contacts)
         if slot >= 0:
             count = wp.max(count, slot + 1)
-            normal = scratch.normal[scratch_slot, k]
-            feature = scratch.contact_feature[scratch_slot, k]
-            point0 = scratch.point[scratch_slot, k]
+            normal = scratch.pair_normal[scratch_slot, k]
+            feature = scratch.pair_feature[scratch_slot, k]
+            point0 = scratch.pair_point[scratch_slot, k]
             point1 = point0 + gap * normal
             contacts.contact_shape0[world, slot] = shape0
             contacts.contact_shape1[world, slot] = shape1
@@ -319,31 +289,6 @@ class Progress:
     count: int
     cursor: int
     deepest: float
-
-
-@wp.func
-def pack_manifold(scratch_slot: int, scratch: CollisionScratch) -> Manifold:
-    """The contacts of one pair in one slot of the scratch."""
-    manifold = Manifold()
-    manifold.normal = scratch.normal[scratch_slot]
-    manifold.point = scratch.point[scratch_slot]
-    manifold.gap = scratch.gap[scratch_slot]
-    manifold.feature = scratch.contact_feature[scratch_slot]
-    manifold.polygon = scratch.polygon[scratch_slot]
-    return manifold
-
-
-@wp.func
-def pack_raw(scratch_slot: int, scratch: CollisionScratch) -> RawContacts:
-    """The contacts of one pair's triangles in one slot of the scratch."""
-    raw = RawContacts()
-    raw.triangle = scratch.triangle[scratch_slot]
-    raw.normal = scratch.raw_normal[scratch_slot]
-    raw.point = scratch.raw_point[scratch_slot]
-    raw.gap = scratch.raw_gap[scratch_slot]
-    raw.feature = scratch.raw_feature[scratch_slot]
-    raw.spread = scratch.raw_spread[scratch_slot]
-    return raw
 
 
 @wp.func
@@ -381,7 +326,7 @@ def collide_pair(
         offset = scratch.x[scratch_slot, ground] - origin
         g = ground_of(a, offset, scratch.lower[scratch_slot, convex], scratch.upper[scratch_slot, convex], reach)
     found = pair_contacts(
-        a, b, g, flip, reach, assets, pack_manifold(scratch_slot, scratch), pack_raw(scratch_slot, scratch)
+        a, b, g, flip, reach, assets, pack_manifold(scratch, scratch_slot), pack_raw(scratch, scratch_slot)
     )
     if found > 0:
         while now.cursor < cached and (
@@ -396,7 +341,7 @@ def collide_pair(
             contacts, scratch,
         )  # fmt: skip
         for k in range(found):
-            now.deepest = wp.max(now.deepest, -scratch.gap[scratch_slot, k])
+            now.deepest = wp.max(now.deepest, -scratch.pair_gap[scratch_slot, k])
     return now
 
 
@@ -444,18 +389,6 @@ def collide_world(
                 )  # fmt: skip
     contacts.contact_count[world] = progress.count
     contacts.penetration[world] = progress.deepest
-
-
-@wp.func
-def pack_grid(scratch: CollisionScratch, scratch_slot: int) -> Grid:
-    """The grid of one slot of the scratch."""
-    grid = Grid()
-    grid.cell = scratch.cell[scratch_slot]
-    grid.home = scratch.home[scratch_slot]
-    grid.start = scratch.start[scratch_slot]
-    grid.member = scratch.member[scratch_slot]
-    grid.candidate = scratch.candidate[scratch_slot]
-    return grid
 
 
 @wp.kernel(enable_backward=False)

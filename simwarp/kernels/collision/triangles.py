@@ -27,6 +27,7 @@ from simwarp.kernels.collision.surfaces import (
     ground_vertex,
     neighbour_normal,
 )
+from simwarp.kernels.core.scratch import ScratchGroup, room
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -56,16 +57,18 @@ class Triangle:
     normal: wp.vec3
 
 
-@wp.struct
-class RawContacts:
-    """Scratch: contacts of all triangles, from the triangle to the convex shape; points on the triangle's surface."""
+class RawContactRooms(ScratchGroup, packed=False, prefix="raw_"):
+    """Contacts of all triangles, from the triangle to the convex shape; points on the triangle's surface."""
 
-    triangle: wp.array[int]  # TRIANGLE_BATCH
-    normal: wp.array[wp.vec3]
-    point: wp.array[wp.vec3]
-    gap: wp.array[float]
-    feature: wp.array[int]
-    spread: wp.array[float]
+    triangle = room(wp.int32, TRIANGLE_BATCH)
+    normal = room(wp.vec3, RAW_CONTACTS)
+    point = room(wp.vec3, RAW_CONTACTS)
+    gap = room(wp.float32, RAW_CONTACTS)
+    feature = room(wp.int32, RAW_CONTACTS)
+    spread = room(wp.float32, RAW_CONTACTS)
+
+
+RawContacts = RawContactRooms.struct("RawContacts", __name__)
 
 
 @wp.struct
@@ -391,8 +394,8 @@ def drop_voided(count: int, g: Ground, size: float, assets: Assets, raw: RawCont
 @wp.func
 def write_raw(found: Found, flip: int, size: float, raw: RawContacts, out: Manifold) -> int:
     """The pair's contacts; with `flip` the ground is its shape 1."""
-    room = MANIFOLD_CONTACTS - found.sunk
-    count = thin_out(found.count, room, size, raw)
+    left = MANIFOLD_CONTACTS - found.sunk
+    count = thin_out(found.count, left, size, raw)
     for i in range(count + found.sunk):
         n = found.normal
         point = found.point

@@ -1,5 +1,8 @@
 """Batches of dense cone problems: one thread eliminates, solves and measures one problem."""
 
+import dataclasses
+from typing import Any
+
 import warp as wp
 
 from simwarp.core.types import ArrayLayout
@@ -17,6 +20,7 @@ from simwarp.kernels.cones.eliminate import (
 from simwarp.kernels.cones.operator import refresh
 from simwarp.kernels.cones.problem import AX, LOW, SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.solve import solve_with_fallback
+from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, room
 from simwarp.kernels.dynamics.world import CPU_FLAGS
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
@@ -52,61 +56,51 @@ class BatchInput:
     zeros: wp.array[float]
 
 
-@wp.struct
-class BatchScratch:
-    """Room for a few problems at a time (slots): first axis the slot."""
+class BatchRooms(ScratchGroup, packed=False):
+    """Room for one problem of a batch."""
 
-    s: wp.array3d[float]
-    factor: wp.array3d[float]
-    cone_rows: wp.array3d[float]  # (slots, 5, cone rows): r, diagonal, gamma, scale, gamma kept
-    vectors: wp.array3d[float]
-    wide: wp.array3d[wp.float64]
-    n_bb: wp.array3d[float]
-    c: wp.array3d[float]
-    root: wp.array3d[float]
-    a: wp.array3d[float]
-    y: wp.array3d[float]
-    change: wp.array3d[float]
-    compliance: wp.array2d[float]
-    work: wp.array3d[float]
-    gamma: wp.array3d[float]
+    s = room(wp.float32, "cones", "cones")
+    factor = room(wp.float32, "cones", "cones")
+    cone_rows = room(wp.float32, 5, "cones")  # r, diagonal, gamma, scale, gamma kept
+    vectors = room(wp.float32, SOLVER_VECTORS, "cones")
+    wide = room(wp.float64, WIDE_VECTORS, "cones")
+    n_bb = room(wp.float32, "bilateral", "bilateral")
+    c = room(wp.float32, "cones", "bilateral")
+    root = room(wp.float32, "velocities", "velocities")
+    a = room(wp.float32, "rows", "velocities")
+    y = room(wp.float32, "cones", "velocities")
+    change = room(wp.float32, 1, "velocities")
+    compliance = room(wp.float32, "rows")
+    work = room(wp.float32, 2, "rows")
+    gamma = room(wp.float32, 2, "rows")
 
 
-def batch_layouts(scratch_slots: int, rows: int, bilateral: int, velocities: int) -> dict[str, ArrayLayout]:
+GROUPS = (BatchRooms,)
+BatchScratch = memory_struct("BatchScratch", __name__, GROUPS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BatchSizes:
+    """Lengths of problems of one size."""
+
+    rows: int
+    bilateral: int
+    velocities: int
+
+    @property
+    def cones(self) -> int:
+        """Rows that are left when the bilateral ones are eliminated."""
+        return self.rows - self.bilateral
+
+
+def batch_layouts(slots: int, sizes: BatchSizes) -> dict[str, ArrayLayout]:
     """The arrays of the scratch of problems of one size."""
-    cones = rows - bilateral
-    shapes: dict[str, tuple[int, ...]] = {
-        "s": (cones, cones),
-        "factor": (cones, cones),
-        "wide": (WIDE_VECTORS, cones),
-        "cone_rows": (5, cones),
-        "vectors": (SOLVER_VECTORS, cones),
-        "n_bb": (bilateral, bilateral),
-        "c": (cones, bilateral),
-        "root": (velocities, velocities),
-        "a": (rows, velocities),
-        "y": (cones, velocities),
-        "change": (1, velocities),
-        "compliance": (rows,),
-        "work": (2, rows),
-        "gamma": (2, rows),
-    }
-    return {
-        name: ArrayLayout(
-            (scratch_slots, *(max(length, 1) for length in shape)), wp.float64 if name == "wide" else wp.float32
-        )
-        for name, shape in shapes.items()
-    }
+    return memory_layouts(GROUPS, slots, sizes)
 
 
-def make_batch_scratch(
-    device: wp.Device, scratch_slots: int, rows: int, bilateral: int, velocities: int
-) -> BatchScratch:
+def make_batch_scratch(device: wp.Device, slots: int, sizes: BatchSizes) -> Any:
     """Allocates the scratch of problems of one size."""
-    scratch = BatchScratch()
-    for name, layout in batch_layouts(scratch_slots, rows, bilateral, velocities).items():
-        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
-    return scratch
+    return make_memory(BatchScratch, batch_layouts(slots, sizes), device)
 
 
 @wp.func

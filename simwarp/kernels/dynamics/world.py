@@ -7,15 +7,24 @@ packed under names as a `Work`: a world writes everything that it reads there, s
 import dataclasses
 import functools
 from enum import IntEnum
+from typing import Any
 
 import warp as wp
 
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.apgd import solve_apgd
-from simwarp.kernels.cones.problem import SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport
+from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, ConeRooms, SolveReport
 from simwarp.kernels.cones.solve import solve_with_fallback
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
-from simwarp.kernels.core.tables import StepConfig, Topology, Work
+from simwarp.kernels.core.scratch import (
+    ScratchGroup,
+    make_memory,
+    memory_layouts,
+    memory_struct,
+    room,
+    slot_function,
+)
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, WorkRooms
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
 from simwarp.kernels.dynamics.dense_rows import padded
 from simwarp.kernels.dynamics.step import NON_FINITE, begin_step, cone_config, cone_problem, finish_step
@@ -44,40 +53,6 @@ OP_STEP = wp.constant(int(Operation.STEP))
 OP_ASSEMBLE = wp.constant(int(Operation.ASSEMBLE))
 
 
-@wp.struct
-class Scratch:
-    """Room for the intermediate values of a few worlds: the first axis is the slot, the last the element."""
-
-    x: wp.array2d[wp.vec3d]
-    quat: wp.array2d[wp.quatd]
-    rot: wp.array2d[wp.mat33d]
-    link_matrices: wp.array3d[wp.mat33]
-    link_vectors: wp.array3d[wp.vec3]
-    tree_dof_vectors: wp.array3d[wp.vec3]
-    tree_dof_scalars: wp.array3d[float]
-    row_vectors: wp.array3d[wp.vec3]
-    row_scalars: wp.array3d[float]
-    y: wp.array3d[float]
-    y_t: wp.array3d[float]
-    n: wp.array3d[float]
-    active: wp.array2d[int]
-    b_sign: wp.array2d[float]
-
-    block_ints: wp.array3d[int]
-    block_scalars: wp.array3d[float]
-    block_tree_dof: wp.array3d[int]
-    cone_scalars: wp.array3d[float]
-    cone_y: wp.array3d[float]
-    cone_w: wp.array3d[float]
-    s: wp.array3d[float]
-    factor: wp.array3d[float]
-    tree_dof_sum: wp.array2d[float]
-    loop_sum: wp.array2d[float]
-    vectors: wp.array3d[float]
-    wide: wp.array3d[wp.float64]
-    kept: wp.array2d[float]
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sizes:
     """Workspace sizes of a model, per world.
@@ -97,138 +72,42 @@ class Sizes:
     kept_rows: int
     entries: int
 
+    @property
+    def padded_rows(self) -> int:
+        """Length of an array of rows that wide loads run over."""
+        return padded(self.rows)
 
-def scratch_layouts(scratch_slots: int, sizes: Sizes) -> dict[str, ArrayLayout]:
+    @property
+    def wrench_rows(self) -> int:
+        """Rows, and relative rotations of couplings."""
+        return self.rows + self.relative_rotations
+
+    @property
+    def block_ends(self) -> int:
+        """Blocks, and their end."""
+        return self.blocks + 1
+
+
+class KeptRooms(ScratchGroup):
+    """Impulses of the first solver, while another one tries."""
+
+    kept = room(wp.float32, "kept_rows")
+
+
+GROUPS = (WorkRooms, ConeRooms, KeptRooms)
+Scratch = memory_struct("Scratch", __name__, GROUPS)
+pack = slot_function("pack", __name__, WorkRooms, Work, Scratch)
+pack_cone = slot_function("pack_cone", __name__, ConeRooms, ConeProblem, Scratch)
+
+
+def scratch_layouts(slots: int, sizes: Sizes) -> dict[str, ArrayLayout]:
     """The arrays of the scratch."""
-    links, tree_dofs, rows = sizes.links, sizes.tree_dofs, sizes.rows
-    shapes: dict[str, tuple[tuple[int, ...], type]] = {
-        "x": ((links,), wp.vec3d),
-        "quat": ((links,), wp.quatd),
-        "rot": ((links,), wp.mat33d),
-        "link_matrices": ((3, links), wp.mat33),
-        "link_vectors": ((15, links), wp.vec3),
-        "tree_dof_vectors": ((4, tree_dofs), wp.vec3),
-        "tree_dof_scalars": ((8, tree_dofs), wp.float32),
-        "row_vectors": ((4, rows + sizes.relative_rotations), wp.vec3),
-        "row_scalars": ((7, padded(rows)), wp.float32),
-        "y": ((rows, tree_dofs), wp.float32),
-        "y_t": ((tree_dofs, padded(rows)), wp.float32),
-        "n": ((rows, padded(rows)), wp.float32),
-        "active": ((sizes.blocks,), wp.int32),
-        "b_sign": ((sizes.blocks,), wp.float32),
-        "block_ints": ((3, sizes.blocks + 1), wp.int32),
-        "block_scalars": ((4, sizes.blocks), wp.float32),
-        "block_tree_dof": ((sizes.blocks, sizes.entries), wp.int32),
-        "cone_scalars": ((7, sizes.cone_rows), wp.float32),
-        "cone_y": ((sizes.cone_rows, sizes.entries), wp.float32),
-        "cone_w": ((sizes.cone_rows, rows), wp.float32),
-        "s": ((sizes.dense_rows, sizes.dense_rows), wp.float32),
-        "factor": ((sizes.factor_rows, sizes.factor_rows), wp.float32),
-        "tree_dof_sum": ((tree_dofs,), wp.float32),
-        "loop_sum": ((rows,), wp.float32),
-        "vectors": ((SOLVER_VECTORS, sizes.cone_rows), wp.float32),
-        "wide": ((WIDE_VECTORS, sizes.factor_rows), wp.float64),
-        "kept": ((sizes.kept_rows,), wp.float32),
-    }
-    # kernels take views, which need an element per axis
-    return {
-        name: ArrayLayout((scratch_slots, *(max(length, 1) for length in shape)), dtype)
-        for name, (shape, dtype) in shapes.items()
-    }
+    return memory_layouts(GROUPS, slots, sizes)
 
 
-def make_scratch(device: wp.Device, scratch_slots: int, sizes: Sizes) -> Scratch:
+def make_scratch(device: wp.Device, slots: int, sizes: Sizes) -> Any:
     """Allocates the scratch: on a CPU one slot, which stays in the cache, serves all worlds in turn."""
-    scratch = Scratch()
-    for name, layout in scratch_layouts(scratch_slots, sizes).items():
-        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
-    return scratch
-
-
-@wp.func
-def pack(scratch: Scratch, scratch_slot: int) -> Work:
-    """The named arrays of one slot of the scratch."""
-    work = Work()
-    work.x = scratch.x[scratch_slot]
-    work.quat = scratch.quat[scratch_slot]
-    work.rot = scratch.rot[scratch_slot]
-    work.inertia = scratch.link_matrices[scratch_slot, 0]
-    work.coupling = scratch.link_matrices[scratch_slot, 1]
-    work.mass = scratch.link_matrices[scratch_slot, 2]
-    work.shift = scratch.link_vectors[scratch_slot, 0]
-    work.stabilisation_ang = scratch.link_vectors[scratch_slot, 1]
-    work.stabilisation_lin = scratch.link_vectors[scratch_slot, 2]
-    work.p_ang = scratch.link_vectors[scratch_slot, 3]
-    work.p_lin = scratch.link_vectors[scratch_slot, 4]
-    work.v_ang = scratch.link_vectors[scratch_slot, 5]
-    work.v_lin = scratch.link_vectors[scratch_slot, 6]
-    work.o_ang = scratch.link_vectors[scratch_slot, 7]
-    work.o_lin = scratch.link_vectors[scratch_slot, 8]
-    work.t_ang = scratch.link_vectors[scratch_slot, 9]
-    work.t_lin = scratch.link_vectors[scratch_slot, 10]
-    work.f_ang = scratch.link_vectors[scratch_slot, 11]
-    work.f_lin = scratch.link_vectors[scratch_slot, 12]
-    work.l_ang = scratch.link_vectors[scratch_slot, 13]
-    work.l_lin = scratch.link_vectors[scratch_slot, 14]
-    work.s_ang = scratch.tree_dof_vectors[scratch_slot, 0]
-    work.s_lin = scratch.tree_dof_vectors[scratch_slot, 1]
-    work.u_ang = scratch.tree_dof_vectors[scratch_slot, 2]
-    work.u_lin = scratch.tree_dof_vectors[scratch_slot, 3]
-    work.inv_sqrt_d = scratch.tree_dof_scalars[scratch_slot, 0]
-    work.gain = scratch.tree_dof_scalars[scratch_slot, 1]
-    work.effort = scratch.tree_dof_scalars[scratch_slot, 2]
-    work.rate = scratch.tree_dof_scalars[scratch_slot, 3]
-    work.xi = scratch.tree_dof_scalars[scratch_slot, 4]
-    work.qd = scratch.tree_dof_scalars[scratch_slot, 5]
-    work.k_qd = scratch.tree_dof_scalars[scratch_slot, 6]
-    work.k_effort = scratch.tree_dof_scalars[scratch_slot, 7]
-    work.j0_ang = scratch.row_vectors[scratch_slot, 0]
-    work.j0_lin = scratch.row_vectors[scratch_slot, 1]
-    work.j1_ang = scratch.row_vectors[scratch_slot, 2]
-    work.j1_lin = scratch.row_vectors[scratch_slot, 3]
-    work.row_b = scratch.row_scalars[scratch_slot, 0]
-    work.row_compliance = scratch.row_scalars[scratch_slot, 1]
-    work.row_impulse = scratch.row_scalars[scratch_slot, 2]
-    work.row_r = scratch.row_scalars[scratch_slot, 3]
-    work.row_t = scratch.row_scalars[scratch_slot, 4]
-    work.inv_pivot = scratch.row_scalars[scratch_slot, 5]
-    work.row_scale = scratch.row_scalars[scratch_slot, 6]
-    work.y = scratch.y[scratch_slot]
-    work.y_t = scratch.y_t[scratch_slot]
-    work.n = scratch.n[scratch_slot]
-    work.active = scratch.active[scratch_slot]
-    work.b_sign = scratch.b_sign[scratch_slot]
-    return work
-
-
-@wp.func
-def pack_cone(scratch: Scratch, scratch_slot: int) -> ConeProblem:
-    """The cone problem of one slot of the scratch."""
-    cone = ConeProblem()
-    cone.block_row = scratch.block_ints[scratch_slot, 0]
-    cone.block_kind = scratch.block_ints[scratch_slot, 1]
-    cone.block_entries = scratch.block_ints[scratch_slot, 2]
-    cone.friction = scratch.block_scalars[scratch_slot, 0]
-    cone.rolling = scratch.block_scalars[scratch_slot, 1]
-    cone.spinning = scratch.block_scalars[scratch_slot, 2]
-    cone.cohesion = scratch.block_scalars[scratch_slot, 3]
-    cone.lower = scratch.cone_scalars[scratch_slot, 0]
-    cone.upper = scratch.cone_scalars[scratch_slot, 1]
-    cone.r = scratch.cone_scalars[scratch_slot, 2]
-    cone.diagonal = scratch.cone_scalars[scratch_slot, 3]
-    cone.gamma = scratch.cone_scalars[scratch_slot, 4]
-    cone.compliance = scratch.cone_scalars[scratch_slot, 5]
-    cone.scale = scratch.cone_scalars[scratch_slot, 6]
-    cone.s = scratch.s[scratch_slot]
-    cone.y = scratch.cone_y[scratch_slot]
-    cone.block_tree_dof = scratch.block_tree_dof[scratch_slot]
-    cone.w = scratch.cone_w[scratch_slot]
-    cone.tree_dof_sum = scratch.tree_dof_sum[scratch_slot]
-    cone.loop_sum = scratch.loop_sum[scratch_slot]
-    cone.vectors = scratch.vectors[scratch_slot]
-    cone.factor = scratch.factor[scratch_slot]
-    cone.wide = scratch.wide[scratch_slot]
-    return cone
+    return make_memory(Scratch, scratch_layouts(slots, sizes), device)
 
 
 @wp.func

@@ -1,7 +1,7 @@
-"""Layout of a tire's row of parameters and of its row of state, by name.
+"""A tire's parameter vector and its state, by name.
 
-A row starts with `Common`; the entries of the model follow at `COMMON_SIZE`; a table of (deflection [m], force [N])
-pairs may follow at `Common.CURVE_START`. `simwarp.vehicle.tires.tires` fills rows; to randomise a tire, scale its
+A vector starts with `Common`; the entries of the model follow at `COMMON_SIZE`; a table of (deflection [m], force [N])
+pairs may follow at `Common.CURVE_START`. `simwarp.vehicle.tires.tires` fills vectors; to randomise a tire, scale its
 entries. SI units throughout; forces of a model are those at its reference friction.
 """
 
@@ -11,7 +11,7 @@ import warp as wp
 
 
 class TireModel(IntEnum):
-    """The force laws."""
+    """Force models."""
 
     TMEASY = 0
     TMSIMPLE = 1
