@@ -36,7 +36,7 @@ _ARENA = 49.0
 
 
 class AntReward(enum.Enum):
-    """Which reward is paid.
+    """Variants of the reward.
 
     ``walk`` is this project's own: a speed that is enough, along the line. ``code`` is what the original's code pays,
     ``thesis`` what the thesis prints (its eq. 8.1; power of the torques in watts, and 0.2 per limit as in the code,
@@ -65,11 +65,11 @@ class AntConfig(TaskConfig):
     torque: float = 30.0
     """Joint torque of a full action [N·m]."""
     reward: AntReward = AntReward.WALK
-    """Which reward is paid."""
+    """Variant of the reward."""
     target_speed: float = 1.3
     """Speed along X for which the walk reward pays most [m/s]."""
     orientation: Orientation = Orientation.EULER
-    """How the torso's orientation is observed: 30 observations with Euler angles, 31 with a quaternion."""
+    """Observation of the torso's orientation: 30 observations with Euler angles, 31 with a quaternion."""
     scaled: bool = False
     """Divide every observation by its usual size; without, they are in SI units."""
     lateral: bool = False
@@ -130,7 +130,7 @@ class AntTask(Task[AntConfig]):
         return SolverOptions(tolerance=self.config.tolerance)
 
     def setup(self) -> None:
-        """Make views of positions of record and of contact forces, and allocate what an episode remembers."""
+        """Make views of positions of record and of contact forces, and allocate the state of an episode."""
         from simwarp import to_torch
 
         worlds, device, simulation = self.num_worlds, self.device, self.simulation
@@ -154,7 +154,7 @@ class AntTask(Task[AntConfig]):
         self._sizes = torch.tensor(sizes, device=device)
 
     def begin_step(self) -> None:
-        """Remember where the torso is: progress is a difference."""
+        """Store the position of the torso: progress is a difference."""
         self._before.copy_(self._distance())
         self._touched.zero_()
 
@@ -267,7 +267,7 @@ class AntTask(Task[AntConfig]):
         return Drawing((Line(ground, "0.6", 1.0), *lines), View.SIDE, ((-1.0, 14.0), (-0.2, 1.6)))
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """What success remembers of the running episode."""
+        """State of the success criteria in the running episode."""
         return {"farthest_aside": self._farthest_aside, "reached": self._reached}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:

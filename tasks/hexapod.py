@@ -35,7 +35,7 @@ _ARENA = 49.0
 
 
 class HexapodReward(enum.Enum):
-    """Which reward is paid.
+    """Variants of the reward.
 
     ``walk`` is this project's own: a speed that is enough, along the line, level and without trembling. ``code`` is
     what the original's code pays.
@@ -64,11 +64,11 @@ class HexapodConfig(TaskConfig):
     speed_limit: float = math.radians(354.0)
     """Joint speed beyond which a torque that would drive it on is cut off [rad/s]: 59 turns a minute."""
     reward: HexapodReward = HexapodReward.WALK
-    """Which reward is paid."""
+    """Variant of the reward."""
     target_speed: float = 0.4
     """Speed along X for which the walk reward pays most [m/s]."""
     orientation: Orientation = Orientation.QUATERNION
-    """How the base's orientation is observed: 53 observations with a quaternion, 52 with Euler angles."""
+    """Observation of the base's orientation: 53 observations with a quaternion, 52 with Euler angles."""
     scaled: bool = False
     """Divide every observation by its usual size; without, they are in SI units."""
     start_angle: float = 0.05
@@ -129,7 +129,7 @@ class HexapodTask(Task[HexapodConfig]):
         return SolverOptions(tolerance=self.config.tolerance)
 
     def setup(self) -> None:
-        """Make views of positions of record and of contact forces, and allocate what an episode remembers."""
+        """Make views of positions of record and of contact forces, and allocate the state of an episode."""
         from simwarp import to_torch
         from simwarp.scenes.phantomx import HEXAPOD_LIMIT
 
@@ -155,7 +155,7 @@ class HexapodTask(Task[HexapodConfig]):
         self._sizes = torch.tensor(sizes, device=device)
 
     def begin_step(self) -> None:
-        """Remember where the base is and what acted: progress and trembling are differences."""
+        """Store the position of the base and the action: progress and trembling are differences."""
         self._before.copy_(self._distance())
         self._last_action.copy_(self.action)
         self._touched.zero_()
@@ -280,7 +280,7 @@ class HexapodTask(Task[HexapodConfig]):
         return Drawing(tuple(lines), View.SIDE, ((-0.5, 2.7), (-0.2, 0.4)), panel=6.0)
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """What success remembers of the running episode."""
+        """State of the success criteria in the running episode."""
         return {"farthest_aside": self._farthest_aside, "reached": self._reached}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:

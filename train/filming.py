@@ -27,7 +27,7 @@ class Film:
 
     Args:
         task: with something that moves and can be seen (see :func:`film_of`).
-        scene: what there is to see.
+        scene: instances that it shows.
         video: of every frame; else of some moments only.
     """
 

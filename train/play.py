@@ -35,7 +35,7 @@ _LONGEST = 3600.0
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """What one moment looks like.
+    """Picture data of one moment.
 
     Attributes:
         lines: per line of the drawing, (W, P, 2) projected points [m].
@@ -75,8 +75,8 @@ def record(
     """Let a policy act and keep frames.
 
     Args:
-        task: what is played.
-        policy: what acts.
+        task: task to play.
+        policy: policy that acts.
         seconds: time shown [s].
         seed: of the worlds.
         film: takes rendered images of the frames it wants.

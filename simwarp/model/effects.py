@@ -1,4 +1,4 @@
-"""What a parameter acts on: kernels read an entry only where the model was built with the row that it belongs to."""
+"""Effect of a parameter: kernels read an entry only where the model was built with the row that it belongs to."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ WITH_OFFSET: Final = (JointType.ROD, JointType.REVOLUTE_SPHERICAL, JointType.REV
 
 
 class Effect(NamedTuple):
-    """Where a parameter acts.
+    """Entries of a parameter that have an effect.
 
     Attributes:
-        entries: which of its entries (bodies, joints, coordinates, couplings, shapes) do what they are there for.
-        rule: why the others do not, for errors.
+        entries: mask of those (bodies, joints, coordinates, couplings, shapes) that act in the model.
+        rule: reason why the others do not, for errors.
     """
 
     entries: Mask
@@ -32,7 +32,7 @@ class Effect(NamedTuple):
 
 
 def effect_of(model: Model, name: str, *, contact_model: str = "rigid", also: Collection[str] = ()) -> Effect:
-    """Where a parameter acts in a model.
+    """Entries of a parameter that have an effect in a model.
 
     Args:
         model: that it belongs to.

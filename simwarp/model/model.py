@@ -61,16 +61,16 @@ class Model(ParameterFields):
         world_count, body_count, joint_count, dof_count, shape_count: sizes of the arrays.
         body_names, joint_names, shape_names: in index order.
         contact_capacity: contact slots of every world.
-        has_rolling_friction: whether contacts carry rolling and spinning friction.
+        has_rolling_friction: True if contacts carry rolling and spinning friction.
         path_length: most slots between a link and the root of its tree.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
-        has_loops: whether joints close loops: rows that no compliance softens.
+        has_loops: True if joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
         joint_types, shape_types: in index order.
-        effort_models: what of each coordinate's law is fixed.
-        shapes_that_meet: which shapes may touch another one.
-        identity: what of it a snapshot must have in common.
+        effort_models: parts of each coordinate's law that are fixed.
+        shapes_that_meet: shapes that may touch another one.
+        identity: properties that a snapshot must have in common.
     """
 
     def __init__(

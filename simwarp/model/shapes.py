@@ -1,4 +1,4 @@
-"""What bodies collide with: shapes on bodies, their materials and groups, as lists of a builder."""
+"""Collision geometry of bodies: shapes, their materials and groups, as lists of a builder."""
 
 from __future__ import annotations
 

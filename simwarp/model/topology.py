@@ -131,7 +131,7 @@ def drive_mode(dof: Dof) -> DriveMode:
 
 @dataclasses.dataclass(frozen=True)
 class EffortModel:
-    """What of a coordinate's law is fixed when the model is made: kind of drive, tables, whether it has a spring."""
+    """Parts of a coordinate's law that are fixed when the model is made: kind of drive, tables, stiffness or none."""
 
     mode: DriveMode
     spring_table: bool
@@ -146,7 +146,7 @@ class EffortModel:
 
 
 def has_effort(dof: Dof) -> bool:
-    """Whether the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
+    """True if the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
     mode = drive_mode(dof)
     passive = (dof.armature, dof.stiffness, dof.damping, dof.preload)
     return (
@@ -226,7 +226,7 @@ def _single_tree_dofs(links: list[Link], link_tree_dof: list[int]) -> dict[froze
 
 
 def _acts_on_tree_dof(dof: Dof) -> bool:
-    """Whether a line's effort can be that of the one coordinate that its length depends on: springs and dampers."""
+    """True if a line's effort can be that of the one coordinate that its length depends on: springs and dampers."""
     return (has_effort(dof) or _passive(dof)) and drive_mode(dof) < DriveMode.PRESCRIBED_POSITION
 
 

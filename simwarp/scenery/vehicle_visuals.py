@@ -1,4 +1,4 @@
-"""What the shipped vehicles look like: a body in the vehicle's frame of reference, and wheels of their own."""
+"""Visuals of the shipped vehicles: a body in the vehicle's frame of reference, and wheels of their own."""
 
 from __future__ import annotations
 

@@ -83,9 +83,9 @@ class Visual:
     """A thing of the scenery, in its own frame: Z up, origin in the middle of its foot.
 
     Attributes:
-        name: what it is.
+        name: of the kind of thing.
         mesh: its visual.
-        proxies: what contact sees; the first one is what stands in a vehicle's way.
+        proxies: collision shapes; the first one is what stands in a vehicle's way.
         label: semantic class.
         reflectance: of a lidar's or radar's beam, 0 to 1.
     """
@@ -121,7 +121,7 @@ def arranged(visual: Visual, places: npt.ArrayLike) -> Visual:
     """Copies of a visual as one: a row of cones costs a camera one instance, not one for each.
 
     Args:
-        visual: what is copied.
+        visual: original of the copy.
         places: (n, 3) x, y [m] and yaw [rad] on level ground, as `Track.marks`, `beside` and `scattered` give them.
     """
     rows = np.asarray(places, dtype=np.float64).reshape(-1, 3)
@@ -159,7 +159,7 @@ def add_collision(
 
     Args:
         builder: of the world.
-        visual: what to add.
+        visual: visual to add.
         name: of the shapes, with a number after it where there are several.
         at: frame of the visual on the body (from its centre of mass), or in the world.
         body: index, or WORLD.
@@ -204,7 +204,7 @@ def add_visual(
 
     Args:
         visuals: of the world.
-        visual: what to add.
+        visual: visual to add.
         name: of the instance.
         at: as in `add_collision`.
         body: index, or WORLD.

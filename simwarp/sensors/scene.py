@@ -1,4 +1,4 @@
-"""What cameras, lidars and radars see: instances of shapes and meshes on bodies, over geometry shared by all worlds."""
+"""Scene of cameras, lidars and radars: instances of shapes and meshes on bodies, over geometry shared by all worlds."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Appearance:
 
     Attributes:
         color: linear albedo, 0 to 1.
-        texture: what `Visuals.texture` returned; -1: none, or that of the mesh's file.
+        texture: index that `Visuals.texture` returned; -1: none, or that of the mesh's file.
         label: semantic class.
         reflectance: of a lidar's or radar's beam, 0 to 1.
         group: bits; a sensor sees instances of the groups in its mask.
@@ -302,7 +302,7 @@ def _checked_appearance(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Scene:
-    """What rays can hit, in all worlds. Geometry is stored once; a world has only places, sizes and looks.
+    """Instances that rays can hit, in all worlds. Geometry is stored once; worlds have poses, sizes and appearance.
 
     Args:
         visuals: the instances.
@@ -428,7 +428,7 @@ def _instance_values(instances: list[Instance]) -> dict[str, tuple[npt.NDArray[A
 
 
 def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
-    """What `place_instances` writes."""
+    """Output arrays of `place_instances`."""
     nodes, level = 0, max(count, 1)
     while True:
         level = -(-level // WIDTH)

@@ -41,9 +41,9 @@ class Vehicle:
     Args:
         parts: from `add_vehicle`.
         model: made with `per_world=PER_WORLD` at least.
-        ground: what the tires stand on (`tires.ground`); the plane z = 0 when None.
+        ground: surface under the tires (`tires.ground`); the plane z = 0 when None.
         point: whose motion `position` to `acceleration_b` tell, in the vehicle's frame of reference [m].
-        randomised: whether every world has rows of its own in `tires.parameter` and an entry of its own in
+        randomised: True if every world has rows of its own in `tires.parameter` and an entry of its own in
             `tires.ground_friction`; otherwise all share one.
 
     Attributes:
@@ -136,7 +136,7 @@ class Vehicle:
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a reset brings back and a snapshot keeps."""
+        """State that a reset restores and a snapshot keeps."""
         state = self._powertrain_state
         arrays = {
             "input": self.input,

@@ -235,7 +235,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self.obstacles.fill(world_mask, place, height - sunk, heading, kind, scale, present)
 
     def begin_step(self) -> None:
-        """Remember the distance to the goal and the action before."""
+        """Store the distance to the goal and the previous action."""
         super().begin_step()
         self._before.copy_(self._distance())
         self._last_action.copy_(self.action)

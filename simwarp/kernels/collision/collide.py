@@ -275,7 +275,7 @@ def keep_pair(
 
 @wp.func
 def may_touch(scratch_slot: int, shape0: int, shape1: int, reach: float, scratch: CollisionScratch) -> bool:
-    """Whether the bounds of two shapes come within reach."""
+    """True if the bounds of two shapes come within reach."""
     d = to_float(scratch.x[scratch_slot, shape1] - scratch.x[scratch_slot, shape0])
     lower = d + scratch.lower[scratch_slot, shape1] - scratch.upper[scratch_slot, shape0]
     upper = scratch.lower[scratch_slot, shape0] - d - scratch.upper[scratch_slot, shape1]

@@ -32,7 +32,7 @@ from simwarp.kernels.core.scratch import ScratchGroup, room
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 RAW_CONTACTS = wp.constant(64)  # of all triangles before the reduction
-THINNED = wp.constant(24)  # what is left of them when they become too many on the way
+THINNED = wp.constant(24)  # kept when they become too many on the way
 SAME_NORMAL = wp.constant(2.0e-3)  # [rad] normals this close to a face's are that; edges that bend less are flat
 MERGED_NORMAL = wp.constant(1.0e-4)  # squared difference of normals, and
 MERGED = wp.constant(2.0e-3)  # distance in radii of the shape, below which two contacts are one
@@ -107,7 +107,7 @@ def corner_of(t: Triangle, k: int) -> wp.vec3:
 
 @wp.func
 def covers(t: Triangle, along: wp.vec3, p: wp.vec3) -> bool:
-    """Whether a line through p along a direction on the outer side meets the triangle."""
+    """True if a line through p along a direction on the outer side meets the triangle."""
     inside = bool(True)
     for k in range(3):
         a = corner_of(t, k)
@@ -165,7 +165,7 @@ def triangle_sphere(t: Triangle, margin: float, b: Shape, reach: float, out: Man
 
 @wp.func
 def fits_surface(g: Ground, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets) -> bool:
-    """Whether a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
+    """True if a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
     every edge near p that n leans over the surface bends away by at least as much.
     """
     if wp.dot(n, t.normal) < -SAME_NORMAL:

@@ -23,7 +23,7 @@ UNBOUNDED = wp.constant(1.0e30)
 
 @wp.struct
 class Surface:
-    """What two materials make of a contact (`Material`)."""
+    """Parameters of a contact, combined from two materials (`Material`)."""
 
     friction: float
     rolling: float
@@ -85,7 +85,7 @@ def point_velocity(link: int, arm: wp.vec3, ang: wp.array[wp.vec3], lin: wp.arra
 
 @wp.func
 def bounces(dt: float, gap: float, incoming: float, free: float, surface: Surface, config: StepConfig) -> bool:
-    """Whether Newton's law of impact acts: the rebound is fast enough, and the step would close the gap.
+    """True if Newton's law of impact acts: the rebound is fast enough, and the step would close the gap.
 
     `incoming` is the normal velocity before the step, `free` that without contacts [m/s], negative when approaching.
     """

@@ -127,7 +127,7 @@ def record_reactions(
     control: ControlArrays, contacts: ContactArrays, config: StepConfig, work: Work, cone: ConeProblem,
     reports: Reports,
 ):  # fmt: skip
-    """What each joint applies to its second body, at anchor 1, world axes: drives and limits included."""
+    """Reaction of each joint on its second body, at anchor 1, world axes: drives and limits included."""
     unexplained_impulses(world, dt, topology, parameters, state, control, config, work)
     for joint in range(topology.joint_count):
         reports.joint_reaction_force[world, joint] = wp.vec3()

@@ -116,7 +116,7 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
 
 @wp.struct
 class Progress:
-    """What the first part of a step leaves to the second: blocks of the cone problem, and measures."""
+    """Results that the first part of a step passes to the second: blocks of the cone problem, and residuals."""
 
     limits: int  # blocks on coordinates, in front
     blocks: int  # all

@@ -10,7 +10,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 class EngineKind(IntEnum):
-    """Which law gives the engine's torque."""
+    """Torque law of the engine."""
 
     NONE = 0
     SIMPLE = 1
@@ -19,7 +19,7 @@ class EngineKind(IntEnum):
 
 
 class TransmissionKind(IntEnum):
-    """What lies between the engine and the drive shaft."""
+    """Transmission between the engine and the drive shaft."""
 
     NONE = 0
     AUTOMATIC_MAP = 1
@@ -87,7 +87,7 @@ class Powertrain:
 
 @wp.struct
 class PowertrainState:
-    """What a powertrain remembers and reports, per world."""
+    """State and outputs of a powertrain, per world."""
 
     gear: wp.array[int]  # -1 reverse, 0 neutral
     shift_time: wp.array[wp.float64]  # of the last gear change [s]

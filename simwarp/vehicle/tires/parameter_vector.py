@@ -58,7 +58,7 @@ CONTACTS = {
     "envelope": TireContact.ENVELOPE,
 }
 RIM_CLEARANCE = 0.01
-"""How far above the rim the tire touches it [m]."""
+"""Height above the rim at which the tire touches it [m]."""
 TYPICAL_RESISTANCE = 0.015
 
 
@@ -247,7 +247,7 @@ def tire_vector(tire: Tire, place: str | SourceLocation = "tire") -> ParameterVe
 
     Args:
         tire: its description.
-        place: what errors call it.
+        place: name in errors.
 
     Raises:
         SpecError: unknown template or key, or a value that breaks a rule.

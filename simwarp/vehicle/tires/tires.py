@@ -103,7 +103,7 @@ class Tires:
         device: of the arrays.
         friction: of the road, for all worlds until `ground_friction` is written.
         terrain: of `ground`; None: the plane z = 0.
-        randomised: whether every world has vectors of its own in `parameter` and an entry in `ground_friction`.
+        randomised: True if every world has vectors of its own in `parameter` and an entry in `ground_friction`.
     """
 
     def __init__(

@@ -48,7 +48,7 @@ TRAIL: Final = ((-84.0, -34.0), (-66.0, -34.0), (-49.0, -22.0), (-32.0, -1.0), (
 
 @dataclasses.dataclass(frozen=True)
 class DemoWorld:
-    """What is simulated and seen.
+    """World of the demonstration, as it is simulated and rendered.
 
     Attributes:
         model: one world.
@@ -159,7 +159,7 @@ def _trail(path: Path, heights: Any) -> VisualMesh:
 
 
 def _add_things(visuals: Visuals, heights: Any, path: Path, seed: int) -> None:
-    """What stands beside the trail at the moment, then woods and rocks all around."""
+    """Adds obstacles beside the trail near the truck when pictures are taken, then woods and rocks all around."""
     count = 0
 
     def put(visual: Visual, x: float, y: float, yaw: float = 0.0, scale: float = 1.0, sink: float = 0.0) -> None:

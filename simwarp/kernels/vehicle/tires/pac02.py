@@ -40,7 +40,7 @@ GRAVITY = wp.constant(9.81)
 
 @wp.struct
 class Slip:
-    """What the forces depend on; SAE signs."""
+    """Inputs of the force laws; SAE signs."""
 
     k: float  # slip ratio
     a: float  # slip angle [rad]

@@ -22,7 +22,7 @@ class TireModel(IntEnum):
 
 
 class TireContact(IntEnum):
-    """How the patch of contact is found (patch.py)."""
+    """Method that finds the contact patch (patch.py)."""
 
     SINGLE_POINT = 0
     FOUR_POINT = 1
@@ -30,7 +30,7 @@ class TireContact(IntEnum):
 
 
 class Common(IntEnum):
-    """What every model has."""
+    """Entries of every model."""
 
     RADIUS = 0
     """Unloaded [m]."""
@@ -53,7 +53,7 @@ class Common(IntEnum):
     DAMPING = 11
     """Vertical [N·s/m]."""
     BOTTOM_DEFLECTION = 12
-    """Where the rim begins to touch [m]."""
+    """Deflection at which the rim begins to touch [m]."""
     BOTTOM_STIFFNESS = 13
     CURVE_START = 14
     """Index of the table in the row."""
@@ -181,7 +181,7 @@ class Lugre(IntEnum):
     STRIBECK_SPEED = COMMON_SIZE + 8
     """[m/s]."""
     CARRY_OFF = COMMON_SIZE + 9
-    """How fast bristles leave a rolling patch: times |omega r| / patch length."""
+    """Rate at which bristles leave a rolling patch: times |omega r| / patch length."""
     DISC_COUNT = COMMON_SIZE + 10
     DISC_SPACING = COMMON_SIZE + 11
     """Between the discs across the width [m]."""

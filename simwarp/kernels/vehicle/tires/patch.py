@@ -1,6 +1,6 @@
-"""Where and how a wheel, taken as a disc, touches the ground.
+"""Contact of a wheel, taken as a disc, with the ground.
 
-The frame of contact has x forward, y to the left and z along the ground's normal. The wheel's centre is float64;
+The contact frame has x forward, y to the left and z along the ground's normal. The wheel's centre is float64;
 everything else is relative to it and float32.
 
 - Single point: a plane through the ground below the disc's lowest point, with the ground's normal turned into the plane
@@ -57,7 +57,7 @@ class Patch:
 
 @wp.struct
 class TireForce:
-    """What a tire does to its wheel; frame of contact, about the point of contact."""
+    """Force and torque of a tire on its wheel; contact frame, about the point of contact."""
 
     force: wp.vec3  # [N]
     torque: wp.vec3  # [N·m]

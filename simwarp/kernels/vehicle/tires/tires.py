@@ -49,7 +49,7 @@ class TireTables:
 
 @wp.struct
 class TireReports:
-    """What tires tell, (W, wheels); zero for a wheel off the ground."""
+    """Outputs of tires, (W, wheels); zero for a wheel off the ground."""
 
     load: wp.array2d[float]  # normal force [N]
     slip_ratio: wp.array2d[float]  # positive when driving
