@@ -291,7 +291,7 @@ def test_threads_that_share_a_sweep_change_nothing(monkeypatch):
     model, scene = carrier(wall, velocity=(8.0, 0.0, 0.0), worlds=2)
     beams = beam_grid(40, 3, azimuth=(0.3, -0.3), elevation=(0.1, -0.1))
     alone = frame(model, scene, beams, schedule=SWEEP, steps=10, **NOISY).points.numpy().copy()
-    monkeypatch.setattr("simwarp.sensors.ranging.lidar.lane_count", lambda *_: 7)
+    monkeypatch.setattr("simwarp.sensors.ranging.lidar.thread_count", lambda *_: 7)
     shared = frame(model, scene, beams, schedule=SWEEP, steps=10, **NOISY)
     assert np.array_equal(shared.points.numpy(), alone)
 
