@@ -31,7 +31,7 @@ SOLVER_VECTORS = 12
 WIDE_VECTORS = 24
 
 
-class ConeRooms(ScratchGroup):
+class ConeRooms(ScratchGroup, prefix="cone_"):
     """One world's problem. Arrays are as long as the capacity; only the first `row_count`, `block_count` count.
 
     S is either dense (`dense` = 1: array `s`) or applied through the degrees of freedom of the tree (`dense` = 0):
