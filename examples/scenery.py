@@ -47,10 +47,12 @@ class World:
         else:
             self.visuals.add_plane(name="ground", texture=self.visuals.texture(texture), color=(1.0, 1.0, 1.0))
 
-    def put(self, prop: scenery.Prop, x: float, y: float, z: float = 0.0, yaw: float = 0.0, scale: float = 1.0) -> None:
+    def put(
+        self, visual: scenery.Visual, x: float, y: float, z: float = 0.0, yaw: float = 0.0, scale: float = 1.0
+    ) -> None:
         """A thing at a place."""
-        name = f"{prop.name} {len(self.visuals.instances)}"
-        scenery.add_picture(self.visuals, prop, name=name, at=scenery.yaw_pose(x, y, z, yaw), scale=scale)
+        name = f"{visual.name} {len(self.visuals.instances)}"
+        scenery.add_visual(self.visuals, visual, name=name, at=scenery.yaw_pose(x, y, z, yaw), scale=scale)
 
     def pictures(self, width: int) -> list[np.ndarray]:
         """A picture for people and a policy's, magnified, both `width` pixels wide and 9/16 of it high."""
@@ -84,7 +86,7 @@ def off_road(seed: int) -> World:
         z = float(scenery.height_at(hills, size, [(x, y)])[0])
         world.put(makers[k % 3](k), x, y, z - 0.2, yaw, 0.7 if k % 3 == 0 else 1.0)
     z = float(scenery.height_at(hills, size, [start])[0])
-    world.put(scenery.vehicle_prop("gator"), *start, z)
+    world.put(scenery.vehicle_visual("gator"), *start, z)
     world.far = ((start[0] - 9.0, -7.0, z + 4.5), (start[0] + 4.0, 1.0, z + 0.5))
     world.near = ((start[0] + 1.5, 0.0, z + 1.0), (start[0] + 11.5, 1.0, z + 1.0))
     return world
@@ -103,7 +105,7 @@ def convoy(seed: int) -> World:
     index = [int(np.searchsorted(path.arc, arc)) for arc in (60.0, 70.0, 80.0, 52.0)]
     places = [(*path.points[i].tolist(), math.atan2(*tangent[i][::-1])) for i in index]
     for (x, y, yaw), color in zip(places[:3], (None, GREEN, None), strict=True):
-        world.put(scenery.vehicle_prop("hmmwv", color=color), x, y, yaw=yaw)
+        world.put(scenery.vehicle_visual("hmmwv", color=color), x, y, yaw=yaw)
     x, y, yaw = places[0]
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
     away = (x, y) - 13.0 * ahead + 9.0 * np.array([ahead[1], -ahead[0]])
@@ -127,7 +129,7 @@ def hallway(seed: int) -> World:
         world.put(scenery.arranged(scenery.cone(color, height=0.22), track.marks(0.6, side)), 0.0, 0.0)
     bend = int(track.starts("turn")[0])
     x, y, yaw = track.at(track.arc[bend] - 1.5).tolist()
-    world.put(scenery.vehicle_prop("artcar"), x, y, yaw=yaw)
+    world.put(scenery.vehicle_visual("artcar"), x, y, yaw=yaw)
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
     lamps = [Lamp(position=tuple(place), color=2.2) for place in ways.lamps.tolist()]
     world.lighting = Lighting(suns=(), lamps=lamps, shadows=False, ambient=0.3, ambient_below=0.2)
@@ -148,24 +150,24 @@ def race(seed: int) -> World:
     world.put(course.left, 0.0, 0.0)
     world.put(course.right, 0.0, 0.0)
     x, y, yaw = track.at(0.2 * track.length).tolist()
-    world.put(scenery.vehicle_prop("sedan"), x, y, yaw=yaw)
+    world.put(scenery.vehicle_visual("sedan"), x, y, yaw=yaw)
     ahead = np.array([math.cos(yaw), math.sin(yaw)])
     world.far = ((x - 11.0 * ahead[0], y - 11.0 * ahead[1], 6.0), (x + 5.0 * ahead[0], y + 5.0 * ahead[1], 0.5))
     world.near = ((x + 1.5 * ahead[0], y + 1.5 * ahead[1], 1.05), (x + 3.0 * ahead[0], y + 3.0 * ahead[1], 1.04))
     return world
 
 
-def line_up(props: Sequence[scenery.Prop], ground: str, scales: Sequence[float] = ()) -> World:
+def line_up(visuals: Sequence[scenery.Visual], ground: str, scales: Sequence[float] = ()) -> World:
     """Things side by side."""
     world = World()
     world.ground(ground)
-    scales = scales or [1.0] * len(props)
-    extents = [scale * (prop.upper - prop.lower) for prop, scale in zip(props, scales, strict=True)]
+    scales = scales or [1.0] * len(visuals)
+    extents = [scale * (visual.upper - visual.lower) for visual, scale in zip(visuals, scales, strict=True)]
     widths = [float(np.hypot(*extent[:2])) for extent in extents]
     total, tall = sum(widths), max(float(extent[2]) for extent in extents)
     at = 0.5 * total
-    for prop, width, scale in zip(props, widths, scales, strict=True):
-        world.put(prop, 0.0, at - 0.5 * width, yaw=2.4, scale=scale)
+    for visual, width, scale in zip(visuals, widths, scales, strict=True):
+        world.put(visual, 0.0, at - 0.5 * width, yaw=2.4, scale=scale)
         at -= width
     world.fov = 0.5
     world.far = ((-2.1 * total, 0.0, 0.5 * total + 0.4 * tall), (0.0, 0.0, 0.4 * tall))
@@ -187,7 +189,7 @@ def main() -> None:
         line_up([scenery.rock(kind, 1) for kind in scenery.ROCKS], "sand"),
         line_up(plants, "snow"),
         line_up([*(scenery.cone(color) for color in scenery.CONES), *made], "concrete"),
-        line_up([scenery.vehicle_prop(name) for name in scenery.VEHICLES], "asphalt", [1.0, 1.3, 3.0, 1.0]),
+        line_up([scenery.vehicle_visual(name) for name in scenery.VEHICLES], "asphalt", [1.0, 1.3, 3.0, 1.0]),
     ]
     views = [world.pictures(args.width) for world in tasks]
     sheet = [far for far, _ in views] + [near for _, near in views] + [each.pictures(args.width)[0] for each in things]

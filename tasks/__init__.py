@@ -7,6 +7,8 @@ if __name__ != "simwarp.tasks":
     # The checkout root on sys.path would load a second copy, with a registry of its own.
     raise ImportError("this folder is imported as simwarp.tasks: write `import simwarp.tasks`")
 
+from simwarp.core.renames import renamed_names
+
 from .config import TaskConfig, replace_fields, require
 from .devices import available_devices, resolve_device
 from .drawing import Drawing, Line, View
@@ -16,7 +18,7 @@ from .plain import config_from_plain, config_to_plain
 from .randomness import WorldRandom
 from .registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
 from .replay import ReplayReport
-from .simulation_access import Equipment
+from .simulation_access import Attachments
 from .statistics import EpisodeSummary
 from .task import NON_FINITE, TIME_LIMIT, StepResult, Task
 from .uncertainty import Curriculum, Driver, Mode, Range, Sensing, When
@@ -25,11 +27,11 @@ __all__ = [
     "ENTRY_POINT_GROUP",
     "NON_FINITE",
     "TIME_LIMIT",
+    "Attachments",
     "Curriculum",
     "Drawing",
     "Driver",
     "EpisodeSummary",
-    "Equipment",
     "InputError",
     "Line",
     "Mode",
@@ -59,3 +61,5 @@ __all__ = [
 ]
 
 register_envs()
+
+__getattr__ = renamed_names(__name__, Equipment="Attachments")

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
+from simwarp.core.renames import renamed_fields
+
 from .config import TaskConfig, require
 from .drawing import Drawing, Line, View
 from .registry import register
@@ -32,6 +34,7 @@ _POLE_INERTIA = (0.262290, 0.262290, 0.000981748)
 _SLIDE, _HINGE = 0, 1
 
 
+@renamed_fields(quirks="legacy_compat")
 @dataclasses.dataclass(frozen=True)
 class PendulumConfig(TaskConfig):
     """Configuration of :class:`PendulumTask`."""
@@ -50,7 +53,7 @@ class PendulumConfig(TaskConfig):
     """Half-width of the uniform start angle of the pole [rad]."""
     start_rate: float = 0.02
     """Half-width of the uniform start velocity [m/s] and angular velocity [rad/s]."""
-    quirks: bool = False
+    legacy_compat: bool = False
     """Observe as the original did: unsigned position and its rate, unsigned angular speed one step late; and start
     exactly upright at rest."""
 
@@ -98,7 +101,7 @@ class PendulumTask(Task[PendulumConfig]):
         self.q, self.qd = self.views.joint_q, self.views.joint_qd
         self._late_speed = torch.zeros(self.num_worlds, device=self.device)
         config = self.config
-        moving = 0.0 if config.quirks else 1.0
+        moving = 0.0 if config.legacy_compat else 1.0
         spread = [config.start_position, config.start_angle, config.start_rate, config.start_rate]
         self._spread = moving * torch.tensor(spread, device=self.device)
 
@@ -112,7 +115,7 @@ class PendulumTask(Task[PendulumConfig]):
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy``: (W, 4) float32."""
-        if self.config.quirks:
+        if self.config.legacy_compat:
             x, v = self.q[:, _SLIDE], self.qd[:, _SLIDE]
             return {"policy": torch.stack([x.abs(), v * x.sign(), self.q[:, _HINGE], self._late_speed], dim=1)}
         return {"policy": torch.stack([self.q, self.qd], dim=2).flatten(1)}

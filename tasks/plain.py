@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 import numpy as np
 
 from simwarp.core.files import FLOAT32_MAX
+from simwarp.core.renames import RENAMED, with_new_names
 from simwarp.core.types import shown
 
 from .errors import InputError, near_names
@@ -161,7 +162,7 @@ def _dataclass(kind: type[KindT], value: object, name: str, like: object) -> Kin
         like = None if needed else kind()
     hints = typing.get_type_hints(kind, include_extras=True)
     changes = {}
-    for key, item in value.items():
+    for key, item in with_new_names(what, value, getattr(kind, RENAMED, {})).items():
         if key not in fields:
             raise InputError(f"{what} has no field {shown(key)}{near_names(str(key), fields)}")
         changes[key] = _typed(hints[key], item, f"{prefix}{key}".replace("_", "-"), getattr(like, key, None))

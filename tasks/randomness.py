@@ -26,7 +26,7 @@ def _signed(value: int) -> int:
 
 
 def mix64(value: int) -> int:
-    """Return SplitMix64's output function of one 64-bit integer (host twin of :func:`mix64_`)."""
+    """Return SplitMix64's output function of one 64-bit integer (host reference of :func:`mix64_`)."""
     value &= _WORD
     value = ((value ^ (value >> 30)) * _MIX1) & _WORD
     value = ((value ^ (value >> 27)) * _MIX2) & _WORD

@@ -53,7 +53,7 @@ class PhysicsViews:
 
 
 @dataclasses.dataclass(frozen=True)
-class Equipment:
+class Attachments:
     """What runs in every physics step beside the bodies: force elements, and sensors, whose frames a policy sees once
     per control step.
     """
@@ -62,9 +62,9 @@ class Equipment:
     sensors: Sequence[Any] = ()
 
 
-def no_equipment(model: Any) -> Equipment:
+def no_attachments(model: Any) -> Attachments:
     """Bodies alone."""
-    return Equipment()
+    return Attachments()
 
 
 def build_physics(
@@ -75,7 +75,7 @@ def build_physics(
     *,
     per_world: Iterable[str] = (),
     solver: SolverOptions | None = None,
-    equip: Callable[[Any], Equipment] = no_equipment,
+    attach: Callable[[Any], Attachments] = no_attachments,
 ) -> tuple[Any, PhysicsViews, ModelBuilder]:
     """Build model and simulation from a task's ``build`` and its configuration; also returns the builder.
 
@@ -86,7 +86,7 @@ def build_physics(
         device: device name.
         per_world: names of model parameters that get a copy per world.
         solver: numbers of the solver.
-        equip: force elements and sensors for the finished model.
+        attach: force elements and sensors for the finished model.
     """
     import simwarp as sw
     from simwarp import to_torch
@@ -97,10 +97,10 @@ def build_physics(
         made.gravity = builder.gravity
         builder = made
     model = builder.finalize(world_count=num_worlds, device=device, per_world=per_world)
-    equipment = equip(model)
+    attachments = attach(model)
     simulation = sw.Simulation(
-        model, dt=config.dt, substeps=config.substeps, solver=solver, elements=equipment.elements,
-        sensors=equipment.sensors, read_every=config.decimation,
+        model, dt=config.dt, substeps=config.substeps, solver=solver, elements=attachments.elements,
+        sensors=attachments.sensors, read_every=config.decimation,
     )  # fmt: skip
     state, control = simulation.state, simulation.control
     views = PhysicsViews(

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 import torch
 
 from simwarp.core.interop import shared_stream
+from simwarp.core.renames import warn_renamed
 
 from .config import TaskConfig
 from .drawing import Drawing, Line
@@ -27,7 +28,7 @@ from .limits import check_room, whole
 from .randomising import check_ranges, drawn_parameters, randomiser_of
 from .randomness import WorldRandom
 from .sensing import DelayLine, Sensors
-from .simulation_access import Equipment, PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
+from .simulation_access import Attachments, PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .uncertainty import Driver
 
@@ -138,9 +139,13 @@ class Task(ABC, Generic[ConfigT]):
         """Return the numbers of the solver; None takes its defaults."""
         return None
 
-    def equip(self, model: Model) -> Equipment:
+    def attach(self, model: Model) -> Attachments:
         """Return what acts and measures in every physics step: force elements such as a vehicle, sensors. Optional."""
-        return Equipment()
+        before = getattr(self, "equip", None)
+        if before is None:
+            return Attachments()
+        warn_renamed(type(self).__name__, "equip", "attach")
+        return before(model)
 
     def setup(self) -> None:
         """Allocate the task's own buffers, once, after the simulation exists. Optional."""
@@ -474,7 +479,7 @@ class Task(ABC, Generic[ConfigT]):
         drawn |= {*self.per_world}
         return build_physics(
             self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),
-            equip=self.equip,
+            attach=self.attach,
         )  # fmt: skip
 
     def _probe(self) -> None:

@@ -12,11 +12,11 @@ from rich.console import Console
 
 from simwarp.tasks import Task, TaskConfig
 
+from .driven_paths import DrivenPaths, PathRecorder
 from .evaluation import CHECK_INTERVAL, Evaluation, Tally, Watcher, evaluate_policies
 from .policies import Policy
 from .progress import LiveLine, duration
 from .stopping import StopRequest
-from .trails import TrailRecorder, Trails
 
 POLICY_NAMES = {"policy": "trained", "zero": "zero action", "random": "random"}
 """What people read for the names of :func:`evaluate_policies`."""
@@ -47,13 +47,13 @@ class PointResult:
     Attributes:
         point: the point.
         evaluations: by policy, those that were finished; ``policy`` is always there.
-        trails: paths of the policy's first episodes; None where the task is nowhere.
+        paths_driven: paths of the policy's first episodes; None where the task is nowhere.
         seconds: it took, building the worlds included.
     """
 
     point: GridPoint
     evaluations: dict[str, Evaluation]
-    trails: Trails | None
+    paths_driven: DrivenPaths | None
     seconds: float
 
     @property
@@ -179,7 +179,7 @@ class _Watch(Watcher):
 
     def __init__(
         self, point: GridPoint, policy: str, episodes: int, display: GridDisplay, stop: StopRequest,
-        recorder: TrailRecorder | None,
+        recorder: PathRecorder | None,
     ) -> None:  # fmt: skip
         self._point, self._policy, self._episodes = point, policy, episodes
         self._display, self._stop, self._recorder = display, stop, recorder
@@ -220,7 +220,7 @@ class GridSettings:
         device: canonical device name.
         num_envs: worlds stepped together; None: one per episode, at most 4096.
         baselines: whether doing nothing and chance are evaluated too.
-        trails: whether the paths of the policy's first episodes are noted.
+        paths_driven: whether the paths of the policy's first episodes are noted.
     """
 
     episodes: int
@@ -228,11 +228,11 @@ class GridSettings:
     device: str = "cpu"
     num_envs: int | None = None
     baselines: bool = False
-    trails: bool = True
+    paths_driven: bool = True
 
 
 def _watch(
-    point: GridPoint, settings: GridSettings, display: GridDisplay, stop: StopRequest, recorder: TrailRecorder | None,
+    point: GridPoint, settings: GridSettings, display: GridDisplay, stop: StopRequest, recorder: PathRecorder | None,
     policy: str,
 ) -> Watcher:  # fmt: skip
     """Return who looks on at a policy; only the paths of the trained one are noted."""
@@ -269,7 +269,7 @@ def evaluate_grid(
         if stop.requested:
             raise EvaluationStoppedError(point.label, 0, {})
         display.building(point.label)
-        recorder = TrailRecorder() if settings.trails else None
+        recorder = PathRecorder() if settings.paths_driven else None
         begun = time.monotonic()
         found: PointResult | None = None
 
@@ -279,7 +279,7 @@ def evaluate_grid(
             watch=functools.partial(_watch, point, settings, display, stop, recorder),
         ):  # fmt: skip
             if found is None:
-                found = PointResult(point, {}, recorder.trails if recorder is not None else None, 0.0)
+                found = PointResult(point, {}, recorder.paths_driven if recorder is not None else None, 0.0)
                 results.append(found)
             found.evaluations[policy] = evaluation
             found.seconds = time.monotonic() - begun

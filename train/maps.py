@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 
 from simwarp.tasks.task import TIME_LIMIT
 
+from .driven_paths import DrivenPaths, Points
 from .grid import PointResult, axes_of
 from .pictures import GREY, INK, dress, new_figure, save_figure
-from .trails import Points, Trails
 
 _SUCCESSES = ("#009e73", "#56b4e9")
 _FAILURES = ("#000000", "#e69f00", "#d55e00", "#cc79a7", "#0072b2", "#8c564b")
@@ -34,18 +34,18 @@ End = tuple[str, bool]
 
 def draw_paths(path: Path, title: str, note: str, results: list[PointResult]) -> None:
     """Write one map per point with all paths over each other."""
-    shown = [(result, result.trails) for result in results if result.trails is not None]
+    shown = [(result, result.paths_driven) for result in results if result.paths_driven is not None]
     axes_values = list(axes_of([result.point for result, _ in shown]).values())
     columns = len(axes_values[1]) if len(axes_values) == 2 else 0
-    window = _common_window([trails for _, trails in shown])
-    colours = _colours([trails for _, trails in shown])
-    if any(len(trails.paths) < result.evaluation.episodes for result, trails in shown):
-        title = f"{title}, first episodes of {max(len(trails.paths) for _, trails in shown)} worlds"
+    window = _common_window([paths_driven for _, paths_driven in shown])
+    colours = _colours([paths_driven for _, paths_driven in shown])
+    if any(len(paths_driven.paths) < result.evaluation.episodes for result, paths_driven in shown):
+        title = f"{title}, first episodes of {max(len(paths_driven.paths) for _, paths_driven in shown)} worlds"
     figure, panels = _sheet(len(shown), window, title, note, colours, columns=columns, largest=6.0)
-    for axes, (result, trails) in zip(panels, shown, strict=True):
-        for points, colour in _common_lines(trails):
+    for axes, (result, paths_driven) in zip(panels, shown, strict=True):
+        for points, colour in _common_lines(paths_driven):
             axes.add_collection(LineCollection(list(points), colors=colour, linewidths=0.8, alpha=0.35, zorder=1))
-        _draw_paths(axes, trails, colours, range(len(trails.paths)))
+        _draw_paths(axes, paths_driven, colours, range(len(paths_driven.paths)))
         value = result.evaluation
         heading = f"{result.point.label}\n" if result.point.label else ""
         axes.set_title(f"{heading}success {100.0 * value.success_rate:.1f} %", loc="left", fontsize=9, color=INK)
@@ -54,19 +54,19 @@ def draw_paths(path: Path, title: str, note: str, results: list[PointResult]) ->
 
 def draw_worlds(path: Path, title: str, note: str, result: PointResult) -> None:
     """Write a map for each of the first worlds of a point, with what stands in it."""
-    trails = result.trails
-    if trails is None:
+    paths_driven = result.paths_driven
+    if paths_driven is None:
         return
-    colours = _colours([trails])
-    worlds = range(min(_WORLDS, len(trails.paths)))
-    figure, panels = _sheet(len(worlds), _common_window([trails]), title, note, colours, largest=4.0)
+    colours = _colours([paths_driven])
+    worlds = range(min(_WORLDS, len(paths_driven.paths)))
+    figure, panels = _sheet(len(worlds), _common_window([paths_driven]), title, note, colours, largest=4.0)
     for axes, world in zip(panels, worlds, strict=True):
-        for surrounding in trails.surroundings:
+        for surrounding in paths_driven.surroundings:
             line = surrounding.points[world]
             axes.plot(line[:, 0], line[:, 1], color=surrounding.colour, linewidth=1.0, alpha=0.45, zorder=1)
-        _draw_paths(axes, trails, colours, range(world, world + 1))
-        end = (trails.reasons[world], trails.successes[world])
-        seconds = (len(trails.paths[world]) - 1) * trails.control_dt
+        _draw_paths(axes, paths_driven, colours, range(world, world + 1))
+        end = (paths_driven.reasons[world], paths_driven.successes[world])
+        seconds = (len(paths_driven.paths[world]) - 1) * paths_driven.control_dt
         axes.set_title(f"world {world}: {_words(end)}, {seconds:.1f} s", loc="left", fontsize=8, color=colours[end])
     save_figure(figure, path)
 
@@ -76,10 +76,10 @@ def _words(end: End) -> str:
     return f"{reason.replace('_', ' ')}{' (success)' if success else ''}"
 
 
-def _colours(all_trails: list[Trails]) -> dict[End, str]:
+def _colours(all_paths: list[DrivenPaths]) -> dict[End, str]:
     """Return a colour for each way to end that occurs, the same for the same reason in all pictures of a task."""
-    seen = {end for trails in all_trails for end in zip(trails.reasons, trails.successes, strict=True)}
-    known = list(dict.fromkeys(reason for trails in all_trails for reason in trails.known_reasons))
+    seen = {end for paths_driven in all_paths for end in zip(paths_driven.reasons, paths_driven.successes, strict=True)}
+    known = list(dict.fromkeys(reason for paths_driven in all_paths for reason in paths_driven.known_reasons))
     good = [reason for reason in known if (reason, True) in seen]
     colours = {(reason, True): _SUCCESSES[index % len(_SUCCESSES)] for index, reason in enumerate(good)}
     for index, reason in enumerate(known):
@@ -96,14 +96,14 @@ def _legend(colours: dict[End, str]) -> list[Line2D]:
     return [*handles, Line2D([], [], color=GREY, linestyle="none", marker=".", label="start")]
 
 
-def _draw_paths(axes: Any, trails: Trails, colours: dict[End, str], worlds: range) -> None:
+def _draw_paths(axes: Any, paths_driven: DrivenPaths, colours: dict[End, str], worlds: range) -> None:
     """Draw the paths of some worlds, failures above successes, with a mark where each one starts and ends."""
     faint = min(0.9, max(0.25, 40.0 / len(worlds)))
     for layer, (end, colour) in enumerate(colours.items()):
         paths = [
-            trails.paths[world]
+            paths_driven.paths[world]
             for world in worlds
-            if (trails.reasons[world], trails.successes[world]) == end and len(trails.paths[world])
+            if (paths_driven.reasons[world], paths_driven.successes[world]) == end and len(paths_driven.paths[world])
         ]
         if not paths:
             continue
@@ -115,24 +115,26 @@ def _draw_paths(axes: Any, trails: Trails, colours: dict[End, str], worlds: rang
         good = {"marker": "o", "s": 12 if len(worlds) < 100 else 7, "linewidths": 0.0}
         mark = good if end[1] else {"marker": "x", "s": 22, "linewidths": 1.2}
         axes.scatter(last[:, 0], last[:, 1], color=colour, zorder=4 + 0.1 * layer, clip_on=False, **mark)
-    starts = np.array([trails.paths[world][0] for world in worlds if len(trails.paths[world])]).reshape(-1, 2)
+    starts = np.array([paths_driven.paths[world][0] for world in worlds if len(paths_driven.paths[world])]).reshape(
+        -1, 2
+    )
     axes.scatter(starts[:, 0], starts[:, 1], color=GREY, s=8, linewidths=0.0, zorder=3)
 
 
-def _common_lines(trails: Trails) -> list[tuple[Points, str]]:
+def _common_lines(paths_driven: DrivenPaths) -> list[tuple[Points, str]]:
     """Return what stands everywhere, or in few variants: each as (variants, P, 2) points and its colour."""
     found = []
-    for surrounding in trails.surroundings:
+    for surrounding in paths_driven.surroundings:
         variants = np.unique(surrounding.points.round(3), axis=0)
-        if len(variants) <= max(1, min(_COMMON, len(trails.paths) // 2)):
+        if len(variants) <= max(1, min(_COMMON, len(paths_driven.paths) // 2)):
             found.append((variants, surrounding.colour))
     return found
 
 
-def _common_window(all_trails: list[Trails]) -> Window:
+def _common_window(all_paths: list[DrivenPaths]) -> Window:
     """Return the task's window, or one around all paths."""
-    windows = [trails.window for trails in all_trails]
-    points = [path for trails in all_trails for path in trails.paths if len(path)]
+    windows = [paths_driven.window for paths_driven in all_paths]
+    points = [path for paths_driven in all_paths for path in paths_driven.paths if len(path)]
     if windows and all(window is not None for window in windows):
         low = np.min([[window[0][0], window[1][0]] for window in windows if window is not None], axis=0)
         high = np.max([[window[0][1], window[1][1]] for window in windows if window is not None], axis=0)

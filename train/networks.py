@@ -223,7 +223,7 @@ class EarlyFusion(ImageModel):
 
 
 class LateFusion(ImageModel):
-    """The twin that keeps the sensors apart: each branch proposes an output, one linear layer weighs both."""
+    """The network that keeps the sensors apart: each branch proposes an output, one linear layer weighs both."""
 
     def make_layers(self, features: int, actions: int, outputs: int, activation: type[nn.Module]) -> nn.Sequential:
         """Make both branches; return the layer that joins them."""

@@ -181,7 +181,7 @@ class _Canvas:
             self._figure.draw_artist(moving)
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
-    def draw_trail(self, frames: list[Frame]) -> npt.NDArray[np.uint8]:
+    def draw_path(self, frames: list[Frame]) -> npt.NDArray[np.uint8]:
         """Return the last moment with pale earlier ones behind it."""
         chosen = [frames[round(index)] for index in np.linspace(0, len(frames) - 1, min(_GHOSTS, len(frames)))]
         for position, frame in enumerate(chosen[:-1]):
@@ -200,7 +200,7 @@ def write_picture(path: Path, task: Task[Any], drawing: Drawing, frames: list[Fr
         OutputError: the disk did not take it.
     """
     taken = [(frame.time, frame.images) for frame in frames if frame.images is not None]
-    image = film_strip(taken, title) if taken else _Canvas(task, drawing, frames, title).draw_trail(frames)
+    image = film_strip(taken, title) if taken else _Canvas(task, drawing, frames, title).draw_path(frames)
     picture = io.BytesIO()
     Image.fromarray(image).save(picture, format="png")
     write_file(path, picture.getvalue())

@@ -153,11 +153,11 @@ class Report:
         if self.is_grid:
             target = self._note_file("success.png")
             draw_success(target, f"{self.task}: success rate, 95 % intervals", note, self.points, self.results)
-        moving = [result for result in self.results if result.trails is not None and not result.trails.flat]
+        moving = [result for result in self.results if result.paths_driven is not None and not result.paths_driven.flat]
         if moving:
             draw_paths(self._note_file("paths.png"), f"{self.task}: paths from above", note, moving)
         for result in moving:
-            if result.trails is not None and result.trails.surroundings:
+            if result.paths_driven is not None and result.paths_driven.surroundings:
                 values = "".join(f"_{key}={shown(value)}" for key, value in result.point.values.items())
                 title = ": ".join(filter(None, [self.task, result.point.label])) + ", first worlds from above"
                 draw_worlds(self._note_file(f"worlds{values.replace('/', '-')}.png"), title, note, result)

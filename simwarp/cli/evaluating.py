@@ -93,7 +93,7 @@ def run(arguments: list[str]) -> int:
         device=resolve_device(options.device),
         num_envs=options.num_envs,
         baselines=options.baselines,
-        trails=bool(options.grid) or options.plot is not None,
+        paths_driven=bool(options.grid) or options.plot is not None,
     )
     source = source or find_policy(name, options.checkpoint, options.runs, chosen_obs(arguments))
     folder = open_folder(options.plot, name, bool(options.grid))

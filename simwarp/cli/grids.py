@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from simwarp.cli import UsageError, shortened
+from simwarp.core.renames import RENAMED, with_new_names
 from simwarp.tasks import TaskConfig
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[st
     """
     from simwarp.train.grid import GridPoint
 
-    axes = grid_axes(texts)
+    axes = with_new_names("--grid", grid_axes(texts), getattr(base, RENAMED, {}))
     if not axes:
         return [GridPoint({}, base)]
     if "obs" in axes:

@@ -12,7 +12,7 @@ import math
 import os
 import sys
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -22,6 +22,7 @@ from rich.console import Console
 from simwarp.cli import HELP, UsageError, one_line, shortened
 from simwarp.cli.values import check_option, is_flag, may_repeat
 from simwarp.core.files import check_output, is_special, write_file
+from simwarp.core.renames import RENAMED
 
 OptionsT = TypeVar("OptionsT")
 
@@ -218,6 +219,7 @@ def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> O
     if HELP & set(arguments):
         arguments = ["--help"]
     else:
+        arguments = _with_new_names(dict(_renamed(kind)), arguments)
         _check_words(dict(_options(kind)), arguments)
     errors = io.StringIO()
     try:
@@ -229,6 +231,28 @@ def parse_options(kind: type[OptionsT], arguments: list[str], program: str) -> O
         if not stop.code:
             raise
         raise UsageError(_explain(_message(errors.getvalue()), kind)) from None
+
+
+def _renamed(kind: type[Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the old options of a dataclass and the new ones."""
+    for old, new in getattr(kind, RENAMED, {}).items():
+        for no in ("", "no-"):
+            yield f"--{prefix}{no}{old.replace('_', '-')}", f"--{prefix}{no}{new.replace('_', '-')}"
+    for _, word, inner, flat in _nested(kind):
+        yield from _renamed(inner, prefix if flat else f"{prefix}{word}.")
+
+
+def _with_new_names(renamed: Mapping[str, str], arguments: list[str]) -> list[str]:
+    """Return the arguments with new names in the place of old ones, and say so."""
+    found = []
+    for argument in arguments:
+        name, equals, value = argument.partition("=")
+        new = renamed.get(name.replace("_", "-"), name)
+        if new != name.replace("_", "-") and name.startswith("--"):
+            print(f"simwarp: {name} is now called {new}; the old name goes with the next release", file=sys.stderr)
+            name = new
+        found.append(f"{name}{equals}{value}")
+    return found
 
 
 def _check_words(known: Mapping[str, Any], arguments: list[str]) -> None:
@@ -306,15 +330,21 @@ def option_names(kind: type[Any]) -> list[str]:
 
 def _options(kind: type[Any], prefix: str = "") -> list[tuple[str, Any]]:
     """Return the options with their type hints."""
-    found: list[tuple[str, Any]] = []
     hints = typing.get_type_hints(kind, include_extras=True)
+    nested = {name: (word, inner, flat) for name, word, inner, flat in _nested(kind)}
+    found: list[tuple[str, Any]] = []
     for field in dataclasses.fields(kind):
-        hint = hints[field.name]
-        flat = FLAT in getattr(hint, "__metadata__", ())
-        inner = typing.get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
-        word = field.name.replace("_", "-")
-        if dataclasses.is_dataclass(inner) and isinstance(inner, type):
+        if field.name in nested:
+            word, inner, flat = nested[field.name]
             found += _options(inner, prefix if flat else f"{prefix}{word}.")
         else:
-            found.append((f"--{prefix}{word}", hint))
+            found.append((f"--{prefix}{field.name.replace('_', '-')}", hints[field.name]))
     return found
+
+
+def _nested(kind: type[Any]) -> Iterator[tuple[str, str, type[Any], bool]]:
+    """Yield fields that are dataclasses: the field, its prefix, its class, whether its options have no prefix."""
+    for name, hint in typing.get_type_hints(kind, include_extras=True).items():
+        inner = typing.get_args(hint)[0] if hasattr(hint, "__metadata__") else hint
+        if dataclasses.is_dataclass(inner) and isinstance(inner, type):
+            yield name, name.replace("_", "-"), inner, FLAT in getattr(hint, "__metadata__", ())

@@ -7,6 +7,7 @@ ground has its origin in the middle of its foot, at ground level.
 
 from __future__ import annotations
 
+from simwarp.core.renames import renamed_names
 from simwarp.scenery.corridor import Corridor, corridor
 from simwarp.scenery.course import (
     CONVOY_PATHS,
@@ -20,18 +21,69 @@ from simwarp.scenery.course import (
     scattered,
 )
 from simwarp.scenery.plants import BUSHES, TREES, bush, tree
-from simwarp.scenery.prop import Label, Prop, Proxy, add_collision, add_picture, arranged, yaw_pose
 from simwarp.scenery.roadside import CONES, barrier, barrier_chain, cone, crate, pillar
 from simwarp.scenery.rocks import ROCKS, rock
 from simwarp.scenery.terrain import flattened, height_at, hills, steepness
 from simwarp.scenery.textures import TEXTURES, ground_texture
 from simwarp.scenery.tracks import Track, indoor_track, race_track, rounded
-from simwarp.scenery.vehicle_visuals import VEHICLES, VehicleLook, add_vehicle_picture, vehicle_look, vehicle_prop
+from simwarp.scenery.vehicle_visuals import (
+    VEHICLES,
+    VehicleVisuals,
+    add_vehicle_visual,
+    vehicle_visual,
+    vehicle_visuals_of,
+)
+from simwarp.scenery.visual import Label, Proxy, Visual, add_collision, add_visual, arranged, yaw_pose
 
 __all__ = [
-    "BUSHES", "CONES", "CONVOY_PATHS", "ROCKS", "TEXTURES", "TREES", "VEHICLES", "Corridor", "Course", "Detour",
-    "Label", "Prop", "Proxy", "Track", "VehicleLook", "add_collision", "add_picture", "add_vehicle_picture", "arranged",
-    "barrier", "barrier_chain", "beside", "bush", "cone", "convoy_path", "corridor", "crate", "detour", "flattened",
-    "ground_texture", "height_at", "hills", "indoor_track", "pillar", "race_course", "race_track", "road", "rock",
-    "rounded", "scattered", "steepness", "tree", "vehicle_look", "vehicle_prop", "yaw_pose",
+    "BUSHES",
+    "CONES",
+    "CONVOY_PATHS",
+    "ROCKS",
+    "TEXTURES",
+    "TREES",
+    "VEHICLES",
+    "Corridor",
+    "Course",
+    "Detour",
+    "Label",
+    "Proxy",
+    "Track",
+    "VehicleVisuals",
+    "Visual",
+    "add_collision",
+    "add_vehicle_visual",
+    "add_visual",
+    "arranged",
+    "barrier",
+    "barrier_chain",
+    "beside",
+    "bush",
+    "cone",
+    "convoy_path",
+    "corridor",
+    "crate",
+    "detour",
+    "flattened",
+    "ground_texture",
+    "height_at",
+    "hills",
+    "indoor_track",
+    "pillar",
+    "race_course",
+    "race_track",
+    "road",
+    "rock",
+    "rounded",
+    "scattered",
+    "steepness",
+    "tree",
+    "vehicle_visual",
+    "vehicle_visuals_of",
+    "yaw_pose",
 ]  # fmt: skip
+
+__getattr__ = renamed_names(
+    __name__, Prop="Visual", VehicleLook="VehicleVisuals", add_picture="add_visual",
+    add_vehicle_picture="add_vehicle_visual", vehicle_look="vehicle_visuals_of", vehicle_prop="vehicle_visual",
+)  # fmt: skip

@@ -11,9 +11,9 @@ import numpy as np
 from simwarp.core.types import ModelError, ShapeType
 from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.model.checks import positive_number
-from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, box, closed_loft, moved, ribbon, stream, tone, varied, volume
 from simwarp.scenery.tracks import Track, offset_line
+from simwarp.scenery.visual import Label, Proxy, Visual
 
 THICKNESS: Final = 0.12
 """Of the walls [m]."""
@@ -38,7 +38,7 @@ class Corridor:
     track: Track
     width: float
     height: float
-    walls: Prop
+    walls: Visual
     floor: VisualMesh
     ceiling: VisualMesh
     lamps: Array
@@ -86,7 +86,7 @@ def corridor(
     count = math.ceil(track.length / 3.0)
     lamps = track.at((np.arange(count) + 0.5) * track.length / count)
     lamps[:, 2] = tall - 0.15
-    walls = Prop(name="corridor", mesh=joined(pieces), proxies=tuple(proxies), label=Label.WALL)
+    walls = Visual(name="corridor", mesh=joined(pieces), proxies=tuple(proxies), label=Label.WALL)
     return Corridor(
         track, wide, tall, walls, ribbon(borders, tone("9a968e")), ribbon(borders, tone("f0efe9"), tall, upwards=False),
         lamps,

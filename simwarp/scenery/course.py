@@ -12,10 +12,10 @@ import numpy.typing as npt
 from simwarp.core.types import ModelError
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.model.checks import positive_number
-from simwarp.scenery.prop import Prop
 from simwarp.scenery.roadside import barrier_chain
 from simwarp.scenery.solids import Array, ribbon, stream, tone, varied
 from simwarp.scenery.tracks import Track
+from simwarp.scenery.visual import Visual
 from simwarp.vehicle.driving.paths import Path, smooth
 
 ROAD_HEIGHT: Final = 0.005
@@ -35,8 +35,8 @@ class Course:
 
     track: Track
     road: VisualMesh
-    left: Prop
-    right: Prop
+    left: Visual
+    right: Visual
 
 
 def race_course(track: Track, *, barrier_length: float = 2.0, barrier_height: float = 1.0) -> Course:

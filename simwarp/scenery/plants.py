@@ -11,7 +11,6 @@ import numpy as np
 from simwarp.core.types import ModelError, ShapeType, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.model.checks import positive_number
-from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import (
     Array,
     between,
@@ -25,6 +24,7 @@ from simwarp.scenery.solids import (
     tube,
     varied,
 )
+from simwarp.scenery.visual import Label, Proxy, Visual
 
 
 def leaves(
@@ -159,7 +159,7 @@ TREES: Final = tuple(_TREES)
 """Kinds of trees."""
 
 
-def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Prop:
+def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Visual:
     """A tree whose trunk stands at the origin; every seed gives another one.
 
     Args:
@@ -168,7 +168,7 @@ def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Pr
         height: about [m]; None: 4.5 to 7.5, as the kind is.
 
     Returns:
-        A prop with 200 to 600 triangles. What is in a vehicle's way comes first among the proxies: the trunk, or the
+        A visual with 200 to 600 triangles. What is in a vehicle's way comes first among the proxies: the trunk, or the
         lowest branches of a spruce.
     """
     if kind not in _TREES:
@@ -176,7 +176,7 @@ def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Pr
     usual, grow = _TREES[kind]
     tall = usual if height is None else positive_number("tree", "height", height, "m", "pass metres")
     mesh, proxies = grow(tall, stream(f"tree {kind}", seed))
-    return Prop(name=kind, mesh=mesh, proxies=proxies, label=Label.TREE, reflectance=0.45)
+    return Visual(name=kind, mesh=mesh, proxies=proxies, label=Label.TREE, reflectance=0.45)
 
 
 _BUSHES: Final = {
@@ -210,7 +210,7 @@ def twigs(
     return solid(points.reshape(-1, 3) * radii + at, triangles, color)
 
 
-def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> Prop:
+def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> Visual:
     """A bush: four dented balls of leaves on the ground and twigs that stick out, 480 triangles; its foot is flat.
 
     Args:
@@ -219,7 +219,7 @@ def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> P
         width: of the larger side of the box around it [m]; None: 1.35 to 3.3, as the kind is.
 
     Returns:
-        A prop with one HULL.
+        A visual with one HULL.
     """
     if kind not in _BUSHES:
         raise ModelError(f"bush: kind must be one of {', '.join(BUSHES)}, got {kind!r}; choose one")
@@ -242,4 +242,4 @@ def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> P
     points[:, 2] -= points[:, 2].min()
     grown = VisualMesh(vertices=points, triangles=mesh.triangles, color=mesh.color)
     hull = Proxy(kind=ShapeType.HULL, points=hull_corners(points, 24))
-    return Prop(name=kind, mesh=grown, proxies=(hull,), label=Label.BUSH, reflectance=0.4)
+    return Visual(name=kind, mesh=grown, proxies=(hull,), label=Label.BUSH, reflectance=0.4)

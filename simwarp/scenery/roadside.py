@@ -10,8 +10,8 @@ import numpy.typing as npt
 from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.model.checks import positive_number
-from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, box, lathe, loft, solid, stream, tone, varied
+from simwarp.scenery.visual import Label, Proxy, Visual
 
 _ORANGE, _WHITE, _RED, _GREEN = tone("ff5a10"), tone("f2f2f2"), tone("d81f1f"), tone("18a03c")
 _CONES: Final = {"orange": (_ORANGE, _WHITE), "red": (_RED, _RED), "green": (_GREEN, _GREEN)}
@@ -19,7 +19,7 @@ CONES: Final = tuple(_CONES)
 """Colours of cones; the orange one has white bands."""
 
 
-def cone(color: str = "orange", *, height: float = 0.75) -> Prop:
+def cone(color: str = "orange", *, height: float = 0.75) -> Visual:
     """A traffic cone on its square plate, 120 triangles; half as wide as it is high.
 
     Args:
@@ -27,7 +27,7 @@ def cone(color: str = "orange", *, height: float = 0.75) -> Prop:
         height: [m].
 
     Returns:
-        A prop with a HULL of the cone and its plate.
+        A visual with a HULL of the cone and its plate.
     """
     if color not in _CONES:
         raise ModelError(f"cone: color must be one of {', '.join(CONES)}, got {color!r}; choose one")
@@ -42,10 +42,10 @@ def cone(color: str = "orange", *, height: float = 0.75) -> Prop:
         lathe(np.stack([radii, levels], axis=1), bands, 9),
     ]
     hull = Proxy(kind=ShapeType.HULL, points=np.concatenate([part.vertices for part in parts]))
-    return Prop(name=f"{color} cone", mesh=joined(parts), proxies=(hull,), label=Label.CONE, reflectance=0.7)
+    return Visual(name=f"{color} cone", mesh=joined(parts), proxies=(hull,), label=Label.CONE, reflectance=0.7)
 
 
-def pillar(*, width: float = 2.0, height: float = 10.0, color: Vec3 | None = None) -> Prop:
+def pillar(*, width: float = 2.0, height: float = 10.0, color: Vec3 | None = None) -> Visual:
     """A square pillar with light bands, the obstacle of obstacle avoidance: 48 triangles.
 
     Args:
@@ -54,7 +54,7 @@ def pillar(*, width: float = 2.0, height: float = 10.0, color: Vec3 | None = Non
         color: linear; None: blue.
 
     Returns:
-        A prop with one BOX, which it fills.
+        A visual with one BOX, which it fills.
     """
     wide = positive_number("pillar", "width", width, "m", "pass metres")
     tall = positive_number("pillar", "height", height, "m", "pass metres")
@@ -67,10 +67,10 @@ def pillar(*, width: float = 2.0, height: float = 10.0, color: Vec3 | None = Non
         np.broadcast_to(square, (len(levels), 4, 2)), np.broadcast_to(levels[:, None, None], (len(levels), 4, 1)),
     ], axis=2)  # fmt: skip
     proxy = Proxy(kind=ShapeType.BOX, size=(half, half, 0.5 * tall), pose=pose((0.0, 0.0, 0.5 * tall)))
-    return Prop(name="pillar", mesh=loft(rings, bands), proxies=(proxy,), label=Label.PILLAR)
+    return Visual(name="pillar", mesh=loft(rings, bands), proxies=(proxy,), label=Label.PILLAR)
 
 
-def crate(*, size: Vec3 = (1.0, 1.0, 1.0), seed: int = 0) -> Prop:
+def crate(*, size: Vec3 = (1.0, 1.0, 1.0), seed: int = 0) -> Visual:
     """A wooden crate: six frames of boards about sunk panels, 108 triangles.
 
     Args:
@@ -78,7 +78,7 @@ def crate(*, size: Vec3 = (1.0, 1.0, 1.0), seed: int = 0) -> Prop:
         seed: of the colours of its boards.
 
     Returns:
-        A prop with one BOX.
+        A visual with one BOX.
     """
     extent = finite_vector("crate", "size", size, 3)
     for length in extent:
@@ -116,7 +116,7 @@ def crate(*, size: Vec3 = (1.0, 1.0, 1.0), seed: int = 0) -> Prop:
     mesh = solid(points, inverse.reshape(-1)[np.array(triangles)], np.array(colors))
     half = (float(0.5 * extent[0]), float(0.5 * extent[1]), float(0.5 * extent[2]))
     proxy = Proxy(kind=ShapeType.BOX, size=half, pose=pose((0.0, 0.0, half[2])))
-    return Prop(name="crate", mesh=mesh, proxies=(proxy,), label=Label.CRATE)
+    return Visual(name="crate", mesh=mesh, proxies=(proxy,), label=Label.CRATE)
 
 
 def _jersey(height: float) -> Array:
@@ -125,7 +125,7 @@ def _jersey(height: float) -> Array:
     return np.concatenate([half, half[::-1] * np.array([-1.0, 1.0])])
 
 
-def barrier(*, length: float = 2.0, height: float = 0.8, color: Vec3 | None = None) -> Prop:
+def barrier(*, length: float = 2.0, height: float = 0.8, color: Vec3 | None = None) -> Visual:
     """A jersey barrier along X: three quarters as wide as high at its foot; 32 triangles.
 
     Args:
@@ -134,14 +134,14 @@ def barrier(*, length: float = 2.0, height: float = 0.8, color: Vec3 | None = No
         color: linear; None: concrete.
 
     Returns:
-        A prop with one HULL, a little fuller than the barrier's hollow sides.
+        A visual with one HULL, a little fuller than the barrier's hollow sides.
     """
     long = positive_number("barrier", "length", length, "m", "pass metres")
     outline = _jersey(positive_number("barrier", "height", height, "m", "pass metres"))
     main = tone("b5b2aa") if color is None else finite_vector("barrier", "color", color, 3)
     mesh = _block(np.array([-0.5 * long, 0.0]), np.array([0.5 * long, 0.0]), outline, main)
     hull = Proxy(kind=ShapeType.HULL, points=mesh.vertices[:16])
-    return Prop(name="barrier", mesh=mesh, proxies=(hull,), label=Label.BARRIER)
+    return Visual(name="barrier", mesh=mesh, proxies=(hull,), label=Label.BARRIER)
 
 
 def _block(start: Array, end: Array, outline: Array, color: Array) -> VisualMesh:
@@ -159,7 +159,7 @@ def _block(start: Array, end: Array, outline: Array, color: Array) -> VisualMesh
 def barrier_chain(
     points: npt.ArrayLike, *, closed: bool = False, length: float = 2.0, height: float = 0.8,
     colors: tuple[Vec3, ...] | None = None,
-) -> Prop:  # fmt: skip
+) -> Visual:  # fmt: skip
     """Barriers end to end along a line, in the frame of the line: 32 triangles each.
 
     Args:
@@ -170,7 +170,7 @@ def barrier_chain(
         colors: linear, in turn; None: red and white.
 
     Returns:
-        A prop with one MESH: one shape, however many barriers. Its origin is that of the points.
+        A visual with one MESH: one shape, however many barriers. Its origin is that of the points.
     """
     line = np.asarray(points, dtype=np.float64)
     if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.isfinite(line).all():
@@ -189,4 +189,4 @@ def barrier_chain(
     blocks = [_block(ends[k], ends[k + 1], outline, tones[k % len(tones)]) for k in range(count)]
     mesh = joined(blocks)
     proxy = Proxy(kind=ShapeType.MESH, points=mesh.vertices, triangles=mesh.triangles)
-    return Prop(name="barriers", mesh=mesh, proxies=(proxy,), label=Label.BARRIER, reflectance=0.6)
+    return Visual(name="barriers", mesh=mesh, proxies=(proxy,), label=Label.BARRIER, reflectance=0.6)

@@ -10,8 +10,8 @@ import numpy as np
 
 from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector
 from simwarp.model.checks import positive_number
-from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, between, face_normals, hull_corners, icosphere, solid, stream, tone, varied
+from simwarp.scenery.visual import Label, Proxy, Visual
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +37,7 @@ ROCKS: Final = tuple(_STYLES)
 """Kinds of rocks. As they come they are as long and wide as the five rocks of the original off-road task."""
 
 
-def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, detail: int = 2) -> Prop:
+def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, detail: int = 2) -> Visual:
     """A rock that lies on the ground, its foot flat; every seed gives another one.
 
     Args:
@@ -47,7 +47,7 @@ def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, deta
         detail: 1: 80 triangles, 2: 320.
 
     Returns:
-        A prop with one HULL of at most 32 corners, all of them on the rock.
+        A visual with one HULL of at most 32 corners, all of them on the rock.
     """
     if kind not in _STYLES:
         raise ModelError(f"rock: kind must be one of {', '.join(ROCKS)}, got {kind!r}; choose one")
@@ -70,7 +70,7 @@ def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, deta
     color = between(color, tone("55702f"), style.moss * np.clip(2.0 * normals[:, 2] - 0.7, 0.0, 1.0))
     color = varied(color, len(triangles), rng, 0.1)
     hull = Proxy(kind=ShapeType.HULL, points=hull_corners(points))
-    return Prop(name=kind, mesh=solid(points, triangles, color), proxies=(hull,), label=Label.ROCK, reflectance=0.35)
+    return Visual(name=kind, mesh=solid(points, triangles, color), proxies=(hull,), label=Label.ROCK, reflectance=0.35)
 
 
 def _bumpy(directions: Array, bumps: float, rng: np.random.Generator) -> Array:

@@ -9,9 +9,9 @@ import numpy as np
 
 from simwarp.core.types import ModelError, ShapeType, Vec3, finite_vector, pose
 from simwarp.geometry.visual_mesh import VisualMesh, joined
-from simwarp.scenery.prop import Label, Prop, Proxy
 from simwarp.scenery.solids import Array, mirrored, moved
 from simwarp.scenery.vehicle_bodies import STYLES, BodyStyle, wheel_mesh
+from simwarp.scenery.visual import Label, Proxy, Visual
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ VEHICLES: Final = tuple(STYLES)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class VehicleLook:
-    """A vehicle's picture.
+class VehicleVisuals:
+    """A vehicle's visual.
 
     Attributes:
         body: in the vehicle's frame of reference (X forward, Y left, Z up), without wheels.
@@ -38,7 +38,7 @@ class VehicleLook:
     places: Array
 
 
-def vehicle_look(name: str, *, color: Vec3 | None = None) -> VehicleLook:
+def vehicle_visuals_of(name: str, *, color: Vec3 | None = None) -> VehicleVisuals:
     """The picture of a shipped vehicle: 430 to 700 triangles for its body, 280 for a wheel.
 
     Args:
@@ -55,18 +55,18 @@ def vehicle_look(name: str, *, color: Vec3 | None = None) -> VehicleLook:
     points = body.vertices + np.array([0.5 * (front + rear), 0.0, 0.0])
     points[:, 2] += low + (high - low) * (points[:, 0] - rear) / (front - rear)
     places[:, 2] = np.repeat(axles[:, 1], 2)
-    return VehicleLook(body=dataclasses.replace(body, vertices=points), wheels=_wheels(style, spec), places=places)
+    return VehicleVisuals(body=dataclasses.replace(body, vertices=points), wheels=_wheels(style, spec), places=places)
 
 
-def vehicle_prop(name: str, *, color: Vec3 | None = None) -> Prop:
+def vehicle_visual(name: str, *, color: Vec3 | None = None) -> Visual:
     """A whole vehicle as one thing that stands on level ground, its wheels still: for parked cars, and for ghosts that
     are moved as one.
 
     Args:
-        name, color: as of `vehicle_look`.
+        name, color: as of `vehicle_visuals_of`.
 
     Returns:
-        A prop with one BOX around it without its mirrors; its origin is below that of the vehicle's frame.
+        A visual with one BOX around it without its mirrors; its origin is below that of the vehicle's frame.
     """
     style, spec = _style(name), load_vehicle(_kind(name))
     places = _places(spec)
@@ -81,12 +81,12 @@ def vehicle_prop(name: str, *, color: Vec3 | None = None) -> Prop:
     box = Proxy(
         kind=ShapeType.BOX, size=(0.5 * long, 0.5 * wide, 0.5 * tall), pose=pose((at, 0.0, 0.5 * tall))
     )  # fmt: skip
-    return Prop(name=_kind(name), mesh=mesh, proxies=(box,), label=Label.VEHICLE, reflectance=0.6)
+    return Visual(name=_kind(name), mesh=mesh, proxies=(box,), label=Label.VEHICLE, reflectance=0.6)
 
 
-def add_vehicle_picture(
+def add_vehicle_visual(
     visuals: Visuals, parts: VehicleParts, *, like: str | None = None, color: Vec3 | None = None, prefix: str = "",
-    **look: Any,
+    **appearance: Any,
 ) -> list[int]:  # fmt: skip
     """The body on the chassis and a wheel on every spindle, so that wheels spin and steer; returns the instances.
 
@@ -96,14 +96,14 @@ def add_vehicle_picture(
         like: name of the body; None: that of the vehicle's description.
         color: of the paint, linear; None: the body's own.
         prefix: of the names of the instances, "body" and "wheel_0" to "wheel_3".
-        look: fields of `Look`; label and reflectance are those of vehicles unless given.
+        appearance: fields of `Appearance`; label and reflectance are those of vehicles unless given.
     """
     name = parts.spec.name if like is None else like
-    look = {"label": int(Label.VEHICLE), "reflectance": 0.6, **look}
-    body = vehicle_look(name, color=color).body
-    instances = [visuals.add_mesh(parts.chassis, body, name=f"{prefix}body", pose=pose(parts.reference), **look)]
+    appearance = {"label": int(Label.VEHICLE), "reflectance": 0.6, **appearance}
+    body = vehicle_visuals_of(name, color=color).body
+    instances = [visuals.add_mesh(parts.chassis, body, name=f"{prefix}body", pose=pose(parts.reference), **appearance)]
     for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(_style(name), parts.spec), strict=True)):
-        instances.append(visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", **look))
+        instances.append(visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", **appearance))
     return instances
 
 
@@ -111,7 +111,7 @@ def _kind(name: str) -> str:
     for kind in VEHICLES:
         if name == kind or name.startswith(f"{kind}-"):
             return kind
-    raise ModelError(f"vehicle picture: name must be one of {', '.join(VEHICLES)}, got {name!r}; say which it is like")
+    raise ModelError(f"vehicle visual: name must be one of {', '.join(VEHICLES)}, got {name!r}; say which it is like")
 
 
 def _style(name: str) -> BodyStyle:
@@ -119,7 +119,7 @@ def _style(name: str) -> BodyStyle:
 
 
 def _paint(style: BodyStyle, color: Vec3 | None) -> Array:
-    return style.color if color is None else finite_vector("vehicle picture", "color", color, 3)
+    return style.color if color is None else finite_vector("vehicle visual", "color", color, 3)
 
 
 def _wheels(style: BodyStyle, spec: VehicleSpec) -> tuple[VisualMesh, ...]:

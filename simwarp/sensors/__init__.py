@@ -6,6 +6,7 @@ camera = sw.sensors.Camera(scene, sw.sensors.Mount("chassis"), sw.sensors.Camera
 
 from __future__ import annotations
 
+from simwarp.core.renames import renamed_names
 from simwarp.sensors.cameras.appearance import CheckerTexture, ImageTexture, NoiseTexture
 from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
 from simwarp.sensors.cameras.image_processing import Imaging
@@ -30,10 +31,11 @@ from simwarp.sensors.presets import load_config, load_sensor, make_sensor
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise
-from simwarp.sensors.scene import Look, Scene, Visuals
+from simwarp.sensors.scene import Appearance, Scene, Visuals
 from simwarp.sensors.shipped import sensor_names
 
 __all__ = [
+    "Appearance",
     "Beam",
     "BeamTable",
     "BiasWalk",
@@ -64,7 +66,6 @@ __all__ = [
     "Lights",
     "LoadCell",
     "LoadCellConfig",
-    "Look",
     "Magnetometer",
     "MagnetometerConfig",
     "Mount",
@@ -94,3 +95,5 @@ __all__ = [
     "mount_arrays",
     "sensor_names",
 ]
+
+__getattr__ = renamed_names(__name__, Look="Appearance")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 from simwarp.core.files import FileError, parse_json, read_text
+from simwarp.core.renames import RENAMED, with_new_names
 from simwarp.core.types import LONGEST_VALUE, ModelError, shown
 from simwarp.sensors.cameras.lenses import FishEye, Lens, Pinhole, Radial
 from simwarp.sensors.noise import BiasWalk, BoundedDrift, Noise, NormalNoise, Quantisation, Saturation
@@ -110,6 +111,7 @@ def build(hint: Any, value: Any, place: Place) -> Any:
 def build_object(cls: Any, value: Mapping[str, Any], place: Place) -> Any:
     """A configuration from an object with its fields."""
     hints = _hints(cls)
+    value = with_new_names(place.file, value, getattr(cls, RENAMED, {}))
     check_keys(value, hints, place)
     for field in dataclasses.fields(cls):
         needed = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING

@@ -25,7 +25,7 @@ from simwarp.core.files import FileError, read_text
 from simwarp.core.types import ModelError, shown
 from simwarp.model.model import Model
 from simwarp.sensors.cameras.camera import Camera, CameraConfig
-from simwarp.sensors.cameras.image_processing import Development
+from simwarp.sensors.cameras.image_processing import ImageProcessing
 from simwarp.sensors.configuration_files import Place, build_object, made, nearest, read_object
 from simwarp.sensors.interface import Sensor
 from simwarp.sensors.motion.encoders import (
@@ -103,7 +103,7 @@ def load_config(path_or_name: str | Path, **changes: Any) -> Any:
             raise place.at(key).error("must be a text")
     config = build_object(KINDS[sort].config, members, place)
     if isinstance(config, CameraConfig):
-        made(Development, place, imaging=config.imaging, world_count=1, device="cpu")
+        made(ImageProcessing, place, imaging=config.imaging, world_count=1, device="cpu")
     names = [field.name for field in dataclasses.fields(config)]
     for key in changes:
         if key not in names:

@@ -32,8 +32,8 @@ PER_WORLD: Final = ("x", "rot", "size", "asset", "enabled", "color", "texture", 
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Look:
-    """How an instance looks.
+class Appearance:
+    """Colour, texture, label and reflectance of an instance.
 
     Attributes:
         color: linear albedo, 0 to 1.
@@ -61,7 +61,7 @@ class Instance:
     pose: Pose
     size: npt.NDArray[np.float64]
     asset: int
-    look: Look
+    appearance: Appearance
 
 
 class Visuals:
@@ -76,22 +76,23 @@ class Visuals:
             raise ModelError(f"visuals: builder must be a ModelBuilder, got {shown(builder)}; pass the model's builder")
         self.builder = builder
         self.meshes: list[TriangleMesh] = []
-        self.mesh_looks: list[VisualMesh | None] = []
+        self.mesh_visuals: list[VisualMesh | None] = []
         self.textures = AppearanceList()
         self.instances: list[Instance] = []
         self._followed = 0
         self._follow()
 
     def texture(self, texture: Texture) -> int:
-        """The number of a texture, for `Look.texture` and `Scene.texture`."""
+        """The number of a texture, for `Appearance.texture` and `Scene.texture`."""
         return self.textures.add(texture)
 
-    def show(self, shape: int, **look: Any) -> None:
-        """Changes the look of a shape: fields of `Look`."""
+    def show(self, shape: int, **appearance: Any) -> None:
+        """Changes the appearance of a shape: fields of `Appearance`."""
         index = self.index_of(shape)
         instance = self.instances[index]
         self.instances[index] = dataclasses.replace(
-            instance, look=dataclasses.replace(instance.look, **_checked_look(instance.name, look))
+            instance,
+            appearance=dataclasses.replace(instance.appearance, **_checked_appearance(instance.name, appearance)),
         )
 
     def hide(self, *shapes: int) -> None:
@@ -101,15 +102,15 @@ class Visuals:
 
     def add_mesh(
         self, body: int, vertices: npt.ArrayLike | str | Path | VisualMesh, triangles: npt.ArrayLike | None = None, *,
-        name: str | None = None, pose: Pose | None = None, scale: Vec3 = (1.0, 1.0, 1.0), **look: Any,
+        name: str | None = None, pose: Pose | None = None, scale: Vec3 = (1.0, 1.0, 1.0), **appearance: Any,
     ) -> int:  # fmt: skip
         """Triangles (V, 3), (T, 3), or a file of them with its colours and textures, or a `VisualMesh`, on a body or
-        WORLD; returns the instance. A look's colour multiplies the mesh's own, and is white unless given.
+        WORLD; returns the instance. An appearance's colour multiplies the mesh's own, and is white unless given.
         """
         if isinstance(vertices, (str, Path, VisualMesh)):
-            look.setdefault("color", (1.0, 1.0, 1.0))
+            appearance.setdefault("color", (1.0, 1.0, 1.0))
         asset = self.add_mesh_asset(vertices, triangles)
-        return self._add(ShapeType.MESH, body, scale, name, pose, look, asset)
+        return self._add(ShapeType.MESH, body, scale, name, pose, appearance, asset)
 
     def add_mesh_asset(
         self, vertices: npt.ArrayLike | str | Path | VisualMesh, triangles: npt.ArrayLike | None = None
@@ -128,64 +129,64 @@ class Visuals:
             points, corners = loaded_mesh(vertices, triangles)
         triangle_mesh(points, corners)  # for its checks: what is seen keeps its triangles as they are
         self.meshes.append(TriangleMesh(np.asarray(points, np.float32), np.asarray(corners, np.int32)))
-        self.mesh_looks.append(mesh)
+        self.mesh_visuals.append(mesh)
         return len(self.meshes) - 1
 
     def add_mesh_instance(
         self, body: int, asset: int, *, name: str | None = None, pose: Pose | None = None,
-        scale: Vec3 = (1.0, 1.0, 1.0), **look: Any,
+        scale: Vec3 = (1.0, 1.0, 1.0), **appearance: Any,
     ) -> int:  # fmt: skip
         """One more thing that shows a mesh of `add_mesh_asset`; returns the instance."""
         if isinstance(asset, bool) or not 0 <= asset < len(self.meshes):
             raise ModelError(
                 f"visuals: asset must be in 0..{len(self.meshes) - 1}, got {shown(asset)}; see add_mesh_asset"
             )
-        if self.mesh_looks[asset] is not None:
-            look.setdefault("color", (1.0, 1.0, 1.0))
-        return self._add(ShapeType.MESH, body, scale, name, pose, look, asset)
+        if self.mesh_visuals[asset] is not None:
+            appearance.setdefault("color", (1.0, 1.0, 1.0))
+        return self._add(ShapeType.MESH, body, scale, name, pose, appearance, asset)
 
     def add_box(
-        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **look: Any
+        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **appearance: Any
     ) -> int:  # fmt: skip
         """A box of half lengths `half` [m]."""
-        return self._add(ShapeType.BOX, body, half, name, pose, look)
+        return self._add(ShapeType.BOX, body, half, name, pose, appearance)
 
     def add_sphere(
-        self, body: int, *, radius: float, name: str | None = None, pose: Pose | None = None, **look: Any
+        self, body: int, *, radius: float, name: str | None = None, pose: Pose | None = None, **appearance: Any
     ) -> int:  # fmt: skip
         """A ball."""
-        return self._add(ShapeType.SPHERE, body, (radius,) * 3, name, pose, look)
+        return self._add(ShapeType.SPHERE, body, (radius,) * 3, name, pose, appearance)
 
     def add_ellipsoid(
-        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **look: Any
+        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **appearance: Any
     ) -> int:  # fmt: skip
         """An ellipsoid of half axes `half` [m]."""
-        return self._add(ShapeType.ELLIPSOID, body, half, name, pose, look)
+        return self._add(ShapeType.ELLIPSOID, body, half, name, pose, appearance)
 
     def add_cylinder(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
-        **look: Any,
+        **appearance: Any,
     ) -> int:  # fmt: skip
         """A cylinder about z."""
-        return self._add(ShapeType.CYLINDER, body, (radius, half_length, radius), name, pose, look)
+        return self._add(ShapeType.CYLINDER, body, (radius, half_length, radius), name, pose, appearance)
 
     def add_capsule(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
-        **look: Any,
+        **appearance: Any,
     ) -> int:  # fmt: skip
         """A segment of z from -half_length to half_length, thickened by radius."""
-        return self._add(ShapeType.CAPSULE, body, (radius, half_length, radius), name, pose, look)
+        return self._add(ShapeType.CAPSULE, body, (radius, half_length, radius), name, pose, appearance)
 
     def add_cone(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
-        **look: Any,
+        **appearance: Any,
     ) -> int:  # fmt: skip
         """A cone about z: its base at -half_length, its tip at half_length."""
-        return self._add(ShapeType.CONE, body, (radius, half_length, radius), name, pose, look)
+        return self._add(ShapeType.CONE, body, (radius, half_length, radius), name, pose, appearance)
 
-    def add_plane(self, *, name: str | None = None, pose: Pose | None = None, **look: Any) -> int:
+    def add_plane(self, *, name: str | None = None, pose: Pose | None = None, **appearance: Any) -> int:
         """The endless plane z = 0 of its frame."""
-        return self._add(ShapeType.PLANE, WORLD, (0.0, 0.0, 0.0), name, pose, look)
+        return self._add(ShapeType.PLANE, WORLD, (0.0, 0.0, 0.0), name, pose, appearance)
 
     def finalize(self, model: Model, *, per_world: Iterable[str] = (), origin_body: int | None = None) -> Scene:
         """The scene of a model that the same builder made; see `Scene`.
@@ -206,7 +207,7 @@ class Visuals:
         raise ModelError(f"visuals: there must be a shape {shown(shape)} in sight; pass what add_shape_... returned")
 
     def _follow(self) -> None:
-        """Takes in the shapes that the builder got since the last look."""
+        """Takes in the shapes that the builder got since the last appearance."""
         taken = {instance.name for instance in self.instances}
         for index, shape in enumerate(self.builder.shapes[self._followed :], start=self._followed):
             if shape.name in taken:
@@ -214,7 +215,7 @@ class Visuals:
                     f"visual '{shape.name}': the name must be unique, got a shape of that name later; rename one"
                 )
             self.instances.append(
-                Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Look())
+                Instance(shape.name, shape.type, shape.body, index, shape.pose, shape.size, shape.asset, Appearance())
             )
         self._followed = len(self.builder.shapes)
 
@@ -239,7 +240,7 @@ class Visuals:
                     )
 
     def _add(
-        self, kind: ShapeType, body: int, size: Vec3, name: str | None, pose: Pose | None, look: dict[str, Any],
+        self, kind: ShapeType, body: int, size: Vec3, name: str | None, pose: Pose | None, appearance: dict[str, Any],
         asset: int = -1,
     ) -> int:  # fmt: skip
         self._follow()
@@ -254,14 +255,14 @@ class Visuals:
             )
         instance = Instance(
             title, kind, int(body), -1, checked_pose(thing, pose), checked_size(thing, kind, size), asset,
-            Look(**_checked_look(title, look)),
+            Appearance(**_checked_appearance(title, appearance)),
         )  # fmt: skip
         self.instances.append(instance)
         return len(self.instances) - 1
 
 
-def _checked_look(name: str, values: dict[str, Any]) -> dict[str, Any]:
-    known = [field.name for field in dataclasses.fields(Look)]
+def _checked_appearance(name: str, values: dict[str, Any]) -> dict[str, Any]:
+    known = [field.name for field in dataclasses.fields(Appearance)]
     for key, value in values.items():
         if key not in known:
             raise ModelError(f"visual '{name}': unknown option '{key}'; known: name, pose, {', '.join(known)}")
@@ -298,9 +299,9 @@ class Scene:
         texture: (1 or W, I) int32, -1: none.
         reflectance: (1 or W, I).
         body, shape, label: (I,) NumPy.
-        appearance: textures and looks of meshes, for kernels.
+        appearance: textures and visuals of meshes, for kernels.
 
-    A shape of the model is placed by the model's arrays (`shape_x`, `shape_enabled`, ...): here only its look and
+    A shape of the model is placed by the model's arrays (`shape_x`, `shape_enabled`, ...): here only its appearance and
     `enabled` count.
     """
 
@@ -322,15 +323,15 @@ class Scene:
         self.names = tuple(instance.name for instance in instances)
         self.body = np.array([instance.body for instance in instances], np.int32)
         self.shape = np.array([instance.shape for instance in instances], np.int32)
-        self.label = np.array([instance.look.label for instance in instances], np.int32)
+        self.label = np.array([instance.appearance.label for instance in instances], np.int32)
         self.instance_count = len(instances)
         self._constants = _constants(visuals, model.device)
         without = len(visuals.builder.hulls) + len(visuals.builder.meshes)
-        self.appearance = visuals.textures.tables([None] * without + visuals.mesh_looks, model.device)
+        self.appearance = visuals.textures.tables([None] * without + visuals.mesh_visuals, model.device)
         for instance in instances:
             own = instance.kind == ShapeType.MESH and instance.shape < 0
-            mesh = visuals.mesh_looks[instance.asset] if own else None
-            visuals.textures.check(f"visual '{instance.name}'", instance.look.texture, mesh)
+            mesh = visuals.mesh_visuals[instance.asset] if own else None
+            visuals.textures.check(f"visual '{instance.name}'", instance.appearance.texture, mesh)
         for name, (values, dtype) in _instance_values(instances).items():
             copies = model.world_count if name in wanted else 1
             setattr(self, name, writable_from(np.repeat(values[None], copies, axis=0), dtype, model.device))
@@ -384,8 +385,8 @@ def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:
         "body": ints([instance.body for instance in instances]),
         "shape": ints([instance.shape for instance in instances]),
         "tree": ints([first_tree(instance) for instance in instances]),
-        "group": ints([instance.look.group for instance in instances]),
-        "label": ints([instance.look.label for instance in instances]),
+        "group": ints([instance.appearance.group for instance in instances]),
+        "label": ints([instance.appearance.label for instance in instances]),
         "trees": tree_tables(((mesh.vertices, mesh.triangles) for mesh in geometry), device),
     }
 
@@ -398,9 +399,9 @@ def _instance_values(instances: list[Instance]) -> dict[str, tuple[npt.NDArray[A
         "size": (np.array([each.size for each in instances], np.float32).reshape(-1, 3), wp.vec3),
         "asset": (np.array([each.asset for each in instances], np.int32), wp.int32),
         "enabled": (np.ones(len(instances), np.int32), wp.int32),
-        "color": (np.array([each.look.color for each in instances], np.float32).reshape(-1, 3), wp.vec3),
-        "texture": (np.array([each.look.texture for each in instances], np.int32), wp.int32),
-        "reflectance": (np.array([each.look.reflectance for each in instances], np.float32), wp.float32),
+        "color": (np.array([each.appearance.color for each in instances], np.float32).reshape(-1, 3), wp.vec3),
+        "texture": (np.array([each.appearance.texture for each in instances], np.int32), wp.int32),
+        "reflectance": (np.array([each.appearance.reflectance for each in instances], np.float32), wp.float32),
     }
 
 

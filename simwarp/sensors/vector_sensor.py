@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
 
 
-class Instrument:
+class VectorSensor:
     """Base of sensors whose frame is a row of channels. A subclass launches its kernel in `_sample`.
 
     Args:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.memory import check_layouts
+from simwarp.core.renames import renamed_options
 from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
 from simwarp.kernels.cones.batch import BatchInput, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
@@ -52,6 +53,7 @@ class ConeSolution:
     """(problems, velocities) v+ [m/s or rad/s] when the mechanics are given."""
 
 
+@renamed_options(rescue="fallback")
 def solve_cone_problems(
     N: Any,
     r: Any,
@@ -68,7 +70,7 @@ def solve_cone_problems(
     tolerance: float = 1.0e-5,
     max_iterations: int | None = None,
     warm_start: Any = None,
-    rescue: bool = True,
+    fallback: bool = True,
     device: Any = None,
 ) -> ConeSolution:
     """Solves u = N gamma + r, gamma in K, u in K*, gamma^T u = 0 for a batch of problems (or a single one).
@@ -97,7 +99,7 @@ def solve_cone_problems(
             problem is ill-conditioned, velocities are further off than the residual tells.
         max_iterations: per solver when None (`ITERATIONS`).
         warm_start: (problems, rows) impulses to start from [N·s or N·m·s].
-        rescue: let the interior point solve what "apgd" leaves above the tolerance.
+        fallback: let the interior point solve what "apgd" leaves above the tolerance.
         device: where to solve; Warp's default when None.
 
     Raises:
@@ -119,9 +121,9 @@ def solve_cone_problems(
         config.max_iterations = whole_number(
             "solve_cone_problems", "max_iterations", max_iterations, 1, MOST_ITERATIONS, remedy
         )
-    rescued = checked_flag("solve_cone_problems", "rescue", rescue)
-    batch_rescue = 1 if rescued and chosen == ConeSolver.APGD else 0
-    outputs = _launch(given, int(bilateral_count), int(limit_count), config, batch_rescue, resolve_device(device))
+    fall_back = checked_flag("solve_cone_problems", "fallback", fallback)
+    batch_fallback = 1 if fall_back and chosen == ConeSolver.APGD else 0
+    outputs = _launch(given, int(bilateral_count), int(limit_count), config, batch_fallback, resolve_device(device))
     return _wrapped(outputs, given)
 
 
@@ -314,7 +316,7 @@ def _floats(array: Array, device: wp.Device) -> wp.array:
 
 
 def _launch(
-    given: _Given, bilateral: int, limits: int, config: ConeConfig, rescue: int, device: wp.Device
+    given: _Given, bilateral: int, limits: int, config: ConeConfig, fallback: int, device: wp.Device
 ) -> tuple[wp.array, wp.array, wp.array, wp.array]:
     """Uploads, solves; impulse, velocity, residual, iterations."""
     problems, rows = given.r.shape
@@ -327,7 +329,7 @@ def _launch(
     check_layouts("solve_cone_problems: its arrays", layouts, device, "solve fewer or smaller problems at a time", more)
     batch: Any = BatchInput()
     batch.rows, batch.bilateral, batch.blocks = rows, bilateral, limits + contacts
-    batch.velocities, batch.rescue = velocities, rescue
+    batch.velocities, batch.fallback = velocities, fallback
     batch.n, batch.r, batch.start = (_floats(a, device) for a in (given.n, given.r, given.start))
     batch.friction = _floats(np.concatenate([np.zeros((problems, limits)), given.mu], axis=1), device)
     if given.jacobian is not None:

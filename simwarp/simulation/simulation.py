@@ -97,9 +97,9 @@ class Simulation(FixedAttributes):
         reactions = checked_flag("Simulation", "joint_reactions", joint_reactions)
         self.elements = _checked_elements(elements)
         self.sensors = _named_apart(sensors)
-        rescue = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
+        fallback = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
         other = self.solver.solver != ConeSolver.APGD.name.lower()
-        all_solvers = other or (rescue if self.solver.rescue is None else self.solver.rescue)
+        all_solvers = other or (fallback if self.solver.fallback is None else self.solver.fallback)
         sizes = step_sizes(model, self.solver.dense_rows, all_solvers)
         element_memory = [
             reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
@@ -280,8 +280,8 @@ class Simulation(FixedAttributes):
     def _step_config(self, reactions: bool) -> StepConfig:
         config = StepConfig()
         config.dt = self.dt / self.substeps
-        config.recovery_speed = self.solver.recovery_speed
-        config.recovery_rate = self.solver.recovery_rate
+        config.max_depenetration_velocity = self.solver.max_depenetration_velocity
+        config.max_depenetration_rate = self.solver.max_depenetration_rate
         config.pivot_tolerance = self.solver.pivot_tolerance
         passes = self.solver.position_projection
         config.projection_iterations = int(self.model.has_loops) if passes is None else passes
@@ -295,8 +295,8 @@ class Simulation(FixedAttributes):
         config.friction_law = LAWS.index(self.solver.friction_law)
         config.solver = SOLVERS.index(self.solver.solver)
         config.contact_model = CONTACT_MODELS.index(self.solver.contact_model)
-        config.bounce_speed = self.solver.bounce_speed
-        config.contact_envelope = self.solver.contact_envelope
+        config.restitution_threshold = self.solver.restitution_threshold
+        config.contact_margin = self.solver.contact_margin
         config.dense_rows = self.solver.dense_rows
         return config
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final
 
+from simwarp.core.renames import renamed_fields
 from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, number, shown
 from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
 
@@ -19,13 +20,17 @@ MOST_DENSE_ROWS: Final = 32_768
 """Of a matrix of 4 GiB, whose entries kernels number with 32 bits."""
 
 
+@renamed_fields(
+    recovery_speed="max_depenetration_velocity", recovery_rate="max_depenetration_rate",
+    contact_envelope="contact_margin", bounce_speed="restitution_threshold", rescue="fallback",
+)  # fmt: skip
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SolverOptions:
     """Numbers of the solver (docs/theory.md). Every field is checked when the options are written.
 
     Attributes:
-        recovery_speed: fastest correction of a position error, >= 0 [m/s].
-        recovery_rate: the same for angles, >= 0 [rad/s].
+        max_depenetration_velocity: fastest correction of a penetration or of a joint's position error, >= 0 [m/s].
+        max_depenetration_rate: the same for angles, >= 0 [rad/s].
         position_projection: passes that move positions onto the joints after each step, 0 to 1000; when None, 1 for
             models with closed loops (whose energy it keeps over long runs) and 0 for trees.
         refinement: passes of iterative refinement on the free motion, 0 to 1000; when None, 1 for models whose heaviest
@@ -37,13 +42,13 @@ class SolverOptions:
         gyroscopic: whether spinning bodies precess.
         solver: of limits, friction and contacts: "apgd", "psor", "spg", "padmm" or "interior_point". The last two need
             a dense Schur complement: worlds with more rows than `dense_rows` are solved by "apgd" in their place.
-        rescue: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;
+        fallback: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;
             when None, where models have contacts and masses that differ by more than 100.
         friction_law: "exact" (Coulomb) or "convex" (its relaxation, in which sliding contacts separate).
         contact_model: "rigid" (unilateral rows), "smooth" or "smooth_hooke" (penalty forces by the law of Hertz or
             Hooke from Young's modulus and Poisson's ratio; dt has to resolve the collision time).
-        bounce_speed: restitution acts where the rebound is faster than this, >= 0 [m/s].
-        contact_envelope: a contact takes part if its gap, after a step without contacts, would be below this, >= 0 [m].
+        restitution_threshold: restitution acts where the rebound is faster than this, >= 0 [m/s].
+        contact_margin: a contact takes part if its gap, after a step without contacts, would be below this, >= 0 [m].
         dense_rows: most rows for which the Schur complement of the contacts is formed, 0 to 32 768; larger worlds apply
             it row by row. 0: all do.
 
@@ -51,8 +56,8 @@ class SolverOptions:
         ModelError: a value lies outside its domain.
     """
 
-    recovery_speed: float = 0.6
-    recovery_rate: float = 3.0
+    max_depenetration_velocity: float = 0.6
+    max_depenetration_rate: float = 3.0
     position_projection: int | None = None
     refinement: int | None = None
     pivot_tolerance: float = 1.0e-5
@@ -61,18 +66,18 @@ class SolverOptions:
     row_tolerance: float = 5.0e-6
     gyroscopic: bool = True
     solver: str = "apgd"
-    rescue: bool | None = None
+    fallback: bool | None = None
     friction_law: str = "exact"
     contact_model: str = "rigid"
-    bounce_speed: float = 0.15
-    contact_envelope: float = 1.0e-3
+    restitution_threshold: float = 0.15
+    contact_margin: float = 1.0e-3
     dense_rows: int = 128
 
     def __post_init__(self) -> None:
         thing = "SolverOptions"
         units = {
-            "recovery_speed": "m/s", "recovery_rate": "rad/s", "tolerance": "m/s", "row_tolerance": "m/s",
-            "bounce_speed": "m/s", "contact_envelope": "m",
+            "max_depenetration_velocity": "m/s", "max_depenetration_rate": "rad/s", "tolerance": "m/s",
+            "row_tolerance": "m/s", "restitution_threshold": "m/s", "contact_margin": "m",
         }  # fmt: skip
         checked: dict[str, Any] = {
             field: not_negative(thing, field, getattr(self, field), unit, f"the default is {_default(field)}")
@@ -90,7 +95,7 @@ class SolverOptions:
             if getattr(self, field) is not None or _default(field) is not None:
                 remedy = f"the default is {_default(field)}"
                 checked[field] = whole_number(thing, field, getattr(self, field), least, most, remedy)
-        for field in ("gyroscopic", "rescue"):
+        for field in ("gyroscopic", "fallback"):
             if getattr(self, field) is not None or _default(field) is not None:
                 checked[field] = checked_flag(thing, field, getattr(self, field))
         for field, known in (("solver", SOLVERS), ("friction_law", LAWS), ("contact_model", CONTACT_MODELS)):

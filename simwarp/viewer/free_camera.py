@@ -13,7 +13,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError, Pose
 from simwarp.kernels.sensors.cameras.image import aim_freely
 from simwarp.sensors.cameras.camera import OUTPUTS, CameraConfig, camera_numbers, launch_render, lights_of, make_views
-from simwarp.sensors.cameras.image_processing import Development
+from simwarp.sensors.cameras.image_processing import ImageProcessing
 from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.clock import Field, check_frames
 from simwarp.sensors.ranging.scanning import scene_model
@@ -55,7 +55,7 @@ class FreeCamera:
         due = np.zeros(model.world_count, np.int32)
         due[chosen] = 1
         self._due: wp.array = wp.array(due, dtype=wp.int32, device=model.device)
-        self._development = Development(config.imaging, model.world_count, model.device)
+        self._image_processing = ImageProcessing(config.imaging, model.world_count, model.device)
         self.lights = lights_of(lights, scene, ())
         shape = (len(chosen), config.height, config.width)
         fields = {name: Field((*shape[1:], OUTPUTS[name][1]), OUTPUTS[name][2]) for name in config.outputs}
@@ -84,7 +84,7 @@ class FreeCamera:
             outputs=[self._views],
         )  # fmt: skip
         launch_render(
-            self._numbers, self._views, self.scene, self._tables, self.lights, self._development, self._sums,
+            self._numbers, self._views, self.scene, self._tables, self.lights, self._image_processing, self._sums,
             self.outputs,
         )  # fmt: skip
         return self.outputs[self.config.outputs[0]].numpy().copy()

@@ -35,14 +35,16 @@ def paint(visuals: Visuals, tile: float | None = None) -> None:
     ground: int | None = None
     colors = body_colors(visuals)
     for index, instance in enumerate(visuals.instances):
-        if tuple(instance.look.color) != GREY or instance.look.texture >= 0:
+        if tuple(instance.appearance.color) != GREY or instance.appearance.texture >= 0:
             continue
-        look = dataclasses.replace(instance.look, color=STONE if instance.body == WORLD else colors[instance.body])
+        appearance = dataclasses.replace(
+            instance.appearance, color=STONE if instance.body == WORLD else colors[instance.body]
+        )
         if instance.kind in GROUNDS:
             if ground is None:
                 ground = visuals.texture(CheckerTexture(metres=_tile(visuals) if tile is None else tile))
-            look = dataclasses.replace(look, color=(1.0, 1.0, 1.0), texture=ground)
-        visuals.instances[index] = dataclasses.replace(instance, look=look)
+            appearance = dataclasses.replace(appearance, color=(1.0, 1.0, 1.0), texture=ground)
+        visuals.instances[index] = dataclasses.replace(instance, appearance=appearance)
 
 
 def _tile(visuals: Visuals) -> float:

@@ -66,9 +66,7 @@ class Studio:
     ) -> None:  # fmt: skip
         self._simulation = simulation
         self._shot = Shot() if shot is None else shot
-        config = CameraConfig(
-            width=width, height=height, samples=samples, lens=Pinhole(fov=self._shot.fov), reach=2000.0
-        )
+        config = CameraConfig(width=width, height=height, samples=samples, lens=Pinhole(fov=self._shot.fov), far=2000.0)
         self.camera = FreeCamera(scene, worlds, config, lighting)
         self._body = body_index("studio", self._shot.body, simulation.model) if simulation.model.body_count else WORLD
         extent = self.camera.extent(simulation.state)

@@ -14,7 +14,7 @@ import torch
 
 from ..config import TaskConfig, require
 from ..frames import heading_of, heading_quaternion, quat_product, rotate, tilt_to
-from ..simulation_access import Equipment
+from ..simulation_access import Attachments
 from ..task import Task
 from .navigation import Navigation
 
@@ -126,10 +126,10 @@ class DrivingTask(Task[DrivingT]):
 
     def visuals(self, visuals: Visuals) -> None:
         """Show the vehicle instead of the box that stands for it. Subclasses call this, and add world and ground."""
-        from simwarp.scenery import add_vehicle_picture
+        from simwarp.scenery import add_vehicle_visual
 
         visuals.hide(self.chassis_shape)
-        add_vehicle_picture(visuals, self.parts)
+        add_vehicle_visual(visuals, self.parts)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Draw what differs in a new episode's world: from ``self.random`` and ``self.difficulty`` alone. Optional.
@@ -189,7 +189,7 @@ class DrivingTask(Task[DrivingT]):
         spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
         return with_options(spec, tire=self.tire) if self.tire is not None else spec
 
-    def equip(self, model: Model) -> Equipment:
+    def attach(self, model: Model) -> Attachments:
         """Return the vehicle, and the camera where there is one."""
         from simwarp import pose
         from simwarp.sensors import Camera, CameraConfig, Mount, Pinhole, Schedule
@@ -215,7 +215,7 @@ class DrivingTask(Task[DrivingT]):
             if self.navigates:
                 self.navigation = Navigation(model, self.parts, config.dt, config.decimation, self.random)
                 sensors += self.navigation.sensors
-        return Equipment(elements=[*self.more_elements(model), self.vehicle], sensors=sensors)
+        return Attachments(elements=[*self.more_elements(model), self.vehicle], sensors=sensors)
 
     def scene(self) -> Scene:
         """Return what the camera sees, and pictures show."""

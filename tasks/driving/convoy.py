@@ -120,14 +120,14 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     def visuals(self, visuals: Visuals) -> None:
         """Show truck, leaders, obstacles, and grass."""
         import simwarp as sw
-        from simwarp.scenery import ground_texture, vehicle_prop
+        from simwarp.scenery import ground_texture, vehicle_visual
         from simwarp.sensors import ImageTexture
 
         super().visuals(visuals)
         self.obstacles.visuals(visuals)
         grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))
         visuals.add_plane(name="ground", texture=grass, color=(1.0, 1.0, 1.0), label=1)
-        leader = vehicle_prop("hmmwv", color=(0.5, 0.05, 0.03))
+        leader = vehicle_visual("hmmwv", color=(0.5, 0.05, 0.03))
         asset = visuals.add_mesh_asset(leader.mesh)
         self._ghosts = [
             visuals.add_mesh_instance(sw.WORLD, asset, name=f"leader_{index}", label=int(leader.label))

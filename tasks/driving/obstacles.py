@@ -15,7 +15,7 @@ from ..frames import heading_quaternion
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder
-    from simwarp.scenery import Prop
+    from simwarp.scenery import Visual
     from simwarp.sensors import Scene, Visuals
 
     from ..randomness import WorldRandom
@@ -28,7 +28,7 @@ UNDERGROUND = -100.0
 class Kind:
     """A thing that may stand in the way, and how small or large it may be."""
 
-    prop: Prop
+    visual: Visual
     scale: tuple[float, float]
 
 
@@ -57,7 +57,7 @@ class Obstacles:
         """Add the slots as shapes; they meet the groups of the mask."""
         import simwarp as sw
 
-        hulls = [kind.prop.hull for kind in self.kinds]
+        hulls = [kind.visual.hull for kind in self.kinds]
         self._hulls = [builder.add_hull_asset(hull) for hull in hulls]
         self.shapes = [
             builder.add_shape_hull(
@@ -76,11 +76,11 @@ class Obstacles:
         import simwarp as sw
 
         visuals.hide(*self.shapes)
-        self._pictures = [visuals.add_mesh_asset(kind.prop.mesh) for kind in self.kinds]
+        self._visuals = [visuals.add_mesh_asset(kind.visual.mesh) for kind in self.kinds]
         self._instances = [
             visuals.add_mesh_instance(
-                sw.WORLD, self._pictures[0], name=f"obstacle_{slot}_picture",
-                label=int(self.kinds[0].prop.label), reflectance=self.kinds[0].prop.reflectance,
+                sw.WORLD, self._visuals[0], name=f"obstacle_{slot}_visual",
+                label=int(self.kinds[0].visual.label), reflectance=self.kinds[0].visual.reflectance,
             )
             for slot in range(self.count)
         ]  # fmt: skip
@@ -95,7 +95,7 @@ class Obstacles:
         self._asset, self._enabled = views["shape_asset"], views["shape_enabled"]
         device = self._x.device
         self._hull = torch.tensor(self._hulls, dtype=torch.int32, device=device)
-        hulls = [kind.prop.hull for kind in self.kinds]
+        hulls = [kind.visual.hull for kind in self.kinds]
         reach = [float(np.linalg.norm(hull[:, :2], axis=1).max()) for hull in hulls]
         self._reach = torch.tensor(reach, dtype=torch.float32, device=device)
         self._height = torch.tensor([float(hull[:, 2].max()) for hull in hulls], device=device)
@@ -109,7 +109,7 @@ class Obstacles:
 
         first, after = self._instances[0], self._instances[0] + self.count
         self._seen = {name: to_torch(getattr(scene, name))[:, first:after] for name in self.scene_arrays}
-        self._picture = torch.tensor(self._pictures, dtype=torch.int32, device=self._seen["asset"].device)
+        self._visual = torch.tensor(self._visuals, dtype=torch.int32, device=self._seen["asset"].device)
 
     def draw_kinds(self, random: WorldRandom) -> tuple[torch.Tensor, torch.Tensor]:
         """Return which thing each slot shows (W, N) int64, and its scale (W, N)."""
@@ -147,7 +147,7 @@ class Obstacles:
         self._asset.copy_(torch.where(where, self._hull[kind], self._asset))
         self._enabled.copy_(torch.where(where, present.int(), self._enabled))
         if self._seen:
-            self._seen["asset"].copy_(torch.where(where, self._picture[kind], self._seen["asset"]))
+            self._seen["asset"].copy_(torch.where(where, self._visual[kind], self._seen["asset"]))
             self._seen["enabled"].copy_(torch.where(where, present.int(), self._seen["enabled"]))
         self.place.copy_(torch.where(wide, place, self.place))
         self.radius.copy_(torch.where(where, torch.where(present, scale * self._reach[kind], -1.0), self.radius))

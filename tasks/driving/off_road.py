@@ -146,11 +146,11 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self._textures = [
             visuals.texture(ImageTexture(image=ground_texture(kind), metres=(6.0, 6.0))) for kind in GROUND_TEXTURES
         ]
-        look = {"color": (1.0, 1.0, 1.0), "texture": self._textures[0], "label": 1}
+        appearance = {"color": (1.0, 1.0, 1.0), "texture": self._textures[0], "label": 1}
         if self.hills is None:
-            self._ground = visuals.add_plane(name="ground", pose=sw.pose(), **look)
+            self._ground = visuals.add_plane(name="ground", pose=sw.pose(), **appearance)
         else:
-            visuals.show(self.hills.shape, **look)
+            visuals.show(self.hills.shape, **appearance)
             self._ground = visuals.index_of(self.hills.shape)
 
     def seen_per_world(self) -> Sequence[str]:

@@ -317,7 +317,7 @@ def solver_calls(draw: st.DrawFn) -> CallAttack:
     value, verdict = draw(_solver_values(name, solver_fields()[name]))
     options = {
         "solver": draw(st.sampled_from(("apgd", "psor", "spg", "padmm", "interior_point"))),
-        "rescue": draw(st.sampled_from((None, True, False))),
+        "fallback": draw(st.sampled_from((None, True, False))),
         "dense_rows": draw(st.sampled_from((0, 5, 128))),
         "friction_law": draw(st.sampled_from(("exact", "convex"))),
         "max_iterations": 20,

@@ -1,4 +1,4 @@
-"""`solve_cone_problems` against stored solutions, a float64 twin, and problems of unusual kinds."""
+"""`solve_cone_problems` against stored solutions, a float64 reference, and problems of unusual kinds."""
 
 from typing import Any
 
@@ -78,17 +78,17 @@ def test_exact_law_slides_and_the_convex_one_dilates(solver):
 @pytest.mark.quick("exact-apgd", "exact-padmm", "convex-interior_point", "convex-psor")
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("law", ["exact", "convex"])
-def test_random_problems_against_the_twin(solver, law):
+def test_random_problems_against_the_reference(solver, law):
     rng = np.random.default_rng(3)
     for _ in range(4):
         n, r, mu, _ = random_problem(rng, contacts=3, limits=2, spread=0.5)
         blocks = standard_blocks(0, 2, mu)
-        twin = solve(n, r, blocks, law == "exact")
-        assert residual(n, r, blocks, twin, law == "exact") <= 1e-9
+        reference = solve(n, r, blocks, law == "exact")
+        assert residual(n, r, blocks, reference, law == "exact") <= 1e-9
         done = solve_cone_problems(n, r, mu, limit_count=2, solver=solver, friction_law=law)
         assert residual(n, r, blocks, done.impulse.astype(float), law == "exact") <= 5e-5
         if law == "convex":
-            np.testing.assert_allclose(n @ done.impulse, n @ twin, atol=1e-3 * max(1.0, np.abs(n).max() * 1e-2))
+            np.testing.assert_allclose(n @ done.impulse, n @ reference, atol=1e-3 * max(1.0, np.abs(n).max() * 1e-2))
 
 
 @pytest.mark.parametrize("law", ["exact", "convex"])
@@ -298,7 +298,7 @@ GOOD: dict[str, Any] = {"N": np.eye(4), "r": np.zeros(4), "mu": [0.5], "limit_co
         ({"max_iterations": "many"}, "max_iterations must be an integer >= 1, got 'many'"),
         ({"tolerance": None}, "tolerance must be finite and >= 0 m/s, got None"),
         ({"tolerance": 10**400}, "tolerance must be finite"),
-        ({"rescue": "no"}, "rescue must be True or False, got 'no'"),
+        ({"fallback": "no"}, "fallback must be True or False, got 'no'"),
         ({"solver": None}, "solver must be one of apgd, .* got None"),
         ({"limit_count": 2**40}, "mu must have one entry per contact"),
         ({"limit_count": 1.0}, "limit_count must be an integer >= 0, got 1.0"),

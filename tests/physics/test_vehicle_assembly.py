@@ -26,7 +26,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
 from simwarp.vehicle.suspensions.kinematics import travel_table
 from simwarp.vehicle.vehicle import Vehicle, per_world
 from tests.physics.sample_vehicles import LINES_OF_A_SIDE, samples, shipped, with_antiroll_bars
-from tests.reference.twin_rows import Rows, matrices
+from tests.reference.step_rows import Rows, matrices
 
 VEHICLES: dict[str, VehicleSpec] = {name: shipped(name) for name in vehicle_names()} | samples()
 

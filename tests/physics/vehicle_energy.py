@@ -9,7 +9,7 @@ import numpy as np
 
 from simwarp.core.types import JointType
 from simwarp.model.builder import ModelBuilder
-from tests.reference.twin_rows import matrices
+from tests.reference.step_rows import matrices
 
 
 @dataclasses.dataclass

@@ -1,4 +1,4 @@
-"""Scenes whose contacts the float64 twin knows: balls, boxes, capsules on planes, balls on balls, limbs on hinges."""
+"""Scenes whose contacts the float64 reference knows: balls, boxes, capsules on planes, balls on balls, limbs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cone complementarity in float64 NumPy for the contact twin: alternating directions over all blocks at once."""
+"""Cone complementarity in float64 NumPy for the contact reference: alternating directions over all blocks at once."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class PID:
         return found
 
 
-class FollowerTwin:
+class TrackingReference:
     """One driver of one vehicle."""
 
     def __init__(self, spec: FollowSpec, path: Path, speed: float) -> None:

@@ -1,4 +1,4 @@
-"""Twin of an encoder: positions of a shaft after every sub-step in, what a reader sees out; float64, frame by frame."""
+"""Reference of an encoder: positions of a shaft after every sub-step in, what a reader sees out; float64."""
 
 from __future__ import annotations
 

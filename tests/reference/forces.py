@@ -1,4 +1,4 @@
-"""Twin of the force sensors: contact by contact, from recorded contacts and poses, in float64."""
+"""Reference of the force sensors: contact by contact, from recorded contacts and poses, in float64."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Twin of the magnetometer: the dipole's field by spherical trigonometry, on a sphere, in east, north and up."""
+"""Reference of the magnetometer: the dipole's field by spherical trigonometry, on a sphere, in east, north and up."""
 
 from __future__ import annotations
 

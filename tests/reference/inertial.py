@@ -1,4 +1,4 @@
-"""Twin of the inertial unit: second differences of a point's positions, in float64, from recorded poses alone."""
+"""Reference of the inertial unit: second differences of a point's positions, in float64, from recorded poses alone."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ import numpy as np
 from simwarp import scenes
 from simwarp.core.types import WORLD, Dof, JointType, PositionDrive, VelocityMotor, pose
 from simwarp.model.builder import ModelBuilder
-from tests.reference.twin import Twin
-from tests.reference.twin_solve import Bilateral
+from tests.reference.step import ReferenceStep
+from tests.reference.step_solve import Bilateral
 
 NAMED = {
     f.__name__: f
@@ -158,10 +158,10 @@ def _add_element(
 
 def _healthy(builder: ModelBuilder) -> bool:
     """Whether something can still move and no constraint is nearly dependent (that would amplify rounding)."""
-    twin = Twin(builder, 1e-3)
-    c = twin.coupling_coefficients @ twin.dof_jacobian
-    rows = Bilateral(twin.mass_matrix(), np.vstack([twin.rows.jacobian[: twin.rows.bilateral], c]))
-    return rows.rank < twin.rows.width and (rows.rank == 0 or rows.s[-1] > 0.02)
+    reference = ReferenceStep(builder, 1e-3)
+    c = reference.coupling_coefficients @ reference.dof_jacobian
+    rows = Bilateral(reference.mass_matrix(), np.vstack([reference.rows.jacobian[: reference.rows.bilateral], c]))
+    return rows.rank < reference.rows.width and (rows.rank == 0 or rows.s[-1] > 0.02)
 
 
 def _add_loop(builder: ModelBuilder, rng: np.random.Generator, name: str, kind: JointType | None) -> None:
@@ -201,12 +201,14 @@ def _add_couplings(builder: ModelBuilder, rng: np.random.Generator) -> None:
 
 
 def _set_consistent_velocities(builder: ModelBuilder, rng: np.random.Generator, speed: float) -> None:
-    twin = Twin(builder, 1e-3)
-    jacobian = np.vstack([twin.rows.jacobian[: twin.rows.bilateral], twin.coupling_coefficients @ twin.dof_jacobian])
-    wished = speed * rng.normal(size=twin.rows.width)
-    wished = Bilateral(twin.mass_matrix(), jacobian).project(wished, np.zeros(len(jacobian)))
-    twin.set_velocity(wished)
+    reference = ReferenceStep(builder, 1e-3)
+    jacobian = np.vstack(
+        [reference.rows.jacobian[: reference.rows.bilateral], reference.coupling_coefficients @ reference.dof_jacobian]
+    )
+    wished = speed * rng.normal(size=reference.rows.width)
+    wished = Bilateral(reference.mass_matrix(), jacobian).project(wished, np.zeros(len(jacobian)))
+    reference.set_velocity(wished)
     for k, spec in enumerate(builder.bodies):
-        builder.bodies[k] = dataclasses.replace(spec, velocity=twin.v[k], omega=twin.omega[k])
-    for j, k in twin.rows.shaft_of.items():
-        builder.joints[j] = dataclasses.replace(builder.joints[j], initial_qd=float(twin.shaft_qd[k]))
+        builder.bodies[k] = dataclasses.replace(spec, velocity=reference.v[k], omega=reference.omega[k])
+    for j, k in reference.rows.shaft_of.items():
+        builder.joints[j] = dataclasses.replace(builder.joints[j], initial_qd=float(reference.shaft_qd[k]))

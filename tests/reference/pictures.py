@@ -122,7 +122,7 @@ def take(things, eye, rotation, rays, light, reach):
     return out
 
 
-def developed(light, gamma=2.2, exposure=1.0, vignetting=0.0, cosine=1.0):
+def processed(light, gamma=2.2, exposure=1.0, vignetting=0.0, cosine=1.0):
     """Values 0 to 255, not rounded."""
     gain = exposure * (1.0 - vignetting + vignetting * cosine**4)
     return 255.0 * np.clip(np.clip(gain * light, 0.0, 1.0) ** (1.0 / gamma), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Twin of a sensor's clock: an event list per world, every frame taken, nothing skipped, exact fractions of seconds."""
+"""Reference of a sensor's clock: an event list per world, every frame taken, nothing skipped, exact fractions."""
 
 from __future__ import annotations
 

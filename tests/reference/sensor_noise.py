@@ -1,4 +1,4 @@
-"""Twin of the sensors' random numbers and noise stages: Python integers and float64, one number at a time."""
+"""Reference of the sensors' random numbers and noise stages: Python integers and float64, one number at a time."""
 
 from __future__ import annotations
 

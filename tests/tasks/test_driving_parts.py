@@ -1,4 +1,4 @@
-"""What driving tasks are made of, against slow twins and the truth: routes, fans of ranges, hills, navigation."""
+"""What driving tasks are made of, against slow references and the truth: routes, fans of ranges, hills, navigation."""
 
 import math
 

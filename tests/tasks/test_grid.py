@@ -13,6 +13,7 @@ from rich.console import Console
 
 from simwarp.tasks import Drawing, Line, View, make, task_class
 from simwarp.train import grid_plot, maps, progress
+from simwarp.train.driven_paths import PathRecorder
 from simwarp.train.evaluation import Evaluation, evaluate, evaluate_policies
 from simwarp.train.grid import (
     EvaluationStoppedError,
@@ -25,7 +26,6 @@ from simwarp.train.grid import (
 )
 from simwarp.train.policies import zero_policy
 from simwarp.train.stopping import StopRequest
-from simwarp.train.trails import TrailRecorder
 from tests.tasks.samples import counter
 
 
@@ -88,19 +88,19 @@ def test_usual_keys_come_before_a_points_values_and_these_before_metrics():
 def test_a_path_goes_from_the_start_to_where_the_first_episode_ends(worlds, episodes):
     task = make("fast", worlds, bound=1.25, max_episode_steps=40)
     starts = task.restart(seed=8)["policy"].clone()
-    recorder: Any = TrailRecorder()
+    recorder: Any = PathRecorder()
     evaluate(task, right(task), episodes, seed=8, watcher=recorder)
-    trails = recorder.trails
-    assert len(trails.paths) == worlds
-    assert trails.control_dt == task.config.control_dt
-    for path, start, reason in zip(trails.paths, starts.numpy(), trails.reasons, strict=True):
+    paths_driven = recorder.paths_driven
+    assert len(paths_driven.paths) == worlds
+    assert paths_driven.control_dt == task.config.control_dt
+    for path, start, reason in zip(paths_driven.paths, starts.numpy(), paths_driven.reasons, strict=True):
         steps = int(np.floor((1.25 - start[0]) / 0.1)) + 1
         expected = start + 0.1 * np.arange(steps + 1)[:, None] * [1.0, 0.0]
         # The last position is beyond the bound: that of the end, not of the world that has been reset
         np.testing.assert_allclose(path, expected, atol=1e-5)
         assert path[-1, 0] > 1.25
         assert reason == "out_of_bounds"
-    assert not any(trails.successes)
+    assert not any(paths_driven.successes)
     assert task.before_reset is None
 
 
@@ -108,20 +108,20 @@ def test_a_path_of_a_body_begins_where_the_body_is():
     task = make("pendulum", 3)
     task.restart(seed=1)
     start: Any = task.views.body_q[:, 0, :2].clone().numpy()
-    recorder: Any = TrailRecorder()
+    recorder: Any = PathRecorder()
     result = evaluate(task, zero_policy(task), 3, seed=1, watcher=recorder)
-    np.testing.assert_array_equal([path[0] for path in recorder.trails.paths], start)
-    assert sum(len(path) - 1 for path in recorder.trails.paths) == pytest.approx(3 * result.mean_episode_length)
+    np.testing.assert_array_equal([path[0] for path in recorder.paths_driven.paths], start)
+    assert sum(len(path) - 1 for path in recorder.paths_driven.paths) == pytest.approx(3 * result.mean_episode_length)
     # A cart on a rail draws no map, and the rail is seen from the side
-    assert recorder.trails.flat
-    assert recorder.trails.surroundings == ()
+    assert recorder.paths_driven.flat
+    assert recorder.paths_driven.surroundings == ()
 
 
 def test_a_task_that_is_nowhere_has_no_paths():
-    recorder: Any = TrailRecorder()
+    recorder: Any = PathRecorder()
     task = counter()
     evaluate(task, zero_policy(task), 3, seed=0, watcher=recorder)
-    assert recorder.trails is None
+    assert recorder.paths_driven is None
 
 
 def test_a_stop_keeps_what_is_finished_and_tells_the_rest():

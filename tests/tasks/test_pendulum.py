@@ -1,4 +1,4 @@
-"""The cart-pole: its dynamics against the textbook equations, its limits, its start, and the original's quirks."""
+"""The cart-pole: its dynamics against the textbook equations, its limits, its start, and `legacy_compat`."""
 
 import math
 
@@ -154,7 +154,7 @@ def test_doing_nothing_or_anything_falls_soon():
 
 
 def test_quirks_of_the_original_are_behind_their_option():
-    plain, odd = make("pendulum", 1), make("pendulum", 1, quirks=True)
+    plain, odd = make("pendulum", 1), make("pendulum", 1, legacy_compat=True)
     assert odd.restart(seed=0)["policy"].tolist() == [[0.0, 0.0, 0.0, 0.0]]
     for task in (plain, odd):
         place(task, [-0.5, 0.05], [0.25, -0.1])
@@ -169,7 +169,7 @@ def test_quirks_of_the_original_are_behind_their_option():
 
 
 def test_order_of_quirky_observation_is_the_original_order():
-    task = make("pendulum", 1, quirks=True)
+    task = make("pendulum", 1, legacy_compat=True)
     place(task, [0.4, 0.1], [0.3, 0.2])
     x, rate, angle, speed = task.step(torch.zeros(1, 1)).observations["policy"][0].tolist()
     assert x == pytest.approx(0.4, abs=0.01)

@@ -22,10 +22,10 @@ def empty_builder():
     return builder
 
 
-def wall_visuals(distance=2.0, **look):
+def wall_visuals(distance=2.0, **appearance):
     """A plane across X at a distance, that faces the origin."""
     visuals = Visuals(empty_builder())
-    visuals.add_plane(pose=look_at_plane(distance), **look)
+    visuals.add_plane(pose=look_at_plane(distance), **appearance)
     return visuals
 
 

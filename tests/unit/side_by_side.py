@@ -1,13 +1,13 @@
-"""Steps a simulation and its float64 twin side by side, one step at a time from the simulation's own state.
+"""Steps a simulation and its float64 reference side by side, one step at a time from the simulation's own state.
 
 How far they may differ after one step (`tolerance`):
 
 - rounding: the kernel works in float32 on speeds of size `speed`; a solve with constraint matrix of condition k loses
   k roundings per operation. Measured over some 200 random mechanisms: below 4 eps k speed; 12 are allowed.
-- violation C of the joints at the step's start: the tree turns a joint's error away as one vector, the twin by the
+- violation C of the joints at the step's start: the tree turns a joint's error away as one vector, the reference by the
   scalar rows of `RowKind`; their Jacobians differ by terms of order C, which act on `speed`, and the solve may enlarge
   that by the condition. Measured: below 3.5 C speed, and 26 where k = 90; 6 max(1, k / 16) are allowed. The same holds
-  for redundant rows, of which the kernel keeps some and the twin a mean. The first step starts with C = 0.
+  for redundant rows, of which the kernel keeps some and the reference a mean. The first step starts with C = 0.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy as np
 import simwarp as sw
 from simwarp.core.types import JointType
 from simwarp.model.builder import ModelBuilder
-from tests.reference.twin import Twin
-from tests.reference.twin_solve import Bilateral
+from tests.reference.step import ReferenceStep
+from tests.reference.step_solve import Bilateral
 
 EPS = float(np.finfo(np.float32).eps)
 ROUNDINGS = 12.0
@@ -33,37 +33,42 @@ Controls = dict[str, np.ndarray]
 
 @dataclasses.dataclass
 class Pair:
-    """A simulation and its twin."""
+    """A simulation and its reference."""
 
     sim: sw.Simulation
-    twin: Twin
+    reference: ReferenceStep
     world: int = 0
 
     @classmethod
     def of(cls, builder: ModelBuilder, dt: float = 1e-3, *, rank: int | str | None = None, **options: Any) -> Pair:
-        options.setdefault("solver", sw.SolverOptions(position_projection=0))  # the twin does not project
-        return cls(sw.Simulation(builder.finalize(1, "cpu"), dt, **options), Twin(builder, dt, rank=rank))
+        options.setdefault("solver", sw.SolverOptions(position_projection=0))  # the reference does not project
+        return cls(sw.Simulation(builder.finalize(1, "cpu"), dt, **options), ReferenceStep(builder, dt, rank=rank))
 
     def feed(self) -> None:
-        """Gives the twin the state of record of the simulation."""
-        state, builder = self.sim.state, self.twin.builder
+        """Gives the reference the state of record of the simulation."""
+        state, builder = self.sim.state, self.reference.builder
         columns = [builder.dof_start(j) for j, spec in enumerate(builder.joints) if spec.type == JointType.SHAFT]
         q = state.joint_x.numpy()[self.world]
         qd = state.joint_qd.numpy()[self.world].astype(float)
-        self.twin.set_state(
+        self.reference.set_state(
             state.body_x.numpy()[self.world], state.body_rot.numpy()[self.world], state.body_v.numpy()[self.world],
             state.body_omega.numpy()[self.world], q[columns], qd[columns], state.body_omega_last.numpy()[self.world],
         )  # fmt: skip
-        self.twin.joint_q, self.twin.joint_qd = q.copy(), qd
-        self.twin.time = float(self.sim.time.numpy()[self.world])
+        self.reference.joint_q, self.reference.joint_qd = q.copy(), qd
+        self.reference.time = float(self.sim.time.numpy()[self.world])
 
     def condition(self) -> float:
         """Largest over smallest singular value of the bilateral rows in the mass metric (rows of unit length)."""
-        twin = self.twin
+        reference = self.reference
         rows = np.vstack(
-            [twin.rows.jacobian[: twin.rows.bilateral], twin.coupling_coefficients @ twin.dof_jacobian]
+            [
+                reference.rows.jacobian[: reference.rows.bilateral],
+                reference.coupling_coefficients @ reference.dof_jacobian,
+            ]
         )  # prescribed rows sit on coordinates of their own
-        solved = Bilateral(twin.mass_matrix(), rows, None if twin.rank is None else min(twin.rank, len(rows)))
+        solved = Bilateral(
+            reference.mass_matrix(), rows, None if reference.rank is None else min(reference.rank, len(rows))
+        )
         return float(solved.s[0] / solved.s[-1]) if solved.rank else 1.0
 
     def step(self, controls: Controls | None = None) -> None:
@@ -76,28 +81,28 @@ class Pair:
             single = np.asarray(values, np.float32)
             getattr(control, name).assign(single[None])
             wanted[name.replace("joint_target", "target")] = single.astype(float)
-        for kind in ("force", "torque"):  # the twin knows forces in the world frame only
+        for kind in ("force", "torque"):  # the reference knows forces in the world frame only
             turned = wanted.pop(f"body_{kind}_b", None)
             if turned is not None:
-                world = np.einsum("bij,bj->bi", self.twin.rotation, turned)
+                world = np.einsum("bij,bj->bi", self.reference.rotation, turned)
                 wanted[f"body_{kind}"] = world + wanted.get(f"body_{kind}", 0.0)
         self.sim.step()
-        self.twin.step(**wanted)
+        self.reference.step(**wanted)
 
     def differences(self) -> dict[str, float]:
         """Largest absolute differences of velocities, poses and coordinates."""
-        s, twin, world = self.sim.state, self.twin, self.world
+        s, reference, world = self.sim.state, self.reference, self.world
 
         def far(a: np.ndarray, b: np.ndarray) -> float:
             return float(np.max(np.abs(a.astype(float) - b), initial=0.0))
 
-        turned = np.abs(np.sum(s.body_rot.numpy()[world] * twin.rot, axis=1))
+        turned = np.abs(np.sum(s.body_rot.numpy()[world] * reference.rot, axis=1))
         return {
-            "v": far(s.body_v.numpy()[world], twin.v), "omega": far(s.body_omega.numpy()[world], twin.omega),
-            "qd": far(s.joint_qd.numpy()[world], twin.joint_qd), "x": far(s.body_x.numpy()[world], twin.x),
+            "v": far(s.body_v.numpy()[world], reference.v), "omega": far(s.body_omega.numpy()[world], reference.omega),
+            "qd": far(s.joint_qd.numpy()[world], reference.joint_qd), "x": far(s.body_x.numpy()[world], reference.x),
             # an angle a makes 1 - |cos(a/2)| = a²/8
             "turn": float(np.sqrt(8.0 * np.max(np.maximum(1.0 - turned, 0.0), initial=0.0))),
-            "q": far(s.joint_x.numpy()[world], twin.joint_q),
+            "q": far(s.joint_x.numpy()[world], reference.joint_q),
         }  # fmt: skip
 
 
@@ -128,10 +133,10 @@ def assert_same_steps(
     for step in range(steps):
         inputs = random_controls(builder, rng, size) if controls is None else controls(rng, step)
         pair.feed()
-        violation, condition = pair.twin.violation(), pair.condition()
-        before = float(np.max(np.abs(pair.twin.velocity), initial=0.0))
+        violation, condition = pair.reference.violation(), pair.condition()
+        before = float(np.max(np.abs(pair.reference.velocity), initial=0.0))
         pair.step(inputs)
-        speed = max(before, float(np.max(np.abs(pair.twin.velocity), initial=0.0)))
+        speed = max(before, float(np.max(np.abs(pair.reference.velocity), initial=0.0)))
         allowed = tolerance(speed, condition, violation)
         found = pair.differences()
         report = (

@@ -81,8 +81,8 @@ def test_noise_is_a_function_of_seed_and_world():
 
 def test_noise_per_world():
     def change(scene, camera):
-        camera.development.noise_sigma[:] = [[0.0] * 3, [0.02] * 3, [0.1] * 3]
-        camera.development.exposure[:] = [1.0, 1.0, 0.5]
+        camera.image_processing.noise_sigma[:] = [[0.0] * 3, [0.02] * 3, [0.1] * 3]
+        camera.image_processing.exposure[:] = [1.0, 1.0, 0.5]
 
     values = noisy(worlds=3, change=change, per_world=("noise_sigma", "exposure"))
     assert values[0].std() == 0.0
@@ -119,7 +119,7 @@ def test_colors_per_world():
         (lambda: take(wall_visuals(), outputs="rgb"), "outputs must be different ones of"),
         (lambda: take(wall_visuals(), width=0), "width must be an integer >= 1"),
         (lambda: take(wall_visuals(), samples=17), "samples must be at most 16"),
-        (lambda: take(wall_visuals(), near=2.0, reach=1.0), "0 <= near < reach must hold"),
+        (lambda: take(wall_visuals(), near=2.0, far=1.0), "0 <= near < far must hold"),
         (lambda: take(wall_visuals(), per_world=("gain",)), "unknown array 'gain'; known: exposure"),
         (lambda: take(wall_visuals(), per_world="exposure"), "per_world must be a collection of names, got 'exposure'"),
         (lambda: take(wall_visuals(), per_world=5), "per_world must be a collection of names, got 5; pass a tuple"),

@@ -44,7 +44,7 @@ def three_things():
     return visuals
 
 
-def twin(rays, lighting=LIGHTS, reach=12.0):
+def reference(rays, lighting=LIGHTS, reach=12.0):
     """The same by the slow ray tracer."""
     light = pictures.Light(
         tuple((sun.direction, sun.color) for sun in lighting.suns),
@@ -62,9 +62,9 @@ def test_a_scene_is_that_of_the_slow_ray_tracer(lens, shadows):
     lighting = dataclasses.replace(LIGHTS, shadows=shadows)
     found = take(
         three_things(), EYE, TARGET, lights=lighting, width=width, height=height, lens=lens, outputs=OUTPUTS,
-        reach=12.0, imaging=Imaging(),
+        far=12.0, imaging=Imaging(),
     )  # fmt: skip
-    wanted = twin(directions(lens, width, height), lighting)
+    wanted = reference(directions(lens, width, height), lighting)
     assert set(np.unique(wanted["instance"])) == {-1, 0, 1, 2}
     np.testing.assert_array_equal(found["instance"][0], wanted["instance"])
     labels = np.array([-1, 1, 2, 3])[wanted["instance"] + 1]
@@ -74,7 +74,7 @@ def test_a_scene_is_that_of_the_slow_ray_tracer(lens, shadows):
     np.testing.assert_allclose(found["depth"][0], wanted["depth"], rtol=3e-5, atol=3e-5)
     np.testing.assert_allclose(found["normals"][0], wanted["normals"], atol=1e-5)
     # half a level of rounding, and the table of the response curve
-    values = pictures.developed(wanted["light"])
+    values = pictures.processed(wanted["light"])
     assert np.abs(found["rgb"][0] - values).max() < 0.6
     assert np.abs(found["grey"][0] - values.mean(axis=-1, keepdims=True)).max() < 0.6
 
@@ -95,7 +95,7 @@ def test_near_and_reach_bound_what_is_seen():
     assert (inside["instance"] == 0).all()
     np.testing.assert_allclose(inside["range"], 2.0, rtol=0.02)
     beyond = take(visuals, width=4, height=4, lens=Pinhole(fov=0.2), outputs=("range", "normals", "semantic"), near=0.5,
-                  reach=1.5)  # fmt: skip
+                  far=1.5)  # fmt: skip
     assert (beyond["range"] == 1.5).all()
     assert not beyond["normals"].any()
     assert (beyond["semantic"] == -1).all()
@@ -174,7 +174,7 @@ def test_the_sky_goes_from_the_horizon_to_the_zenith():
     lights = dataclasses.replace(DARK, sky=(0.0, 0.0, 1.0), horizon=(1.0, 0.0, 0.0), below=(0.0, 1.0, 0.0))
     seen = []
     for target in ((0.0, 0.0, 1.0), (1.0, 0.0, math.tan(math.asin(0.25))), (1.0, 0.0, -0.1)):
-        picture = take(wall_visuals(-50.0), (0.0, 0.0, 0.0), target, lights=lights, width=1, height=1, reach=10.0)
+        picture = take(wall_visuals(-50.0), (0.0, 0.0, 0.0), target, lights=lights, width=1, height=1, far=10.0)
         seen.append(picture["rgb"][0, 0, 0])
     # the root of 1/4 is half way
     np.testing.assert_allclose(seen, np.array([[0, 0, 255], [127.5, 0, 127.5], [0, 255, 0]]), atol=0.51)
@@ -186,7 +186,7 @@ def test_vignetting_exposure_and_gamma_are_their_formulas():
     found = take(wall_visuals(2.0, color=(1.0, 0.3, 0.02)), lights=lights, width=20, height=10, lens=Pinhole(fov=1.6),
                  imaging=imaging)["rgb"][0]  # fmt: skip
     cosine = directions(Pinhole(fov=1.6), 20, 10)[..., :1]
-    wanted = pictures.developed(0.5 * np.array([1.0, 0.3, 0.02]), 1.8, 1.3, 0.7, cosine)
+    wanted = pictures.processed(0.5 * np.array([1.0, 0.3, 0.02]), 1.8, 1.3, 0.7, cosine)
     assert np.abs(found - wanted).max() < 0.55
     assert found[0, 0, 0] < found[5, 10, 0]
 

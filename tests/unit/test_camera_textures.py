@@ -14,7 +14,7 @@ from simwarp.core.types import ModelError
 from simwarp.geometry.mesh_files import load_visual_mesh
 from simwarp.geometry.visual_mesh import VisualMesh, linear_from_srgb, srgb_from_linear
 from simwarp.kernels.sensors.cameras.appearance import (
-    Appearance,
+    AppearanceArrays,
     checker_share,
     image_color,
     noise_share,
@@ -33,7 +33,7 @@ CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)
 
 
 @wp.kernel
-def sample_image(appearance: Appearance, uv: wp.array[wp.vec2], color_out: wp.array[wp.vec3]):
+def sample_image(appearance: AppearanceArrays, uv: wp.array[wp.vec2], color_out: wp.array[wp.vec3]):
     """Colours of texture 0."""
     i = wp.tid()
     color_out[i] = image_color(0, uv[i], appearance)  # type: ignore[index]
@@ -81,9 +81,9 @@ def from_above(visuals, size=2, width=1.0, **options):
     return found[:, ::-1, :].swapaxes(1, 2) / 255.0
 
 
-def with_mesh(mesh, **look):
+def with_mesh(mesh, **appearance):
     visuals = Visuals(empty_builder())
-    visuals.add_mesh(sw.WORLD, mesh, **look)
+    visuals.add_mesh(sw.WORLD, mesh, **appearance)
     return visuals
 
 
@@ -226,21 +226,21 @@ def test_vertex_colors_of_files(tmp_path, suffix):
     levels = np.array([RED, GREEN, BLUE, GOLD], np.uint8)
     mesh = trimesh.Trimesh(QUAD, FACES, process=False, vertex_colors=np.c_[levels, np.full(4, 255)])
     mesh.export(tmp_path / f"quad.{suffix}")
-    look = load_visual_mesh(tmp_path / f"quad.{suffix}")
-    assert look.color is not None
+    visual = load_visual_mesh(tmp_path / f"quad.{suffix}")
+    assert visual.color is not None
     place = {tuple(p): index for index, p in enumerate(QUAD)}
-    wanted = np.array([[levels[place[tuple(np.round(p))]] for p in look.vertices[face]] for face in look.triangles])
+    wanted = np.array([[levels[place[tuple(np.round(p))]] for p in visual.vertices[face]] for face in visual.triangles])
     # GLB stores linear light, the others sRGB
     expected = wanted / 255.0 if suffix == "glb" else linear_from_srgb(wanted / 255.0)
-    np.testing.assert_allclose(look.color, expected, atol=0.005)
+    np.testing.assert_allclose(visual.color, expected, atol=0.005)
 
 
 def test_face_colors_of_an_stl_file(tmp_path):
     mesh = trimesh.Trimesh(QUAD, FACES, process=False, face_colors=[(255, 0, 0, 255), (0, 0, 255, 255)])
     mesh.export(tmp_path / "quad.ply")
-    look = load_visual_mesh(tmp_path / "quad.ply")
-    assert look.color is not None
-    assert sorted(map(tuple, look.color[:, 0].tolist())) == [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)]
+    visual = load_visual_mesh(tmp_path / "quad.ply")
+    assert visual.color is not None
+    assert sorted(map(tuple, visual.color[:, 0].tolist())) == [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0)]
     trimesh.Trimesh(QUAD, FACES, process=False).export(tmp_path / "quad.stl")
     plain = load_visual_mesh(tmp_path / "quad.stl")
     assert plain.uv is None

@@ -1,4 +1,4 @@
-"""Contacts of all pairs of shapes against a brute-force twin, and the properties that resting contact needs."""
+"""Contacts of all pairs of shapes against a brute-force reference, and the properties that resting contact needs."""
 
 import itertools
 
@@ -68,7 +68,7 @@ def near_pair(kind_a, kind_b, rng, gap, scale=1.0, ratio=1.0):
 
 
 @pytest.mark.parametrize(("kind_a", "kind_b"), PAIRS, ids=[f"{name(a)}-{name(b)}" for a, b in PAIRS])
-def test_deepest_gap_against_the_twin(kind_a, kind_b):
+def test_deepest_gap_against_the_reference(kind_a, kind_b):
     rng = np.random.default_rng(7)
     pairs, sizes = zip(*[near_pair(kind_a, kind_b, rng, gap) for gap in (0.2, -1e-4, -0.02)], strict=True)
     for (a, b), small, found in zip(pairs, sizes, collide_all(list(pairs)), strict=True):
@@ -79,7 +79,7 @@ def test_deepest_gap_against_the_twin(kind_a, kind_b):
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=name)
-def test_plane_against_the_twin(kind):
+def test_plane_against_the_reference(kind):
     rng = np.random.default_rng(3)
     pairs = []
     for gap in (0.2, 1e-5, -1e-5, -0.1, -1.0):

@@ -85,7 +85,7 @@ def contacts_of(sim, world=0, x=None):
 
 def contacts_at_rest(builder, envelope):
     """Contacts of a builder's initial configuration."""
-    sim = Simulation(builder.finalize(1, "cpu"), 1e-4, solver=SolverOptions(contact_envelope=envelope))
+    sim = Simulation(builder.finalize(1, "cpu"), 1e-4, solver=SolverOptions(contact_margin=envelope))
     x = sim.state.body_x.numpy()[0].copy()
     sim.step()
     return contacts_of(sim, x=x)

@@ -11,7 +11,7 @@ import pytest
 import simwarp as sw
 from simwarp.core.types import Material
 from tests.reference.contact_scenes import heap
-from tests.reference.contact_twin import mixed
+from tests.reference.contact_step import mixed
 
 G = 9.81
 TIGHT = sw.SolverOptions(tolerance=1e-6)

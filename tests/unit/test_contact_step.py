@@ -1,4 +1,4 @@
-"""Steps with contacts against the float64 twin, run side by side from the same start."""
+"""Steps with contacts against the float64 reference, run side by side from the same start."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import simwarp as sw
 from tests.reference.cones import Block, project
 from tests.reference.contact_scenes import heap, limb
 from tests.reference.contact_solve import Cones
-from tests.reference.contact_twin import ContactTwin
+from tests.reference.contact_step import ContactReference
 
 EPS = float(np.finfo(np.float32).eps)
 DT = 1e-3
@@ -17,26 +17,26 @@ LEAST_ARM = 0.05
 """Smallest radius in the scenes [m]: a speed error there is an angular one over it."""
 
 
-def both(builder: sw.ModelBuilder, law: str, envelope: float) -> tuple[sw.Simulation, ContactTwin]:
+def both(builder: sw.ModelBuilder, law: str, envelope: float) -> tuple[sw.Simulation, ContactReference]:
     # 1e-7 m/s is the floor of float32 at speeds of 1 m/s: not always reached, so the iterations are limited
     options = sw.SolverOptions(
-        tolerance=1e-7, max_iterations=2000, friction_law=law, position_projection=0, contact_envelope=envelope
+        tolerance=1e-7, max_iterations=2000, friction_law=law, position_projection=0, contact_margin=envelope
     )
     sim = sw.Simulation(builder.finalize(1, "cpu"), DT, solver=options)
-    return sim, ContactTwin(builder, DT, friction_law=law, envelope=envelope)
+    return sim, ContactReference(builder, DT, friction_law=law, envelope=envelope)
 
 
-def run(sim: sw.Simulation, twin: ContactTwin, steps: int) -> None:
+def run(sim: sw.Simulation, reference: ContactReference, steps: int) -> None:
     for step in range(steps):
         sim.step()
-        twin.step()
-        assert twin.solve_residual < 2e-7, f"the twin itself did not converge in step {step}"
+        reference.step()
+        assert reference.solve_residual < 2e-7, f"the reference itself did not converge in step {step}"
     assert sim.state.world_status.numpy()[0] == 0
 
 
-def assert_same(sim: sw.Simulation, twin: ContactTwin, allowed: float) -> None:
-    dv = float(np.max(np.abs(sim.state.body_v.numpy()[0] - twin.v)))
-    dw = float(np.max(np.abs(sim.state.body_omega.numpy()[0] - twin.omega)))
+def assert_same(sim: sw.Simulation, reference: ContactReference, allowed: float) -> None:
+    dv = float(np.max(np.abs(sim.state.body_v.numpy()[0] - reference.v)))
+    dw = float(np.max(np.abs(sim.state.body_omega.numpy()[0] - reference.omega)))
     residual = float(sim.diagnostics.bounded_residual.numpy()[0])
     report = f"dv {dv:.2g}, domega {dw:.2g}, residual {residual:.2g}, allowed {allowed:.2g}"
     assert dv <= allowed, report
@@ -57,24 +57,24 @@ def test_heap_of_free_bodies(kinds: str, law: str, seed: int) -> None:
     envelope = 1e-3 if kinds in ("", "r") and law == "exact" else 0.1
     # Coulomb's law has many solutions for a sliding rigid box that all four corners hold down.
     builder = heap(np.random.default_rng(seed), kinds, boxes=(kinds, law) != ("h", "exact"))
-    sim, twin = both(builder, law, envelope)
-    run(sim, twin, 1)
-    assert_same(sim, twin, ROUNDED)
-    force = np.abs(sim.contacts.body_contact_force.numpy()[0] - twin.contact_force_on_body)
-    assert np.max(force / twin.mass[:, None]) <= ROUNDED / DT
-    run(sim, twin, 19)
+    sim, reference = both(builder, law, envelope)
+    run(sim, reference, 1)
+    assert_same(sim, reference, ROUNDED)
+    force = np.abs(sim.contacts.body_contact_force.numpy()[0] - reference.contact_force_on_body)
+    assert np.max(force / reference.mass[:, None]) <= ROUNDED / DT
+    run(sim, reference, 19)
     # an error made when bodies meet stays with them; new ones come with new contacts, a few in twenty steps
-    assert_same(sim, twin, 3.0 * ROUNDED)
+    assert_same(sim, reference, 3.0 * ROUNDED)
 
 
 @pytest.mark.parametrize("law", ["exact", "convex"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_rolling_and_spinning_friction(law: str, seed: int) -> None:
-    sim, twin = both(heap(np.random.default_rng(seed), "o"), law, 0.1)
-    run(sim, twin, 1)
+    sim, reference = both(heap(np.random.default_rng(seed), "o"), law, 0.1)
+    run(sim, reference, 1)
     # line contacts with rolling friction converge slowly: a residual of some 1e-5 after 2000 iterations
     residual = float(sim.diagnostics.bounded_residual.numpy()[0])
-    assert_same(sim, twin, ROUNDED + 20.0 * residual)
+    assert_same(sim, reference, ROUNDED + 20.0 * residual)
 
 
 @pytest.mark.long("cho-convex-True", "cho-exact-True", "r-exact-True")
@@ -82,25 +82,25 @@ def test_rolling_and_spinning_friction(law: str, seed: int) -> None:
 @pytest.mark.parametrize("law", ["exact", "convex"])
 @pytest.mark.parametrize("kinds", ["", "r", "cho"])
 def test_hinged_limb_with_limit_friction_and_motor(kinds: str, law: str, floating: bool) -> None:
-    sim, twin = both(limb(np.random.default_rng(0), kinds, floating=floating), law, 0.1)
-    run(sim, twin, 1)
-    assert_same(sim, twin, ROUNDED)
-    run(sim, twin, 9)
-    assert_same(sim, twin, 3.0 * ROUNDED)
+    sim, reference = both(limb(np.random.default_rng(0), kinds, floating=floating), law, 0.1)
+    run(sim, reference, 1)
+    assert_same(sim, reference, ROUNDED)
+    run(sim, reference, 9)
+    assert_same(sim, reference, 3.0 * ROUNDED)
 
 
 @pytest.mark.parametrize("extra", [0.0, 30.0])
-def test_recovery_speed_bounds_what_is_pushed_out(extra: float) -> None:
+def test_the_depenetration_velocity_bounds_what_is_pushed_out(extra: float) -> None:
     """5 mm deep at 1 ms would be 5 m/s."""
     builder = sw.ModelBuilder(gravity=(0.0, 0.0, -extra))
     builder.add_shape_plane()
     builder.add_solid("ball", "sphere", 0.25, mass=2.0, pose=sw.pose((0.0, 0.0, 0.245)))
-    sim = sw.Simulation(builder.finalize(1, "cpu"), DT, solver=sw.SolverOptions(recovery_speed=0.9))
+    sim = sw.Simulation(builder.finalize(1, "cpu"), DT, solver=sw.SolverOptions(max_depenetration_velocity=0.9))
     sim.step()
     assert sim.state.body_v.numpy()[0, 0, 2] == pytest.approx(0.9, abs=1e-5)  # the solver's tolerance
 
 
-def test_projection_of_the_twin_against_bisection() -> None:
+def test_projection_of_the_reference_against_bisection() -> None:
     rng = np.random.default_rng(0)
     for _ in range(200):
         slopes, apex = rng.uniform(0.0, 1.0, 3), float(rng.uniform(0.0, 0.5))

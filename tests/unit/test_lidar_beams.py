@@ -1,4 +1,4 @@
-"""Tables of beams, the rays within one, and the reduction of rays to returns against its slow twin."""
+"""Tables of beams, the rays within one, and the reduction of rays to returns against its slow reference."""
 # mypy: disable-error-code="index,attr-defined,arg-type"
 
 import math
@@ -11,7 +11,7 @@ from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.ranging.beams import column_at
 from simwarp.kernels.sensors.ranging.returns import MAX_RAYS, ReturnMode, reduce_beam
 from simwarp.sensors.ranging.beams import HDL_32E_ELEVATION, VLP_16_ELEVATION, Beam, BeamTable, beam_grid
-from tests.reference import lidar as twin
+from tests.reference import lidar as reference
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -77,7 +77,7 @@ def test_a_table_may_differ_by_row_and_column():
     table = BeamTable(azimuth=azimuth, elevation=(0.1, -0.1))
     assert table.shape == (2, 3)
     assert np.array_equal(table.angles()[0], azimuth)
-    assert table.directions()[1, 2] == pytest.approx(twin.direction(0.21, -0.1))
+    assert table.directions()[1, 2] == pytest.approx(reference.direction(0.21, -0.1))
 
 
 def test_tables_of_real_lidars():
@@ -143,7 +143,7 @@ def test_one_ray_without_divergence():
 
 
 @pytest.mark.parametrize("mode", ["strongest", "first", "last", "mean", "dual"])
-def test_returns_agree_with_their_twin(mode):
+def test_returns_agree_with_their_reference(mode):
     rng = np.random.default_rng(3)
     for rays in (1, 9, 25, 81):
         # clusters closer than the pulse, gaps between them, misses, faint ones
@@ -155,7 +155,7 @@ def test_returns_agree_with_their_twin(mode):
         ranges[intensities == 0.0] = 0.0
         found = reduced(mode, ranges, intensities)
         for k in range(40):
-            wanted = np.ravel(twin.reduce_beam(mode, ranges[k].astype(float), intensities[k].astype(float)))
+            wanted = np.ravel(reference.reduce_beam(mode, ranges[k].astype(float), intensities[k].astype(float)))
             # float32: 1e-7 of 12 m and, through the pulse's slope, 1e-6 m / 0.05 m of the intensity
             assert found[k, : len(wanted)] == pytest.approx(wanted, rel=3e-6, abs=1e-5), (rays, k)
 

@@ -1,4 +1,4 @@
-"""Lidar scans: ranges, points and intensities against closed forms and a slow twin; sweeps; misses; noise; mistakes."""
+"""Lidar scans: ranges, points and intensities against closed forms and a reference; sweeps; misses; noise; mistakes."""
 
 import math
 
@@ -10,7 +10,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
-from tests.reference import lidar as twin
+from tests.reference import lidar as reference
 from tests.unit.ray_scenes import carrier
 
 AT_ONCE = Schedule(rate=10.0)
@@ -60,7 +60,7 @@ def test_the_ground_has_its_closed_form():
 
 
 @pytest.mark.parametrize("mode", ["strongest", "first", "last", "mean", "dual"])
-def test_a_scene_agrees_with_its_twin(mode):
+def test_a_scene_agrees_with_its_reference(mode):
     def fill(visuals, builder):
         visuals.add_plane(pose=sw.pose((0.0, 0.0, -1.2)), reflectance=0.3)
         visuals.add_sphere(sw.WORLD, radius=1.5, pose=sw.pose((6.0, 1.0, 0.0)), reflectance=0.9)
@@ -73,13 +73,13 @@ def test_a_scene_agrees_with_its_twin(mode):
     lidar = frame(model, scene, beams, mount=mount, beam=beam, mode=mode)
     turn = matrix_of(TILT)
     start = np.array([0.2, 0.1, 0.0]) + turn @ mount.pose.position
-    cast = twin.nearest(
-        (twin.plane((0.0, 0.0, -1.2), (0.0, 0.0, 1.0)), 0.3),
-        (twin.sphere((6.0, 1.0, 0.0), 1.5), 0.9),
-        (twin.sphere((11.0, -1.0, 1.0), 2.0), 0.6),
+    cast = reference.nearest(
+        (reference.plane((0.0, 0.0, -1.2), (0.0, 0.0, 1.0)), 0.3),
+        (reference.sphere((6.0, 1.0, 0.0), 1.5), 0.9),
+        (reference.sphere((11.0, -1.0, 1.0), 2.0), 0.6),
     )
     axes = turn @ matrix_of(mount.pose.rotation)
-    wanted = twin.scan(beams.directions(), beam.offsets(), start, axes, cast, mode)
+    wanted = reference.scan(beams.directions(), beam.offsets(), start, axes, cast, mode)
     found = lidar.ranges.numpy()[0]
     assert (wanted[..., 1] > 0.0).mean() > 0.5
     assert ((found[..., 1::2] > 0.0) == (wanted[..., 1::2] > 0.0)).all()
@@ -100,8 +100,8 @@ def test_the_inside_of_a_room_has_its_closed_form():
     model, scene = carrier(fill, position=(0.5, 1.0, 0.2))
     beams = beam_grid(16, 7, elevation=(1.2, -1.2))
     found = frame(model, scene, beams, outputs=["ranges"]).data.numpy()[0]
-    cast = twin.nearest((twin.room(half), 1.0))
-    wanted = twin.scan(beams.directions(), np.zeros((1, 2)), np.array([0.5, 1.0, 0.2]), np.eye(3), cast)
+    cast = reference.nearest((reference.room(half), 1.0))
+    wanted = reference.scan(beams.directions(), np.zeros((1, 2)), np.array([0.5, 1.0, 0.2]), np.eye(3), cast)
     assert found[..., 0] == pytest.approx(wanted[..., 0], rel=FLOAT32)
     assert found[..., 1] == pytest.approx(wanted[..., 1], rel=1e-5, abs=1e-6)
 

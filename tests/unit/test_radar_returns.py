@@ -1,4 +1,4 @@
-"""Radar: range, angles, amplitude and range rate of what moves; noise; clusters against a slow twin; mistakes."""
+"""Radar: range, angles, amplitude and range rate of what moves; noise; clusters against a slow reference; mistakes."""
 
 import math
 from typing import Any
@@ -15,7 +15,7 @@ from simwarp.kernels.sensors.ranging.radar import CHANNELS
 from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.ranging.beams import BeamTable, beam_grid
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise, cluster_scratch
-from tests.reference import radar as twin
+from tests.reference import radar as reference
 from tests.unit.ray_scenes import carrier
 
 AHEAD = BeamTable(azimuth=(0.0,), elevation=(0.0,))
@@ -34,8 +34,8 @@ def radar_of(model, scene, rays, *, mount=None, seed=0, steps=0, per_world=(), s
     return radar, sim
 
 
-def target(radius=1.0, body=1, **look):
-    return lambda visuals, builder: visuals.add_sphere(body, radius=radius, name="target", **look)
+def target(radius=1.0, body=1, **appearance):
+    return lambda visuals, builder: visuals.add_sphere(body, radius=radius, name="target", **appearance)
 
 
 def test_a_return_tells_where_it_comes_from():
@@ -108,9 +108,9 @@ def test_the_range_rate_is_that_of_the_surface_and_of_the_mount():
     turn = np.array(
         [[math.cos(angle), -math.sin(angle), 0.0], [math.sin(angle), math.cos(angle), 0.0], [0.0, 0.0, 1.0]]
     )
-    points = offset + twin.positions(found.astype(float)) @ turn.T
+    points = offset + reference.positions(found.astype(float)) @ turn.T
     for point, one in zip(points, found, strict=True):
-        wanted = twin.range_rate(
+        wanted = reference.range_rate(
             point, u + np.cross(spin, point - [12.0, 1.0, -1.0]), offset, v + np.cross(omega, offset)
         )
         assert one[VELOCITY] == pytest.approx(wanted, abs=2e-5)
@@ -198,7 +198,7 @@ def random_returns(rng, rays, spots, spread, dim):
 
 def off_the_border(returns, distance):
     """The returns without one of each two that are exactly as far apart as neighbours may be, to float32."""
-    points = twin.positions(returns.astype(float))
+    points = reference.positions(returns.astype(float))
     gaps = np.linalg.norm(points[:, None] - points[None], axis=2)
     doubtful = np.argwhere(np.abs(gaps - distance) < 2e-5)
     returns[doubtful.max(axis=1, initial=-1)[doubtful[:, 0] != doubtful[:, 1]]] = (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
@@ -207,7 +207,7 @@ def off_the_border(returns, distance):
 
 @pytest.mark.parametrize("distance", [0.4, 1.0, 2.5])
 @pytest.mark.parametrize("least", [1, 3])
-def test_clusters_agree_with_their_twin(distance, least):
+def test_clusters_agree_with_their_reference(distance, least):
     rng = np.random.default_rng(11)
     # tight groups, long loose chains on a sheet, and dust
     kinds = [(9, 0.15, 3), (25, 0.5, 3), (4, 3.0, 2), (150, 0.01, 3), (1, 0.6, 3)]
@@ -216,7 +216,7 @@ def test_clusters_agree_with_their_twin(distance, least):
     assert overflow.tolist() == [0] * len(kinds)
     sizes = []
     for world, returned in enumerate(returns):
-        wanted = twin.clusters(returned, distance, least)
+        wanted = reference.clusters(returned, distance, least)
         assert count[world] == len(wanted), world
         # float32: positions of 60 m to 1e-5
         assert found[world, : len(wanted)] == pytest.approx(wanted, rel=1e-5, abs=2e-5)
@@ -278,7 +278,7 @@ def test_a_radar_gathers_its_cars():
     assert radar.cluster_count.numpy().tolist() == [2, 2]
     assert radar.cluster_overflow.numpy().tolist() == [0, 0]
     returns, clusters = radar.data.numpy()[1].reshape(-1, 6), radar.clusters.numpy()[1]
-    wanted = twin.clusters(returns, 2.5)
+    wanted = reference.clusters(returns, 2.5)
     assert clusters[:2] == pytest.approx(wanted, rel=1e-5, abs=1e-5)
     assert not clusters[2:].any()
     # the car ahead, to the left, runs away; the other one comes; cos of the angle off the axis is above 0.98

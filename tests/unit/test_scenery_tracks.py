@@ -187,17 +187,17 @@ def test_race_tracks_fit_their_square(seed):
 def test_courses_have_barriers_on_their_borders(seed):
     track = race_track(seed)
     course = race_course(track)
-    for prop, side in ((course.left, 1.0), (course.right, -1.0)):
-        assert_outward(prop.mesh)
-        assert len(prop.mesh.triangles) < 10000
-        feet = prop.mesh.vertices[prop.mesh.vertices[:, 2] < 1e-6][:, :2]
+    for visual, side in ((course.left, 1.0), (course.right, -1.0)):
+        assert_outward(visual.mesh)
+        assert len(visual.mesh.triangles) < 10000
+        feet = visual.mesh.vertices[visual.mesh.vertices[:, 2] < 1e-6][:, :2]
         away = nearest(feet, thinned(track.points, 2000))
         # blocks are straight: on the outside of a bend their middles come in a little
         assert away.min() > 0.5 * track.width - 0.1
         assert away.max() < 0.5 * track.width + 0.75 + 0.1
-        assert np.array_equal(np.sign(prop.mesh.vertices[:, 2] - 2.0), -np.ones(len(prop.mesh.vertices)))
+        assert np.array_equal(np.sign(visual.mesh.vertices[:, 2] - 2.0), -np.ones(len(visual.mesh.vertices)))
         middle = track.border(side, track.width + 0.75)
-        assert nearest(prop.mesh.vertices[:, :2], thinned(middle, 2000)).max() < 0.5
+        assert nearest(visual.mesh.vertices[:, :2], thinned(middle, 2000)).max() < 0.5
     road = course.road
     assert road.vertices[:, 2] == pytest.approx(0.005)
     assert nearest(road.vertices[:, :2], thinned(track.points, 2000)).max() == pytest.approx(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import simwarp as sw
-from simwarp.scenery import VEHICLES, Label, add_picture, add_vehicle_picture, vehicle_look, vehicle_prop
+from simwarp.scenery import VEHICLES, Label, add_vehicle_visual, add_visual, vehicle_visual, vehicle_visuals_of
 from simwarp.sensors.cameras.camera import CameraConfig, look_at
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.scene import Visuals
@@ -32,7 +32,7 @@ def inside(mesh, point):
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_bodies_and_wheels_are_closed_and_few_triangles(name):
-    picture = vehicle_look(name)
+    picture = vehicle_visuals_of(name)
     assert_outward(picture.body)
     assert len(picture.body.triangles) <= 900
     for wheel in picture.wheels:
@@ -42,7 +42,7 @@ def test_bodies_and_wheels_are_closed_and_few_triangles(name):
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_wheels_have_the_size_of_their_tires(name):
-    spec, picture = load_vehicle(name), vehicle_look(name)
+    spec, picture = load_vehicle(name), vehicle_visuals_of(name)
     for index, wheel in enumerate(picture.wheels):
         tire = spec.axles[index // 2].tire
         low, high = wheel.vertices.min(axis=0), wheel.vertices.max(axis=0)
@@ -57,7 +57,7 @@ def test_wheels_have_the_size_of_their_tires(name):
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_the_body_is_about_its_wheels_and_out_of_the_cameras_way(name):
-    spec, picture = load_vehicle(name), vehicle_look(name)
+    spec, picture = load_vehicle(name), vehicle_visuals_of(name)
     low, high = picture.body.vertices.min(axis=0), picture.body.vertices.max(axis=0)
     front, rear = picture.places[0], picture.places[-1]
     radius = spec.axles[0].tire.radius
@@ -77,30 +77,30 @@ def test_the_body_is_about_its_wheels_and_out_of_the_cameras_way(name):
 
 @pytest.mark.parametrize("name", VEHICLES)
 def test_a_parked_vehicle_stands_on_the_ground(name):
-    prop = vehicle_prop(name)
-    assert_outward(prop.mesh)
-    assert prop.lower[2] == pytest.approx(0.0, abs=1e-9)
-    assert prop.label == Label.VEHICLE
-    box = prop.proxies[0]
+    visual = vehicle_visual(name)
+    assert_outward(visual.mesh)
+    assert visual.lower[2] == pytest.approx(0.0, abs=1e-9)
+    assert visual.label == Label.VEHICLE
+    box = visual.proxies[0]
     low, high = box.pose.position - box.size, box.pose.position + box.size
     # mirrors, antenna and snorkel stand out, nothing else does
-    out = ((prop.mesh.vertices < low - 0.02) | (prop.mesh.vertices > high + 0.02)).any(axis=1)
+    out = ((visual.mesh.vertices < low - 0.02) | (visual.mesh.vertices > high + 0.02)).any(axis=1)
     assert out.mean() < 0.1
-    assert (prop.lower < low + 0.1).all()
-    assert (prop.upper > high - 0.1).all()
+    assert (visual.lower < low + 0.1).all()
+    assert (visual.upper > high - 0.1).all()
 
 
 def test_colors_are_given():
-    red = vehicle_look("sedan", color=(0.7, 0.02, 0.02)).body
-    blue = vehicle_look("sedan").body
+    red = vehicle_visuals_of("sedan", color=(0.7, 0.02, 0.02)).body
+    blue = vehicle_visuals_of("sedan").body
     assert (red.vertices == blue.vertices).all()
     assert color_of(red)[..., 0].mean() > 2.0 * color_of(blue)[..., 0].mean()
 
 
 def test_an_unknown_vehicle_is_told_in_one_line():
     with pytest.raises(sw.ModelError, match=r"^vehicle picture: name must be one of hmmwv, .*, got 'hmmwvx'; say"):
-        vehicle_look("hmmwvx")
-    assert vehicle_look("hmmwv-reduced").body.vertices.shape == vehicle_look("hmmwv").body.vertices.shape
+        vehicle_visuals_of("hmmwvx")
+    assert vehicle_visuals_of("hmmwv-reduced").body.vertices.shape == vehicle_visuals_of("hmmwv").body.vertices.shape
 
 
 @pytest.mark.parametrize("name", vehicle_names())
@@ -108,12 +108,12 @@ def test_every_shipped_vehicle_is_seen_on_its_own_bodies(name):
     builder = sw.ModelBuilder()
     parts = add_vehicle(builder, load_vehicle(name), at=sw.pose((3.0, -2.0, 0.5)))
     visuals = Visuals(builder)
-    instances = add_vehicle_picture(visuals, parts, prefix="car_")
+    instances = add_vehicle_visual(visuals, parts, prefix="car_")
     assert [visuals.instances[index].name for index in instances] == ["car_body", *(f"car_wheel_{k}" for k in range(4))]
     sides: tuple[Side, ...] = parts.sides
     assert [visuals.instances[i].body for i in instances] == [parts.chassis, *(side.spindle for side in sides)]
     # places of the picture are those of the wheels, but for the travel of the springs
-    places = vehicle_look(name).places
+    places = vehicle_visuals_of(name).places
     for place, side in zip(places, sides, strict=True):
         wheel = builder.bodies[side.spindle].pose.position - np.array([3.0, -2.0, 0.5])
         np.testing.assert_allclose(place[:2], wheel[:2], atol=5e-3)
@@ -123,7 +123,7 @@ def test_every_shipped_vehicle_is_seen_on_its_own_bodies(name):
 def test_a_picture_of_a_parked_car_shows_it():
     builder = sw.ModelBuilder()
     visuals = Visuals(builder)
-    add_picture(visuals, vehicle_prop("hmmwv"), name="truck")
+    add_visual(visuals, vehicle_visual("hmmwv"), name="truck")
     builder.add_body("far away", mass=1.0, inertia=(1.0, 1.0, 1.0), pose=sw.pose((0.0, 0.0, -100.0)))
     model = builder.finalize(world_count=1, device="cpu")
     scene = visuals.finalize(model, origin_body=sw.WORLD)

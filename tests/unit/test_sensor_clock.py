@@ -105,11 +105,11 @@ def test_a_reset_publishes_at_once_and_forgets_frames_on_their_way():
     assert probe.timestamp.numpy()[1] == 0.0
     assert probe.valid.numpy().all()
     assert np.array_equal(after[[0, 2]], before[[0, 2]])
-    twins = [frames(5, 3, 20, phase, 100) for phase in (0, 2, 4)]
+    references = [frames(5, 3, 20, phase, 100) for phase in (0, 2, 4)]
     for k in range(1, 60):
         sim.step()
         counts = [37 + k, k, 37 + k]
-        expected = [read(events, count).number for events, count in zip(twins, counts, strict=True)]
+        expected = [read(events, count).number for events, count in zip(references, counts, strict=True)]
         assert probe.data.numpy()[:, NUMBER].tolist() == expected
 
 

@@ -21,7 +21,7 @@ from simwarp.sensors.cameras.camera import OUTPUTS, Camera, CameraConfig
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.presets import KINDS, load_sensor
 from simwarp.sensors.ranging.lidar import MODES
-from simwarp.sensors.scene import PER_WORLD, Look, Visuals
+from simwarp.sensors.scene import PER_WORLD, Appearance, Visuals
 from simwarp.sensors.shipped import sensor_names
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "sensors.md").read_text(encoding="utf-8")
@@ -69,7 +69,7 @@ def test_every_shipped_sensor_is_listed():
 
 
 def test_looks_and_arrays_of_a_scene():
-    assert names(table("look")) == [field.name for field in dataclasses.fields(Look)]
+    assert names(table("look")) == [field.name for field in dataclasses.fields(Appearance)]
     _, visuals, model = world()
     scene = visuals.finalize(model, per_world=("x",))
     rows = {row[0].strip("`"): row[1] for row in table("array")}
@@ -178,4 +178,4 @@ def test_the_noises_that_the_page_names_exist():
         name = kind.sensor.__name__
         sensor = kind.sensor(model, "hinge" if name in ("Encoder", "LoadCell") else Mount("b0"))
         chains = {option for option in dir(sensor) if isinstance(getattr(sensor, option), noises.NoiseChain)}
-        assert chains == set(listed.get(name, listed["other instruments"])), name
+        assert chains == set(listed.get(name, listed["other sensors"])), name

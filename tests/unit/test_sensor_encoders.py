@@ -1,4 +1,4 @@
-"""Encoders, tachometers, speedometers: a turntable, a rolling wheel, a slow twin, counts, lags, worlds of their own."""
+"""Encoders, tachometers, speedometers: a turntable, a rolling wheel, a reference, counts, lags, worlds of their own."""
 
 import math
 from typing import Any
@@ -22,7 +22,7 @@ from simwarp.sensors.presets import load_sensor
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.vehicle import PER_WORLD, VEHICLE_SOLVER, Vehicle
-from tests.reference.encoders import Encoder as Twin
+from tests.reference.encoders import Encoder as ReferenceStep
 from tests.reference.sensor_noise import Stage, frame_key
 
 DT = 0.001
@@ -160,7 +160,7 @@ CASES = [
 
 @pytest.mark.parametrize(("reading", "schedule", "options"), CASES)
 @pytest.mark.parametrize("noise", [False, True])
-def test_readings_are_those_of_the_twin(reading, schedule, options, noise):
+def test_readings_are_those_of_the_reference(reading, schedule, options, noise):
     model, worlds = mechanism(3), 3
     noises = (NormalNoise(std=(0.02, 0.05), mean=0.01), BoundedDrift(std=0.1, time=0.05)) if noise else ()
     config = EncoderConfig(schedule=Schedule(**schedule), reading=reading, noise=noises, **options)
@@ -178,14 +178,14 @@ def test_readings_are_those_of_the_twin(reading, schedule, options, noise):
     positions, rates = np.array(x), np.array(v, np.float64)
     period, window, lag = sensor.frames.steps
     count = float(options.get("step", math.tau / options["counts_per_turn"] if "counts_per_turn" in options else 0.0))
-    twin = Twin(reading, period, window, lag, DT, options.get("ratio", 1.0), count)
+    reference = ReferenceStep(reading, period, window, lag, DT, options.get("ratio", 1.0), count)
     unit = 1.0 if reading == "counts" else count / (window * DT if reading == "speed" and window else 1.0)
     for world in range(worlds):
         keys = [frame_key(4, "e", world, episodes, number) for number in range(130)]
         for channel, column in enumerate((0, 2)):
             stages = [Stage("normal", 0.01, (0.02, 0.05)[channel]), Stage("drift", 0.1, 0.05)] if noise else []
-            expected = twin.series(positions[:, world, column].tolist(), rates[:, world, column].tolist(), stages, keys,
-                                   channel, 2)  # fmt: skip
+            expected = reference.series(positions[:, world, column].tolist(), rates[:, world, column].tolist(), stages,
+                                        keys, channel, 2)  # fmt: skip
             off = np.abs(np.array(found)[:, world, channel] - expected)
             # float32 of what is read; at the edge of a count the float32 noise may tip one over
             fine = off < 2e-6 * np.maximum(np.abs(expected), 1.0) + (2e-6 if noise else 0.0)

@@ -85,7 +85,7 @@ def test_an_impact_is_the_change_of_momentum_over_the_window():
 
 
 @pytest.mark.parametrize(("window", "lag"), [(0, 0), (4, 3), (10, 12)])
-def test_a_tumbling_box_feels_what_the_twin_adds_up(window, lag):
+def test_a_tumbling_box_feels_what_the_reference_adds_up(window, lag):
     builder = sw.ModelBuilder()
     builder.add_shape_plane(name="ground")
     box = builder.add_solid(

@@ -164,7 +164,7 @@ def test_the_magnetic_field_is_that_of_a_dipole(origin, heading):
     world = matrix_of(turn) @ sensor.data.numpy()[0]
     c, s = math.cos(heading), math.sin(heading)
     enu = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ world
-    # the twin's place is geocentric: 0.19 deg off the normal at most, and the distance that of the ellipsoid
+    # the reference's place is geocentric: 0.19 deg off the normal at most, and the distance that of the ellipsoid
     phi = math.radians(origin.latitude)
     a, b = 6378137.0, 6356752.314245
     across = a**2 / math.hypot(a * math.cos(phi), b * math.sin(phi))
@@ -173,8 +173,8 @@ def test_the_magnetic_field_is_that_of_a_dipole(origin, heading):
     expected = dipole(math.degrees(centric), origin.longitude, (80.65, -72.68), 3.05e-5, 6371200.0 / math.hypot(r, z))
     tilt = phi - centric  # up of the ellipsoid leans south of the radius
     ct, st = math.cos(tilt), math.sin(tilt)
-    twin = [expected[0], ct * expected[1] - st * expected[2], st * expected[1] + ct * expected[2]]
-    assert enu == pytest.approx(twin, abs=2e-11)  # float32 of 6e-5 T: 4e-12
+    reference = [expected[0], ct * expected[1] - st * expected[2], st * expected[1] + ct * expected[2]]
+    assert enu == pytest.approx(reference, abs=2e-11)  # float32 of 6e-5 T: 4e-12
     assert 2e-5 < np.linalg.norm(world) < 7e-5
 
 

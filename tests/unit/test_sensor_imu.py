@@ -119,9 +119,9 @@ def test_tumbling_it_agrees_with_second_differences_of_positions():
         q.append(sim.state.body_rot.numpy()[0, 0].copy())
         found.append(imu.data.numpy()[0].copy())
     reading = np.array(found)
-    twin = specific_force(np.array(x), np.array(q), point, turn, np.array([0.0, 0.0, -G]), DT)
+    reference = specific_force(np.array(x), np.array(q), point, turn, np.array([0.0, 0.0, -G]), DT)
     # (omega dt)² ~ 3e-5 of omega² r ~ 16 m/s²; positions of 1 km in float64 add 1e-13 / dt² = 1e-7
-    assert reading[1:, :3] == pytest.approx(twin, abs=1e-3)
+    assert reading[1:, :3] == pytest.approx(reference, abs=1e-3)
     assert reading[:, 3:] == pytest.approx(angular_velocity(np.array(q), turn, DT), abs=2e-6)
 
 

@@ -170,6 +170,6 @@ def test_a_camera_that_cannot_be():
         ({"width": 0}, "width must be an integer >= 1, got 0"),
         ({"samples": 99}, "samples must be at most 16, got 99"),
         ({"outputs": ("heat",)}, "outputs must be different ones of rgb, grey, depth, range, "),
-        ({"near": 3.0, "reach": 2.0}, "0 <= near < reach must hold, got near=3, reach=2 m; swap them"),
+        ({"near": 3.0, "far": 2.0}, "0 <= near < far must hold, got near=3, far=2 m; swap them"),
     ):  # fmt: skip
         assert message(lambda changes=changes: CameraConfig(**changes)).startswith(f"CameraConfig: {rule}")

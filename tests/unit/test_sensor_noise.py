@@ -12,7 +12,7 @@ from simwarp.kernels.sensors.random import draw_normals, draw_uniform, frame_key
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.noise import BiasWalk, BoundedDrift, NormalNoise, Quantisation, Saturation
-from tests.reference import sensor_noise as twin
+from tests.reference import sensor_noise as reference
 from tests.unit.sensor_probe import ball
 
 DT = 0.01
@@ -53,13 +53,13 @@ def series(worlds: int, frames: int, *noise, **options) -> np.ndarray:
     return np.array(found, np.float64)
 
 
-def test_random_numbers_are_those_of_the_twin():
+def test_random_numbers_are_those_of_the_reference():
     stream = int.from_bytes(hashlib.blake2b(b"3/gyro", digest_size=8).digest(), "little")
     found = drawn(4, 5, stream=stream)
     for world in range(4):
         for frame in range(5):
-            key = twin.frame_key(3, "gyro", world, 2, frame)
-            expected = [twin.uniform(key, 7), *twin.normals(key, 7)]
+            key = reference.frame_key(3, "gyro", world, 2, frame)
+            expected = [reference.uniform(key, 7), *reference.normals(key, 7)]
             # logarithm, root and sine in float32
             assert found[world, frame] == pytest.approx(expected, abs=2e-6)
 
@@ -84,7 +84,7 @@ def test_moments_and_independence_of_the_draws():
     assert abs(beyond - 0.0026998) < 5.0 * math.sqrt(0.0027 / (2 * n))
 
 
-def test_a_chain_of_all_stages_is_that_of_the_twin():
+def test_a_chain_of_all_stages_is_that_of_the_reference():
     stages = (
         NormalNoise(std=(0.1, 0.2, 0.3), mean=0.05), BiasWalk(rate=0.4, initial_std=0.2),
         BoundedDrift(std=0.5, time=(0.05, 0.5, 5.0)), Saturation(lower=-0.4, upper=(0.3, 0.4, 0.5)),
@@ -92,9 +92,10 @@ def test_a_chain_of_all_stages_is_that_of_the_twin():
     )  # fmt: skip
     chains = [
         [
-            twin.Stage("normal", 0.05, (0.1, 0.2, 0.3)[axis]), twin.Stage("walk", 0.4, 0.2),
-            twin.Stage("drift", 0.5, (0.05, 0.5, 5.0)[axis]), twin.Stage("saturation", -0.4, (0.3, 0.4, 0.5)[axis]),
-            twin.Stage("quantisation", 0.01),
+            reference.Stage("normal", 0.05, (0.1, 0.2, 0.3)[axis]), reference.Stage("walk", 0.4, 0.2),
+            reference.Stage("drift", 0.5, (0.05, 0.5, 5.0)[axis]),
+            reference.Stage("saturation", -0.4, (0.3, 0.4, 0.5)[axis]),
+            reference.Stage("quantisation", 0.01),
         ]
         for axis in range(3)
     ]  # fmt: skip
@@ -102,11 +103,11 @@ def test_a_chain_of_all_stages_is_that_of_the_twin():
     expected = np.zeros((31, 3))
     for frame in range(16):
         # number 1 would be the frame of the instant 0, in whose place there is the one of the beginning
-        key = twin.frame_key(11, "gyro", 2, 1, frame + 1 if frame else 0)
+        key = reference.frame_key(11, "gyro", 2, 1, frame + 1 if frame else 0)
         for axis, chain in enumerate(chains):
             value = 0.0
             for index, stage in enumerate(chain):
-                value = stage.apply(value, None if frame == 0 else 0.02, twin.normals(key, 3 * index + axis)[0])
+                value = stage.apply(value, None if frame == 0 else 0.02, reference.normals(key, 3 * index + axis)[0])
             expected[2 * frame : 2 * frame + 2, axis] = value
     # float32 biases: 1e-6; at the edge of a step of 0.01 that may tip one over
     off = np.abs(found - expected)
@@ -173,7 +174,7 @@ def test_allan_deviation_of_drift_walk_and_white_noise():
     noises = {"drift": BoundedDrift(std=std, time=time), "walk": BiasWalk(rate=rate), "white": NormalNoise(std=white)}
     for kind, noise in noises.items():
         values = series(worlds // 3, frames, noise)[1:].reshape(frames, -1)
-        found = np.array([twin.allan_deviation(column.tolist(), DT, lengths) for column in values.T])
+        found = np.array([reference.allan_deviation(column.tolist(), DT, lengths) for column in values.T])
         for column, length in enumerate(lengths):
             tau = length * DT
             if kind == "white":

@@ -13,24 +13,24 @@ from simwarp.core.types import WORLD, JointType, ModelError, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
 from tests.reference.mechanisms import TREE_TYPES, random_mechanism
 from tests.reference.mechanisms import _add_element as add_element
-from tests.reference.twin import Twin
+from tests.reference.step import ReferenceStep
 
 FINE = 2e-6
 """float32 coordinates of some units: a few eps each over a chain of five joints [m, rad]."""
 
 
-def twin_at(sim: sw.Simulation, builder: ModelBuilder, world: int = 0) -> Twin:
-    """The twin at the poses and velocities of one world; its joint_q is measured near the simulation's."""
-    twin = Twin(builder, 1e-3)
+def reference_at(sim: sw.Simulation, builder: ModelBuilder, world: int = 0) -> ReferenceStep:
+    """The reference at the poses and velocities of one world; its joint_q is measured near the simulation's."""
+    reference = ReferenceStep(builder, 1e-3)
     state = sim.state
-    shafts = [builder.dof_start(j) for j in twin.rows.shaft_of]
+    shafts = [builder.dof_start(j) for j in reference.rows.shaft_of]
     q = state.joint_x.numpy()[world]
-    twin.joint_q = q.copy()
-    twin.set_state(
+    reference.joint_q = q.copy()
+    reference.set_state(
         state.body_x.numpy()[world], state.body_rot.numpy()[world], state.body_v.numpy()[world],
         state.body_omega.numpy()[world], q[shafts], state.joint_qd.numpy()[world, shafts],
     )  # fmt: skip
-    return twin
+    return reference
 
 
 def chain_of(kind: JointType, *, flipped: bool = False) -> ModelBuilder:
@@ -71,15 +71,15 @@ def test_forward_kinematics_of_every_tree_joint(kind, flipped):
     sim = sw.Simulation(builder.finalize(2, "cpu"), 1e-3)
     q, qd = coordinates(builder)
     sim.set_joint_state(None, q[None].repeat(2, 0), qd[None].repeat(2, 0))
-    twin = twin_at(sim, builder, 1)
-    assert twin.violation() < FINE
-    # the round trip: what the twin measures at those poses is what was asked for
-    np.testing.assert_allclose(twin.joint_q, q, atol=FINE)
+    reference = reference_at(sim, builder, 1)
+    assert reference.violation() < FINE
+    # the round trip: what the reference measures at those poses is what was asked for
+    np.testing.assert_allclose(reference.joint_q, q, atol=FINE)
     np.testing.assert_allclose(sim.state.joint_q.numpy()[1], q, atol=FINE)
     # speeds are some units, summed over a chain of levers of some metres
-    np.testing.assert_allclose(twin.joint_qd, qd, atol=2e-5)
+    np.testing.assert_allclose(reference.joint_qd, qd, atol=2e-5)
     np.testing.assert_allclose(sim.state.joint_qd.numpy()[1], qd, atol=2e-5)
-    speeds = twin.rows.jacobian[: twin.rows.bilateral] @ twin.velocity
+    speeds = reference.rows.jacobian[: reference.rows.bilateral] @ reference.velocity
     assert np.max(np.abs(speeds), initial=0.0) < 2e-5
     np.testing.assert_allclose(sim.state.body_q.numpy()[1, :, :3], sim.state.body_x.numpy()[1], atol=1e-6)
     assert np.all(sim.state.world_status.numpy() == 0)
@@ -96,11 +96,11 @@ def test_floating_root_with_a_name():
     np.testing.assert_allclose(sim.state.joint_q.numpy()[0, :3], (1.2, 2.0, 3.0), atol=1e-6)
     q, qd = coordinates(builder)
     sim.set_joint_state(None, q[None], qd[None])
-    twin = twin_at(sim, builder)
-    np.testing.assert_allclose(twin.joint_q, q, atol=FINE)
-    np.testing.assert_allclose(twin.joint_qd, qd, atol=1e-5)
+    reference = reference_at(sim, builder)
+    np.testing.assert_allclose(reference.joint_q, q, atol=FINE)
+    np.testing.assert_allclose(reference.joint_qd, qd, atol=1e-5)
     np.testing.assert_allclose(sim.state.joint_qd.numpy()[0], qd, atol=1e-5)
-    assert twin.violation() < FINE
+    assert reference.violation() < FINE
 
 
 def test_a_floating_root_without_a_name_stays():
@@ -158,14 +158,14 @@ def test_loops_are_assembled_from_coordinates_near(name):
     sim.set_joint_state(None, q, qd)
     assert sim.state.world_status.numpy().tolist() == [0] * 8
     for world in range(8):
-        twin = twin_at(sim, builder, world)
-        assert twin.violation() < 1e-5
+        reference = reference_at(sim, builder, world)
+        assert reference.violation() < 1e-5
         # the velocities obey every row: to the rounding of speeds of some 10 m/s and rad/s through the loop's solve
-        speeds = twin.rows.jacobian[: twin.rows.bilateral] @ twin.velocity
-        scale = np.max(np.abs(twin.velocity))
+        speeds = reference.rows.jacobian[: reference.rows.bilateral] @ reference.velocity
+        scale = np.max(np.abs(reference.velocity))
         assert np.max(np.abs(speeds)) < 2e-5 * max(1.0, scale)
-        np.testing.assert_allclose(sim.state.joint_q.numpy()[world], twin.joint_q, atol=FINE * 5)
-        np.testing.assert_allclose(sim.state.joint_qd.numpy()[world], twin.joint_qd, atol=2e-5 * max(1.0, scale))
+        np.testing.assert_allclose(sim.state.joint_q.numpy()[world], reference.joint_q, atol=FINE * 5)
+        np.testing.assert_allclose(sim.state.joint_qd.numpy()[world], reference.joint_qd, atol=2e-5 * max(1.0, scale))
     # the loops move the coordinates by as much as they were off, not elsewhere
     assert np.max(np.abs(sim.state.joint_q.numpy() - start)) < 1.0
 
@@ -177,7 +177,7 @@ def test_random_loops_are_assembled(seed):
     q = sim.state.joint_q.numpy() + np.random.default_rng(seed).uniform(-0.02, 0.02, (1, builder.dof_count))
     sim.set_joint_state(None, q.astype(np.float32), None)
     assert sim.state.world_status.numpy()[0] == 0
-    assert twin_at(sim, builder).violation() < 1e-5
+    assert reference_at(sim, builder).violation() < 1e-5
 
 
 def test_consistent_velocities_are_kept():

@@ -23,8 +23,8 @@ NO_COUNTS: list[Any] = ["", "1", [], [1], 1.5, 1.0, NAN, INF, True, False, -1, 2
 NO_FLAGS: list[Any] = ["", "yes", 0, 1, 2, 1.0, NAN, [], [True], object()]
 NO_NAMES: list[Any] = [None, "", "newton", "APGD", 0, 1.0, True, [], ["apgd"], b"apgd", object(), NAN, "a" * 10_000]
 WRONG: dict[str, list[Any]] = {
-    "recovery_speed": [*NO_NUMBERS, None, True],
-    "recovery_rate": [*NO_NUMBERS, None, True],
+    "max_depenetration_velocity": [*NO_NUMBERS, None, True],
+    "max_depenetration_rate": [*NO_NUMBERS, None, True],
     "position_projection": [*NO_COUNTS, 1001],
     "refinement": [*NO_COUNTS, 1001],
     "pivot_tolerance": [*NO_NUMBERS, None, True, 1.0, 2.0],
@@ -33,16 +33,16 @@ WRONG: dict[str, list[Any]] = {
     "row_tolerance": [*NO_NUMBERS, None, True],
     "gyroscopic": [*NO_FLAGS, None],
     "solver": NO_NAMES,
-    "rescue": NO_FLAGS,
+    "fallback": NO_FLAGS,
     "friction_law": NO_NAMES,
     "contact_model": NO_NAMES,
-    "bounce_speed": [*NO_NUMBERS, None, True],
-    "contact_envelope": [*NO_NUMBERS, None, True],
+    "restitution_threshold": [*NO_NUMBERS, None, True],
+    "contact_margin": [*NO_NUMBERS, None, True],
     "dense_rows": [*NO_COUNTS, None, 32_769],
 }
 RIGHT: dict[str, list[Any]] = {
-    "recovery_speed": [0, 0.0, 1.0, np.float32(0.5), 1e30],
-    "recovery_rate": [0, 1],
+    "max_depenetration_velocity": [0, 0.0, 1.0, np.float32(0.5), 1e30],
+    "max_depenetration_rate": [0, 1],
     "position_projection": [None, 0, 3, np.int64(2)],
     "refinement": [None, 0, 2],
     "pivot_tolerance": [0.0, 0.5],
@@ -51,11 +51,11 @@ RIGHT: dict[str, list[Any]] = {
     "row_tolerance": [0.0, 1e-3],
     "gyroscopic": [True, False, np.bool_(True)],
     "solver": [*SOLVERS],
-    "rescue": [None, True, False],
+    "fallback": [None, True, False],
     "friction_law": ["exact", "convex"],
     "contact_model": ["rigid", "smooth", "smooth_hooke"],
-    "bounce_speed": [0.0, 100.0],
-    "contact_envelope": [0.0, 1.0],
+    "restitution_threshold": [0.0, 100.0],
+    "contact_margin": [0.0, 1.0],
     "dense_rows": [0, 1, 128, 32_768],
 }
 
@@ -99,18 +99,20 @@ def test_options_must_be_options():
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("rescue", [None, True, False])
-def test_the_scratch_has_room_for_all_rows_whatever_is_dense(solver, rescue):
+@pytest.mark.parametrize("fallback", [None, True, False])
+def test_the_scratch_has_room_for_all_rows_whatever_is_dense(solver, fallback):
     """Where another solver may follow the first, its impulses are kept for comparison: all rows of them."""
     model = scenes.heavy_on_light().finalize(1, "cpu")
     for dense_rows in (0, 1, 2, 5, 128):
-        sim = sw.Simulation(model, 5e-3, solver=sw.SolverOptions(solver=solver, rescue=rescue, dense_rows=dense_rows))
+        sim = sw.Simulation(
+            model, 5e-3, solver=sw.SolverOptions(solver=solver, fallback=fallback, dense_rows=dense_rows)
+        )
         rows = 3 * model.contact_capacity
         room: Any = sim._scratch
         dense = min(rows, dense_rows)
         assert room.s.shape[1] >= dense
         assert room.vectors.shape[2] >= rows
-        if solver != "apgd" or rescue is not False:  # in this model masses differ by more than 100
+        if solver != "apgd" or fallback is not False:  # in this model masses differ by more than 100
             assert room.kept.shape[1] >= rows
             assert room.factor.shape[1] >= dense
             assert room.wide.shape[2] >= dense
@@ -126,9 +128,9 @@ from simwarp import scenes
 models = {name: getattr(scenes, name)().finalize(2, "cpu") for name in ("stack", "heavy_on_light")}
 found = {}
 for solver in json.loads(sys.argv[1]):
-    for rescue in (False, True):
+    for fallback in (False, True):
         for dense_rows in (0, 1, 2, 5, 128):
-            options = sw.SolverOptions(solver=solver, rescue=rescue, dense_rows=dense_rows, max_iterations=30)
+            options = sw.SolverOptions(solver=solver, fallback=fallback, dense_rows=dense_rows, max_iterations=30)
             for name, model in models.items():
                 sim = sw.Simulation(model, 5e-3, solver=options)
                 for _ in range(6):
@@ -137,7 +139,7 @@ for solver in json.loads(sys.argv[1]):
                 rows = 3 * int(sim.contacts.contact_count.numpy().max())
                 digest = hashlib.sha256(state).hexdigest()
                 frozen = bool(sim.state.world_status.numpy().any())
-                found[f"{name} {solver} {rescue} {dense_rows}"] = [digest, rows, frozen]
+                found[f"{name} {solver} {fallback} {dense_rows}"] = [digest, rows, frozen]
 print(json.dumps(found))
 """
 
@@ -152,8 +154,8 @@ def test_every_solver_steps_with_any_number_of_dense_rows():
     found = json.loads(done.stdout.splitlines()[-1])
     assert len(found) == len(SOLVERS) * 2 * 5 * 2
     for case, (digest, rows, frozen) in found.items():
-        name, solver, rescue, dense_rows = case.split()
+        name, solver, fallback, dense_rows = case.split()
         assert not frozen, case
         assert rows > 5, case
         if int(dense_rows) < rows:  # then none of these worlds is dense
-            assert digest == found[f"{name} {solver} {rescue} 0"][0], case
+            assert digest == found[f"{name} {solver} {fallback} 0"][0], case

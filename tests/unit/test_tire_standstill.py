@@ -66,7 +66,7 @@ def test_a_parked_wheel_does_not_creep(template, dt):
 
 
 @pytest.mark.slow
-def test_the_twin_parks_at_the_same_place():
+def test_the_reference_parks_at_the_same_place():
     row = row_of("tmeasy", **damped("tmeasy"))
     angle = math.atan(0.2)
     kernel = parked(row, 2, angle, DT, 4.0)[:, 0]

@@ -1,4 +1,4 @@
-"""Tire forces: the kernel against its twin, and the laws that every tire keeps."""
+"""Tire forces: the kernel against its reference, and the laws that every tire keeps."""
 
 import zlib
 from typing import Any
@@ -118,7 +118,7 @@ def random_states(rng, row, worlds, speed):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("speed", [30.0, 3.0, 0.2])
-def test_kernel_agrees_with_twin(variant, speed):
+def test_kernel_agrees_with_reference(variant, speed):
     template, changes = VARIANTS[variant]
     rng = np.random.default_rng(zlib.crc32(f"{variant} {speed}".encode()))
     row = row_of(template, **changes)
@@ -155,7 +155,7 @@ BUMPS_CELL = 0.4
 
 
 def bumpy_ground():
-    """A height field of gentle random bumps as terrain of tires, its assets, and as the twin's ground."""
+    """A height field of gentle random bumps as terrain of tires, its assets, and as the reference's ground."""
     rng = np.random.default_rng(11)
     heights = (0.03 * rng.normal(size=(25, 25))).astype(np.float32)
     size = (24 * BUMPS_CELL, 24 * BUMPS_CELL)
@@ -168,7 +168,7 @@ def bumpy_ground():
 
 
 @pytest.mark.parametrize("contact", ["single-point", "four-point", "envelope"])
-def test_contact_on_bumps_agrees_with_twin(contact):
+def test_contact_on_bumps_agrees_with_reference(contact):
     rng = np.random.default_rng(5)
     row = row_of("tmeasy", contact=contact)
     assets, keep, under = bumpy_ground()

@@ -55,7 +55,7 @@ def test_fifty_turns(kind, direction, substeps):
 @pytest.mark.parametrize("step", [0.6, 0.999, 1.0, 1.3, 7.25])
 def test_more_than_half_a_turn_per_step(kind, step):
     """The measured angle is taken where the speed says, so that no turn is lost. A few steps only: an explicit hinge
-    on the world turns its tilt away once per step, which grows from rounding above 2.33 rad per step (twin.py)."""
+    on the world turns its tilt away once per step, which grows from rounding above 2.33 rad per step (reference.py)."""
     dt, steps = 0.05, 8
     builder, dof = wheel(kind, step * TURN / dt)
     sim = sw.Simulation(builder.finalize(1, "cpu"), dt, solver=sw.SolverOptions(gyroscopic=False))

@@ -1,5 +1,5 @@
 # mypy: disable-error-code="index"
-"""Drivers: the kernels against slow twins in float64, worlds that do not see each other, paths driven, resets."""
+"""Drivers: the kernels against slow references in float64, worlds that do not see each other, paths driven, resets."""
 
 import dataclasses
 import math
@@ -31,7 +31,7 @@ from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.vehicle import Vehicle, per_world
-from tests.reference.drivers import FollowerTwin, approach, nearest
+from tests.reference.drivers import TrackingReference, approach, nearest
 
 GATOR, HMMWV = load_vehicle("gator"), load_vehicle("hmmwv")
 EIGHT = np.stack([40 * np.sin(np.linspace(0, 2 * np.pi, 81)), 20 * np.sin(np.linspace(0, 4 * np.pi, 81))], axis=1)[:-1]
@@ -96,7 +96,7 @@ def searched(path, hint, x):
     return segment.numpy(), found.numpy()
 
 
-def test_search_agrees_with_the_twin_near_and_far_from_where_it_was():
+def test_search_agrees_with_the_reference_near_and_far_from_where_it_was():
     rng = np.random.default_rng(5)
     path = np.arange(400) % len(PATHS)
     x = rng.uniform(-50.0, 50.0, (400, 2))
@@ -104,11 +104,11 @@ def test_search_agrees_with_the_twin_near_and_far_from_where_it_was():
     hint[:100] = -1
     segment, found = searched(path, hint, x)
     for k in range(400):
-        twin = nearest(PATHS[path[k]], int(hint[k]), x[k])
-        expected = [twin.distance, twin.arc, twin.curvature, *twin.tangent]
-        if segment[k] != twin.segment:
+        truth = nearest(PATHS[path[k]], int(hint[k]), x[k])
+        expected = [truth.distance, truth.arc, truth.curvature, *truth.tangent]
+        if segment[k] != truth.segment:
             # two segments as far within rounding: at corners, or in the middle of a circle
-            assert abs(abs(twin.distance) - abs(found[k, 0])) < 1e-4
+            assert abs(abs(truth.distance) - abs(found[k, 0])) < 1e-4
             continue
         assert found[k] == pytest.approx(expected, rel=2e-5, abs=2e-5)
 
@@ -213,7 +213,7 @@ def test_a_closed_smooth_path_has_no_seam():
     assert isinstance(bezier(ring.points[:2], ring.points[:2], ring.points[:2]), Path)
 
 
-# ---- followers against their twin ------------------------------------------------------------------------------------
+# ---- path tracking against its reference ----------------------------------------------------------------------------
 
 PID_SPEC = FollowSpec(
     paths=PATHS, speed=5.0,
@@ -228,7 +228,7 @@ STANLEY_SPEC = dataclasses.replace(
 
 @pytest.mark.quick("stanley")
 @pytest.mark.parametrize("spec", [PID_SPEC, STANLEY_SPEC], ids=["look-ahead", "stanley"])
-def test_followers_agree_with_their_twin(spec):
+def test_followers_agree_with_their_reference(spec):
     worlds, dt = len(PATHS), 2e-3
     vehicle, model = build(GATOR, worlds)
     driver = PathFollower(vehicle, spec)
@@ -236,17 +236,17 @@ def test_followers_agree_with_their_twin(spec):
     speeds = np.array([5.0, 3.0, 4.0, 6.0, 0.5])
     driver.target_speed.assign(speeds.astype(np.float32))
     sim = Simulation(model, dt, elements=[driver, vehicle])
-    twins = [FollowerTwin(spec, PATHS[world], speeds[world]) for world in range(worlds)]
+    references = [TrackingReference(spec, PATHS[world], speeds[world]) for world in range(worlds)]
     seen = []
     for step in range(1500):
         if step == 700:
             # slow down: throttles close, then brakes come
             speeds = 0.3 * speeds
             driver.target_speed.assign(speeds.astype(np.float32))
-            for twin, speed in zip(twins, speeds, strict=True):
-                twin.target = speed
+            for truth, speed in zip(references, speeds, strict=True):
+                truth.target = speed
         time = float(sim.time.numpy()[0])
-        expected = [twin.step(dt, time, *frame_of(sim, vehicle, world)) for world, twin in enumerate(twins)]
+        expected = [truth.step(dt, time, *frame_of(sim, vehicle, world)) for world, truth in enumerate(references)]
         sim.step()
         inputs = vehicle.input.numpy()[:, :3].copy()
         # single precision of speeds and distances, and an integral over 1500 steps of it
@@ -354,7 +354,7 @@ def test_a_reset_restores_what_a_follower_remembers(spec):
     ("gain", "rate"),
     [(4.0, None), (None, (2.0, 1.0, 0.5, 4.0)), ((4.0, 8.0, 2.0, 1.0), 1.5), (None, None), (0.0, None)],
 )
-def test_interactive_inputs_lag_as_their_twin_does(gain, rate):
+def test_interactive_inputs_lag_as_their_reference_does(gain, rate):
     vehicle, model = build(GATOR, 2)
     driver = InteractiveDriver(vehicle, gain=gain, rate=rate)
     sim = Simulation(model, 5e-3, elements=[driver, vehicle])

@@ -194,8 +194,8 @@ def test_paint_leaves_what_is_painted():
     visuals = Visuals(builder)
     visuals.show(mine, color=(0.9, 0.1, 0.1))
     paint(visuals)
-    looks = {instance.name: instance.look for instance in visuals.instances}
-    spheres = [instance.look.color for instance in visuals.instances if instance.kind == ShapeType.SPHERE]
+    looks = {instance.name: instance.appearance for instance in visuals.instances}
+    spheres = [instance.appearance.color for instance in visuals.instances if instance.kind == ShapeType.SPHERE]
     # by the number of joints to the root; bodies without joints by their own number
     assert spheres == [PALETTE[0], PALETTE[1], PALETTE[2]] == body_colors(visuals)
     assert looks["wall"].color == STONE

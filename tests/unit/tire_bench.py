@@ -1,4 +1,4 @@
-"""One wheel per world on a test bench: the tire kernel and its twin on the same states."""
+"""One wheel per world on a test bench: the tire kernel and its reference on the same states."""
 
 from __future__ import annotations
 

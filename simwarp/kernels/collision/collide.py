@@ -402,7 +402,7 @@ def collide_world(
     place_shapes(world, lane, topology, parameters, state, assets, scratch)
     contacts.contact_overflow[world] = 0
     gravity = parameters.gravity[world_row(world, parameters.gravity.shape[0])]
-    near = config.contact_envelope + wp.length(gravity) * config.dt * config.dt
+    near = config.contact_margin + wp.length(gravity) * config.dt * config.dt
     we = world_row(world, parameters.shape_enabled.shape[0])
     if topology.grid_buckets > 0:
         fastest = float(0.0)

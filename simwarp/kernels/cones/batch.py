@@ -16,7 +16,7 @@ from simwarp.kernels.cones.eliminate import (
 )
 from simwarp.kernels.cones.operator import refresh
 from simwarp.kernels.cones.problem import AX, LOW, SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport, X
-from simwarp.kernels.cones.solve import solve_surely
+from simwarp.kernels.cones.solve import solve_with_fallback
 from simwarp.kernels.dynamics.world import CPU_FLAGS
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
@@ -34,7 +34,7 @@ class BatchInput:
     bilateral: int
     blocks: int
     velocities: int
-    rescue: int  # 1: what misses the tolerance is solved again by the interior point
+    fallback: int  # 1: what misses the tolerance is solved again by the interior point
 
     n: wp.array3d[float]
     r: wp.array2d[float]
@@ -210,7 +210,7 @@ def solve_batch(
     kept = scratch.cone_rows[lane, 4]
     total = SolveReport()
     for _ in range(turns):
-        report = solve_surely(problem, config, batch.rescue, kept)
+        report = solve_with_fallback(problem, config, batch.fallback, kept)
         total.iterations += report.iterations
         total.residual = report.residual
         correct(system, problem)

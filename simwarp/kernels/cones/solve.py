@@ -20,8 +20,8 @@ INTERIOR_POINT = wp.constant(int(ConeSolver.INTERIOR_POINT))
 
 FALLBACK = wp.constant(40)
 """Accelerated gradient steps in the place of one Newton step."""
-RESCUE_STEPS = wp.constant(25)
-"""Newton steps of a rescue."""
+FALLBACK_STEPS = wp.constant(25)
+"""Newton steps of the fallback solver."""
 
 
 @wp.func
@@ -57,8 +57,8 @@ def solve(problem: ConeProblem, config: ConeConfig) -> SolveReport:
 
 
 @wp.func
-def solve_surely(problem: ConeProblem, config: ConeConfig, rescue: int, kept: wp.array[float]) -> SolveReport:
-    """As `solve`; with `rescue`, what misses the tolerance is solved by the interior point and the better one kept."""
+def solve_with_fallback(problem: ConeProblem, config: ConeConfig, fallback: int, kept: wp.array[float]) -> SolveReport:
+    """As `solve`; with `fallback`, the interior point solves what misses the tolerance, and the better one is kept."""
     chosen = ConeConfig()
     chosen.law = config.law
     chosen.solver = config.solver
@@ -66,7 +66,7 @@ def solve_surely(problem: ConeProblem, config: ConeConfig, rescue: int, kept: wp
     chosen.max_iterations = config.max_iterations
     best = SolveReport()
     attempt = int(0)
-    while attempt <= rescue:
+    while attempt <= fallback:
         # One call for both solves: the code of the solvers is large.
         report = solve(problem, chosen)
         best.iterations += report.iterations
@@ -82,5 +82,5 @@ def solve_surely(problem: ConeProblem, config: ConeConfig, rescue: int, kept: wp
         for row in range(problem.row_count):
             kept[row] = problem.gamma[row]
         chosen.solver = INTERIOR_POINT
-        chosen.max_iterations = RESCUE_STEPS
+        chosen.max_iterations = FALLBACK_STEPS
     return best

@@ -91,8 +91,8 @@ class StepConfig:
     """Numbers of one step."""
 
     dt: float
-    recovery_speed: float  # m/s
-    recovery_rate: float  # rad/s
+    max_depenetration_velocity: float  # m/s
+    max_depenetration_rate: float  # rad/s
     pivot_tolerance: float
     projection_iterations: int
     refinement: int
@@ -104,8 +104,8 @@ class StepConfig:
     solver: int  # ConeSolver
     friction_law: int  # FrictionLaw
     contact_model: int  # ContactModel
-    bounce_speed: float  # m/s: slower impacts do not bounce
-    contact_envelope: float  # m: contacts nearer than this always take part
+    restitution_threshold: float  # m/s: slower impacts do not bounce
+    contact_margin: float  # m: contacts nearer than this always take part
     dense_rows: int  # most rows of a dense Schur complement
 
 

@@ -182,9 +182,9 @@ def loop_joint_rows(
         work.j0_lin[row] = geometry.w0.lin
         work.j1_ang[row] = geometry.w1.ang
         work.j1_lin[row] = geometry.w1.lin
-        limit = config.recovery_speed
+        limit = config.max_depenetration_velocity
         if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
-            limit = config.recovery_rate
+            limit = config.max_depenetration_rate
         bias = float(0.0)
         compliance = float(0.0)
         if dof < 0:
@@ -242,13 +242,13 @@ def coupling_row(
     coupling: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
     config: StepConfig, work: Work,
 ):  # fmt: skip
-    """Response and right-hand side of one coupling: sum of coefficient x rate = 0, with recovery."""
+    """Response and right-hand side of one coupling: sum of coefficient x rate = 0, with stabilisation."""
     row = topology.joint_row_count + coupling
     for slot in range(topology.slot_count):
         work.y[row, slot] = 0.0
     start = float(0.0)
     value = -parameters.coupling_offset[world_row(world, parameters.coupling_offset.shape[0]), coupling]
-    limit = config.recovery_rate
+    limit = config.max_depenetration_rate
     wc = world_row(world, parameters.coupling_coefficient.shape[0])
     for term in range(topology.coupling_dof.shape[1]):
         dof = topology.coupling_dof[coupling, term]
@@ -256,7 +256,7 @@ def coupling_row(
             coefficient = parameters.coupling_coefficient[wc, coupling, term]
             value += wp.float64(coefficient) * state.joint_x[world, dof]
             if topology.dof_kind[dof] == POINT_AXIS0:
-                limit = config.recovery_speed
+                limit = config.max_depenetration_velocity
             if topology.dof_slot[dof] >= 0:
                 project_slot(row, topology.dof_slot[dof], coefficient, topology, work, work.y)
             else:

@@ -170,9 +170,9 @@ def load_slots(
         if dof >= 0:
             q = state.joint_x[world, dof]
             if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
-                limit = config.recovery_rate
+                limit = config.max_depenetration_rate
                 if topology.dof_kind[dof] == POINT_AXIS0:
-                    limit = config.recovery_speed
+                    limit = config.max_depenetration_velocity
                 work.gain[slot] = -1.0
                 work.rate[slot] = prescribed_rate(dof, world, dt, time, q, limit, topology, control)
             elif topology.link_type[topology.slot_link[slot]] != FREE:

@@ -54,13 +54,13 @@ def candidate(
         if upper - dt * rate < lower + dt * rate:
             gap = upper
             row.sign = -1.0
-        recovery = config.recovery_rate
+        fastest = config.max_depenetration_rate
         if topology.dof_kind[dof] == POINT_AXIS0 or topology.dof_kind[dof] == DISTANCE:
-            recovery = config.recovery_speed
+            fastest = config.max_depenetration_velocity
         # the reserve is for speed that the other bounded rows may add within the step
-        if gap / dt + row.sign * rate < recovery:
+        if gap / dt + row.sign * rate < fastest:
             row.acts = 1
-        row.bias = wp.max(gap / dt, -recovery)
+        row.bias = wp.max(gap / dt, -fastest)
         row.upper = INFINITE_EFFORT
     elif kind == FRICTION:
         row.upper = dt * parameters.joint_friction[world_row(world, parameters.joint_friction.shape[0]), dof]

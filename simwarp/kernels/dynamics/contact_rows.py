@@ -17,7 +17,7 @@ wp.set_module_options({"enable_backward": False})
 
 CONVEX = wp.constant(int(FrictionLaw.CONVEX))
 FREE_MOBILITY = wp.constant(1.0e-12)  # [1/kg] below it neither side can move
-STICKY = wp.constant(0.1)  # times the envelope: gap up to which cohesion holds
+STICKY = wp.constant(0.1)  # times the contact margin: gap up to which cohesion holds
 UNBOUNDED = wp.constant(1.0e30)
 
 
@@ -90,7 +90,7 @@ def bounces(dt: float, gap: float, incoming: float, free: float, surface: Surfac
     `incoming` is the normal velocity before the step, `free` that without contacts [m/s], negative when approaching.
     """
     rebound = surface.restitution * incoming
-    return rebound < -config.bounce_speed and gap + dt * wp.min(incoming, free) < 0.0
+    return rebound < -config.restitution_threshold and gap + dt * wp.min(incoming, free) < 0.0
 
 
 @wp.func
@@ -98,7 +98,7 @@ def normal_bias(dt: float, gap: float, surface: Surface, config: StepConfig) -> 
     """Right-hand side of the normal row of a contact that does not bounce [m/s]."""
     if surface.compliance > 0.0:
         return gap / (dt + surface.damping)
-    return wp.max(gap / dt, -config.recovery_speed)
+    return wp.max(gap / dt, -config.max_depenetration_velocity)
 
 
 @wp.func
@@ -160,7 +160,7 @@ def collect_contacts(
 ) -> int:  # fmt: skip
     """Appends the contacts that can act in this step as blocks; returns the number of blocks then.
 
-    A contact further away than the envelope takes part if the free motion would close it.
+    A contact further away than the margin takes part if the free motion would close it.
     """
     block = int(blocks)
     row = int(rows)
@@ -180,12 +180,12 @@ def collect_contacts(
         u = frame * (point_velocity(link1, arm1, work.t_ang, work.t_lin)
                      - point_velocity(link0, arm0, work.t_ang, work.t_lin))  # fmt: skip
         surface = combined_surface(world, shape0, shape1, parameters)
-        if gap > STICKY * config.contact_envelope:
+        if gap > STICKY * config.contact_margin:
             surface.cohesion = 0.0
         closing = -wp.min(u[0], 0.0)
         if config.friction_law == CONVEX:
             closing += surface.friction * wp.sqrt(u[1] * u[1] + u[2] * u[2])  # sliding lifts by as much
-        if gap < config.contact_envelope + dt * closing:
+        if gap < config.contact_margin + dt * closing:
             count = set_block(block, row, dt, surface, cone)
             contact_response(block, row, count, link0, link1, arm0, arm1, frame, topology, work, cone)
             if cone.diagonal[row] > FREE_MOBILITY:

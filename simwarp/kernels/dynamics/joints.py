@@ -138,8 +138,8 @@ def link_geometry(
     # the drift carries everything that the change of velocity must make good: the correction, and what the velocities
     # of the step's start violate at its poses
     above = topology.link_parent[link]
-    ang = clamp_length(e_ang * inv_dt, config.recovery_rate) * (-sign)
-    lin = clamp_length(e_lin * inv_dt, config.recovery_speed) * (-sign)
+    ang = clamp_length(e_ang * inv_dt, config.max_depenetration_rate) * (-sign)
+    lin = clamp_length(e_lin * inv_dt, config.max_depenetration_velocity) * (-sign)
     lin -= wp.cross(ang, child)
     f0 = matrix_to_float(frames.f0)
     for slot in range(topology.link_slot[link], topology.link_slot[link + 1]):

@@ -13,7 +13,7 @@ import warp as wp
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.apgd import solve_apgd
 from simwarp.kernels.cones.problem import SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport
-from simwarp.kernels.cones.solve import solve_surely
+from simwarp.kernels.cones.solve import solve_with_fallback
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
@@ -238,15 +238,15 @@ def solve_quickly(problem: ConeProblem, config: ConeConfig, kept: wp.array[float
 
 
 @wp.func
-def solve_with_rescue(problem: ConeProblem, config: ConeConfig, kept: wp.array[float]) -> SolveReport:
+def solve_or_fall_back(problem: ConeProblem, config: ConeConfig, kept: wp.array[float]) -> SolveReport:
     """The solver of the configuration, and the interior point for what it leaves above the tolerance."""
-    return solve_surely(problem, config, 1, kept)
+    return solve_with_fallback(problem, config, 1, kept)
 
 
 @functools.cache
 def run_worlds_kernel(all_solvers: bool) -> wp.Kernel:
     """The kernel, with accelerated gradient descent as its only solver, or with all of them (twice the code)."""
-    solve = solve_with_rescue if all_solvers else solve_quickly
+    solve = solve_or_fall_back if all_solvers else solve_quickly
 
     @wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
     def run_worlds(

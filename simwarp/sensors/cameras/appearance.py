@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
 from simwarp.geometry.visual_mesh import Image, VisualMesh, linear_from_srgb
-from simwarp.kernels.sensors.cameras.appearance import Appearance, TextureKind
+from simwarp.kernels.sensors.cameras.appearance import AppearanceArrays, TextureKind
 from simwarp.model.checks import positive_number
 
 Extent: TypeAlias = float | Sequence[float]
@@ -73,14 +73,14 @@ class _Entry:
 
 
 class AppearanceList:
-    """Textures and looks of meshes, collected before `tables`."""
+    """Textures and visuals of meshes, collected before `tables`."""
 
     def __init__(self) -> None:
         self._textures: list[_Entry] = []
         self._given: dict[Texture, int] = {}
 
     def add(self, texture: Texture) -> int:
-        """Number of a texture, for `Look.texture` and `Scene.texture`. The same object has one number.
+        """Number of a texture, for `Appearance.texture` and `Scene.texture`. The same object has one number.
 
         Raises:
             ModelError: it is no texture, its image cannot be read, or a size or colour is not usable.
@@ -96,7 +96,7 @@ class AppearanceList:
             self._textures.append(_entry(texture))
         return self._given[texture]
 
-    def check(self, thing: str, texture: int, look: VisualMesh | None) -> None:
+    def check(self, thing: str, texture: int, visual: VisualMesh | None) -> None:
         """An instance's texture has to exist, and to know where it lies on the surface.
 
         Raises:
@@ -110,36 +110,38 @@ class AppearanceList:
         if texture < 0:
             return
         entry = self._textures[texture]
-        if entry.kind == TextureKind.IMAGE and entry.metres[0] == 0.0 and (look is None or look.uv is None):
+        if entry.kind == TextureKind.IMAGE and entry.metres[0] == 0.0 and (visual is None or visual.uv is None):
             raise ModelError(
                 f"{thing}: an image needs texture coordinates (UVs), got geometry without; unwrap the mesh, "
                 "or give ImageTexture(metres=...) to lay it along x and y"
             )
 
-    def tables(self, looks: Sequence[VisualMesh | None], device: Any) -> Appearance:
+    def tables(self, visuals: Sequence[VisualMesh | None], device: Any) -> AppearanceArrays:
         """Everything on a device.
 
         Args:
-            looks: per tree of the scene; None: it has none.
+            visuals: per tree of the scene; None: it has none.
             device: Warp device.
         """
         textures = list(self._textures)
-        tree_look, colors, uvs, triangle_texture = [-1] * len(looks), [], [], []
+        tree_visual, colors, uvs, triangle_texture = [-1] * len(visuals), [], [], []
         rows = 0
-        for tree, look in enumerate(looks):
-            if look is None or (look.color is None and look.uv is None):
+        for tree, visual in enumerate(visuals):
+            if visual is None or (visual.color is None and visual.uv is None):
                 continue
-            count = len(look.triangles)
-            tree_look[tree] = rows
+            count = len(visual.triangles)
+            tree_visual[tree] = rows
             rows += count
-            colors.append(np.ones((count, 3, 3), np.float32) if look.color is None else look.color)
-            uvs.append(np.zeros((count, 3, 2), np.float32) if look.uv is None else look.uv)
-            own = np.full(count, -1, np.int32) if look.texture is None else look.texture
+            colors.append(np.ones((count, 3, 3), np.float32) if visual.color is None else visual.color)
+            uvs.append(np.zeros((count, 3, 2), np.float32) if visual.uv is None else visual.uv)
+            own = np.full(count, -1, np.int32) if visual.texture is None else visual.texture
             triangle_texture.append(np.where(own >= 0, own + len(textures), -1))
-            textures += [_Entry(TextureKind.IMAGE, image, (0.0, 0.0), ((1, 1, 1), (1, 1, 1))) for image in look.images]
-        made = Appearance()
+            textures += [
+                _Entry(TextureKind.IMAGE, image, (0.0, 0.0), ((1, 1, 1), (1, 1, 1))) for image in visual.images
+            ]
+        made = AppearanceArrays()
         _texture_tables(made, textures, device)
-        made.tree_look = _array(tree_look, np.int32, wp.int32, (), device)
+        made.tree_visual = _array(tree_visual, np.int32, wp.int32, (), device)
         made.corner_color = _array([c.reshape(-1, 3) for c in colors], np.float32, wp.vec3, (3,), device, join=True)
         made.corner_uv = _array([c.reshape(-1, 2) for c in uvs], np.float32, wp.vec2, (2,), device, join=True)
         made.triangle_texture = _array(triangle_texture, np.int32, wp.int32, (), device, join=True)
@@ -151,7 +153,7 @@ def _array(values: Any, dtype: Any, kind: Any, tail: tuple[int, ...], device: An
     return wp.array(data.astype(dtype).reshape(-1, *tail), dtype=kind, device=device)
 
 
-def _texture_tables(made: Appearance, textures: list[_Entry], device: Any) -> None:
+def _texture_tables(made: AppearanceArrays, textures: list[_Entry], device: Any) -> None:
     sizes = [(0, 0) if t.image is None else (t.image.shape[1], t.image.shape[0]) for t in textures]
     starts = np.cumsum([0] + [width * height for width, height in sizes])
     packed = []

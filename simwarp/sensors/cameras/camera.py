@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import warp as wp
 
+from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import ModelError, Pose, Vec3, finite_vector, pose, shown
 from simwarp.kernels.sensors.cameras.image import Camera as CameraNumbers
 from simwarp.kernels.sensors.cameras.image import Outputs, Views, aim_views, render
 from simwarp.model.checks import finite_number
 from simwarp.sensors.cameras.image_processing import PER_WORLD as IMAGING_ARRAYS
-from simwarp.sensors.cameras.image_processing import Development, Imaging
+from simwarp.sensors.cameras.image_processing import ImageProcessing, Imaging
 from simwarp.sensors.cameras.lenses import Lens, Pinhole
 from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.cameras.lights import Lighting, Lights
@@ -44,6 +45,7 @@ MOST_PIXELS: Final = 32768
 """Along either side of an image."""
 
 
+@renamed_fields(reach="far")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraConfig:
     """What a camera is. It looks along X of its mount; Y is to the left, Z up.
@@ -54,12 +56,12 @@ class CameraConfig:
         width, height: of the image [pixels].
         lens: `Pinhole`, `FishEye` or `Radial`.
         outputs: any of `rgb`, `grey` (uint8), `depth` (along the axis), `range` (along the ray) [m], `normals` (unit,
-            camera axes, towards the camera), `instance` (index in the scene), `semantic` (label); nothing is seen: the
-            reach, zeros, -1. The first one is `Camera.data`.
+            camera axes, towards the camera), `instance` (index in the scene), `semantic` (label); nothing is seen:
+            `far`, zeros, -1. The first one is `Camera.data`.
         samples: s: s x s rays for each pixel of `rgb` and `grey`, one at random in each of as many squares. With a
             window there is at least one ray per sub-step.
         near: what is nearer is not seen, such as the housing [m].
-        reach: what is farther is not seen [m].
+        far: what is farther is not seen [m].
         imaging: exposure, response, vignetting and noise.
         grey_weights: of red, green and blue in `grey`.
         groups: bits of the groups of instances that are seen.
@@ -75,7 +77,7 @@ class CameraConfig:
     outputs: Sequence[str] = ("rgb",)
     samples: int = 1
     near: float = 0.0
-    reach: float = 1000.0
+    far: float = 1000.0
     imaging: Imaging = dataclasses.field(default_factory=Imaging)
     grey_weights: Vec3 = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
     groups: int = ALL_GROUPS
@@ -84,6 +86,7 @@ class CameraConfig:
         camera_numbers(self)
 
 
+@renamed_fields(development="image_processing")
 class Camera:
     """A camera on a body, or fixed in the world, in every world.
 
@@ -94,13 +97,13 @@ class Camera:
         lights: of the scene; several cameras may share one `Lights`.
         name: unique in the Simulation.
         seed: of its noise, with the name.
-        per_world: arrays that get a row per world: names of `Development`, of `Lights` (where a `Lighting` is given),
-            and "mount".
+        per_world: arrays that get a row per world: names of `ImageProcessing`, of `Lights` (where a `Lighting` is
+            given), and "mount".
 
     Attributes:
         outputs: by name, (W, height, width, channels): one array each, the same memory throughout.
         lights: the light's arrays, to write into.
-        development: the arrays of exposure and noise, to write into.
+        image_processing: the arrays of exposure and noise, to write into.
         mount: the mount's arrays, to write into.
 
     Raises:
@@ -123,7 +126,9 @@ class Camera:
         self.frames = Frames(name, config.schedule, model, fields, seed=seed)
         copies = model.world_count if "mount" in wanted else 1
         self.mount = mount_arrays(name, mount, model, copies)
-        self.development = Development(config.imaging, model.world_count, model.device, wanted & {*IMAGING_ARRAYS})
+        self.image_processing = ImageProcessing(
+            config.imaging, model.world_count, model.device, wanted & {*IMAGING_ARRAYS}
+        )
         self.lights = lights_of(lights, scene, wanted & {*LIGHT_ARRAYS})
         self._tables = scene.tables(config.groups)
         self._views = make_views(model.world_count, model.device)
@@ -184,7 +189,7 @@ class Camera:
             inputs=[self.numbers, self.mount, tick, simulation.state.arrays, self._tables], outputs=[self._views],
         )  # fmt: skip
         cast = launch_render(
-            self.numbers, self._views, self.scene, self._tables, self.lights, self.development, self._sums,
+            self.numbers, self._views, self.scene, self._tables, self.lights, self.image_processing, self._sums,
             self.frames.ring, record=True,
         )  # fmt: skip
         return [self.scene.place(simulation.state, self._tables, due, record=True), aim, cast]
@@ -237,15 +242,15 @@ def camera_numbers(config: CameraConfig) -> CameraNumbers:
             'write for example ("rgb", "depth")'
         )
     near = finite_number(thing, "near", config.near, "0 sees everything")
-    reach = finite_number(thing, "reach", config.reach, "pass metres")
+    far = finite_number(thing, "far", config.far, "pass metres")
     for field, number, rule, usable, remedy in (
         ("near", near, ">= 0", near >= 0.0, "0 sees everything"),
-        ("reach", reach, "> 0", reach > 0.0, "give the largest distance that is seen"),
+        ("far", far, "> 0", far > 0.0, "give the largest distance that is seen"),
     ):
         if not usable:
             raise ModelError(f"{thing}: {field} must be {rule} m, got {number:g}; {remedy}")
-    if not near < reach:
-        raise ModelError(f"{thing}: 0 <= near < reach must hold, got near={near:g}, reach={reach:g} m; swap them")
+    if not near < far:
+        raise ModelError(f"{thing}: 0 <= near < far must hold, got near={near:g}, far={far:g} m; swap them")
     if not isinstance(config.schedule, Schedule):
         found = shown(config.schedule)
         raise ModelError(f"{thing}: schedule must be a Schedule, got {found}; write Schedule(rate=...)")
@@ -259,7 +264,7 @@ def camera_numbers(config: CameraConfig) -> CameraNumbers:
     numbers.side = int(config.samples)
     numbers.stride = _stride(config.samples**2)
     numbers.samples = config.samples**2
-    numbers.near, numbers.reach = near, reach
+    numbers.near, numbers.far = near, far
     numbers.spread = 2.0 * numbers.lens.scale / (config.width * config.samples)
     numbers.grey = wp.vec3(*finite_vector(thing, "grey_weights", config.grey_weights, 3))
     return numbers
@@ -302,7 +307,7 @@ def make_views(count: int, device: Any) -> Views:
 
 
 def launch_render(
-    numbers: CameraNumbers, views: Views, scene: Scene, tables: Any, lights: Lights, development: Development,
+    numbers: CameraNumbers, views: Views, scene: Scene, tables: Any, lights: Lights, image_processing: ImageProcessing,
     sums: wp.array, frames: Mapping[str, wp.array], *, record: bool = False,
 ) -> Any:  # fmt: skip
     """Casts and develops all views that are due into rows of `frames`."""
@@ -318,6 +323,9 @@ def launch_render(
     chunk = 1 if device.is_cuda else numbers.width
     return wp.launch(
         render, dim=(views.world.shape[0], -(-pixels // chunk)), device=device, record_cmd=record,
-        inputs=[chunk, numbers, views, tables, scene.model.assets, scene.appearance, lights.arrays, development.arrays],
+        inputs=[
+            chunk, numbers, views, tables, scene.model.assets, scene.appearance, lights.arrays,
+            image_processing.arrays,
+        ],
         outputs=[sums, outputs],
     )  # fmt: skip

@@ -11,12 +11,12 @@ import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
-from simwarp.kernels.sensors.cameras.image_processing import RESPONSE_STEPS, DevelopArrays
+from simwarp.kernels.sensors.cameras.image_processing import RESPONSE_STEPS, ImagingArrays
 from simwarp.model.checks import finite_number, positive_number
 from simwarp.sensors.interface import wanted_arrays
 
 PER_WORLD: Final = ("exposure", "vignetting", "noise_mean", "noise_sigma", "noise_slope", "noise_intercept")
-"""Arrays of `Development` that may differ by world."""
+"""Arrays of `ImageProcessing` that may differ by world."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ class Imaging:
     noise_intercept: float = 0.0
 
 
-class Development:
+class ImageProcessing:
     """An `Imaging` on a device: arrays to write into between steps.
 
     Args:
@@ -75,7 +75,7 @@ class Development:
         wanted = wanted_arrays("camera", per_world, PER_WORLD)
         gamma = positive_number("Imaging", "gamma", imaging.gamma, "", "1 is a linear response")
         place = np.arange(RESPONSE_STEPS + 1) / RESPONSE_STEPS
-        self.arrays = DevelopArrays()
+        self.arrays = ImagingArrays()
         self.arrays.response = wp.array((place**2) ** (1.0 / gamma), dtype=wp.float32, device=device)
         for name in PER_WORLD:
             values, dtype = _value(imaging, name)

@@ -19,7 +19,7 @@ from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, checked_model
 from simwarp.sensors.noise import Noise, NoiseChain, Numbers
-from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
@@ -71,7 +71,7 @@ class EncoderConfig:
             raise ModelError("EncoderConfig: reading counts needs something to count; give counts_per_turn or step")
 
 
-class Encoder(Instrument):
+class Encoder(VectorSensor):
     """Positions, counts or speeds of coordinates.
 
     Args:
@@ -199,7 +199,7 @@ class SpeedometerConfig:
     noise: tuple[Noise, ...] = ()
 
 
-class Tachometer(Instrument):
+class Tachometer(VectorSensor):
     """How fast a body turns about an axis of its own, or a joint's coordinate changes.
 
     Args:
@@ -244,7 +244,7 @@ class Tachometer(Instrument):
         return [_record_rate(self, self._meter, simulation)]
 
 
-class Speedometer(Instrument):
+class Speedometer(VectorSensor):
     """Speed of a point of a body along X of its mount, negative backwards.
 
     Args:

@@ -15,7 +15,7 @@ from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, body_index, checked_config
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
@@ -57,7 +57,7 @@ class LoadCellConfig:
     torque_noise: tuple[Noise, ...] = ()
 
 
-class ContactSensor(Instrument):
+class ContactSensor(VectorSensor):
     """The sum of all contact forces on a body, in axes of the sensor. Tires are force elements: they are not in it.
 
     Forces of a sub-step are told in the axes that the sensor had at its beginning.
@@ -118,7 +118,7 @@ class ContactSensor(Instrument):
         return [_record_forces(self, self.mount, forces, no_torques, self._body, simulation), touch]
 
 
-class LoadCell(Instrument):
+class LoadCell(VectorSensor):
     """Force and torque that a joint applies to its second body, at anchor 1, drives and limits included.
 
     Needs `Simulation(..., joint_reactions=True)`.

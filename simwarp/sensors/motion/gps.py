@@ -18,7 +18,7 @@ from simwarp.model.model import Model
 from simwarp.sensors.clock import Field, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
@@ -121,7 +121,7 @@ def to_local(origin: GeoOrigin, latitude: Any, longitude: Any, altitude: Any) ->
     return np.asarray((place - np.array(frame.place)) @ axes)
 
 
-class Gps(Instrument):
+class Gps(VectorSensor):
     """Where a point of a body is on the Earth, and how it moves.
 
     The world is a plane that touches the ellipsoid at `config.origin`: one kilometre away, z = 0 lies 8 cm above it.

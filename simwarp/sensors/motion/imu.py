@@ -13,7 +13,7 @@ from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, checked_outputs
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
@@ -41,7 +41,7 @@ class ImuConfig:
         object.__setattr__(self, "outputs", checked_outputs("ImuConfig", self.outputs, PARTS))
 
 
-class Imu(Instrument):
+class Imu(VectorSensor):
     """Specific force and angular velocity at a point of a body, in axes of the sensor.
 
     The specific force is Rᵀ (a - g), with the acceleration a of the mounted point and gravity g: a sensor at rest reads

@@ -16,7 +16,7 @@ from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config
 from simwarp.sensors.motion.gps import GeoOrigin, geo_frame
 from simwarp.sensors.noise import Noise, NoiseChain
-from simwarp.sensors.vector_sensor import Instrument
+from simwarp.sensors.vector_sensor import VectorSensor
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
@@ -46,7 +46,7 @@ class MagnetometerConfig:
             finite_number("MagnetometerConfig", name, getattr(self, name))
 
 
-class Magnetometer(Instrument):
+class Magnetometer(VectorSensor):
     """The magnetic field at a point of a body, in axes of the sensor.
 
     The field is that of a dipole in the Earth's centre, whose axis leaves it at the geomagnetic north pole. Measured

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.types import ModelError, shown
-from simwarp.kernels.sensors.ranging.lidar import LidarFlaws, LidarSettings, count_returns, scan_lidar
+from simwarp.kernels.sensors.ranging.lidar import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
 from simwarp.kernels.sensors.ranging.returns import ReturnMode
 from simwarp.sensors.clock import Field, Frames, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
@@ -82,7 +82,7 @@ class LidarConfig:
             only there; points are zero in all their components.
         sweep: columns fire from where the sensor is at their own time, to first order between sub-steps; else from
             where it is at the end of the sub-step in which their time falls.
-        groups: bits of the groups of instances that it sees (`Look.group`).
+        groups: bits of the groups of instances that it sees (`Appearance.group`).
 
     Raises:
         ModelError: a value breaks its rule.
@@ -166,9 +166,9 @@ class Lidar:
         self._settings.ranges = int("ranges" in config.outputs)
         self._settings.ray = wp.array(np.tan(config.beam.offsets()), dtype=wp.vec2, device=model.device)
         self._nowhere = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
-        self._flaws = LidarFlaws()
+        self._noise = LidarNoiseArrays()
         for key, array in self.noise.items():
-            setattr(self._flaws, key, array)
+            setattr(self._noise, key, array)
 
     @property
     def data(self) -> wp.array:
@@ -227,7 +227,7 @@ class Lidar:
         scan = wp.launch(
             scan_lidar, dim=(self.model.world_count, lanes), device=device, record_cmd=True,
             inputs=[
-                lanes, self._scan, self._settings, self._flaws, state.arrays, tables, self.model.assets, frames.tick,
+                lanes, self._scan, self._settings, self._noise, state.arrays, tables, self.model.assets, frames.tick,
             ],
             outputs=[points, ranges],
         )  # fmt: skip

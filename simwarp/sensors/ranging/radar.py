@@ -12,7 +12,7 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
-from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarFlaws, scan_radar
+from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarNoiseArrays, scan_radar
 from simwarp.model.checks import finite_number, positive_number
 from simwarp.sensors.clock import Field, Frames, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
@@ -101,7 +101,7 @@ class RadarConfig:
         falloff: k of the amplitude's law r^-k with r in metres: 0 none, 4 the radar equation.
         clusters: how returns are gathered; None: not at all.
         sweep: see `LidarConfig`.
-        groups: bits of the groups of instances that it sees (`Look.group`).
+        groups: bits of the groups of instances that it sees (`Appearance.group`).
 
     Raises:
         ModelError: a value breaks its rule.
@@ -177,9 +177,9 @@ class Radar:
         self.backscatter = writable_from(np.tile(values, (copies, 1)), wp.float32, model.device)
         self.mount = mount_arrays(name, mount, model, model.world_count if "mount" in wanted else 1)
         self._scan = scan_tables(self.mount, config.rays, config.near, config.far, model.device)
-        self._flaws = RadarFlaws()
+        self._noise = RadarNoiseArrays()
         for key, array in self.noise.items():
-            setattr(self._flaws, key, array)
+            setattr(self._noise, key, array)
 
     @property
     def data(self) -> wp.array:
@@ -241,7 +241,7 @@ class Radar:
         scan = wp.launch(
             scan_radar, dim=(self.model.world_count, lanes), device=device, record_cmd=True,
             inputs=[
-                lanes, self._scan, float(self.config.falloff), self.backscatter, self._flaws, state.arrays, tables,
+                lanes, self._scan, float(self.config.falloff), self.backscatter, self._noise, state.arrays, tables,
                 self.model.assets, frames.tick,
             ],
             outputs=[returns],

@@ -81,7 +81,7 @@ def make_rig(world: DemoWorld, seed: int, panel: int) -> Rig:
 
     def camera(name: str, place: tuple[Vec3, Vec3], lights: Lights = day, **options: Any) -> Camera:
         usual = {"width": panel, "height": small_height(panel), "schedule": once, "samples": 2, "near": 0.05,
-                 "reach": 400.0}  # fmt: skip
+                 "far": 400.0}  # fmt: skip
         config = CameraConfig(**{**usual, **options})
         return Camera(world.scene, _mount(world, place), config, lights=lights, name=name, seed=seed)
 

@@ -15,13 +15,13 @@ from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
 from simwarp.scenery.plants import bush, tree
-from simwarp.scenery.prop import Label, Prop, add_picture
 from simwarp.scenery.roadside import barrier, cone, crate, pillar
 from simwarp.scenery.rocks import rock
 from simwarp.scenery.solids import ribbon, stream, tone, varied
 from simwarp.scenery.terrain import flattened, height_at, hills
 from simwarp.scenery.textures import TEXTURES, ground_texture
-from simwarp.scenery.vehicle_visuals import add_vehicle_picture, vehicle_prop
+from simwarp.scenery.vehicle_visuals import add_vehicle_visual, vehicle_visual
+from simwarp.scenery.visual import Label, Visual, add_visual
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.scene import Scene, Visuals
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
@@ -85,9 +85,9 @@ def make_world(seed: int, device: str | None) -> DemoWorld:
         field, texture=visuals.texture(grass), color=(1.0, 1.0, 1.0), label=int(Label.GROUND), reflectance=0.25
     )
     visuals.add_mesh(WORLD, _trail(path, heights), name="trail", label=int(Label.ROAD), reflectance=0.3)
-    add_vehicle_picture(visuals, parts)
+    add_vehicle_visual(visuals, parts)
     _add_lidar(visuals, parts)
-    add_picture(visuals, vehicle_prop("sedan"), name="sedan", body=sedan)
+    add_visual(visuals, vehicle_visual("sedan"), name="sedan", body=sedan)
     _add_things(visuals, heights, path, seed)
     model = builder.finalize(1, device, per_world=per_world())
     terrain = ground(model.device, kind=ShapeType.HEIGHT_FIELD, asset=0)
@@ -133,13 +133,13 @@ def _add_sedan(builder: ModelBuilder, heights: Any, moment: float) -> int:
 
 def _add_lidar(visuals: Visuals, parts: VehicleParts) -> None:
     """The housing of the lidar, which it does not see itself, and its mast."""
-    look = {"label": int(Label.VEHICLE), "reflectance": 0.3}
+    appearance = {"label": int(Label.VEHICLE), "reflectance": 0.3}
     for name, radius, half, below, color in (
         ("lidar", 0.1, 0.08, 0.0, (0.03, 0.03, 0.035)), ("mast", 0.03, 0.22, 0.28, (0.45, 0.45, 0.45)),
     ):  # fmt: skip
         at = parts.reference + np.asarray(ROOF) - (0.0, 0.0, below)
         visuals.add_cylinder(
-            parts.chassis, radius=radius, half_length=half, name=name, pose=pose(at), color=color, **look
+            parts.chassis, radius=radius, half_length=half, name=name, pose=pose(at), color=color, **appearance
         )  # fmt: skip
 
 
@@ -162,11 +162,11 @@ def _add_things(visuals: Visuals, heights: Any, path: Path, seed: int) -> None:
     """What stands beside the trail at the moment, then woods and rocks all around."""
     count = 0
 
-    def put(prop: Prop, x: float, y: float, yaw: float = 0.0, scale: float = 1.0, sink: float = 0.0) -> None:
+    def put(visual: Visual, x: float, y: float, yaw: float = 0.0, scale: float = 1.0, sink: float = 0.0) -> None:
         nonlocal count
         count += 1
         z = float(height_at(heights, SIZE, [(x, y)])[0]) - sink
-        add_picture(visuals, prop, name=f"{prop.name} {count}", at=_upright((x, y, z), yaw), scale=scale)
+        add_visual(visuals, visual, name=f"{visual.name} {count}", at=_upright((x, y, z), yaw), scale=scale)
 
     cones = [cone(kind) for kind in ("orange", "red", "green")]
     for k, arc in enumerate(np.arange(-2.0, 26.0, 4.0)):
@@ -208,8 +208,8 @@ def _add_woods(put: Any, path: Path, seed: int) -> None:
         choice, scale, yaw = rng.random(), rng.uniform(0.8, 1.5), rng.uniform(-math.pi, math.pi)
         if away < 18.0:
             continue
-        prop = kinds[rng.integers(5)] if choice < 0.6 else bushes[rng.integers(2)] if choice < 0.8 else rocks[
+        visual = kinds[rng.integers(5)] if choice < 0.6 else bushes[rng.integers(2)] if choice < 0.8 else rocks[
             rng.integers(3)
         ]  # fmt: skip
-        put(prop, float(x), float(y), yaw, scale, sink=0.15)
+        put(visual, float(x), float(y), yaw, scale, sink=0.15)
         done += 1

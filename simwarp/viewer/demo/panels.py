@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import Pose
-from simwarp.scenery.prop import Label
+from simwarp.scenery.visual import Label
 from simwarp.sensors.motion.gps import GeoOrigin, to_local
 from simwarp.viewer.demo.devices import COUNTS
 from simwarp.viewer.demo.sheet import BLANK, Bar, Color, Panel, Picture

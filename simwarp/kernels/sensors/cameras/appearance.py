@@ -26,8 +26,8 @@ LATTICE_MIX2 = wp.constant(wp.uint32(0x297A2D39))
 
 
 @wp.struct
-class Appearance:
-    """Textures and the looks of meshes, shared by all worlds."""
+class AppearanceArrays:
+    """Textures and the visuals of meshes, shared by all worlds."""
 
     texture_kind: wp.array[int]  # TextureKind
     texture_start: wp.array[int]  # of an image's texels
@@ -38,14 +38,14 @@ class Appearance:
     texel: wp.array[wp.uint32]  # sRGB, 8 bits each: red lowest
     decode: wp.array[float]  # (256,) linear light of an sRGB byte
 
-    tree_look: wp.array[int]  # first triangle, in the arrays below, of a mesh by the number of its tree; -1: no look
+    tree_visual: wp.array[int]  # first triangle, in the arrays below, of a mesh by the number of its tree; -1: no look
     corner_uv: wp.array[wp.vec2]  # [3 triangle + corner]
     corner_color: wp.array[wp.vec3]
     triangle_texture: wp.array[int]  # -1: none
 
 
 @wp.func
-def texel_color(index: int, appearance: Appearance) -> wp.vec3:
+def texel_color(index: int, appearance: AppearanceArrays) -> wp.vec3:
     """Linear colour of one texel."""
     packed = appearance.texel[index]
     red = int(packed & wp.uint32(255))
@@ -55,7 +55,7 @@ def texel_color(index: int, appearance: Appearance) -> wp.vec3:
 
 
 @wp.func
-def image_color(texture: int, uv: wp.vec2, appearance: Appearance) -> wp.vec3:
+def image_color(texture: int, uv: wp.vec2, appearance: AppearanceArrays) -> wp.vec3:
     """Bilinear sample of an image that repeats; u to the right, v upwards, texel centres at half numbers."""
     width = appearance.texture_pixels[texture][0]
     height = appearance.texture_pixels[texture][1]
@@ -139,7 +139,7 @@ def noise_share(x: float, y: float, width: float) -> float:
 
 @wp.func
 def texture_color(
-    texture: int, uv: wp.vec2, local: wp.vec3, footprint: float, appearance: Appearance
+    texture: int, uv: wp.vec2, local: wp.vec3, footprint: float, appearance: AppearanceArrays
 ) -> wp.vec3:  # fmt: skip
     """Linear colour of a texture.
 
@@ -169,7 +169,7 @@ def texture_color(
 @wp.func
 def surface_color(
     color: wp.vec3, texture: int, tree: int, triangle: int, bary: wp.vec2, local: wp.vec3, footprint: float,
-    appearance: Appearance,
+    appearance: AppearanceArrays,
 ) -> wp.vec3:  # fmt: skip
     """Linear albedo where a ray hit: the instance's colour times that of its texture or of the mesh.
 
@@ -184,11 +184,11 @@ def surface_color(
         appearance: tables.
     """
     uv = wp.vec2(0.0, 0.0)
-    look = int(-1)
+    first = int(-1)
     if tree >= 0:
-        look = appearance.tree_look[tree]
-    if look >= 0:
-        row = look + triangle
+        first = appearance.tree_visual[tree]
+    if first >= 0:
+        row = first + triangle
         first = 3 * row
         w1 = bary[0]
         w2 = bary[1]

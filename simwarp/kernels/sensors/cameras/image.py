@@ -10,8 +10,8 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
-from simwarp.kernels.sensors.cameras.appearance import Appearance
-from simwarp.kernels.sensors.cameras.image_processing import DevelopArrays, byte_of, develop
+from simwarp.kernels.sensors.cameras.appearance import AppearanceArrays
+from simwarp.kernels.sensors.cameras.image_processing import ImagingArrays, byte_of, process
 from simwarp.kernels.sensors.cameras.lenses import Lens, lens_direction
 from simwarp.kernels.sensors.cameras.shade import LightArrays, facing, light_along
 from simwarp.kernels.sensors.clock import BEGIN, Tick
@@ -45,7 +45,7 @@ class Camera:
     stride: int  # the next ray's stratum; no common divisor with side²
     samples: int  # rays of a pixel in one frame
     near: float  # rays start this far from the camera [m]
-    reach: float  # and end this far from it [m]
+    far: float  # and end this far from it [m]
     spread: float  # width of a ray's share of the image at 1 m [m]
     grey: wp.vec3  # weights of the channels
 
@@ -169,8 +169,8 @@ def pixel_direction(column: float, row: float, camera: Camera) -> wp.vec3:
 def eye_ray(
     world: int, eye: wp.vec3, direction: wp.vec3, camera: Camera, scene: RayScene, assets: Assets
 ) -> RayHit:  # fmt: skip
-    """What a ray from the camera meets between near and reach; its t counts from the camera."""
-    hit = closest_hit(world, eye + camera.near * direction, direction, camera.reach - camera.near, scene, assets)
+    """What a ray from the camera meets between near and far; its t counts from the camera."""
+    hit = closest_hit(world, eye + camera.near * direction, direction, camera.far - camera.near, scene, assets)
     if hit.t >= 0.0:
         hit.t += camera.near
     return hit
@@ -182,8 +182,8 @@ def write_geometry(
 ):  # fmt: skip
     """Depth, range, normal and labels of a pixel; `ahead`: the ray's direction in the camera's axes."""
     slot = views.row[view]
-    distance = camera.reach
-    depth = camera.reach
+    distance = camera.far
+    depth = camera.far
     normal = wp.vec3()
     label = int(-1)
     if hit.t >= 0.0:
@@ -213,9 +213,9 @@ def render(
     views: Views,
     scene: RayScene,
     assets: Assets,
-    appearance: Appearance,
+    appearance: AppearanceArrays,
     lights: LightArrays,
-    develop_arrays: DevelopArrays,
+    imaging: ImagingArrays,
     # outputs
     sums: wp.array2d[wp.vec3],
     outputs: Outputs,
@@ -256,10 +256,10 @@ def render(
                     direction = rot * pixel_direction(float(column) + place[0], float(row) + place[1], camera)
                 hit = eye_ray(world, eye, direction, camera, scene, assets)
                 light += light_along(
-                    world, eye, direction, hit, camera.reach, camera.spread, lights, scene, assets, appearance
+                    world, eye, direction, hit, camera.far, camera.spread, lights, scene, assets, appearance
                 )  # fmt: skip
             if complete == 1:
-                value = develop(world, weight * light, ahead[0], pixel, key, develop_arrays)
+                value = process(world, weight * light, ahead[0], pixel, key, imaging)
                 if (camera.outputs & RGB) != 0:
                     outputs.rgb[slot, 3 * pixel] = byte_of(value[0])
                     outputs.rgb[slot, 3 * pixel + 1] = byte_of(value[1])

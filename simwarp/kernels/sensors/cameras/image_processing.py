@@ -12,7 +12,7 @@ NOISE_PURPOSE = wp.constant(1)
 
 
 @wp.struct
-class DevelopArrays:
+class ImagingArrays:
     """What happens to light between lens and pixel value; arrays have leading dimension 1 or W."""
 
     response: wp.array[float]  # (RESPONSE_STEPS + 1,) value of light s² at s = i / RESPONSE_STEPS
@@ -34,8 +34,8 @@ def response_of(light: float, response: wp.array[float]) -> float:
 
 
 @wp.func
-def develop(
-    world: int, light: wp.vec3, cosine: float, pixel: int, key: wp.uint64, arrays: DevelopArrays
+def process(
+    world: int, light: wp.vec3, cosine: float, pixel: int, key: wp.uint64, arrays: ImagingArrays
 ) -> wp.vec3:  # fmt: skip
     """Pixel values, 0 to 1.
 

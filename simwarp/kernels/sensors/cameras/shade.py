@@ -9,7 +9,7 @@ from simwarp.kernels.collision.shape import HULL, MESH, Assets
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.rays.cast import RayHit, any_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
-from simwarp.kernels.sensors.cameras.appearance import Appearance, surface_color
+from simwarp.kernels.sensors.cameras.appearance import AppearanceArrays, surface_color
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -114,7 +114,7 @@ def facing(normal: wp.vec3, direction: wp.vec3) -> wp.vec3:
 
 @wp.func
 def hit_color(
-    world: int, hit: RayHit, footprint: float, scene: RayScene, appearance: Appearance
+    world: int, hit: RayHit, footprint: float, scene: RayScene, appearance: AppearanceArrays
 ) -> wp.vec3:  # fmt: skip
     """Linear albedo of what a ray hit."""
     instance = hit.instance
@@ -132,7 +132,7 @@ def hit_color(
 @wp.func
 def light_along(
     world: int, start: wp.vec3, direction: wp.vec3, hit: RayHit, reach: float, spread: float, lights: LightArrays,
-    scene: RayScene, assets: Assets, appearance: Appearance,
+    scene: RayScene, assets: Assets, appearance: AppearanceArrays,
 ) -> wp.vec3:  # fmt: skip
     """Linear light that comes along a ray.
 

@@ -42,7 +42,7 @@ class LidarSettings:
 
 
 @wp.struct
-class LidarFlaws:
+class LidarNoiseArrays:
     """Standard deviations and a probability, leading dimension 1 or W."""
 
     range: wp.array[float]  # [m]
@@ -71,19 +71,19 @@ def write_return(
 
 
 @wp.func
-def measured(found: wp.vec2, key: wp.uint64, draw: int, near: float, world: int, flaws: LidarFlaws) -> wp.vec2:
+def measured(found: wp.vec2, key: wp.uint64, draw: int, near: float, world: int, noise: LidarNoiseArrays) -> wp.vec2:
     """(range, intensity) of a return with its noise; zeros where it is lost."""
     if found[1] <= 0.0:
         return wp.vec2()
     r = found[0]
     i = found[1]
-    sigma_r = flaws.range[world_row(world, flaws.range.shape[0])]
-    sigma_i = flaws.intensity[world_row(world, flaws.intensity.shape[0])]
+    sigma_r = noise.range[world_row(world, noise.range.shape[0])]
+    sigma_i = noise.intensity[world_row(world, noise.intensity.shape[0])]
     if sigma_r > 0.0 or sigma_i > 0.0:
-        noise = draw_normals(key, draw)
-        r = wp.max(r + sigma_r * noise[0], near)
-        i = wp.max(i + sigma_i * noise[1], FAINT)
-    if i < flaws.threshold[world_row(world, flaws.threshold.shape[0])]:
+        drawn = draw_normals(key, draw)
+        r = wp.max(r + sigma_r * drawn[0], near)
+        i = wp.max(i + sigma_i * drawn[1], FAINT)
+    if i < noise.threshold[world_row(world, noise.threshold.shape[0])]:
         return wp.vec2()
     return wp.vec2(r, i)
 
@@ -94,7 +94,7 @@ def scan_lidar(
     lanes: int,
     scan: Scan,
     settings: LidarSettings,
-    flaws: LidarFlaws,
+    noise: LidarNoiseArrays,
     state: StateArrays,
     scene: RayScene,
     assets: Assets,
@@ -120,9 +120,9 @@ def scan_lidar(
     returns = wp.where(settings.mode == ReturnMode.DUAL, 2, 1)
     range_ = wp.zeros(shape=MAX_RAYS, dtype=float)
     intensity = wp.zeros(shape=MAX_RAYS, dtype=float)
-    sigma_h = flaws.azimuth[world_row(world, flaws.azimuth.shape[0])]
-    sigma_v = flaws.elevation[world_row(world, flaws.elevation.shape[0])]
-    dropout = flaws.dropout[world_row(world, flaws.dropout.shape[0])]
+    sigma_h = noise.azimuth[world_row(world, noise.azimuth.shape[0])]
+    sigma_v = noise.elevation[world_row(world, noise.elevation.shape[0])]
+    dropout = noise.dropout[world_row(world, noise.dropout.shape[0])]
     for place in range(lane, width * scan.direction.shape[0], lanes):
         column = begin + place % width
         beam = (place / width) * columns + column
@@ -146,10 +146,10 @@ def scan_lidar(
         if sigma_h > 0.0 or sigma_v > 0.0:
             angles = draw_normals(key, DRAWS * beam)
             direction = misread(direction, sigma_h * angles[0], sigma_v * angles[1])
-        one = measured(wp.vec2(found[0], found[1]), key, DRAWS * beam + 1, scan.near, world, flaws)
+        one = measured(wp.vec2(found[0], found[1]), key, DRAWS * beam + 1, scan.near, world, noise)
         write_return(returns * beam, row, one, direction, settings, points, ranges)
         if returns == 2:
-            two = measured(wp.vec2(found[2], found[3]), key, DRAWS * beam + 2, scan.near, world, flaws)
+            two = measured(wp.vec2(found[2], found[3]), key, DRAWS * beam + 2, scan.near, world, noise)
             write_return(returns * beam + 1, row, two, direction, settings, points, ranges)
 
 

@@ -41,7 +41,7 @@ FAINT = wp.constant(1.0e-20)
 
 
 @wp.struct
-class RadarFlaws:
+class RadarNoiseArrays:
     """Standard deviations and a probability, leading dimension 1 or W."""
 
     range: wp.array[float]  # [m]
@@ -77,24 +77,26 @@ def range_rate(
 
 
 @wp.func
-def with_flaws(found: RadarReturn, key: wp.uint64, ray: int, near: float, world: int, flaws: RadarFlaws) -> RadarReturn:
+def with_noise(
+    found: RadarReturn, key: wp.uint64, ray: int, near: float, world: int, noise: RadarNoiseArrays
+) -> RadarReturn:
     """A return as it is measured; amplitude 0 where it is lost."""
     result = found
-    sigma_h = flaws.azimuth[world_row(world, flaws.azimuth.shape[0])]
-    sigma_v = flaws.elevation[world_row(world, flaws.elevation.shape[0])]
+    sigma_h = noise.azimuth[world_row(world, noise.azimuth.shape[0])]
+    sigma_v = noise.elevation[world_row(world, noise.elevation.shape[0])]
     if sigma_h > 0.0 or sigma_v > 0.0:
         angles = draw_normals(key, DRAWS * ray)
         result.direction = misread(found.direction, sigma_h * angles[0], sigma_v * angles[1])
-    sigma_r = flaws.range[world_row(world, flaws.range.shape[0])]
-    sigma_d = flaws.velocity[world_row(world, flaws.velocity.shape[0])]
+    sigma_r = noise.range[world_row(world, noise.range.shape[0])]
+    sigma_d = noise.velocity[world_row(world, noise.velocity.shape[0])]
     if sigma_r > 0.0 or sigma_d > 0.0:
-        noise = draw_normals(key, DRAWS * ray + 1)
-        result.range = wp.max(found.range + sigma_r * noise[0], near)
-        result.velocity = found.velocity + sigma_d * noise[1]
-    sigma_a = flaws.amplitude[world_row(world, flaws.amplitude.shape[0])]
+        drawn = draw_normals(key, DRAWS * ray + 1)
+        result.range = wp.max(found.range + sigma_r * drawn[0], near)
+        result.velocity = found.velocity + sigma_d * drawn[1]
+    sigma_a = noise.amplitude[world_row(world, noise.amplitude.shape[0])]
     if sigma_a > 0.0:
         result.amplitude = wp.max(found.amplitude + sigma_a * draw_normals(key, DRAWS * ray + 2)[0], FAINT)
-    if result.amplitude < flaws.threshold[world_row(world, flaws.threshold.shape[0])]:
+    if result.amplitude < noise.threshold[world_row(world, noise.threshold.shape[0])]:
         result.amplitude = 0.0
     return result
 
@@ -124,7 +126,7 @@ def scan_radar(
     scan: Scan,
     falloff: float,  # exponent k of the range law
     backscatter: wp.array2d[float],  # (1 or W, I)
-    flaws: RadarFlaws,
+    noise: RadarNoiseArrays,
     state: StateArrays,
     scene: RayScene,
     assets: Assets,
@@ -144,7 +146,7 @@ def scan_radar(
     motion = sensor_motion(world, scan.mount, state)
     x = motion.x
     rot = matrix_to_float(wp.quat_to_matrix(motion.rot))
-    dropout = flaws.dropout[world_row(world, flaws.dropout.shape[0])]
+    dropout = noise.dropout[world_row(world, noise.dropout.shape[0])]
     for place in range(lane, width * scan.direction.shape[0], lanes):
         column = begin + place % width
         ray = (place / width) * columns + column
@@ -166,5 +168,5 @@ def scan_radar(
                 if falloff > 0.0:
                     found.amplitude *= wp.pow(wp.max(found.range, 1.0e-3), -falloff)
                 if found.amplitude > 0.0:
-                    found = with_flaws(found, key, ray, scan.near, world, flaws)
+                    found = with_noise(found, key, ray, scan.near, world, noise)
         write_return(ray, tick.row[world], found, returns)

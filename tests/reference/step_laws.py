@@ -1,4 +1,4 @@
-"""Laws along degrees of freedom of the float64 twin: implicit terms, prescribed motion, bounded rows."""
+"""Laws along degrees of freedom of the float64 reference: implicit terms, prescribed motion, bounded rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dense solves of the float64 twin: bilateral rows by truncated SVD, bounded rows by Gauss-Seidel and active sets."""
+"""Dense solves of the float64 reference: bilateral rows by truncated SVD, bounded rows by active sets."""
 
 from __future__ import annotations
 

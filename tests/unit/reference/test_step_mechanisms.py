@@ -1,4 +1,4 @@
-"""The twin against published numbers and independent integrations; the shipped scenes stay assembled."""
+"""The reference against published numbers and independent integrations; the shipped scenes stay assembled."""
 
 from functools import cache
 from pathlib import Path
@@ -10,17 +10,17 @@ from simwarp import scenes
 from simwarp.core.types import JointType
 from tests.reference import planar
 from tests.reference.mechanisms import NAMED, random_mechanism
-from tests.reference.twin import Twin
+from tests.reference.step import ReferenceStep
 
 DATA = Path(__file__).parents[2] / "reference" / "data"
 
 
-def run(twin: Twin, duration: float) -> float:
+def run(truth: ReferenceStep, duration: float) -> float:
     """Steps for `duration` [s]; the largest violation seen."""
     worst = 0.0
-    for _ in range(round(duration / twin.dt)):
-        twin.step()
-        worst = max(worst, twin.violation())
+    for _ in range(round(duration / truth.dt)):
+        truth.step()
+        worst = max(worst, truth.violation())
     return worst
 
 
@@ -57,31 +57,31 @@ def planar_rotate(q: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
 
 def test_pendulum_period():
-    twin = Twin(scenes.pendulum(), 2e-3)
+    truth = ReferenceStep(scenes.pendulum(), 2e-3)
     speeds = []
     for _ in range(650):
-        twin.step()
-        speeds.append(twin.joint_qd[0])
+        truth.step()
+        speeds.append(truth.joint_qd[0])
     # at rest again after half a period
     assert 2.0 * zero_crossings(speeds, 2e-3)[0] == pytest.approx(scenes.PENDULUM_PERIOD, abs=2e-3)
 
 
 def test_dzhanibekov_flips():
-    twin = Twin(scenes.dzhanibekov(), 5e-3)
+    truth = ReferenceStep(scenes.dzhanibekov(), 5e-3)
     rates = []
     for _ in range(1600):
-        twin.step()
-        rates.append((twin.rotation[0].T @ twin.omega[0])[1])
+        truth.step()
+        rates.append((truth.rotation[0].T @ truth.omega[0])[1])
     assert np.diff(zero_crossings(rates, 5e-3))[0] == pytest.approx(scenes.FLIP_INTERVAL, abs=2e-4)
-    assert twin.energy() == pytest.approx(25.0002, rel=1e-9)
+    assert truth.energy() == pytest.approx(25.0002, rel=1e-9)
 
 
 def test_free_body_orientation_converges():
     def error(dt: float) -> float:
-        twin = Twin(scenes.dzhanibekov(), dt)
+        truth = ReferenceStep(scenes.dzhanibekov(), dt)
         q, _ = planar.free_body(np.array([1.0, 2.0, 3.0]), np.array([0.01, 5.0, 0.01]), np.array([0.0, 2.0]))
-        run(twin, 2.0)
-        return 1.0 - abs(float(q[-1] @ twin.rot[0]))
+        run(truth, 2.0)
+        return 1.0 - abs(float(q[-1] @ truth.rot[0]))
 
     coarse, fine = error(1e-2), error(5e-3)
     assert fine < 1e-4
@@ -95,9 +95,9 @@ def test_double_pendulum_converges_to_the_recorded_run():
     expected = np.array([row["x1_m"], row["z1_m"], row["x2_m"], row["z2_m"]])
     errors = []
     for dt in (8e-3, 4e-3, 2e-3):
-        twin = Twin(scenes.double_pendulum(), dt)
-        assert run(twin, 1.0) < 3.0 * dt**2 * 20.0
-        errors.append(np.linalg.norm(twin.x[:, [0, 2]].reshape(-1) - expected))
+        truth = ReferenceStep(scenes.double_pendulum(), dt)
+        assert run(truth, 1.0) < 3.0 * dt**2 * 20.0
+        errors.append(np.linalg.norm(truth.x[:, [0, 2]].reshape(-1) - expected))
     assert errors[2] < 8e-3
     assert 1.7 < errors[0] / errors[1] < 2.3
     assert 1.7 < errors[1] / errors[2] < 2.3
@@ -105,21 +105,21 @@ def test_double_pendulum_converges_to_the_recorded_run():
 
 def test_slider_crank_position_and_motor_torque():
     recorded = np.genfromtxt(DATA / "slider_crank_chrono.csv", delimiter=",", names=True)[1:21]
-    twin = Twin(scenes.slider_crank(), 1e-3)
+    truth = ReferenceStep(scenes.slider_crank(), 1e-3)
     torque = []
     for _ in recorded:
-        run(twin, 0.05)
-        assert twin.x[2, 0] == pytest.approx(planar.slider_position(2.0 * np.pi * twin.time), abs=2e-5)
-        torque.append(twin.prescribed_effort[0])
+        run(truth, 0.05)
+        assert truth.x[2, 0] == pytest.approx(planar.slider_position(2.0 * np.pi * truth.time), abs=2e-5)
+        torque.append(truth.prescribed_effort[0])
     # Chrono reports the torque with the opposite sign
     np.testing.assert_allclose(torque, -recorded["motor_torque_Nm"], atol=1e-3)
 
 
 @cache
 def andrews_angles(dt: float) -> np.ndarray:
-    twin = Twin(scenes.andrews(), dt)
-    assert run(twin, 0.03) < 5e3 * dt**2 * 3
-    return twin.joint_q[:7] + scenes.ANDREWS_INITIAL
+    truth = ReferenceStep(scenes.andrews(), dt)
+    assert run(truth, 0.03) < 5e3 * dt**2 * 3
+    return truth.joint_q[:7] + scenes.ANDREWS_INITIAL
 
 
 @pytest.mark.slow
@@ -136,12 +136,12 @@ def test_andrews_converges_to_the_published_angles():
 def test_four_bar_follows_its_energy_and_stays_assembled():
     errors = []
     for dt in (2e-3, 1e-3):
-        twin = Twin(scenes.four_bar(), dt)
-        assert twin.rank == 17
-        assert run(twin, 1.0) < 40.0 * dt**2
+        truth = ReferenceStep(scenes.four_bar(), dt)
+        assert truth.rank == 17
+        assert run(truth, 1.0) < 40.0 * dt**2
         expected = planar.four_bar_crank(scenes.FourBar(), 0.9, 12.0, np.array([0.0, 1.0]))[-1]
-        errors.append(0.9 + twin.joint_q[0] - expected)
-        assert sum(planar.four_bar_energy(scenes.FourBar(), 0.9, 12.0)) == pytest.approx(twin.energy(), rel=2e-3)
+        errors.append(0.9 + truth.joint_q[0] - expected)
+        assert sum(planar.four_bar_energy(scenes.FourBar(), 0.9, 12.0)) == pytest.approx(truth.energy(), rel=2e-3)
     assert expected > 2 * np.pi
     assert abs(errors[1]) < 0.03
     assert abs(errors[1]) < 0.6 * abs(errors[0])
@@ -149,47 +149,47 @@ def test_four_bar_follows_its_energy_and_stays_assembled():
 
 @pytest.mark.slow
 def test_bricard_moves_with_one_degree_of_freedom():
-    twin = Twin(scenes.bricard(), 2e-3)
-    assert twin.mobility == 1
-    start = twin.energy()
-    assert run(twin, 2.0) < 2e-4
-    assert twin.energy() == pytest.approx(start, abs=0.2)
-    assert np.abs(twin.joint_q).min() > 0.5
+    truth = ReferenceStep(scenes.bricard(), 2e-3)
+    assert truth.mobility == 1
+    start = truth.energy()
+    assert run(truth, 2.0) < 2e-4
+    assert truth.energy() == pytest.approx(start, abs=0.2)
+    assert np.abs(truth.joint_q).min() > 0.5
     # opposite hinges of the threefold symmetric linkage move alike
-    np.testing.assert_allclose(np.abs(twin.joint_q[[0, 2, 4]]), np.abs(twin.joint_q[0]), atol=2e-4)
-    np.testing.assert_allclose(np.abs(twin.joint_q[[1, 3, 5]]), np.abs(twin.joint_q[1]), atol=2e-4)
+    np.testing.assert_allclose(np.abs(truth.joint_q[[0, 2, 4]]), np.abs(truth.joint_q[0]), atol=2e-4)
+    np.testing.assert_allclose(np.abs(truth.joint_q[[1, 3, 5]]), np.abs(truth.joint_q[1]), atol=2e-4)
 
 
 def test_linkage_has_the_promised_size_and_keeps_its_momentum():
     builder = scenes.linkage()
-    twin = Twin(builder, 1e-3)
+    truth = ReferenceStep(builder, 1e-3)
     assert (len(builder.bodies), len(builder.joints)) == (20, 28)
-    assert twin.rows.bilateral + len(twin.prescribed) == 106
-    assert twin.rank == 106
+    assert truth.rows.bilateral + len(truth.prescribed) == 106
+    assert truth.rank == 106
     # the tree takes one joint per body but the free chassis: 9 of the 28 close loops
     closing = [j for j in builder.joints if j.type == JointType.ROD or j.name.endswith(("upper_ball", "idler_link"))]
     assert len(closing) == 9
-    linear, angular = twin.linear_momentum(), twin.angular_momentum()
-    assert run(twin, 0.1) < 1e-4
-    np.testing.assert_allclose(twin.linear_momentum(), linear, atol=1e-7)
-    np.testing.assert_allclose(twin.angular_momentum(), angular, rtol=5e-3, atol=5.0)
-    assert np.abs(twin.joint_qd[:1]).max() < 1e-9
+    linear, angular = truth.linear_momentum(), truth.angular_momentum()
+    assert run(truth, 0.1) < 1e-4
+    np.testing.assert_allclose(truth.linear_momentum(), linear, atol=1e-7)
+    np.testing.assert_allclose(truth.angular_momentum(), angular, rtol=5e-3, atol=5.0)
+    assert np.abs(truth.joint_qd[:1]).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", sorted(NAMED))
 def test_scenes_start_assembled_with_velocities_that_fit(name):
-    twin = Twin(NAMED[name](), 1e-3)
-    assert twin.violation() < 1e-14
-    rates = twin.rows.jacobian[: twin.rows.bilateral] @ twin.velocity
+    truth = ReferenceStep(NAMED[name](), 1e-3)
+    assert truth.violation() < 1e-14
+    rates = truth.rows.jacobian[: truth.rows.bilateral] @ truth.velocity
     assert np.abs(rates).max(initial=0.0) < 1e-12
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_random_mechanisms_stay_assembled(seed):
-    twin = Twin(random_mechanism(seed, bounds=seed % 2 == 0, couplings=seed % 3 == 0), 1e-3)
-    assert twin.violation() < 1e-13
-    assert twin.mobility > 0
-    assert run(twin, 0.03) < 3e-4
+    truth = ReferenceStep(random_mechanism(seed, bounds=seed % 2 == 0, couplings=seed % 3 == 0), 1e-3)
+    assert truth.violation() < 1e-13
+    assert truth.mobility > 0
+    assert run(truth, 0.03) < 3e-4
 
 
 def test_free_floating_tree_conserves_momentum_and_nearly_energy():
@@ -197,18 +197,20 @@ def test_free_floating_tree_conserves_momentum_and_nearly_energy():
     builder.gravity = np.zeros(3)
     changes = []
     for dt in (1e-3, 5e-4):
-        twin = Twin(builder, dt)
-        before = (twin.linear_momentum(), twin.angular_momentum(), twin.energy())
-        run(twin, 0.1)
-        np.testing.assert_allclose(twin.linear_momentum(), before[0], atol=1e-11)
-        changes.append((np.abs(twin.angular_momentum() - before[1]).max(), abs(twin.energy() - before[2]) / before[2]))
+        truth = ReferenceStep(builder, dt)
+        before = (truth.linear_momentum(), truth.angular_momentum(), truth.energy())
+        run(truth, 0.1)
+        np.testing.assert_allclose(truth.linear_momentum(), before[0], atol=1e-11)
+        changes.append(
+            (np.abs(truth.angular_momentum() - before[1]).max(), abs(truth.energy() - before[2]) / before[2])
+        )
     assert changes[1][1] < 0.01
     assert changes[1][0] < 0.7 * changes[0][0] + 1e-9
 
 
 def test_a_state_handed_over_continues_the_run():
     builder = random_mechanism(3, bounds=True, couplings=True)
-    whole, part = Twin(builder, 1e-3), Twin(builder, 1e-3)
+    whole, part = ReferenceStep(builder, 1e-3), ReferenceStep(builder, 1e-3)
     run(whole, 0.02)
     part.set_state(whole.x, whole.rot, whole.v, whole.omega, whole.shaft_q, whole.shaft_qd, whole.omega_last)
     np.testing.assert_allclose(part.joint_q, whole.joint_q, atol=1e-12)

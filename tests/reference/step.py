@@ -1,4 +1,4 @@
-"""The independent float64 twin of the step: one world, dense NumPy algebra, maximal coordinates.
+"""The independent float64 reference of the step: one world, dense NumPy algebra, maximal coordinates.
 
 It shares no code with the kernels: every joint is explicit rows, redundant or not, solved by a truncated SVD.
 The equations are those of SOLVER sections 1 and 2, for whatever a ModelBuilder can hold besides contacts.
@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from simwarp.core.types import Dof
 from simwarp.model.builder import ModelBuilder
-from tests.reference.twin_laws import DofInput, bounded_rows, implicit_terms, prescribed_speed
-from tests.reference.twin_rows import Rows, matrices, quat_exp, quat_product
-from tests.reference.twin_solve import Bilateral, Boxes, solve_boxes
+from tests.reference.step_laws import DofInput, bounded_rows, implicit_terms, prescribed_speed
+from tests.reference.step_rows import Rows, matrices, quat_exp, quat_product
+from tests.reference.step_solve import Bilateral, Boxes, solve_boxes
 
 
 def gyroscopic(inertia: np.ndarray, w0: np.ndarray, h: float) -> np.ndarray:
@@ -35,7 +35,7 @@ def gyroscopic(inertia: np.ndarray, w0: np.ndarray, h: float) -> np.ndarray:
     return w1
 
 
-class Twin:
+class ReferenceStep:
     """One world of a ModelBuilder, stepped in float64.
 
     State: `x` (B, 3) centres of mass, `rot` (B, 4) xyzw, `v`, `omega` (B, 3) world frame, `shaft_q`,

@@ -14,7 +14,7 @@ from simwarp.tasks import Task, View
 from .evaluation import Tally, Watcher
 
 Points = npt.NDArray[np.float32]
-MAX_TRAILS = 256
+MAX_PATHS = 256
 _TINY = 1e-3
 
 
@@ -32,7 +32,7 @@ class Surrounding:
 
 
 @dataclasses.dataclass(frozen=True)
-class Trails:
+class DrivenPaths:
     """First episodes of the first N worlds, from above.
 
     Attributes:
@@ -60,15 +60,15 @@ class Trails:
         return max(extents, default=0.0) < _TINY
 
 
-class TrailRecorder(Watcher):
+class PathRecorder(Watcher):
     """Notes where the first worlds of a task are, from their start to the end of their first episode.
 
     Attributes:
-        trails: what was noted; None before the end, and where the task is nowhere.
+        paths_driven: what was noted; None before the end, and where the task is nowhere.
     """
 
     def __init__(self) -> None:
-        self.trails: Trails | None = None
+        self.paths_driven: DrivenPaths | None = None
         self._task: Task[Any] | None = None
         self._positions: list[torch.Tensor] = []
 
@@ -87,7 +87,7 @@ class TrailRecorder(Watcher):
         if self._task is None or position is None:
             return
         if len(self._positions) <= self._task.config.max_episode_steps:
-            self._positions.append(position[:MAX_TRAILS, :2].to(torch.float32, copy=True))
+            self._positions.append(position[:MAX_PATHS, :2].to(torch.float32, copy=True))
 
     def end(self, tally: Tally) -> None:
         """Cut the ways where the episodes ended."""
@@ -98,7 +98,7 @@ class TrailRecorder(Watcher):
         ways = torch.stack(self._positions, dim=1).cpu().numpy()
         first = tally.first_episodes(len(ways))
         paths = [way[: int(length) + 1] for way, length in zip(ways, first["length"], strict=True)]
-        self.trails = Trails(
+        self.paths_driven = DrivenPaths(
             paths=tuple(path[np.isfinite(path).all(axis=1)] for path in paths),
             reasons=tuple(task.end_reasons[int(index)] for index in first["reason"]),
             successes=tuple(bool(value) for value in first["success"]),
@@ -120,7 +120,7 @@ def _surroundings(
     if drawing.view is not View.TOP:
         return (), None
     across, up = View.TOP.value
-    lines = (line.points[:MAX_TRAILS, :, [across, up]].float().cpu().numpy().copy() for line in drawing.lines)
+    lines = (line.points[:MAX_PATHS, :, [across, up]].float().cpu().numpy().copy() for line in drawing.lines)
     return tuple(
         Surrounding(points, line.colour) for points, line in zip(lines, drawing.lines, strict=True)
     ), drawing.window

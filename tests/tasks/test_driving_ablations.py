@@ -1,4 +1,4 @@
-"""The script of the findings on driving: what it compares and reports; it learns nothing here."""
+"""The script of the ablations on driving: what it compares and reports; it learns nothing here."""
 
 import dataclasses
 import importlib.util
@@ -15,12 +15,12 @@ from simwarp.tasks.driving.lapping import Start
 from simwarp.tasks.uncertainty import Curriculum, Driver
 from simwarp.train.config import NetworkKind
 
-SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "driving_findings.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "driving_ablations.py"
 
 
 @pytest.fixture(scope="module")
 def script():
-    spec = importlib.util.spec_from_file_location("driving_findings", SCRIPT)
+    spec = importlib.util.spec_from_file_location("driving_ablations", SCRIPT)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -34,7 +34,7 @@ def script():
 def usual(script, tmp_path):
     """The studies of a plain call."""
     options = script.parse(["--out", str(tmp_path)])
-    return {name: script.study(name, options) for name in options.findings}
+    return {name: script.study(name, options) for name in options.ablations}
 
 
 def settings(asked):
@@ -88,35 +88,35 @@ def test_the_findings_are_those_of_the_thesis(usual):
 def test_all_findings_take_an_afternoon_and_a_dry_run_says_so(script, usual, capsys, tmp_path):
     seconds = 0.0
     for name, asked in usual.items():
-        _, each = script.cost(script.FINDINGS[name], asked)
+        _, each = script.cost(script.ABLATIONS[name], asked)
         seconds += len(asked.missing()) * each
     assert 1.0 < seconds / 3600.0 < 3.1
     assert script.work(script.parse(["--dry-run", "--out", str(tmp_path / "none")])) == 0
     told = capsys.readouterr().out
     assert f"about {seconds / 3600.0:.1f} h" in told
     assert not (tmp_path / "none").exists()
-    budgets = script.parse(["--findings", "frame,start", "--iterations", "7", "--evaluations", "2", "--seeds", "1"])
-    assert budgets.findings == ["frame", "start"]
+    budgets = script.parse(["--ablations", "frame,start", "--iterations", "7", "--evaluations", "2", "--seeds", "1"])
+    assert budgets.ablations == ["frame", "start"]
     assert script.study("frame", budgets).budget == Budget(7, 64, 100)
     assert script.study("start", budgets).budget == Budget(7, 64, 32, 2)
     with pytest.raises(SystemExit):
-        script.parse(["--findings", "frame,fusoin"])
+        script.parse(["--ablations", "frame,fusoin"])
 
 
 def stand_in(monkeypatch, script, name):
-    """Let a task without physics have a finding's arms and budget."""
-    finding = script.FINDINGS[name]
-    arms = {arm: dataclasses.replace(known, task={}) for arm, known in finding.arms(finding.budget).items()}
+    """Let a task without physics have a ablation's arms and budget."""
+    ablation = script.ABLATIONS[name]
+    arms = {arm: dataclasses.replace(known, task={}) for arm, known in ablation.arms(ablation.budget).items()}
     metric = ("final_distance", Quantity("distance [m]", "final_distance", 2))
     quick = {"task": "fast", "arms": lambda budget: arms, "config": {}, "evaluation": {}, "metric": metric}
-    monkeypatch.setitem(script.FINDINGS, name, dataclasses.replace(finding, **quick))
+    monkeypatch.setitem(script.ABLATIONS, name, dataclasses.replace(ablation, **quick))
 
 
 @pytest.mark.slow
 def test_runs_are_done_once_reported_and_drawn(script, monkeypatch, capsys, tmp_path):
     for name in ("curriculum", "minibatch"):
         stand_in(monkeypatch, script, name)
-    small = ["--findings", "curriculum,minibatch", "--seeds", "1", "--num-envs", "8", "--episodes", "4"]
+    small = ["--ablations", "curriculum,minibatch", "--seeds", "1", "--num-envs", "8", "--episodes", "4"]
     small += [
         "--iterations",
         "2",

@@ -1,4 +1,4 @@
-"""Every step of the kernels against the float64 twin, one step at a time (tolerances: side_by_side.py)."""
+"""Every step of the kernels against the float64 reference, one step at a time (tolerances: side_by_side.py)."""
 
 from __future__ import annotations
 
@@ -293,7 +293,9 @@ def test_a_coupling_offset_is_recovered_at_the_clamped_speed():
     builder.add_coupling("pair", [(a, 1.0), (b, -1.0)], offset=0.5)
     pair = assert_same_steps(builder, steps=4)
     rates = pair.sim.state.joint_qd.numpy()[0]
-    assert abs(rates[0] - rates[1]) == pytest.approx(3.0, rel=1e-5)  # recovery_rate: 0.5 rad are far above 3 rad/s * dt
+    assert abs(rates[0] - rates[1]) == pytest.approx(
+        3.0, rel=1e-5
+    )  # max_depenetration_rate: 0.5 rad are far above 3 rad/s * dt
 
 
 # ---- bounds --------------------------------------------------------------------------------------------------------
@@ -421,17 +423,17 @@ def test_ten_kilometres_away():
 # ---- reactions -----------------------------------------------------------------------------------------------------
 
 
-def twin_reactions(pair: Pair, controls: Controls) -> tuple[np.ndarray, np.ndarray]:
+def reference_reactions(pair: Pair, controls: Controls) -> tuple[np.ndarray, np.ndarray]:
     """Steps; what every joint applies to its second body at anchor 1: bilateral rows and all that acts along dofs."""
     pair.feed()
-    rows, n = pair.twin.rows, pair.twin.rows.bilateral
+    rows, n = pair.reference.rows, pair.reference.rows.bilateral
     side1, arm = rows.side1[n:].copy(), (rows.anchor1 - rows.center1).copy()
     pair.step(controls)
-    twin, h = pair.twin, pair.twin.dt
-    impulse = twin.dof_impulse + h * twin.prescribed_effort
-    for dof, sign, size in zip(twin.box_dof, box_signs(pair), twin.box_impulse, strict=True):
+    reference, h = pair.reference, pair.reference.dt
+    impulse = reference.dof_impulse + h * reference.prescribed_effort
+    for dof, sign, size in zip(reference.box_dof, box_signs(pair), reference.box_impulse, strict=True):
         impulse[dof] += sign * size
-    reactions = [twin.reaction(j) for j in range(len(rows.joints))]
+    reactions = [reference.reaction(j) for j in range(len(rows.joints))]
     force, torque = (np.array([reaction[k] for reaction in reactions]) for k in range(2))
     for d, joint in enumerate(rows.joint[n:]):
         lin, ang = side1[d, :3], side1[d, 3:]
@@ -441,9 +443,9 @@ def twin_reactions(pair: Pair, controls: Controls) -> tuple[np.ndarray, np.ndarr
 
 
 def box_signs(pair: Pair) -> list[float]:
-    """Signs of the twin's bounded rows: a lower stop pushes up, an upper one down."""
+    """Signs of the reference's bounded rows: a lower stop pushes up, an upper one down."""
     signs = []
-    for dof in pair.twin.dofs:
+    for dof in pair.reference.dofs:
         signs += [s for s, at in zip((1.0, -1.0), dof.limit or (-np.inf, np.inf), strict=True) if np.isfinite(at)]
         bounded = isinstance(dof.drive, VelocityMotor) or (
             isinstance(dof.drive, PositionDrive) and np.isfinite(dof.drive.effort_limit)
@@ -462,18 +464,20 @@ def assert_same_reactions(builder: ModelBuilder, *, push_joint: int | None = Non
         q = np.random.default_rng(2).uniform(-moved, moved, (1, builder.dof_count)).astype(np.float32)
         pair.sim.set_joint_state(None, q, pair.sim.state.joint_qd.numpy())
         pair.feed()
-    twin = pair.twin
-    assert twin.rank == twin.rows.bilateral + len([d for d in twin.dofs if drives_motion(d)]) + len(builder.couplings)
+    reference = pair.reference
+    assert reference.rank == reference.rows.bilateral + len([d for d in reference.dofs if drives_motion(d)]) + len(
+        builder.couplings
+    )
     condition = pair.condition()
     controls = law_controls(builder)(np.random.default_rng(0), 0)
     controls["body_force"] = 30.0 * np.random.default_rng(1).normal(size=(len(builder.bodies), 3))
     for loop_dof in pair.sim.model.tables.loop_dof:  # no row or slot carries these: `push_joint` asks for them
         if builder.dof_start(push_joint or 0) != loop_dof or push_joint is None:
             controls["joint_force"][loop_dof] = 0.0
-    force, torque = twin_reactions(pair, controls)
+    force, torque = reference_reactions(pair, controls)
     # a force is a difference of momenta over dt: the rounding of the velocities (1 eps k) times all masses behind it
-    momentum = sum(body.mass for body in builder.bodies) * max(1.0, float(np.max(np.abs(twin.velocity))))
-    allowed = EPS * condition * momentum / twin.dt
+    momentum = sum(body.mass for body in builder.bodies) * max(1.0, float(np.max(np.abs(reference.velocity))))
+    allowed = EPS * condition * momentum / reference.dt
     report = pair.sim.diagnostics
     wrong = np.abs(report.joint_reaction_force.numpy()[0] - force)
     assert np.max(wrong) <= allowed, f"joint {np.unravel_index(np.argmax(wrong), wrong.shape)[0]}: {np.max(wrong)} N"

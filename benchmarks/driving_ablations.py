@@ -1,7 +1,7 @@
-"""What the thesis's chapter on driving found, tried again: each finding is a comparison with equal seeds and budget.
+"""What the thesis's chapter on driving found, tried again: each ablation is a comparison with equal seeds and budget.
 
-    python benchmarks/driving_findings.py --dry-run            what there is to do, and about how long it takes
-    python benchmarks/driving_findings.py [--findings fusion,frame] [--seeds 3] [--plot] [--report-only]
+    python benchmarks/driving_ablations.py --dry-run            what there is to do, and about how long it takes
+    python benchmarks/driving_ablations.py [--ablations fusion,frame] [--seeds 3] [--plot] [--report-only]
 
     fusion        off-road by camera, 30 obstacles: image and vector meet before four layers, or after all but one
     frame         off-road, without and with 30 obstacles: goal in the vehicle's axes, or in the world's
@@ -13,7 +13,7 @@
 Each run leaves one JSON file in --out/FINDING. Runs whose file exists are skipped; Ctrl-C saves the running one, and
 the same command goes on from there. Tables go to standard output and to summary.json: means over seeds with 95 %
 confidence intervals (Student's t), and differences paired by seed. Where arms train in different worlds, the learning
-curve is that of evaluations in the same ones. --iterations and its like replace the budget of every finding.
+curve is that of evaluations in the same ones. --iterations and its like replace the budget of every ablation.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ SMALL = {"camera_width": 48, "camera_height": 36}
 
 
 @dataclasses.dataclass(frozen=True)
-class Finding:
+class Ablation:
     """A comparison.
 
     Attributes:
@@ -132,28 +132,28 @@ def minibatch(budget: Budget) -> dict[str, Arm]:
 TO_GOAL = ("final_distance", Quantity("distance to the goal [m]", "distance", 1))
 LAPS = ("final_laps", Quantity("laps", "laps", 2))
 STATE, CAMERA = {"obs": Observing.STATE}, {"obs": Observing.CAMERA, **SMALL}
-FINDINGS = {
-    "fusion": Finding(
+ABLATIONS = {
+    "fusion": Ablation(
         "early or late fusion", "off-road", fusion, Budget(150, 32, 64), TO_GOAL, 450.0, 200,
         config=CAMERA | {"obstacles": 30},
     ),
-    "frame": Finding(
+    "frame": Ablation(
         "goal in the vehicle's or the world's axes", "off-road", frame, Budget(120, 64, 100), TO_GOAL, 1800.0, 200,
         config=STATE,
     ),
-    "curriculum": Finding(
+    "curriculum": Ablation(
         "curriculum or hills from the start", "off-road", curriculum, Budget(60, 64, 64, 10), TO_GOAL, 1640.0, 200,
         config=STATE | {"obstacles": 30, "hills": 1.0}, evaluation={"curriculum.driver": Driver.NONE},
     ),
-    "start": Finding(
+    "start": Ablation(
         "start on a turn or a straight", "hallway", start, Budget(24, 64, 32, 8), LAPS, 830.0, 930,
         config=STATE, evaluation={"start": Start.ANYWHERE},
     ),
-    "start-camera": Finding(
+    "start-camera": Ablation(
         "start on a turn or a straight, by camera", "hallway", start, Budget(150, 32, 32, 5), LAPS, 340.0, 930,
         config=CAMERA, evaluation={"start": Start.ANYWHERE},
     ),
-    "minibatch": Finding(
+    "minibatch": Ablation(
         "number of mini-batches", "off-road", minibatch, Budget(80, 64, 100), TO_GOAL, 1450.0, 200,
         config=STATE,
     ),
@@ -162,16 +162,16 @@ USUAL = ("fusion", "frame", "curriculum", "start", "minibatch")
 
 
 def study(name: str, options: argparse.Namespace) -> Study:
-    """Return a finding with the budget and the folders of the command line."""
-    finding = FINDINGS[name]
+    """Return a ablation with the budget and the folders of the command line."""
+    ablation = ABLATIONS[name]
     given = {key: getattr(options, key) for key in ("iterations", "num_envs", "episodes", "evaluations")}
-    if not finding.budget.evaluations:
+    if not ablation.budget.evaluations:
         given["evaluations"] = None
-    budget = dataclasses.replace(finding.budget, **{key: value for key, value in given.items() if value is not None})
-    key, metric = finding.metric
+    budget = dataclasses.replace(ablation.budget, **{key: value for key, value in given.items() if value is not None})
+    key, metric = ablation.metric
     return Study(
-        task=finding.task,
-        arms=finding.arms(budget),
+        task=ablation.task,
+        arms=ablation.arms(budget),
         budget=budget,
         quantities={
             "final_return": dataclasses.replace(comparing.RETURN, digits=2),
@@ -183,21 +183,21 @@ def study(name: str, options: argparse.Namespace) -> Study:
         runs=options.runs / name,
         seeds=options.seeds,
         device=options.device,
-        config=finding.config,
-        evaluation=finding.evaluation,
+        config=ablation.config,
+        evaluation=ablation.evaluation,
     )
 
 
 # ---- what it costs -----------------------------------------------------------------------------------------------
 
 
-def cost(finding: Finding, asked: Study) -> tuple[int, float]:
+def cost(ablation: Ablation, asked: Study) -> tuple[int, float]:
     """Return the training steps of a run, and the CPU time it takes with its evaluations at most [s]."""
     budget = asked.budget
     config, _ = asked.settings(next(iter(asked.arms)), 0)
     steps = config.iterations * config.num_envs * config.steps_per_iteration
-    evaluated = max(1, budget.evaluations) * budget.episodes * finding.episode_steps
-    return steps, STARTING + (steps + evaluated) / finding.speed
+    evaluated = max(1, budget.evaluations) * budget.episodes * ablation.episode_steps
+    return steps, STARTING + (steps + evaluated) / ablation.speed
 
 
 def estimate(studies: Mapping[str, Study]) -> str:
@@ -208,7 +208,7 @@ def estimate(studies: Mapping[str, Study]) -> str:
     ]
     total = 0.0
     for name, asked in studies.items():
-        steps, seconds = cost(FINDINGS[name], asked)
+        steps, seconds = cost(ABLATIONS[name], asked)
         missing = len(asked.missing())
         total += missing * seconds
         lines.append(
@@ -224,7 +224,7 @@ def estimate(studies: Mapping[str, Study]) -> str:
 
 
 def draw(studies: Mapping[str, Study], results: Mapping[str, dict[str, list[comparing.Result]]], picture: Path) -> None:
-    """Draw one panel per finding."""
+    """Draw one panel per ablation."""
     columns = min(3, len(results))
     rows = math.ceil(len(results) / columns)
     figure = comparing.new_figure(5.0 * columns, 3.8 * rows)
@@ -233,17 +233,17 @@ def draw(studies: Mapping[str, Study], results: Mapping[str, dict[str, list[comp
         arms = studies[name].arms
         comparing.draw_panel(axes, [(runs[arm], arms[arm]) for arm in arms])
         axes.set_xlim(left=0.0)
-        axes.set_title(FINDINGS[name].title, fontsize="medium")
+        axes.set_title(ABLATIONS[name].title, fontsize="medium")
         axes.set_ylabel("mean return in evaluation" if studies[name].budget.evaluations else "mean return in training")
         axes.legend(loc="best", fontsize="small")
     comparing.save_figure(figure, picture)
 
 
 def report(name: str, asked: Study, results: Mapping[str, list[comparing.Result]]) -> None:
-    """Print the tables of a finding and write its summary."""
+    """Print the tables of a ablation and write its summary."""
     summary = comparing.write_summary(asked, results)
     quantities = asked.quantities
-    print(f"{FINDINGS[name].title}\n")
+    print(f"{ABLATIONS[name].title}\n")
     print(comparing.table(summary["means"], f"mean of {asked.seeds} seeds, 95 %", quantities) + "\n")
     if summary["differences"]:
         against = {arm: f"{arm} minus {asked.arms[arm].against}" for arm in summary["differences"]}
@@ -254,7 +254,7 @@ def report(name: str, asked: Study, results: Mapping[str, list[comparing.Result]
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Read the options."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--findings", default=",".join(USUAL), help=f"by comma, of {', '.join(FINDINGS)}")
+    parser.add_argument("--ablations", default=",".join(USUAL), help=f"by comma, of {', '.join(ABLATIONS)}")
     parser.add_argument("--seeds", type=int, default=3, help="seeds 0, 1, ... of each arm")
     parser.add_argument("--iterations", type=int, help="training iterations of every run")
     parser.add_argument("--num-envs", type=int, help="worlds of every run")
@@ -262,20 +262,20 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--evaluations", type=int, help="evaluations on the way, where the curve is made of them")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results" / "driving", help="results")
-    parser.add_argument("--runs", type=Path, default=Path("runs") / "driving-findings", help="run folders")
+    parser.add_argument("--runs", type=Path, default=Path("runs") / "driving-ablations", help="run folders")
     parser.add_argument("--plot", action="store_true", help="draw the learning curves")
-    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "images" / "driving_findings.png")
+    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "images" / "driving_ablations.png")
     parser.add_argument("--dry-run", action="store_true", help="tell what there is to do, and do nothing")
     parser.add_argument("--report-only", action="store_true", help="no new runs: what is there is reported")
     options = parser.parse_args(arguments)
-    options.findings = comparing.chosen(parser, "--findings", options.findings, FINDINGS)
+    options.ablations = comparing.chosen(parser, "--ablations", options.ablations, ABLATIONS)
     comparing.require_positive(parser, options, "seeds", "iterations", "num_envs", "episodes", "evaluations")
     return options
 
 
 def work(options: argparse.Namespace) -> int:
     """Do the runs that are missing, and report all."""
-    studies = {name: study(name, options) for name in options.findings}
+    studies = {name: study(name, options) for name in options.ablations}
     if options.dry_run:
         print(estimate(studies))
         return 0
@@ -289,7 +289,7 @@ def work(options: argparse.Namespace) -> int:
     loaded = {name: comparing.load(asked) for name, asked in studies.items()}
     results = {name: runs for name, runs in loaded.items() if any(runs.values())}
     if not results:
-        print(f"driving_findings: there are no results in {options.out}", file=sys.stderr)
+        print(f"driving_ablations: there are no results in {options.out}", file=sys.stderr)
         return 2
     for name, runs in results.items():
         report(name, studies[name], runs)
@@ -301,7 +301,7 @@ def work(options: argparse.Namespace) -> int:
 
 def main() -> int:
     options = parse(sys.argv[1:])
-    return comparing.exit_code("driving_findings", lambda: work(options))
+    return comparing.exit_code("driving_ablations", lambda: work(options))
 
 
 if __name__ == "__main__":

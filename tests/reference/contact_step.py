@@ -1,4 +1,4 @@
-"""The float64 twin of a step with contacts: `Twin` with contact rows on top, one world, dense NumPy algebra.
+"""The float64 reference of a step with contacts: `ReferenceStep` with contact rows on top, one world, dense algebra.
 
 Contacts are found in closed form: spheres, boxes and capsules on planes, spheres on spheres. A contact has two points,
 one on each surface; the normal goes from the shape with the smaller index to the other one. Equations: SOLVER 1 and 3.
@@ -16,9 +16,9 @@ from simwarp.core.types import WORLD, JointType, Material, ShapeType
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.specifications import ShapeSpec
 from tests.reference.contact_solve import Cones, solve_cones
-from tests.reference.twin import Twin
-from tests.reference.twin_laws import implicit_terms
-from tests.reference.twin_solve import Bilateral
+from tests.reference.step import ReferenceStep
+from tests.reference.step_laws import implicit_terms
+from tests.reference.step_solve import Bilateral
 
 
 @dataclasses.dataclass
@@ -64,24 +64,24 @@ def tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.cross(normal, first)
 
 
-class ContactTwin(Twin):
+class ContactReference(ReferenceStep):
     """One world with shapes, stepped in float64.
 
     After a step: `touches`, `contact_impulse` (contacts, 6) along n, t1, t2 and about t1, t2, n,
     `contact_force_on_body` (B, 3) [N], `solve_residual` [m/s].
 
     Args:
-        friction_law, recovery_speed, bounce_speed: as `SolverOptions`.
+        friction_law, max_depenetration_velocity, restitution_threshold: as `SolverOptions`.
         envelope: contacts nearer than this at the start of the step, or at its end if nothing touched, take part [m].
     """
 
     def __init__(
-        self, builder: ModelBuilder, dt: float, *, friction_law: str = "exact", recovery_speed: float = 0.6,
-        bounce_speed: float = 0.15, envelope: float = 1e-3, rank: int | str | None = None,
+        self, builder: ModelBuilder, dt: float, *, friction_law: str = "exact", max_depenetration_velocity: float = 0.6,
+        restitution_threshold: float = 0.15, envelope: float = 1e-3, rank: int | str | None = None,
     ) -> None:  # fmt: skip
         super().__init__(builder, dt, rank=rank)
         self.exact, self.envelope = friction_law == "exact", envelope
-        self.recovery, self.bounce = recovery_speed, bounce_speed
+        self.recovery, self.bounce = max_depenetration_velocity, restitution_threshold
         self.solve_residual = 0.0
         self.touches: list[Touch] = []
         self.contact_impulse = np.zeros((0, 6))

@@ -1,4 +1,4 @@
-"""Geometry of the float64 twin: joint frames, scalar rows with their Jacobians, joint coordinates.
+"""Geometry of the float64 reference: joint frames, scalar rows with their Jacobians, joint coordinates.
 
 Written from the definitions of `RowKind` and `ELEMENTS` alone; vectorised over the rows of one world.
 """

@@ -1,4 +1,4 @@
-"""Props: a picture of a thing together with the simple shapes that stand for it in contact."""
+"""Visuals: a picture of a thing together with the simple shapes that stand for it in contact."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Proxy:
     Attributes:
         kind: BOX, CYLINDER, CONE, SPHERE, ELLIPSOID, HULL or MESH.
         size: as `ShapeType` tells [m]; unused by HULL and MESH.
-        pose: of the shape's frame in that of the prop.
+        pose: of the shape's frame in that of the visual.
         points: (N, 3) of a HULL or MESH, in the shape's frame [m].
         triangles: (T, 3) of a MESH.
     """
@@ -60,7 +60,7 @@ class Proxy:
     triangles: npt.NDArray[np.int64] | None = None
 
     def corners(self) -> Array:
-        """(N, 3) points of its surface in the prop's frame, whose hull is the shape, or near it where it is round."""
+        """(N, 3) points of its surface in the visual's frame, whose hull is the shape, or near it where it is round."""
         angle = 2.0 * math.pi * np.arange(ROUND_CORNERS) / ROUND_CORNERS
         rim = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
         up = np.array([0.0, 0.0, 1.0])
@@ -78,12 +78,12 @@ class Proxy:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Prop:
+class Visual:
     """A thing of the scenery, in its own frame: Z up, origin in the middle of its foot.
 
     Attributes:
         name: what it is.
-        mesh: its picture.
+        mesh: its visual.
         proxies: what contact sees; the first one is what stands in a vehicle's way.
         label: semantic class.
         reflectance: of a lidar's or radar's beam, 0 to 1.
@@ -97,12 +97,12 @@ class Prop:
 
     @property
     def lower(self) -> Array:
-        """(3,) of the box around the picture [m]."""
+        """(3,) of the box around the visual [m]."""
         return np.asarray(self.mesh.vertices.min(axis=0))
 
     @property
     def upper(self) -> Array:
-        """(3,) of the box around the picture [m]."""
+        """(3,) of the box around the visual [m]."""
         return np.asarray(self.mesh.vertices.max(axis=0))
 
     @property
@@ -112,15 +112,15 @@ class Prop:
 
     @property
     def hull(self) -> Array:
-        """(N, 3) points whose hull is the first proxy: an asset for slots that show one prop or another."""
+        """(N, 3) points whose hull is the first proxy: an asset for slots that show one visual or another."""
         return self.proxies[0].corners()
 
 
-def arranged(prop: Prop, places: npt.ArrayLike) -> Prop:
-    """Copies of a prop as one: a row of cones costs a camera one instance, not one for each.
+def arranged(visual: Visual, places: npt.ArrayLike) -> Visual:
+    """Copies of a visual as one: a row of cones costs a camera one instance, not one for each.
 
     Args:
-        prop: what is copied.
+        visual: what is copied.
         places: (n, 3) x, y [m] and yaw [rad] on level ground, as `Track.marks`, `beside` and `scattered` give them.
     """
     rows = np.asarray(places, dtype=np.float64).reshape(-1, 3)
@@ -129,14 +129,14 @@ def arranged(prop: Prop, places: npt.ArrayLike) -> Prop:
     proxies = []
     for x, y, yaw in rows:
         frame = yaw_pose(x, y, 0.0, yaw)
-        for proxy in prop.proxies:
+        for proxy in visual.proxies:
             place = pose(
                 frame.position + rotate(frame.rotation, proxy.pose.position),
                 quat_multiply(frame.rotation, proxy.pose.rotation),
             )
             proxies.append(dataclasses.replace(proxy, pose=place))
-    mesh = joined([moved(prop.mesh, (x, y, 0.0), yaw=yaw) for x, y, yaw in rows.tolist()])
-    return dataclasses.replace(prop, mesh=mesh, proxies=tuple(proxies))
+    mesh = joined([moved(visual.mesh, (x, y, 0.0), yaw=yaw) for x, y, yaw in rows.tolist()])
+    return dataclasses.replace(visual, mesh=mesh, proxies=tuple(proxies))
 
 
 def rotate_all(rotation: Array, points: Array) -> Array:
@@ -151,28 +151,28 @@ def yaw_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Pose:
 
 
 def add_collision(
-    builder: ModelBuilder, prop: Prop, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
+    builder: ModelBuilder, visual: Visual, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
     **options: Any,
 ) -> list[int]:  # fmt: skip
-    """The proxies of a prop as shapes; returns them.
+    """The proxies of a visual as shapes; returns them.
 
     Args:
         builder: of the world.
-        prop: what to add.
+        visual: what to add.
         name: of the shapes, with a number after it where there are several.
-        at: frame of the prop on the body (from its centre of mass), or in the world.
+        at: frame of the visual on the body (from its centre of mass), or in the world.
         body: index, or WORLD.
-        scale: of the prop.
+        scale: of the visual.
         options: `material`, `margin`, `group`, `mask` of the shapes.
     """
     frame = pose() if at is None else at
     shapes = []
-    for index, proxy in enumerate(prop.proxies):
+    for index, proxy in enumerate(visual.proxies):
         place = pose(
             frame.position + rotate(frame.rotation, scale * proxy.pose.position),
             quat_multiply(frame.rotation, proxy.pose.rotation),
         )
-        title = name if len(prop.proxies) == 1 else f"{name}_{index}"
+        title = name if len(visual.proxies) == 1 else f"{name}_{index}"
         shapes.append(_add_shape(builder, proxy, body, scale, {"name": title, "pose": place, **options}))
     return shapes
 
@@ -195,24 +195,24 @@ def _add_shape(builder: ModelBuilder, proxy: Proxy, body: int, scale: float, opt
     return shape
 
 
-def add_picture(
-    visuals: Visuals, prop: Prop, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
-    shapes: list[int] | tuple[int, ...] = (), **look: Any,
+def add_visual(
+    visuals: Visuals, visual: Visual, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
+    shapes: list[int] | tuple[int, ...] = (), **appearance: Any,
 ) -> int:  # fmt: skip
-    """The picture of a prop; returns the instance, whose number later calls of `Visuals.hide` change.
+    """The picture of a visual; returns the instance, whose number later calls of `Visuals.hide` change.
 
     Args:
         visuals: of the world.
-        prop: what to add.
+        visual: what to add.
         name: of the instance.
         at: as in `add_collision`.
         body: index, or WORLD.
-        scale: of the prop.
+        scale: of the visual.
         shapes: its proxies in contact, which are hidden.
-        look: fields of `Look`; label and reflectance are the prop's unless given.
+        appearance: fields of `Appearance`; label and reflectance are the visual's unless given.
     """
     visuals.hide(*shapes)
     return visuals.add_mesh(
-        body, prop.mesh, name=name, pose=at, scale=(scale,) * 3,
-        **{"label": int(prop.label), "reflectance": prop.reflectance, **look},
+        body, visual.mesh, name=name, pose=at, scale=(scale,) * 3,
+        **{"label": int(visual.label), "reflectance": visual.reflectance, **appearance},
     )  # fmt: skip

@@ -13,25 +13,25 @@ import simwarp as sw
 from simwarp import scenery
 from simwarp.core.rotation import rotate
 from simwarp.core.types import ShapeType
-from simwarp.scenery import BUSHES, CONES, ROCKS, TREES, Label, Prop, add_collision, add_picture, arranged
+from simwarp.scenery import BUSHES, CONES, ROCKS, TREES, Label, Visual, add_collision, add_visual, arranged
 from simwarp.sensors.scene import Visuals
 from tests.unit.scenery_meshes import assert_outward, color_of, points_of
 from tests.unit.test_rays import Cast
 
-SEEDED: dict[str, Callable[[int], Prop]] = {
+SEEDED: dict[str, Callable[[int], Visual]] = {
     **{f"rock {kind}": partial(scenery.rock, kind) for kind in ROCKS},
     **{f"tree {kind}": partial(scenery.tree, kind) for kind in TREES},
     **{f"bush {kind}": partial(scenery.bush, kind) for kind in BUSHES},
     "crate": lambda seed: scenery.crate(size=(1.2, 0.8, 0.6), seed=seed),
 }
-PLAIN: dict[str, Callable[[], Prop]] = {
+PLAIN: dict[str, Callable[[], Visual]] = {
     **{f"{color} cone": partial(scenery.cone, color) for color in CONES},
     "pillar": scenery.pillar,
     "barrier": scenery.barrier,
     "chain": lambda: scenery.barrier_chain([(0.0, 0.0), (5.0, 0.0), (9.0, 3.0)]),
     "ring": lambda: scenery.barrier_chain([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0)], closed=True),
 }
-MAKERS: dict[str, Callable[[], Prop]] = {**{name: partial(make, 3) for name, make in SEEDED.items()}, **PLAIN}
+MAKERS: dict[str, Callable[[], Visual]] = {**{name: partial(make, 3) for name, make in SEEDED.items()}, **PLAIN}
 TRIANGLES = {"rock": 320, "tree": 600, "bush": 500, "crate": 108, "cone": 120, "pillar": 48, "barrier": 32,
              "chain": 160, "ring": 600}  # fmt: skip
 """At most, by kind: what a camera's rays have to search through."""
@@ -45,10 +45,10 @@ def kind_of(name):
     return next(kind for kind in TRIANGLES if kind in name.split())
 
 
-def outside(points, prop):
-    """(N,) how far points are outside of the nearest proxy of a prop, or less than 0 inside [m]."""
+def outside(points, visual):
+    """(N,) how far points are outside of the nearest proxy of a visual, or less than 0 inside [m]."""
     best = np.full(len(points), np.inf)
-    for proxy in prop.proxies:
+    for proxy in visual.proxies:
         planes = ConvexHull(proxy.corners()).equations
         best = np.minimum(best, (points @ planes[:, :3].T + planes[:, 3]).max(axis=1))
     return best
@@ -56,22 +56,22 @@ def outside(points, prop):
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_meshes_are_closed_outward_and_few_triangles(name):
-    prop = MAKERS[name]()
-    assert_outward(prop.mesh)
-    assert len(prop.mesh.triangles) <= TRIANGLES[kind_of(name)]
-    assert prop.label == LABELS[kind_of(name)]
-    assert color_of(prop.mesh).min() >= 0.0
-    assert color_of(prop.mesh).max() <= 1.0
+    visual = MAKERS[name]()
+    assert_outward(visual.mesh)
+    assert len(visual.mesh.triangles) <= TRIANGLES[kind_of(name)]
+    assert visual.label == LABELS[kind_of(name)]
+    assert color_of(visual.mesh).min() >= 0.0
+    assert color_of(visual.mesh).max() <= 1.0
 
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_things_stand_on_the_ground_about_their_origin(name):
-    prop = MAKERS[name]()
-    assert prop.lower[2] == pytest.approx(0.0, abs=0.02)
+    visual = MAKERS[name]()
+    assert visual.lower[2] == pytest.approx(0.0, abs=0.02)
     if kind_of(name) not in ("chain", "ring") and name != "tree dead":
-        middle = 0.5 * (prop.lower + prop.upper)
+        middle = 0.5 * (visual.lower + visual.upper)
         # branches of trees are where they are
-        slack = 0.12 * np.ptp(prop.mesh.vertices, axis=0)[:2].max() if "tree" in name else 1e-6
+        slack = 0.12 * np.ptp(visual.mesh.vertices, axis=0)[:2].max() if "tree" in name else 1e-6
         assert (np.abs(middle[:2]) <= slack).all()
 
 
@@ -85,55 +85,55 @@ def test_a_seed_makes_one_thing(name):
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_what_contact_sees_is_near_the_picture(name):
-    prop = MAKERS[name]()
-    size = float(np.linalg.norm(prop.upper - prop.lower))
-    if prop.proxies[0].kind == ShapeType.MESH:
-        assert np.array_equal(points_of(prop.proxies[0]), prop.mesh.vertices)
-        assert prop.proxies[0].triangles is prop.mesh.triangles
+    visual = MAKERS[name]()
+    size = float(np.linalg.norm(visual.upper - visual.lower))
+    if visual.proxies[0].kind == ShapeType.MESH:
+        assert np.array_equal(points_of(visual.proxies[0]), visual.mesh.vertices)
+        assert visual.proxies[0].triangles is visual.mesh.triangles
         return
     # of a dead tree contact has the trunk only; leaves and twigs stand out of the simple shapes a little
     stick_out = {"rock": 0.03, "tree": 0.06, "bush": 0.1}.get(kind_of(name), 1e-9)
-    chosen = prop.mesh.vertices
+    chosen = visual.mesh.vertices
     if name == "tree dead":
         chosen = chosen[np.linalg.norm(chosen[:, :2], axis=1) < 0.05 * size]
         chosen = chosen[chosen[:, 2] < 0.7 * size]
-    assert outside(chosen, prop).max() <= stick_out * size
+    assert outside(chosen, visual).max() <= stick_out * size
     # and no proxy reaches beyond the picture's own hull by more than that
-    planes = ConvexHull(prop.mesh.vertices).equations
-    for proxy in prop.proxies:
+    planes = ConvexHull(visual.mesh.vertices).equations
+    for proxy in visual.proxies:
         assert (proxy.corners() @ planes[:, :3].T + planes[:, 3]).max() <= max(stick_out, 0.01) * size
-    assert prop.radius >= np.linalg.norm(prop.hull[:, :2], axis=1).max() - 1e-9
+    assert visual.radius >= np.linalg.norm(visual.hull[:, :2], axis=1).max() - 1e-9
 
 
 @pytest.mark.parametrize(("kind", "size"), list(zip(ROCKS, ROCK_SIZES, strict=True)))
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_rocks_have_the_sizes_of_the_originals(kind, size, seed):
-    prop = scenery.rock(kind, seed)
-    np.testing.assert_allclose((prop.upper - prop.lower)[:2], size, rtol=1e-9)
-    assert prop.lower[2] == pytest.approx(0.0, abs=1e-9)
+    visual = scenery.rock(kind, seed)
+    np.testing.assert_allclose((visual.upper - visual.lower)[:2], size, rtol=1e-9)
+    assert visual.lower[2] == pytest.approx(0.0, abs=1e-9)
     asked = scenery.rock(kind, seed, size=(1.0, 2.0, 0.5), detail=1)
     np.testing.assert_allclose(asked.upper, (0.5, 1.0, 0.5), rtol=1e-9)
     assert len(asked.mesh.triangles) == 80
     # their feet do not come to a point: what is low is a good part of what is seen from above
-    low = prop.mesh.vertices[prop.mesh.vertices[:, 2] < 0.12 * prop.upper[2]]
+    low = visual.mesh.vertices[visual.mesh.vertices[:, 2] < 0.12 * visual.upper[2]]
     assert np.ptp(low[:, 0]) * np.ptp(low[:, 1]) > 0.15 * size[0] * size[1]
     # a hull for contact of few corners, all on the rock
-    hull = points_of(prop.proxies[0])
+    hull = points_of(visual.proxies[0])
     assert 12 <= len(hull) <= 32
-    assert (np.abs(hull[:, None] - prop.mesh.vertices[None]).max(axis=2).min(axis=1) == 0.0).all()
+    assert (np.abs(hull[:, None] - visual.mesh.vertices[None]).max(axis=2).min(axis=1) == 0.0).all()
 
 
 def test_plants_have_the_sizes_that_were_asked_for():
     for kind in TREES:
-        prop = scenery.tree(kind, 4, height=10.0)
-        assert prop.upper[2] == pytest.approx(10.0, rel=0.12)
+        visual = scenery.tree(kind, 4, height=10.0)
+        assert visual.upper[2] == pytest.approx(10.0, rel=0.12)
         # the trunk, or the lowest branches, are what a vehicle meets first
-        assert prop.proxies[0].kind == (ShapeType.CONE if kind == "spruce" else ShapeType.CYLINDER)
-        assert prop.proxies[0].corners()[:, 2].min() < 1.5
+        assert visual.proxies[0].kind == (ShapeType.CONE if kind == "spruce" else ShapeType.CYLINDER)
+        assert visual.proxies[0].corners()[:, 2].min() < 1.5
     for kind in BUSHES:
-        prop = scenery.bush(kind, 4, width=2.0)
-        assert (prop.upper - prop.lower)[:2].max() == pytest.approx(2.0)
-        assert 0.4 < prop.upper[2] < 3.0
+        visual = scenery.bush(kind, 4, width=2.0)
+        assert (visual.upper - visual.lower)[:2].max() == pytest.approx(2.0)
+        assert 0.4 < visual.upper[2] < 3.0
 
 
 def test_cones_pillars_crates_and_barriers_have_the_sizes_that_were_asked_for():
@@ -181,9 +181,9 @@ def test_pictures_take_the_place_of_their_shapes():
     shapes = [add_collision(builder, thing, name=thing.name, at=at, scale=0.5) for thing in things]
     visuals = Visuals(builder)
     for thing, mine in zip(things, shapes, strict=True):
-        index = add_picture(visuals, thing, name=f"{thing.name} seen", at=at, scale=0.5, shapes=mine)
+        index = add_visual(visuals, thing, name=f"{thing.name} seen", at=at, scale=0.5, shapes=mine)
         instance = visuals.instances[index]
-        assert (instance.look.label, instance.look.reflectance) == (int(thing.label), thing.reflectance)
+        assert (instance.appearance.label, instance.appearance.reflectance) == (int(thing.label), thing.reflectance)
         np.testing.assert_allclose(instance.size, 0.5)
     assert [instance.shape for instance in visuals.instances] == [-1, -1, -1]
     # the trunk of the oak, in the world
@@ -194,11 +194,11 @@ def test_pictures_take_the_place_of_their_shapes():
 
 @pytest.mark.parametrize("name", [name for name in MAKERS if "tree" not in name or "spruce" in name])
 def test_rays_meet_the_shapes_where_they_meet_the_picture(name):
-    prop, at, scale = MAKERS[name](), scenery.yaw_pose(4.0, -2.0, 0.3, 1.1), 0.6
-    size = scale * (prop.upper - prop.lower)
+    visual, at, scale = MAKERS[name](), scenery.yaw_pose(4.0, -2.0, 0.3, 1.1), 0.6
+    size = scale * (visual.upper - visual.lower)
     rng = np.random.default_rng(5)
     # level rays from all around, towards the vehicle-high part of the thing
-    middle = at.position + scale * rotate(at.rotation, 0.5 * (prop.lower + prop.upper))
+    middle = at.position + scale * rotate(at.rotation, 0.5 * (visual.lower + visual.upper))
     angle, height = rng.uniform(0.0, 2.0 * np.pi, 1500), rng.uniform(0.15, 0.6, 1500) * min(size[2], 2.5)
     way = np.stack([np.cos(angle), np.sin(angle), np.zeros(1500)], axis=1)
     target = middle + rng.uniform(-0.25, 0.25, (1500, 1)) * size[0] * np.cross(way, (0.0, 0.0, 1.0))
@@ -208,10 +208,10 @@ def test_rays_meet_the_shapes_where_they_meet_the_picture(name):
     for picture in (True, False):
         builder = sw.ModelBuilder()
         builder.add_body("nobody", mass=1.0, inertia=(1.0, 1.0, 1.0))
-        shapes = add_collision(builder, prop, name="shape", at=at, scale=scale)
+        shapes = add_collision(builder, visual, name="shape", at=at, scale=scale)
         visuals = Visuals(builder)
         if picture:
-            add_picture(visuals, prop, name="picture", at=at, scale=scale, shapes=shapes)
+            add_visual(visuals, visual, name="picture", at=at, scale=scale, shapes=shapes)
         model = builder.finalize(1, "cpu")
         scene = visuals.finalize(model)
         seen.append(Cast(scene, sw.Simulation(model, 1e-3), start, way.astype(np.float32)).t[0])
