@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 
 from .config import TaskConfig, require
-from .drawing import Drawing, Line, View
 from .frames import Orientation, euler_123, heading_quaternion, rotate_back
 from .registry import register
 from .task import Task
@@ -253,19 +252,6 @@ class AntTask(Task[AntConfig]):
 
         add_skeleton(visuals, ANT_LIMB_RADIUS)
 
-    def drawing(self) -> Drawing:
-        """Draw the torso as a ring and every leg as two lines, seen from the side around the first world's ant."""
-        from simwarp.scenes.contact import ANT_ANKLE, ANT_LEG, ANT_TORSO_RADIUS
-
-        q = self.views.body_q
-        lines = [Line(_ring(q[:, _TORSO, :3], ANT_TORSO_RADIUS), "tab:blue", 2.0)]
-        for thigh_index, shin_index in zip(self._thighs, self._shins, strict=True):
-            thigh, shin = q[:, thigh_index], q[:, shin_index]
-            ends = [_end(thigh, -0.5 * ANT_LEG), _end(thigh, 0.5 * ANT_LEG), _end(shin, 0.5 * ANT_ANKLE)]
-            lines.append(Line(torch.stack(ends, dim=1), "tab:orange", 3.0))
-        ground = q.new_tensor([[-100.0, 0.0, 0.0], [100.0, 0.0, 0.0]]).expand(self.num_worlds, 2, 3)
-        return Drawing((Line(ground, "0.6", 1.0), *lines), View.SIDE, ((-1.0, 14.0), (-0.2, 1.6)))
-
     def extra_state(self) -> dict[str, torch.Tensor]:
         """What success remembers of the running episode."""
         return {"farthest_aside": self._farthest_aside, "reached": self._reached}
@@ -283,17 +269,3 @@ class AntTask(Task[AntConfig]):
     def _foot_forces(self) -> torch.Tensor:
         """(W, 4) sizes of the contact forces on the feet, clipped as in the original [N]."""
         return self._body_force[:, self._first_shin :: self._shin_stride].norm(dim=2).clamp(max=_FORCE_CLIP)
-
-
-def _ring(centre: torch.Tensor, radius: float) -> torch.Tensor:
-    """(W, 25, 3) a circle in the x-z plane."""
-    angle = torch.linspace(0.0, 2.0 * math.pi, 25, device=centre.device)
-    circle = torch.stack([angle.cos(), torch.zeros_like(angle), angle.sin()], dim=1)
-    return centre.unsqueeze(1) + radius * circle
-
-
-def _end(pose: torch.Tensor, along: float) -> torch.Tensor:
-    """(W, 3) the point of a link at ``along`` on its x axis."""
-    x, y, z, w = pose[:, 3:].unbind(dim=1)
-    axis = torch.stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)], dim=1)
-    return pose[:, :3] + along * axis

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 
 from .config import TaskConfig, require
-from .drawing import Drawing, Line, View
 from .frames import Orientation, euler_123, heading_quaternion, rotate_back
 from .registry import register
 from .task import Task
@@ -142,7 +141,6 @@ class HexapodTask(Task[HexapodConfig]):
         self._feet = torch.tensor([names.index(name) for name in feet], device=device)
         others = [index for index, name in enumerate(names) if name not in {*feet, "floor"}]
         self._others = torch.tensor(others, device=device)
-        self._leg_points = self._find_leg_points()
         self._limit = HEXAPOD_LIMIT
         self._start_height = self._x[:, _BASE, 2].clone().float()
         self._before = torch.zeros(worlds, dtype=torch.float64, device=device)
@@ -262,23 +260,6 @@ class HexapodTask(Task[HexapodConfig]):
 
         add_skeleton(visuals, 0.008)
 
-    def drawing(self) -> Drawing:
-        """Draw the base as a ring through the hips and every leg as three lines, seen obliquely from the right."""
-        q = self.views.body_q
-        hips, knees, ankles, feet = (
-            torch.stack([_at(q[:, body], point) for body, point in joints], dim=1) for joints in self._leg_points
-        )
-        ring = hips[:, [0, 1, 2, 5, 4, 3, 0]]
-        legs = torch.stack([hips, knees, ankles, feet], dim=2)
-        # The far legs first: the near ones are drawn over them
-        lines = [Line(_oblique(legs[:, leg]), "tab:brown", 1.6) for leg in (3, 4, 5)]
-        lines.append(Line(_oblique(ring), "tab:blue", 2.5))
-        lines += [Line(_oblique(legs[:, leg]), "tab:orange", 2.0) for leg in (0, 1, 2)]
-        for y in (-0.25, 0.0, 0.25):
-            edge = q.new_tensor([[-100.0, y, 0.0], [100.0, y, 0.0]]).expand(self.num_worlds, 2, 3)
-            lines.insert(0, Line(_oblique(edge), "0.8", 0.7))
-        return Drawing(tuple(lines), View.SIDE, ((-0.5, 2.7), (-0.2, 0.4)), panel=6.0)
-
     def extra_state(self) -> dict[str, torch.Tensor]:
         """What success remembers of the running episode."""
         return {"farthest_aside": self._farthest_aside, "reached": self._reached}
@@ -288,36 +269,7 @@ class HexapodTask(Task[HexapodConfig]):
         self._farthest_aside.copy_(state["farthest_aside"])
         self._reached.copy_(state["reached"])
 
-    def _find_leg_points(self) -> list[list[tuple[int, torch.Tensor]]]:
-        """Body and point in its axes [m] of the hinges of every leg, body to hip to femur to tibia, and of its foot."""
-        model = self.simulation.model
-        anchors, shapes = model.joint_anchor0.numpy()[0], model.shape_x.numpy()[0]
-
-        def point(values: Any) -> torch.Tensor:
-            return torch.tensor(values, dtype=torch.float32, device=self.device)
-
-        legs = range(1, _LEGS + 1)
-        hinges = (("hip", "base"), ("femur", "hip_{}"), ("tibia", "femur_{}"))
-        points = [
-            [(model.body(body.format(leg)), point(anchors[model.joint(f"{joint}_{leg}")])) for leg in legs]
-            for joint, body in hinges
-        ]
-        feet = [point(shapes[model.shape_names.index(f"foot_{leg}")]) for leg in legs]
-        return [*points, [(model.body(f"tibia_{leg}"), foot) for leg, foot in zip(legs, feet, strict=True)]]
-
     def _distance(self) -> torch.Tensor:
         """(W,) distance to a target far ahead, as the original measures progress [m]."""
         place = self._x[:, _BASE]
         return torch.hypot(place[:, 1], _TARGET_X - place[:, 0])
-
-
-def _at(pose: torch.Tensor, point: torch.Tensor) -> torch.Tensor:
-    """(W, 3) where a point (3,) of a body's axes is in the world, for poses (W, 7) [m]."""
-    back = pose[:, 3:] * pose.new_tensor([-1.0, -1.0, -1.0, 1.0])
-    return pose[:, :3] + rotate_back(back, point.expand(len(pose), 3))
-
-
-def _oblique(points: torch.Tensor) -> torch.Tensor:
-    """Shear points (W, P, 3) so that a side view shows what is behind above and to the right of what is before."""
-    x, y, z = points.unbind(dim=2)
-    return torch.stack([x + 0.4 * y, y, z + 0.3 * y], dim=2)
