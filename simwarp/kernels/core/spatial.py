@@ -34,6 +34,15 @@ def matrix_to_float(m: wp.mat33d) -> wp.mat33:
 
 
 @wp.func
+def turned_extent(m: wp.mat33, half: wp.vec3) -> wp.vec3:
+    """Half lengths, along the axes that `m` leads to, of the smallest box around a box of half lengths `half`."""
+    reach = wp.vec3()
+    for k in range(3):
+        reach[k] = wp.dot(wp.abs(wp.vec3(m[k, 0], m[k, 1], m[k, 2])), half)
+    return reach
+
+
+@wp.func
 def clamp_length(v: wp.vec3, limit: float) -> wp.vec3:
     """`v`, shortened to `limit`."""
     length = wp.length(v)

@@ -16,6 +16,7 @@ therefore held below m / h² and m / h, which changes nothing where steps are sh
 
 import warp as wp
 
+from simwarp.kernels.core.piecewise_linear import segment_of
 from simwarp.kernels.vehicle.tires.parameter_vector import BRISTLE_X, BRISTLE_Y, Common
 from simwarp.kernels.vehicle.tires.patch import Patch
 
@@ -43,11 +44,7 @@ def slip_share(patch: Patch, row: wp.array[float]) -> float:
 def curve_force(row: wp.array[float], deflection: float) -> wp.vec2:
     """Vertical force [N] of a tire's table, and its slope [N/m]; the end segments continue."""
     start = int(row[Common.CURVE_START])
-    last = int(row[Common.CURVE_POINTS]) - 2
-    segment = int(0)
-    while segment < last and row[start + 2 * segment + 2] < deflection:
-        segment += 1
-    at = start + 2 * segment
+    at = start + 2 * segment_of(row, start, int(row[Common.CURVE_POINTS]), 2, deflection)
     slope = (row[at + 3] - row[at + 1]) / (row[at + 2] - row[at])
     return wp.vec2(row[at + 1] + slope * (deflection - row[at]), slope)
 
