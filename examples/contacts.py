@@ -30,7 +30,7 @@ for step in range(200):
     sim.step()
     if step % 50 == 49:
         count = sim.contacts.contact_count.numpy()
-        residual = sim.diagnostics.bounded_residual.numpy().max()
+        residual = sim.diagnostics.cone_residual.numpy().max()
         print(f"t {sim.dt * (step + 1):.2f} s: contacts {count}, residual {residual:.1e} m/s")
 
 top = sim.state.body_x.numpy()[:, :ball, 2].max(axis=1)

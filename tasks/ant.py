@@ -28,7 +28,7 @@ _ANKLE_LIMITS = (-math.pi / 2.0, math.pi / 4.0)
 
 
 class AntReward(enum.Enum):
-    """Which reward is paid.
+    """Variants of the reward.
 
     ``walk`` is this project's own: a speed that is enough, along the line. ``code`` is what the original's code pays,
     ``thesis`` what the thesis prints (its eq. 8.1; power of the torques in watts, and 0.2 per limit as in the code,
@@ -53,11 +53,11 @@ class AntConfig(WalkingConfig):
     torque: float = 30.0
     """Joint torque of a full action [N·m]."""
     reward: AntReward = AntReward.WALK
-    """Which reward is paid."""
+    """Variant of the reward."""
     target_speed: float = 1.3
     """Speed along X for which the walk reward pays most [m/s]."""
     orientation: Orientation = Orientation.EULER
-    """How the torso's orientation is observed: 30 observations with Euler angles, 31 with a quaternion."""
+    """Observation of the torso's orientation: 30 observations with Euler angles, 31 with a quaternion."""
     lateral: bool = False
     """Observe the sideways position in place of the height, as the original's code does."""
 
@@ -84,7 +84,7 @@ class AntTask(WalkingTask[AntConfig]):
         return ant()
 
     def setup(self) -> None:
-        """Make views of contact forces, and remember the joints' ranges."""
+        """Make views of contact forces and compute the ranges of the joints."""
         from simwarp import to_torch
 
         super().setup()

@@ -1,4 +1,4 @@
-"""What pictures and maps of a task show beside its bodies: lines in world coordinates."""
+"""Lines in world coordinates that pictures and maps of a task show beside its bodies."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Drawing:
 
     Attributes:
         lines: drawn in order into rendered pictures, and seen from above on maps.
-        window: of maps, ((x low, high), (y low, high)) [m]; None follows what is on them.
+        window: of maps, ((x low, high), (y low, high)) [m]; None: it fits paths and lines.
     """
 
     lines: tuple[Line, ...] = ()

@@ -86,7 +86,7 @@ class FastTask(Task[FastConfig]):
         return Drawing((Line(torch.stack([torch.zeros_like(tip), tip], dim=1), "tab:blue", 3.0),), window)
 
     def map_position(self) -> torch.Tensor:
-        """Where the point is."""
+        """Position of the point, (W, 3) [m]."""
         return torch.nn.functional.pad(self.position, (0, 1))
 
     def extra_state(self) -> dict[str, torch.Tensor]:

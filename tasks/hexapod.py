@@ -27,7 +27,7 @@ _LEGS = 6
 
 
 class HexapodReward(enum.Enum):
-    """Which reward is paid.
+    """Variants of the reward.
 
     ``walk`` is this project's own: a speed that is enough, along the line, level and without trembling. ``code`` is
     what the original's code pays.
@@ -52,7 +52,7 @@ class HexapodConfig(WalkingConfig):
     speed_limit: float = math.radians(354.0)
     """Joint speed beyond which a torque that would drive it on is cut off [rad/s]: 59 turns a minute."""
     reward: HexapodReward = HexapodReward.WALK
-    """Which reward is paid."""
+    """Variant of the reward."""
     target_speed: float = 0.4
     """Speed along X for which the walk reward pays most [m/s]."""
     start_angle: float = 0.05
@@ -91,7 +91,7 @@ class HexapodTask(WalkingTask[HexapodConfig]):
         return hexapod()
 
     def setup(self) -> None:
-        """Make views of contact forces, and remember the height and the action before."""
+        """Make views of contact forces, and store the height at the start."""
         from simwarp import to_torch
         from simwarp.scenes.phantomx import HEXAPOD_LIMIT
 
@@ -116,7 +116,7 @@ class HexapodTask(WalkingTask[HexapodConfig]):
         return self._shape_force[:, self._feet]
 
     def begin_step(self) -> None:
-        """Remember what acted, too: trembling is a difference."""
+        """Store the last action, too: trembling is a difference."""
         super().begin_step()
         self._last_action.copy_(self.action)
 

@@ -1,4 +1,4 @@
-"""How the task layer holds a simulation: torch views made once, stepping, and snapshots as plain tensors."""
+"""Access of the task layer to a simulation: torch views made once, stepping, and snapshots as plain tensors."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 import warp as wp
+
+from simwarp.core.fields import FieldGroup
 
 from .config import TaskConfig
 from .errors import InputError
@@ -54,7 +56,7 @@ class PhysicsViews:
 
 @dataclasses.dataclass(frozen=True)
 class Attachments:
-    """What runs in every physics step beside the bodies: force elements, and sensors, whose frames a policy sees once
+    """Elements of every physics step beside the bodies: force elements, and sensors, whose frames a policy sees once
     per control step.
     """
 
@@ -118,11 +120,12 @@ def build_physics(
 
 
 def _rooms(snapshot: Any) -> list[tuple[str, Any]]:
-    """Return the named parts of a snapshot: arrays, or groups of arrays, which are tuples or list their ``NAMES``."""
+    """Return the parts of a snapshot, or of a group of its arrays, by the names that files have for them."""
     if isinstance(snapshot, tuple):
         return [(str(index), part) for index, part in enumerate(snapshot)]
-    names: Iterable[str] = getattr(snapshot, "NAMES", _GROUPS)
-    return [(name, getattr(snapshot, name)) for name in names]
+    if isinstance(snapshot, FieldGroup):
+        return list(snapshot.in_files().items())
+    return [(name, getattr(snapshot, name)) for name in _GROUPS]
 
 
 def pack_snapshot(snapshot: Any) -> dict[str, Any]:
@@ -157,6 +160,6 @@ def unpack_snapshot(saved: Mapping[str, Any], snapshot: Any) -> Any:
 def copy_snapshot(simulation: Any, snapshot: Any) -> None:
     """Bring an existing snapshot up to date: what ``Simulation.snapshot`` holds, without new memory."""
     for group, parts in _rooms(snapshot):
-        current = getattr(simulation, group)
+        current = dict(_rooms(getattr(simulation, group)))
         for name, array in _rooms(parts):
-            wp.copy(array, current[int(name)] if isinstance(current, tuple) else getattr(current, name))
+            wp.copy(array, current[name])

@@ -1,4 +1,4 @@
-"""What a configuration may make uncertain: model parameters, sensing, delays, and how hard all of it is.
+"""Uncertainty that a configuration may add: model parameters, sensing, delays, and the level of difficulty.
 
 These are fields of a :class:`~simwarp.tasks.TaskConfig`; a task sets them in its own configuration, or a program with
 ``make("ant", randomise={"body_mass": Range(0.8, 1.2)})``.
@@ -24,7 +24,7 @@ LONGEST_DELAY: Final = 2**31 - 1
 
 
 class Mode(enum.Enum):
-    """How a drawn number acts on the built value of a parameter."""
+    """Effect of a drawn number on the built value of a parameter."""
 
     SCALE = "scale"
     ADD = "add"
@@ -32,7 +32,7 @@ class Mode(enum.Enum):
 
 
 class When(enum.Enum):
-    """How often a parameter is drawn."""
+    """Interval at which a parameter is drawn."""
 
     EPISODE = "episode"
     STEP = "step"
@@ -103,7 +103,7 @@ class Range:
 
 @dataclasses.dataclass(frozen=True)
 class Sensing:
-    """What lies between the state and one observation group.
+    """Noise, bias and delay of one observation group.
 
     Attributes:
         noise: standard deviation of normal noise in every step, of all components or of each.
@@ -126,7 +126,7 @@ class Sensing:
 
 
 class Driver(enum.Enum):
-    """What moves the curriculum's level."""
+    """Schedule of the curriculum's level."""
 
     NONE = "none"
     ITERATION = "iteration"
@@ -135,7 +135,7 @@ class Driver(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Curriculum:
-    """How a level between 0 and 1 moves during training; every world has its own (``Task.level``).
+    """Level of difficulty between 0 and 1 during training; every world has its own (``Task.level``).
 
     Attributes:
         driver: ``none`` leaves it at 1. ``iteration`` raises it from 0 to 1 over training iterations. ``progress``

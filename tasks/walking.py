@@ -1,4 +1,4 @@
-"""What walking robots share: a floating base on legs with torques at their joints, walking along X."""
+"""Base class of walking tasks: a floating base on legs with torques at their joints, walking along X."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class WalkingConfig(TaskConfig):
     target_speed: float = 1.0
     """Speed along X for which the walk reward pays most [m/s]."""
     orientation: Orientation = Orientation.QUATERNION
-    """How the orientation is observed: three Euler angles or the four numbers of a quaternion."""
+    """Observation of the orientation: three Euler angles or the four numbers of a quaternion."""
     scaled: bool = False
     """Divide every observation by its usual size; without, they are in SI units."""
     start_angle: float = 0.1
@@ -100,7 +100,7 @@ class WalkingTask(Task[WalkingT]):
         return SolverOptions(tolerance=self.config.tolerance)
 
     def setup(self) -> None:
-        """Make views of positions of record, and allocate what an episode remembers."""
+        """Make views of positions of record, and allocate the state of an episode."""
         from simwarp import to_torch
 
         worlds, device, state = self.num_worlds, self.device, self.simulation.state
@@ -117,7 +117,7 @@ class WalkingTask(Task[WalkingT]):
         self._sizes = torch.tensor(sizes + [_FORCE_CLIP] * self.legs, device=device)
 
     def begin_step(self) -> None:
-        """Remember where the base is: progress is a difference."""
+        """Store the position of the base: progress is a difference."""
         self._before.copy_(self._distance())
         self.touched.zero_()
 
@@ -126,7 +126,7 @@ class WalkingTask(Task[WalkingT]):
         self.touched |= self.touching()
 
     def first_observation(self, pose: torch.Tensor) -> torch.Tensor:
-        """Return (W, 1) what is observed first, of the base's pose (W, 7): its height [m]."""
+        """Return the first observation, (W, 1), of the base's pose (W, 7): its height [m]."""
         return pose[:, 2:3]
 
     def observations(self) -> dict[str, torch.Tensor]:
@@ -183,7 +183,7 @@ class WalkingTask(Task[WalkingT]):
         }
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """What success remembers of the running episode."""
+        """State of the success criteria in the running episode."""
         return {"farthest_aside": self._farthest_aside, "reached": self._reached}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:

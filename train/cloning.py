@@ -27,7 +27,7 @@ _LARGEST_BATCH = 65_536
 
 @dataclasses.dataclass(frozen=True)
 class CloneConfig:
-    """How to imitate."""
+    """Hyperparameters of behaviour cloning."""
 
     epochs: int = 60
     """Passes over the recorded steps."""
@@ -54,7 +54,7 @@ class CloneConfig:
 
 @dataclasses.dataclass(frozen=True)
 class CloneResult:
-    """What cloning reached.
+    """Result of behaviour cloning.
 
     Attributes:
         content: a checkpoint of the policy.
@@ -114,8 +114,8 @@ def clone(
 
     Args:
         task: says what is observed; on the CPU.
-        data: what to imitate.
-        config: how.
+        data: trajectories to imitate.
+        config: hyperparameters.
         train_config: its network is built, and is what a later training must have.
         report: called after each epoch with its number and mean loss.
 

@@ -38,7 +38,7 @@ class Penalty:
         require(self.multiplier > 0.0, self, "multiplier", "positive")
 
     def after(self, divergence: float, target: float) -> Penalty:
-        """Return what follows an update that moved the policy by ``divergence``."""
+        """Return the penalty after an update that moved the policy by ``divergence``."""
         beta, multiplier = self.beta, self.multiplier
         if divergence > 2.0 * target:
             beta = min(_BETA_BOUND, _BETA_FACTOR * beta)

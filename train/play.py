@@ -30,7 +30,7 @@ _LONGEST = 3600.0
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """What one moment looks like.
+    """Picture data of one moment.
 
     Attributes:
         time: since the start [s].
@@ -63,8 +63,8 @@ def record(
     """Let a policy act and keep frames.
 
     Args:
-        task: what is played.
-        policy: what acts.
+        task: task to play.
+        policy: policy that acts.
         seconds: time shown [s].
         seed: of the worlds.
         film: of the task; takes images of the frames it wants.

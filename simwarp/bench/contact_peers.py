@@ -47,7 +47,7 @@ _XPBD_ITERATIONS = 20
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """Where worlds start, in MuJoCo's conventions.
+    """Initial states of the worlds, in MuJoCo's conventions.
 
     Attributes:
         time: (W,) of the motion [s].
@@ -79,7 +79,7 @@ class PeerRun(Protocol):
         """(W,) of the watched body [m]."""
 
     def contacts(self) -> float | None:
-        """Touching now, mean of the worlds; None where the engine cannot tell."""
+        """Contacts that touch now, mean of the worlds; None where the engine does not report them."""
 
     def bytes_per_world(self) -> int | None:
         """Of the engine's buffers."""
@@ -307,7 +307,7 @@ class NewtonRun:
         return np.asarray(self.states[0].body_q.numpy().reshape(self.worlds, self._bodies, 7)[:, 0, 2], float)
 
     def contacts(self) -> None:
-        """It only tells candidates."""
+        """None: the engine reports candidates only."""
 
     def bytes_per_world(self) -> None:
         """Not counted."""
@@ -332,7 +332,7 @@ def contact_peers(scene: str) -> list[Measure]:
 
 
 def contact_peer_notes(scene: str) -> list[str]:
-    """Why engines are missing from the table, one line each."""
+    """Reasons why engines are missing from the table, one line each."""
     notes = []
     for module, (name, _, names) in _ENGINES.items():
         extra = "import" if module == "mujoco" else "peers"
@@ -374,7 +374,7 @@ def their_motion(module: str, scene: BenchScene, dt: float | None) -> tuple[floa
 
 
 def disagreement(scene: BenchScene, dt: float | None, theirs: tuple[float, float | None]) -> list[str]:
-    """What tells the peer's motion from ours, in words; empty when they are alike."""
+    """Differences between the peer's motion and ours, in words; empty when they agree."""
     problems = []
     height, contacts = our_motion(scene, dt)
     if not abs(theirs[0] - height) <= HEIGHT_AGREEMENT:

@@ -48,7 +48,7 @@ _XML = """
 
 
 def peer_notes(scene: str) -> list[str]:
-    """Why peers are missing from the table, one line each."""
+    """Reasons why peers are missing from the table, one line each."""
     notes = []
     if scene in CONTACT_SCENES:
         return contact_peer_notes(scene)

@@ -64,7 +64,7 @@ class TaskRun:
         if sim is None:
             return Health(tuple(problems), 0.0, 0.0, 0.0, 0.0)
         reports = sim.diagnostics
-        residual = max(float(reports.row_residual.numpy().max()), float(reports.bounded_residual.numpy().max()))
+        residual = max(float(reports.row_residual.numpy().max()), float(reports.cone_residual.numpy().max()))
         if not residual <= 1e-2:
             problems.append(f"row residual {residual:.2g} m/s")
         return Health(tuple(problems), residual, float(reports.position_error.numpy().max()), 0.0, 0.0)

@@ -53,7 +53,7 @@ class VehicleExaminer:
             problems.append(f"world status {WorldStatus(status)!r}")
         chassis = vehicle.parts.chassis
         speed = np.linalg.norm(arrays[2][:, chassis], axis=-1)
-        residual = max(_largest(reports.row_residual), _largest(reports.bounded_residual))
+        residual = max(_largest(reports.row_residual), _largest(reports.cone_residual))
         # wheels and shafts turn faster than the chassis drives; the rows are of their speeds too
         if not residual <= RESIDUAL_SHARE * max(self._target, 1.0):
             problems.append(f"row residual {residual:.2g} m/s or rad/s at {self._target:.3g} m/s")

@@ -29,7 +29,7 @@ class Size(enum.Enum):
     TOUCHED_BODIES = ("B", "0 without shapes")
     JOINTS = ("J", "")
     DOFS = ("dofs", "")
-    BOUNDED_ROWS = ("bounded rows", "")
+    BOX_CONSTRAINTS = ("box constraints", "")
     COUPLINGS = ("couplings", "")
     TERMS = ("terms", "")
     SHAPES = ("S", "")
@@ -44,9 +44,9 @@ class Field:
         dtype: of Warp.
         sizes: its shape.
         text: unit, frame and meaning.
-        domain: what may be written into it; None: anything.
-        writable: whether users assign slices of it.
-        of_kernels: whether kernels take it in the struct of its class.
+        domain: allowed values; None: anything.
+        writable: True if users assign slices of it.
+        of_kernels: True if kernels take it in the struct of its class.
     """
 
     dtype: Any
@@ -69,7 +69,7 @@ class Field:
 
     @property
     def per_world(self) -> bool:
-        """Whether all worlds share it unless they are given one each."""
+        """True if it may differ per world; otherwise all worlds share it."""
         return self.sizes[0] is Size.PARAMETER_WORLDS
 
 
@@ -91,10 +91,12 @@ class FieldGroup(FixedAttributes):
     Attributes:
         FIELDS: by name, in the order of declaration.
         NAMES: of those that kernels take.
+        NAMES_IN_FILES: of arrays that snapshots and checkpoints know under their first name.
     """
 
     FIELDS: ClassVar[dict[str, Field]] = {}
     NAMES: ClassVar[tuple[str, ...]] = ()
+    NAMES_IN_FILES: ClassVar[dict[str, str]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -117,6 +119,10 @@ class FieldGroup(FixedAttributes):
             name: ArrayLayout(tuple(sizes[size] for size in each.sizes), each.dtype)
             for name, each in cls.FIELDS.items()
         }
+
+    def in_files(self) -> dict[str, wp.array]:
+        """Return the arrays that kernels take by the names that files have for them."""
+        return {self.NAMES_IN_FILES.get(name, name): getattr(self, name) for name in self.NAMES}
 
     def allocate(self, sizes: Mapping[Size, int], device: Any, label: str, struct: Any) -> None:
         """Make all arrays, zero, as attributes of this object and of the struct that kernels take."""

@@ -50,10 +50,13 @@ class JointType(IntEnum):
     PERPENDICULAR = 19
     OLDHAM = 20
     ROD = 21
-    LINE = 22
+    DISTANCE = 22
     REVOLUTE_SPHERICAL = 23
     REVOLUTE_TRANSLATIONAL = 24
     BUSHING = 25
+    RELATIVE_ROTATION = 26
+    # names of before, until the next release
+    LINE = 22
     TURN = 26
 
 
@@ -77,7 +80,7 @@ class RowKind(IntEnum):
 
 
 class DriveMode(IntEnum):
-    """What acts on a degree of freedom besides its spring, damper, friction and `joint_force`."""
+    """Drive that acts on a degree of freedom besides its spring, damper, friction and `joint_force`."""
 
     NONE = 0
     POSITION = 1
@@ -90,7 +93,7 @@ class DriveMode(IntEnum):
     """qd follows a table or `joint_target_qd`, whatever the effort."""
 
 
-class BoundedKind(IntEnum):
+class BoxKind(IntEnum):
     """Rows with a bounded impulse: solved by accelerated gradient on the joint-eliminated system."""
 
     LIMIT = 0
@@ -128,7 +131,7 @@ class FrictionLaw(IntEnum):
 
 
 class ContactModel(IntEnum):
-    """How contacts act: as unilateral rows, or as penalty forces with the normal law of Hertz or Hooke."""
+    """Contact law: unilateral rows, or penalty forces with the normal law of Hertz or Hooke."""
 
     RIGID = 0
     SMOOTH = 1
@@ -363,7 +366,7 @@ Drive: TypeAlias = PositionDrive | VelocityMotor | PrescribedPosition | Prescrib
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Dof:
-    """What acts along one degree of freedom. Units are N and m, or N·m and rad, as the coordinate is.
+    """Limit, passive effort, friction and drive of one degree of freedom. Units: N and m, or N·m and rad.
 
     The passive effort is preload - stiffness (q - rest) - damping qd, taken implicitly; a table replaces
     the linear law: -spring_table(q - rest), -damper_table(qd), or -damper_map(q, qd), linearised every step.

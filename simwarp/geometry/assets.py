@@ -256,17 +256,17 @@ def _indices(triangles: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def _in_float32(values: Array) -> bool:
-    """Whether all numbers are finite, and stay so in float32."""
+    """True if all numbers are finite, and stay so in float32."""
     return bool((np.abs(values) <= FLOAT32_MAX).all())
 
 
 def _shape_of(given: Any, values: Array) -> str:
-    """What was given in the place of an array of numbers, for errors."""
+    """Description of a value given in place of an array of numbers, for errors."""
     return f"shape {values.shape}" if values.ndim else shown(given)
 
 
 def triangle_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> TriangleMesh:
-    """A mesh from (V, 3) vertices [m] and (T, 3) indices. Equal vertices become one, so that triangles know their
+    """A mesh from (V, 3) vertices [m] and (T, 3) indices. Equal vertices become one, so that triangles have
     neighbours; triangles without area go.
 
     Raises:
@@ -373,7 +373,7 @@ def hull_mass(hull: Hull, density: float, scale: Sequence[float] = (1.0, 1.0, 1.
 
 
 def shape_mass(kind: ShapeType, size: Sequence[float], density: float, hull: Hull | None = None) -> MassProperties:
-    """Of a solid convex shape of given density [kg/m³]; `size` as `ShapeType` tells, a hull's scale otherwise.
+    """Of a solid convex shape of given density [kg/m³]; `size` as in `ShapeType`, a hull's scale otherwise.
 
     Raises:
         ModelError: the shape encloses no finite volume, or a hull is missing.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
 from simwarp.core.types import (
     WORLD,
@@ -39,13 +40,14 @@ from simwarp.model.checks import (
 from simwarp.model.couplings import CouplingList
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
+from simwarp.model.options import DofOptions
 from simwarp.model.shapes import ShapeList
 from simwarp.model.specifications import BodySpec, Frame, JointSpec
 
 Array = npt.NDArray[np.float64]
 
 
-WITHOUT_AXIS: Final = (JointType.FIXED, JointType.SPHERICAL, JointType.ROD, JointType.LINE)
+WITHOUT_AXIS: Final = (JointType.FIXED, JointType.SPHERICAL, JointType.ROD, JointType.DISTANCE)
 """Joints whose frames have the world's axes."""
 FLAT: Final = (JointType.PLANAR, JointType.POINT_ON_PLANE, JointType.OLDHAM)
 """Joints whose axis is the normal of a plane."""
@@ -57,6 +59,7 @@ ANCHORED: Final = (
 IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
 
 
+@renamed_fields(add_turn="add_joint_relative_rotation")
 class ModelBuilder(ShapeList, CouplingList):
     """Collects the bodies and joints of one world; every world of a Model shares this topology.
 
@@ -110,7 +113,9 @@ class ModelBuilder(ShapeList, CouplingList):
         self.bodies.append(spec)
         return len(self.bodies) - 1
 
-    def add_shaft(self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Any) -> int:
+    def add_shaft(
+        self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Unpack[DofOptions]
+    ) -> int:
         """A shaft: a node of one rotation, coupled to others by `add_coupling`; returns its joint index.
 
         Args:
@@ -137,7 +142,14 @@ class ModelBuilder(ShapeList, CouplingList):
         return self._add(JointType.FIXED, name, parent, child, anchor, None, ())
 
     def add_joint_revolute(
-        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, **options: Any
+        self,
+        name: str,
+        parent: int,
+        child: int,
+        *,
+        axis: Vec3,
+        anchor: Vec3 | None = None,
+        **options: Unpack[DofOptions],
     ) -> int:
         """A hinge about `axis` through `anchor`; q [rad] turns the child positively about the axis.
 
@@ -149,7 +161,14 @@ class ModelBuilder(ShapeList, CouplingList):
         return self._add_single(JointType.REVOLUTE, name, parent, child, anchor, axis, options)
 
     def add_joint_prismatic(
-        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, **options: Any
+        self,
+        name: str,
+        parent: int,
+        child: int,
+        *,
+        axis: Vec3,
+        anchor: Vec3 | None = None,
+        **options: Unpack[DofOptions],
     ) -> int:
         """A slide along `axis`, fixed in the parent; q [m]. Arguments as for `add_joint_revolute`."""
         return self._add_single(JointType.PRISMATIC, name, parent, child, anchor, axis, options)
@@ -285,7 +304,9 @@ class ModelBuilder(ShapeList, CouplingList):
             anchor1=anchor1, rotation1=rotation1, offset=offset,
         )  # fmt: skip
 
-    def add_spring(self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, **options: Any) -> int:
+    def add_spring(
+        self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, **options: Unpack[DofOptions]
+    ) -> int:
         """A translational spring-damper-actuator: its coordinate is the length [m]; `rest` defaults to the
         initial length, `joint_force` pushes the ends apart [N], `limit` are hard bump stops.
 
@@ -315,7 +336,7 @@ class ModelBuilder(ShapeList, CouplingList):
         frame = checked_rotation(thing, "rotation", rotation)
         return self._add(JointType.BUSHING, name, parent, child, anchor, None, dofs, rotation=frame)
 
-    def add_turn(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
+    def add_joint_relative_rotation(self, name: str, parent: int, child: int, *, axis: Vec3) -> int:
         """The rotation of the child about an axis of its own, seen from the parent: a coordinate for couplings, as
         where a shaft with joints drives a wheel that also steers. It constrains nothing.
 
@@ -325,7 +346,7 @@ class ModelBuilder(ShapeList, CouplingList):
         Args:
             axis: direction, world frame, fixed in the child.
         """
-        return self._add_single(JointType.TURN, name, parent, child, None, axis, {})
+        return self._add_single(JointType.RELATIVE_ROTATION, name, parent, child, None, axis, {})
 
     # ---- finish --------------------------------------------------------------------------------------------------
 
@@ -384,7 +405,7 @@ class ModelBuilder(ShapeList, CouplingList):
 
     def _add_line(self, name: str, parent: int, child: int, anchor0: Vec3, anchor1: Vec3, dofs: Sequence[Dof]) -> int:
         distance_between(checked_name("joint", name), anchor0, anchor1)
-        return self._add(JointType.LINE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
+        return self._add(JointType.DISTANCE, name, parent, child, anchor0, None, dofs, anchor1=anchor1)
 
     def _add(
         self, kind: JointType, name: str, parent: int, child: int, anchor: Any, axis: Any,

@@ -1,4 +1,4 @@
-"""What a parameter acts on: kernels read an entry only where the model was built with the row that it belongs to."""
+"""Effect of a parameter: kernels read an entry only where the model was built with the row that it belongs to."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import BoundedKind, DriveMode, JointType, ShapeType
+from simwarp.core.types import BoxKind, DriveMode, JointType, ShapeType
 from simwarp.model.model import Model
 
 Mask = npt.NDArray[np.bool_]
@@ -20,11 +20,11 @@ WITH_OFFSET: Final = (JointType.ROD, JointType.REVOLUTE_SPHERICAL, JointType.REV
 
 
 class Effect(NamedTuple):
-    """Where a parameter acts.
+    """Entries of a parameter that have an effect.
 
     Attributes:
-        entries: which of its entries (bodies, joints, coordinates, couplings, shapes) do what they are there for.
-        rule: why the others do not, for errors.
+        entries: mask of those (bodies, joints, coordinates, couplings, shapes) that act in the model.
+        rule: reason why the others do not, for errors.
     """
 
     entries: Mask
@@ -32,7 +32,7 @@ class Effect(NamedTuple):
 
 
 def effect_of(model: Model, name: str, *, contact_model: str = "rigid", also: Collection[str] = ()) -> Effect:
-    """Where a parameter acts in a model.
+    """Entries of a parameter that have an effect in a model.
 
     Args:
         model: that it belongs to.
@@ -56,40 +56,40 @@ def effect_of(model: Model, name: str, *, contact_model: str = "rigid", also: Co
     return Effect(np.ones(count, bool), "the model has no bodies")
 
 
-def _bounded(model: Model, *kinds: BoundedKind) -> Mask:
+def _boxes(model: Model, *kinds: BoxKind) -> Mask:
     """Coordinates with rows of these kinds."""
     mask = np.zeros(model.dof_count, bool)
-    mask[[dof for dof, kind in model.tables.bounded if kind in kinds]] = True
+    mask[[dof for dof, kind in model.tables.boxes if kind in kinds]] = True
     return mask
 
 
 def _friction(model: Model, also: Collection[str]) -> Effect:
     rule = "dry friction acts only on coordinates that were built with friction > 0"
-    return Effect(_bounded(model, BoundedKind.FRICTION), rule)
+    return Effect(_boxes(model, BoxKind.FRICTION), rule)
 
 
 def _limit(model: Model, also: Collection[str]) -> Effect:
-    return Effect(_bounded(model, BoundedKind.LIMIT), "stops act only on coordinates that were built with a limit")
+    return Effect(_boxes(model, BoxKind.LIMIT), "stops act only on coordinates that were built with a limit")
 
 
 def _effort_limit(model: Model, also: Collection[str]) -> Effect:
     rule = "it acts only where a VelocityMotor, or a PositionDrive with a finite effort_limit, was built"
-    return Effect(_bounded(model, BoundedKind.MOTOR, BoundedKind.DRIVE), rule)
+    return Effect(_boxes(model, BoxKind.MOTOR, BoxKind.DRIVE), rule)
 
 
 def _position_drive(model: Model, also: Collection[str]) -> Effect:
-    drives = np.array([law.mode is DriveMode.POSITION for law in model.dof_laws], bool)
+    drives = np.array([effort.mode is DriveMode.POSITION for effort in model.effort_models], bool)
     return Effect(drives, "it acts only on coordinates that were built with a PositionDrive")
 
 
 def _law(model: Model) -> Mask:
     """Coordinates whose passive law a step computes: those of the tree, and those of loops built with one."""
     tables = model.tables
-    mask = np.array([slot >= 0 for slot in tables.dof_slot], bool)
+    mask = np.array([tree_dof >= 0 for tree_dof in tables.dof_to_tree_dof], bool)
     mask[[dof for dof in tables.row_dof if dof >= 0]] = True
-    mask[[dof for dof, _ in tables.slot_line]] = True
+    mask[[dof for dof, _ in tables.distance_dof]] = True
     mask[tables.loop_dof] = False
-    return mask & np.array([law.mode < DriveMode.PRESCRIBED_POSITION for law in model.dof_laws], bool)
+    return mask & np.array([effort.mode < DriveMode.PRESCRIBED_POSITION for effort in model.effort_models], bool)
 
 
 def _passive(model: Model, also: Collection[str]) -> Effect:
@@ -98,17 +98,17 @@ def _passive(model: Model, also: Collection[str]) -> Effect:
 
 
 def _stiffness(model: Model, also: Collection[str]) -> Effect:
-    tables = np.array([law.spring_table for law in model.dof_laws], bool)
+    tables = np.array([effort.spring_table for effort in model.effort_models], bool)
     return Effect(_law(model) & ~tables, "it acts on coordinates with a law of their own and no spring_table")
 
 
 def _damping(model: Model, also: Collection[str]) -> Effect:
-    tables = np.array([law.damper_table for law in model.dof_laws], bool)
+    tables = np.array([effort.damper_table for effort in model.effort_models], bool)
     return Effect(_law(model) & ~tables, "it acts on coordinates with a law of their own, no damper_table and no map")
 
 
 def _rest(model: Model, also: Collection[str]) -> Effect:
-    springs = np.array([law.spring_table or law.stiff for law in model.dof_laws], bool)
+    springs = np.array([effort.spring_table or effort.stiff for effort in model.effort_models], bool)
     springs |= "joint_stiffness" in also
     return Effect(_law(model) & springs, "it acts only on coordinates that were built with a spring")
 

@@ -1,4 +1,4 @@
-"""What each joint type is made of: its degrees of freedom and its rows, as data.
+"""Definition of the joint types as data: degrees of freedom and rows of each.
 
 This table is the single place that defines an element. The host orders it into tables (dynamics/topology.py),
 the kernels evaluate the row kinds (kernels/dynamics/bilateral_rows.py), and conventions.md prints it for users.
@@ -66,12 +66,12 @@ ELEMENTS: Final[dict[JointType, Element]] = {
     JointType.PERPENDICULAR: Element((), _dots((Z, Z)), False),
     JointType.OLDHAM: Element((), _points(Z) + ALIGNED, False),
     JointType.ROD: Element((), (Row(RowKind.DISTANCE),), False),
-    JointType.LINE: Element((Row(RowKind.DISTANCE),), (), False),
+    JointType.DISTANCE: Element((Row(RowKind.DISTANCE),), (), False),
     JointType.REVOLUTE_SPHERICAL: Element((), (Row(RowKind.DISTANCE), *_points(Z)), False),
     JointType.REVOLUTE_TRANSLATIONAL: Element(
         (), (*_dots((Z, X), (Z, Y)), *_points(Z), Row(RowKind.POINT_AXIS1, 0, X)), False
     ),
-    JointType.TURN: Element((Row(RowKind.ANGLE1, 0, Z),), (), False),
+    JointType.RELATIVE_ROTATION: Element((Row(RowKind.ANGLE1, 0, Z),), (), False),
     JointType.BUSHING: Element(_points(X, Y, Z) + _angles(X, Y, Z), (), False),
 }
 """Sources: lock masks of the usual joint catalogue (Haug 1989, chapter 9); massless links as distance rows."""

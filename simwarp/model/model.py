@@ -26,7 +26,7 @@ from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
 from simwarp.model.specifications import Specification
 from simwarp.model.topology import (
-    BuiltLaw,
+    EffortModel,
     Tables,
     build_tables,
     collect_tables,
@@ -62,16 +62,16 @@ class Model(ParameterFields):
         world_count, body_count, joint_count, dof_count, shape_count: sizes of the arrays.
         body_names, joint_names, shape_names: in index order.
         contact_capacity: contact slots of every world.
-        has_rolling_friction: whether contacts carry rolling and spinning friction.
+        has_rolling_friction: True if contacts carry rolling and spinning friction.
         path_length: most slots between a link and the root of its tree.
-        turn_count: terms of couplings that are rotations between two bodies.
-        has_loops: whether joints close loops: rows that no compliance softens.
+        relative_rotation_count: terms of couplings that are rotations between two bodies.
+        has_loops: True if joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
         joint_types, shape_types: in index order.
-        dof_laws: what of each coordinate's law is fixed.
-        shapes_that_meet: which shapes may touch another one.
-        identity: what of it a snapshot must have in common.
+        effort_models: parts of each coordinate's law that are fixed.
+        shapes_that_meet: shapes that may touch another one.
+        identity: properties that a snapshot must have in common.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Model(ParameterFields):
         self.body_names = tuple(body.name for body in builder.bodies)
         self.joint_names = tuple(joint.name for joint in builder.joints)
         self.joint_dof_start = tuple(builder.dof_start(joint) for joint in range(self.joint_count + 1))
-        self.bounded_count = len(tables.bounded)
+        self.box_count = len(tables.boxes)
         masses = [body.mass for body in builder.bodies] or [1.0]
         self.mass_ratio = max(masses) / min(masses)
         self.has_loops = any(dof < 0 for dof in tables.row_dof)
@@ -102,9 +102,9 @@ class Model(ParameterFields):
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
         self.shape_types = tuple(shape.type for shape in builder.shapes)
         self.joint_types = tuple(joint.type for joint in builder.joints)
-        self.dof_laws = tuple(BuiltLaw.of(dof) for joint in builder.joints for dof in joint.dofs)
+        self.effort_models = tuple(EffortModel.of(dof) for joint in builder.joints for dof in joint.dofs)
         self.path_length = longest_path(tables)
-        self.turn_count = len(turn_terms(builder))
+        self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, pairs, device)
@@ -165,7 +165,7 @@ class Model(ParameterFields):
             Size.TOUCHED_BODIES: self.body_count if self.shape_count else 0,
             Size.JOINTS: self.joint_count,
             Size.DOFS: self.dof_count,
-            Size.BOUNDED_ROWS: self.bounded_count,
+            Size.BOX_CONSTRAINTS: self.box_count,
             Size.SHAPES: self.shape_count,
             Size.CONTACTS: self.contact_capacity,
         }
@@ -269,14 +269,14 @@ def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> in
     return min(total, max(24, CONTACTS_PER_BODY * len(builder.bodies)))
 
 
-def turn_terms(builder: Specification) -> list[tuple[int, int]]:
+def relative_rotation_terms(builder: Specification) -> list[tuple[int, int]]:
     """(coupling, term) of every coupling term on the rotation between two bodies."""
     owner = dof_joints(builder)
     return [
         (row, term)
         for row, coupling in enumerate(builder.couplings)
         for term, (dof, _) in enumerate(coupling.terms)
-        if builder.joints[owner[dof]].type == JointType.TURN
+        if builder.joints[owner[dof]].type == JointType.RELATIVE_ROTATION
     ]
 
 
@@ -301,15 +301,15 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     for row, coupling in enumerate(builder.couplings):
         coupling_dof[row, : len(coupling.terms)] = [dof for dof, _ in coupling.terms]
     wrench = np.full_like(coupling_dof, -1)
-    for entry, (row, term) in enumerate(turn_terms(builder)):
+    for entry, (row, term) in enumerate(relative_rotation_terms(builder)):
         wrench[row, term] = tables.row_count + len(builder.couplings) + entry
     curves, dof_table = collect_tables(builder)
     t = Topology()
-    t.link_count, t.slot_count, t.dof_count = len(links), len(tables.slot_dof), builder.dof_count
+    t.link_count, t.tree_dof_count, t.dof_count = len(links), len(tables.tree_dof_to_dof), builder.dof_count
     t.joint_count, t.loop_joint_count = len(joints), len(tables.loop_joint)
     t.joint_row_count, t.row_count = tables.row_count, tables.row_count + len(builder.couplings)
-    t.bounded_count, t.loop_dof_count = len(tables.bounded), len(tables.loop_dof)
-    t.slot_line_count = len(tables.slot_line)
+    t.box_count, t.loop_dof_count = len(tables.boxes), len(tables.loop_dof)
+    t.distance_count = len(tables.distance_dof)
     t.link_body = ints([link.body for link in links])
     t.link_parent = ints([link.parent for link in links])
     t.link_joint = ints([link.joint for link in links])
@@ -317,14 +317,18 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t.link_sign = wp.array([link.sign for link in links] or [1.0], dtype=float, device=device)
     touched = {body for joint in joints for body in (joint.parent, joint.child)}
     t.link_alone = ints([link.body >= 0 and link.body not in touched for link in links])
-    t.link_slot, t.slot_dof, t.slot_link = ints(tables.link_slot), ints(tables.slot_dof), ints(tables.slot_link)
+    t.link_tree_dof, t.tree_dof_to_dof, t.tree_dof_link = (
+        ints(tables.link_tree_dof),
+        ints(tables.tree_dof_to_dof),
+        ints(tables.tree_dof_link),
+    )
     t.body_link = ints(body_link)
     t.joint_type = ints([joint.type for joint in joints])
     t.joint_body0 = ints([joint.parent for joint in joints])
     t.joint_body1 = ints([joint.child for joint in joints])
     t.joint_dof = ints([builder.dof_start(joint) for joint in range(len(joints) + 1)])
     t.dof_joint = ints([joint for joint, _, _ in dof_rows])
-    t.dof_slot = ints(tables.dof_slot)
+    t.dof_to_tree_dof = ints(tables.dof_to_tree_dof)
     t.dof_kind = ints([row.kind for _, row, _ in dof_rows])
     t.dof_axis = ints([max(row.axis0, row.axis1) for _, row, _ in dof_rows])
     t.dof_drive = ints([drive_mode(dof) for _, _, dof in dof_rows])
@@ -342,10 +346,10 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t.row_dof = ints(tables.row_dof)
     t.coupling_dof, t.coupling_wrench = ints(coupling_dof), ints(wrench)
     paths = row_paths(builder, tables)
-    t.row_path, t.path_slot = _csr(paths, ints)
+    t.row_path, t.path_tree_dof = _csr(paths, ints)
     t.loop_dof = ints(tables.loop_dof)
-    t.slot_line = ints(np.array(tables.slot_line, np.int32).reshape(-1, 2))
-    t.bounded_dof = ints([dof for dof, _ in tables.bounded])
-    t.bounded_kind = ints([kind for _, kind in tables.bounded])
+    t.distance_dof = ints(np.array(tables.distance_dof, np.int32).reshape(-1, 2))
+    t.box_dof = ints([dof for dof, _ in tables.boxes])
+    t.box_kind = ints([kind for _, kind in tables.boxes])
     _pair_topology(t, builder, pairs, ints)
     return t

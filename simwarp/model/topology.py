@@ -1,7 +1,7 @@
 """Spanning tree and level-ordered tables of a model: computed once on the host, shared by all worlds.
 
 A maximum spanning tree over the joints, weighted by the rows that elimination saves, keeps the loop system small;
-joints whose coordinates carry laws or couplings are preferred, since a slot serves them for free.
+joints whose coordinates carry laws or couplings are preferred, since a tree degree of freedom serves them for free.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from simwarp.core.types import (
     WORLD,
-    BoundedKind,
+    BoxKind,
     Dof,
     DriveMode,
     JointType,
@@ -48,17 +48,17 @@ class Tables:
     """The tables of `kernels.tables.Topology` as lists, before they go to a device."""
 
     links: list[Link]
-    link_slot: list[int]
-    slot_dof: list[int]
-    slot_link: list[int]
-    dof_slot: list[int]
+    link_tree_dof: list[int]
+    tree_dof_to_dof: list[int]
+    tree_dof_link: list[int]
+    dof_to_tree_dof: list[int]
     loop_joint: list[int]
     loop_row: list[int]
     rows: list[Row]
     row_dof: list[int]
     loop_dof: list[int]
-    slot_line: list[tuple[int, int]]
-    bounded: list[tuple[int, BoundedKind]]
+    distance_dof: list[tuple[int, int]]
+    boxes: list[tuple[int, BoxKind]]
 
     @property
     def row_count(self) -> int:
@@ -67,28 +67,28 @@ class Tables:
 
 
 def row_paths(builder: Specification, tables: Tables) -> list[list[int]]:
-    """Slots between each row's bodies (or coordinates) and the roots of their trees: loop rows, then couplings."""
+    """Tree degrees of freedom between each row's bodies (or coordinates) and the roots: loop rows, then couplings."""
     body_link = {link.body: index for index, link in enumerate(tables.links) if link.body >= 0}
 
     def above(link: int) -> set[int]:
-        slots: set[int] = set()
+        tree_dofs: set[int] = set()
         while link >= 0:
-            slots.update(range(tables.link_slot[link], tables.link_slot[link + 1]))
+            tree_dofs.update(range(tables.link_tree_dof[link], tables.link_tree_dof[link + 1]))
             link = tables.links[link].parent
-        return slots
+        return tree_dofs
 
     paths = []
     for index, joint in enumerate(tables.loop_joint):
         ends = (builder.joints[joint].parent, builder.joints[joint].child)
-        slots = set().union(*(above(body_link[body]) for body in ends if body != WORLD))
-        paths += [sorted(slots)] * (tables.loop_row[index + 1] - tables.loop_row[index])
+        tree_dofs = set().union(*(above(body_link[body]) for body in ends if body != WORLD))
+        paths += [sorted(tree_dofs)] * (tables.loop_row[index + 1] - tables.loop_row[index])
     owner = dof_joints(builder)
     for coupling in builder.couplings:
         links: list[int] = []
         for dof, _ in coupling.terms:
             spec = builder.joints[owner[dof]]
-            if tables.dof_slot[dof] >= 0:
-                links.append(tables.slot_link[tables.dof_slot[dof]])
+            if tables.dof_to_tree_dof[dof] >= 0:
+                links.append(tables.tree_dof_link[tables.dof_to_tree_dof[dof]])
             else:
                 links += [body_link[body] for body in (spec.parent, spec.child) if body != WORLD]
         paths.append(sorted(set().union(*(above(link) for link in links))))
@@ -101,11 +101,11 @@ def dof_joints(builder: Specification) -> list[int]:
 
 
 def longest_path(tables: Tables) -> int:
-    """Most slots between any link and the root of its tree."""
+    """Most tree degrees of freedom between any link and the root of its tree."""
     lengths: list[int] = []
     for index, link in enumerate(tables.links):
         above = lengths[link.parent] if link.parent >= 0 else 0
-        lengths.append(above + tables.link_slot[index + 1] - tables.link_slot[index])
+        lengths.append(above + tables.link_tree_dof[index + 1] - tables.link_tree_dof[index])
     return max(lengths, default=0)
 
 
@@ -130,8 +130,8 @@ def drive_mode(dof: Dof) -> DriveMode:
 
 
 @dataclasses.dataclass(frozen=True)
-class BuiltLaw:
-    """What of a coordinate's law is fixed when the model is made: kind of drive, tables, whether it has a spring."""
+class EffortModel:
+    """Parts of a coordinate's law that are fixed when the model is made: kind of drive, tables, stiffness or none."""
 
     mode: DriveMode
     spring_table: bool
@@ -139,14 +139,14 @@ class BuiltLaw:
     stiff: bool
 
     @classmethod
-    def of(cls, dof: Dof) -> BuiltLaw:
+    def of(cls, dof: Dof) -> EffortModel:
         """That of a degree of freedom."""
         damper = dof.damper_table is not None or dof.damper_map is not None
         return cls(drive_mode(dof), dof.spring_table is not None, damper, dof.stiffness > 0.0)
 
 
-def has_law(dof: Dof) -> bool:
-    """Whether the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
+def has_effort(dof: Dof) -> bool:
+    """True if the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
     mode = drive_mode(dof)
     passive = (dof.armature, dof.stiffness, dof.damping, dof.preload)
     return (
@@ -164,43 +164,43 @@ def build_tables(builder: Specification) -> Tables:
     coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
     links = _ordered_links(builder, tree)
-    link_slot: list[int] = [0]
-    slot_dof: list[int] = []
-    slot_link: list[int] = []
-    dof_slot = [-1] * builder.dof_count
+    link_tree_dof: list[int] = [0]
+    tree_dof_to_dof: list[int] = []
+    tree_dof_link: list[int] = []
+    dof_to_tree_dof = [-1] * builder.dof_count
     for index, link in enumerate(links):
         count = len(ELEMENTS[link.type].dofs)
         for local in range(count):
             dof = -1 if link.joint < 0 else dof_start[link.joint] + local
             if dof >= 0:
-                dof_slot[dof] = len(slot_dof)
-            slot_dof.append(dof)
-            slot_link.append(index)
-        link_slot.append(len(slot_dof))
-    _check_couplings(builder, dof_slot, dof_start)
+                dof_to_tree_dof[dof] = len(tree_dof_to_dof)
+            tree_dof_to_dof.append(dof)
+            tree_dof_link.append(index)
+        link_tree_dof.append(len(tree_dof_to_dof))
+    _check_couplings(builder, dof_to_tree_dof, dof_start)
     in_tree = {link.joint for link in links}
     loop_joint: list[int] = []
     loop_row: list[int] = [0]
     rows: list[Row] = []
     row_dof: list[int] = []
     loop_dof: list[int] = []
-    slot_line: list[tuple[int, int]] = []
-    single = _single_slots(links, link_slot)
+    distance_dof: list[tuple[int, int]] = []
+    single = _single_tree_dofs(links, link_tree_dof)
     for joint, spec in enumerate(builder.joints):
         if spec.type == JointType.FREE and joint in in_tree:
             loop_dof += range(dof_start[joint], dof_start[joint] + 6)
         if joint in in_tree:
             continue
         between = single.get(frozenset((spec.parent, spec.child)))
-        if spec.type == JointType.LINE and between is not None and _acts_on_slot(spec.dofs[0]):
-            slot_line.append((dof_start[joint], between))
+        if spec.type == JointType.DISTANCE and between is not None and _acts_on_tree_dof(spec.dofs[0]):
+            distance_dof.append((dof_start[joint], between))
             continue
         before = len(rows)
         for row in ELEMENTS[spec.type].rows:
             rows.append(row)
             row_dof.append(-1)
         for local, (row, law) in enumerate(zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)):
-            if has_law(law) or (spec.type in (JointType.LINE, JointType.BUSHING) and _passive(law)):
+            if has_effort(law) or (spec.type in (JointType.DISTANCE, JointType.BUSHING) and _passive(law)):
                 rows.append(row)
                 row_dof.append(dof_start[joint] + local)
             else:
@@ -208,26 +208,26 @@ def build_tables(builder: Specification) -> Tables:
         if len(rows) > before:
             loop_joint.append(joint)
             loop_row.append(len(rows))
-    bounded = _bounded_rows(builder, dof_start)
+    boxes = _box_constraints(builder, dof_start)
     return Tables(
-        links, link_slot, slot_dof, slot_link, dof_slot, loop_joint, loop_row, rows, row_dof, loop_dof, slot_line,
-        bounded,
+        links, link_tree_dof, tree_dof_to_dof, tree_dof_link, dof_to_tree_dof, loop_joint, loop_row, rows, row_dof,
+        loop_dof, distance_dof, boxes,
     )  # fmt: skip
 
 
-def _single_slots(links: list[Link], link_slot: list[int]) -> dict[frozenset[int], int]:
-    """Pairs of bodies that a tree joint of one degree of freedom ties, and its slot."""
-    slots = {}
+def _single_tree_dofs(links: list[Link], link_tree_dof: list[int]) -> dict[frozenset[int], int]:
+    """Pairs of bodies that a tree joint of one degree of freedom ties, and its tree degree of freedom."""
+    tree_dofs = {}
     for index, link in enumerate(links):
-        if link.body >= 0 and link.joint >= 0 and link_slot[index + 1] - link_slot[index] == 1:
+        if link.body >= 0 and link.joint >= 0 and link_tree_dof[index + 1] - link_tree_dof[index] == 1:
             parent = WORLD if link.parent < 0 else links[link.parent].body
-            slots[frozenset((link.body, parent))] = link_slot[index]
-    return slots
+            tree_dofs[frozenset((link.body, parent))] = link_tree_dof[index]
+    return tree_dofs
 
 
-def _acts_on_slot(dof: Dof) -> bool:
-    """Whether a line's effort can be that of the one coordinate that its length depends on: springs and dampers."""
-    return (has_law(dof) or _passive(dof)) and drive_mode(dof) < DriveMode.PRESCRIBED_POSITION
+def _acts_on_tree_dof(dof: Dof) -> bool:
+    """True if a line's effort can be that of the one coordinate that its length depends on: springs and dampers."""
+    return (has_effort(dof) or _passive(dof)) and drive_mode(dof) < DriveMode.PRESCRIBED_POSITION
 
 
 def collect_tables(builder: Specification) -> tuple[list[Table], IntArray]:
@@ -272,7 +272,7 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
         spec = builder.joints[joint]
         count = len(spec.dofs)
         is_coupled = any(dof_start[joint] + local in coupled for local in range(count))
-        laws = sum(has_law(dof) for dof in spec.dofs)
+        laws = sum(has_effort(dof) for dof in spec.dofs)
         return (100 * is_coupled + len(ELEMENTS[spec.type].rows) + laws, -joint)
 
     group = list(range(len(builder.bodies) + 1))  # the last is the world
@@ -326,7 +326,7 @@ def _ordered_links(builder: Specification, tree: set[int]) -> list[Link]:
     return links
 
 
-def _check_couplings(builder: Specification, dof_slot: list[int], dof_start: list[int]) -> None:
+def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_start: list[int]) -> None:
     owner = dof_joints(builder)
     for coupling in builder.couplings:
         for dof, _ in coupling.terms:
@@ -336,24 +336,24 @@ def _check_couplings(builder: Specification, dof_slot: list[int], dof_start: lis
                     f"coupling '{coupling.name}': joint '{spec.name}' is {spec.type.name}, whose angles are no "
                     "integrable coordinates; couple revolute, prismatic, cylindrical, universal or planar joints"
                 )
-            if dof_slot[dof] < 0 and spec.type != JointType.TURN:
+            if dof_to_tree_dof[dof] < 0 and spec.type != JointType.RELATIVE_ROTATION:
                 raise ModelError(
                     f"coupling '{coupling.name}': joint '{spec.name}' closes a loop of coupled joints; "
                     "couple another joint of that loop"
                 )
 
 
-def _bounded_rows(builder: Specification, dof_start: list[int]) -> list[tuple[int, BoundedKind]]:
+def _box_constraints(builder: Specification, dof_start: list[int]) -> list[tuple[int, BoxKind]]:
     rows = []
     for joint, spec in enumerate(builder.joints):
         for local, dof in enumerate(spec.dofs):
             index = dof_start[joint] + local
             if dof.limit is not None:
-                rows.append((index, BoundedKind.LIMIT))
+                rows.append((index, BoxKind.LIMIT))
             if dof.friction > 0.0:
-                rows.append((index, BoundedKind.FRICTION))
+                rows.append((index, BoxKind.FRICTION))
             if isinstance(dof.drive, VelocityMotor):
-                rows.append((index, BoundedKind.MOTOR))
+                rows.append((index, BoxKind.MOTOR))
             if isinstance(dof.drive, PositionDrive) and np.isfinite(dof.drive.effort_limit):
-                rows.append((index, BoundedKind.DRIVE))
+                rows.append((index, BoxKind.DRIVE))
     return rows

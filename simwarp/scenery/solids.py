@@ -220,7 +220,7 @@ def ribbon(lines: npt.ArrayLike, colors: npt.ArrayLike, height: float = 0.0, *, 
         lines: (m, n, 2) points of m lines, from right to left seen along them [m].
         colors: (3,), or one per cell (m-1, n-1, 3).
         height: of the strip [m].
-        upwards: which side is outside.
+        upwards: side that is outside.
     """
     points = np.asarray(lines, dtype=np.float64)
     m, n = points.shape[:2]
@@ -249,6 +249,6 @@ def hull_corners(points: Array, count: int = 32) -> Array:
 
 
 def volume(mesh: VisualMesh) -> float:
-    """What the triangles enclose [m³]; negative where they are inside out."""
+    """Volume that the triangles enclose [m³]; negative where they are inside out."""
     p = mesh.vertices[mesh.triangles]
     return float(np.linalg.det(p).sum() / 6.0)

@@ -13,7 +13,7 @@ import warp as wp
 from simwarp.core.memory import check_layouts
 from simwarp.core.renames import renamed_options
 from simwarp.core.types import FLOAT32_MAX, BlockKind, ConeSolver, FrictionLaw, number, shown
-from simwarp.kernels.cones.batch import BatchInput, batch_layouts, make_batch_scratch, solve_batch
+from simwarp.kernels.cones.batch import BatchInput, BatchSizes, batch_layouts, make_batch_scratch, solve_batch
 from simwarp.kernels.cones.problem import ConeConfig
 from simwarp.model.checks import LONGEST_NAME, checked_flag, whole_number
 from simwarp.model.model import resolve_device
@@ -22,7 +22,7 @@ from simwarp.simulation.solver_options import MOST_ITERATIONS
 Array = npt.NDArray[np.float64]
 
 SOLVERS = {solver.name.lower(): solver for solver in ConeSolver}
-LAWS = {law.name.lower(): law for law in FrictionLaw}
+FRICTION_LAWS = {law.name.lower(): law for law in FrictionLaw}
 ITERATIONS = {
     ConeSolver.APGD: 2000,
     ConeSolver.PSOR: 10000,
@@ -41,7 +41,7 @@ ASYMMETRY = 1.0e-4
 
 @dataclasses.dataclass(frozen=True)
 class ConeSolution:
-    """What `solve_cone_problems` returns; float32 arrays of the kind that r was given in (NumPy, torch or Warp)."""
+    """Result of `solve_cone_problems`: float32 arrays of the kind that r was given in (NumPy, torch or Warp)."""
 
     impulse: Any
     """(problems, rows) [N·s or N·m·s], rows in the order of the problem."""
@@ -86,8 +86,8 @@ def solve_cone_problems(
         r: (problems, rows) velocities at zero impulse, D^T v_free + b [m/s or rad/s]. None when the mechanics are
             given: formed from them and `bias`.
         mu: (problems, contacts) or (contacts,) friction coefficients.
-        bilateral_count: how many of the rows are bilateral.
-        limit_count: how many are limits.
+        bilateral_count: number of bilateral rows.
+        limit_count: number of limits.
         jacobian: (problems, velocities, rows) D.
         inverse_mass: (problems, velocities, velocities), or (problems, velocities) its diagonal.
         free_velocity: (problems, velocities) v_free [m/s or rad/s].
@@ -100,7 +100,7 @@ def solve_cone_problems(
         max_iterations: per solver when None (`ITERATIONS`).
         warm_start: (problems, rows) impulses to start from [N·s or N·m·s].
         fallback: let the interior point solve what "apgd" leaves above the tolerance.
-        device: where to solve; Warp's default when None.
+        device: device of the solve; Warp's default when None.
 
     Raises:
         ValueError: an argument breaks a rule that the message names, with the value received and the remedy.
@@ -110,7 +110,7 @@ def solve_cone_problems(
     config = ConeConfig()
     chosen = _choice("solver", solver, SOLVERS)
     config.solver = int(chosen)
-    config.law = int(_choice("friction_law", friction_law, LAWS))
+    config.friction_law = int(_choice("friction_law", friction_law, FRICTION_LAWS))
     aim = number(tolerance)
     if not 0.0 <= aim <= FLOAT32_MAX:
         raise ValueError(f"tolerance must be finite and >= 0 m/s, got {shown(tolerance)}; pass 0 to use all iterations")
@@ -228,7 +228,7 @@ class _Given:
 
 
 def _kind(value: Any) -> str:
-    """Which library an array is of."""
+    """Name of the library that an array is of: "warp", "torch" or "numpy"."""
     if isinstance(value, wp.array):
         return "warp"
     return "torch" if hasattr(value, "data_ptr") else "numpy"
@@ -322,9 +322,10 @@ def _launch(
     problems, rows = given.r.shape
     contacts = given.mu.shape[1]
     velocities = 0 if given.jacobian is None else given.jacobian.shape[1]
-    # A CPU takes the problems in turn: one lane stays in its cache.
-    lanes = 1 if device.is_cpu else max(problems, 1)
-    layouts = batch_layouts(lanes, rows, bilateral, velocities)
+    # A CPU takes the problems in turn: one slot stays in its cache.
+    scratch_slots = 1 if device.is_cpu else max(problems, 1)
+    sizes = BatchSizes(rows=rows, bilateral=bilateral, velocities=velocities)
+    layouts = batch_layouts(scratch_slots, sizes)
     more = 4 * problems * (rows * (rows + velocities + 4) + velocities * (velocities + 2))
     check_layouts("solve_cone_problems: its arrays", layouts, device, "solve fewer or smaller problems at a time", more)
     batch: Any = BatchInput()
@@ -346,7 +347,7 @@ def _launch(
     batch.lower = wp.zeros(cones, dtype=float, device=device)
     batch.upper = wp.full(cones, float("inf"), dtype=float, device=device)
     batch.zeros = wp.zeros(max(limits + contacts, 1), dtype=float, device=device)
-    scratch = make_batch_scratch(device, lanes, rows, bilateral, velocities)
+    scratch = make_batch_scratch(device, scratch_slots, sizes)
     impulse = wp.zeros((problems, rows), dtype=float, device=device)
     velocity = wp.zeros((problems, velocities), dtype=float, device=device)
     residual = wp.zeros(problems, dtype=float, device=device)

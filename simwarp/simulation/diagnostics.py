@@ -1,4 +1,4 @@
-"""What a step tells about itself, per world, readable at any time without stopping the run."""
+"""Diagnostics of a step, per world, readable at any time without stopping the run."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from simwarp.core.renames import renamed_fields
 from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import ReportFields, Reports
 from simwarp.model.model import Model
@@ -18,6 +19,7 @@ SUSPICIOUS = 100.0
 """Times the solver's tolerance: a residual above is worth a line."""
 
 
+@renamed_fields(bounded_residual="cone_residual", bounded_count="constraint_count")
 class Diagnostics(ReportFields):
     """Per-world reports of the last sub-step. Its arrays are declared in `ReportFields`."""
 
@@ -32,7 +34,7 @@ def explain_worlds(state: State, contacts: Contacts, diagnostics: Diagnostics, t
     status = state.world_status.numpy()
     overflow = contacts.contact_overflow.numpy()
     capacity = contacts.contact_gap.shape[1]
-    residual = diagnostics.bounded_residual.numpy()
+    residual = diagnostics.cone_residual.numpy()
     for world in np.nonzero((status != 0) | (overflow > 0) | ~(residual <= SUSPICIOUS * tolerance))[0]:
         found = []
         if status[world] & WorldStatus.NON_FINITE:

@@ -3,40 +3,47 @@
 from __future__ import annotations
 
 from simwarp.core.types import ArrayLayout
-from simwarp.kernels.collision.collide import collision_layouts
+from simwarp.kernels.collision.collide import CollisionSizes, collision_layouts
 from simwarp.kernels.dynamics.world import Sizes, scratch_layouts
 from simwarp.model.model import Model
 
 
-def lanes_of(model: Model) -> int:
+def scratch_slots_of(model: Model) -> int:
     """Worlds that work at the same time: one on a CPU, whose launches are serial; all on a GPU."""
     return model.world_count if model.device.is_cuda else 1
 
 
 def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> Sizes:
-    """What one world of a model needs room for in a step.
+    """Workspace sizes of one world of a model in a step.
 
     Args:
         model: the model.
         dense_rows: most rows for which the Schur complement is formed.
-        all_solvers: whether other solvers than accelerated gradient descent may run.
+        all_solvers: True if other solvers than accelerated gradient descent may run.
     """
     topology = model.topology
-    rows = model.bounded_count + (6 if model.has_rolling_friction else 3) * model.contact_capacity
+    rows = model.box_count + (6 if model.has_rolling_friction else 3) * model.contact_capacity
     dense = min(rows, dense_rows)
     return Sizes(
-        links=topology.link_count, slots=topology.slot_count, rows=topology.row_count, turns=model.turn_count,
-        blocks=model.bounded_count + model.contact_capacity, cone_rows=rows, dense_rows=dense,
-        factor_rows=dense if all_solvers else 0, kept_rows=rows if all_solvers else 0, entries=2 * model.path_length,
+        links=topology.link_count, tree_dofs=topology.tree_dof_count, rows=topology.row_count,
+        relative_rotations=model.relative_rotation_count, blocks=model.box_count + model.contact_capacity,
+        cone_rows=rows, dense_rows=dense, factor_rows=dense if all_solvers else 0,
+        kept_rows=rows if all_solvers else 0, entries=2 * model.path_length,
     )  # fmt: skip
+
+
+def collision_sizes(model: Model) -> CollisionSizes:
+    """Room that one world of a model needs for its collision."""
+    return CollisionSizes(
+        shapes=model.shape_count, contacts=model.contact_capacity, buckets=model.topology.grid_buckets
+    )
 
 
 def step_layouts(model: Model, sizes: Sizes) -> dict[str, ArrayLayout]:
     """Scratch of a step and of collision."""
-    lanes = lanes_of(model)
-    buckets = model.topology.grid_buckets
+    slots = scratch_slots_of(model)
     groups = {
-        "scratch": scratch_layouts(lanes, sizes),
-        "collision": collision_layouts(lanes, model.shape_count, model.contact_capacity, buckets),
+        "scratch": scratch_layouts(slots, sizes),
+        "collision": collision_layouts(slots, collision_sizes(model)),
     }
     return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}

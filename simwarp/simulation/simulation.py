@@ -31,9 +31,9 @@ from simwarp.model.model import FEWER, Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.protocols import ForceElement, Sensor
-from simwarp.simulation.requirements import lanes_of, step_layouts, step_sizes
+from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, step_layouts, step_sizes
 from simwarp.simulation.snapshot import Snapshot
-from simwarp.simulation.solver_options import CONTACT_MODELS, LAWS, SOLVERS, SolverOptions
+from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
 from simwarp.simulation.state import Control, State, initial_arrays
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
@@ -117,11 +117,9 @@ class Simulation(FixedAttributes):
         self._kernel = run_worlds_kernel(all_solvers)
         self._no_coordinates = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
         self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
-        self._scratch = make_scratch(model.device, lanes_of(model), sizes)
+        self._scratch = make_scratch(model.device, scratch_slots_of(model), sizes)
         self.contacts = Contacts(model)
-        self._collision_scratch = make_collision_scratch(
-            model.device, lanes_of(model), model.shape_count, model.contact_capacity, model.topology.grid_buckets
-        )
+        self._collision_scratch = make_collision_scratch(model.device, scratch_slots_of(model), collision_sizes(model))
         self.state = initial_arrays(model)
         self._launch(Operation.MEASURE, self._all_worlds)
         self._initial = State(model)
@@ -131,9 +129,9 @@ class Simulation(FixedAttributes):
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = [launch for sensor in self.sensors for launch in sensor.record(self, self._config.dt)]
         self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
-        """What force elements and sensors remember; `Snapshot.memory` holds a copy."""
+        """State of force elements and sensors; `Snapshot.memory` holds a copy."""
         self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
-        """What a snapshot must have in common with this Simulation."""
+        """Properties that a snapshot must have in common with this Simulation."""
         self._begin_sensors(self._all_worlds)
         self._fix()
 
@@ -292,7 +290,7 @@ class Simulation(FixedAttributes):
         config.row_tolerance = self.solver.row_tolerance
         config.reactions = int(reactions)
         config.gyroscopic = int(self.solver.gyroscopic)
-        config.friction_law = LAWS.index(self.solver.friction_law)
+        config.friction_law = FRICTION_LAWS.index(self.solver.friction_law)
         config.solver = SOLVERS.index(self.solver.solver)
         config.contact_model = CONTACT_MODELS.index(self.solver.contact_model)
         config.restitution_threshold = self.solver.restitution_threshold
@@ -339,7 +337,7 @@ class Simulation(FixedAttributes):
             sensor.begin(self, mask)
 
     def _arrays(self) -> list[wp.array]:
-        """What a snapshot holds, in its order."""
+        """Arrays of a snapshot, in its order."""
         groups = (self.state, self.control, self.contacts)
         return [*(getattr(part, name) for part in groups for name in part.NAMES), *self.memory]
 

@@ -34,7 +34,7 @@ OVERHEAD: Final = 4096
 
 @runtime_checkable
 class Restoring(Protocol):
-    """What takes snapshots and restores them: a Simulation."""
+    """Interface to take and restore snapshots: a Simulation."""
 
     def empty_snapshot(self) -> Snapshot:
         """A snapshot of zeros that fits."""
@@ -68,11 +68,11 @@ class Snapshot:
         return cls(State(model), Control(model, elements=elements), Contacts(model), kept, identity)
 
     def arrays(self) -> dict[str, wp.array]:
-        """All arrays by name."""
+        """All arrays by the names that files have for them."""
         groups: dict[str, State | Control | Contacts] = {
             "state": self.state, "control": self.control, "contacts": self.contacts,
         }  # fmt: skip
-        named = {f"{group}.{name}": getattr(part, name) for group, part in groups.items() for name in part.NAMES}
+        named = {f"{group}.{name}": array for group, part in groups.items() for name, array in part.in_files().items()}
         return named | {f"memory.{index}": array for index, array in enumerate(self.memory)}
 
     def save(self, path: str | Path) -> None:

@@ -10,7 +10,7 @@ from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError
 from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
 
 SOLVERS: Final = tuple(solver.name.lower() for solver in ConeSolver)
-LAWS: Final = tuple(law.name.lower() for law in FrictionLaw)
+FRICTION_LAWS: Final = tuple(law.name.lower() for law in FrictionLaw)
 CONTACT_MODELS: Final = tuple(model.name.lower() for model in ContactModel)
 
 MOST_ITERATIONS: Final = 10_000_000
@@ -39,7 +39,7 @@ class SolverOptions:
         max_iterations: of the solve of limits, friction and contacts, 1 to 10 000 000.
         tolerance: residual at which it stops, >= 0 [m/s or rad/s].
         row_tolerance: residual above which bilateral rows are solved a second time, >= 0 [m/s or rad/s].
-        gyroscopic: whether spinning bodies precess.
+        gyroscopic: True if spinning bodies precess.
         solver: of limits, friction and contacts: "apgd", "psor", "spg", "padmm" or "interior_point". The last two need
             a dense Schur complement: worlds with more rows than `dense_rows` are solved by "apgd" in their place.
         fallback: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;
@@ -98,7 +98,7 @@ class SolverOptions:
         for field in ("gyroscopic", "fallback"):
             if getattr(self, field) is not None or _default(field) is not None:
                 checked[field] = checked_flag(thing, field, getattr(self, field))
-        for field, known in (("solver", SOLVERS), ("friction_law", LAWS), ("contact_model", CONTACT_MODELS)):
+        for field, known in (("solver", SOLVERS), ("friction_law", FRICTION_LAWS), ("contact_model", CONTACT_MODELS)):
             checked[field] = checked_choice(thing, field, getattr(self, field), known)
         for field, value in checked.items():  # numbers of NumPy become Python's
             object.__setattr__(self, field, value)

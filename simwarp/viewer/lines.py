@@ -1,4 +1,4 @@
-"""Lines drawn into rendered pictures: what has no body, such as paths, goals and limits."""
+"""Lines in rendered pictures for things without bodies, such as paths, goals and limits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NEAR: Final = 1e-2
 SLACK: Final = 0.01
 """A line on a surface is seen although rounding puts it below; share of the depth."""
 HIDDEN: Final = 0.2
-"""Opacity of what is behind something."""
+"""Opacity of hidden parts of a line."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Polyline:
 def draw_lines(
     picture: npt.NDArray[np.uint8], depth: npt.NDArray[np.float32], camera: Pose, fov: float, lines: Sequence[Polyline]
 ) -> npt.NDArray[np.uint8]:
-    """The picture with lines in it; what something hides of them is faint.
+    """The picture with lines in it; their hidden parts are faint.
 
     Args:
         picture: (height, width, 3) through a pinhole.

@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 FIELD: Final = 0.7
 """Of view [rad]."""
 SIDE: Final = np.array([-0.62, -1.0, 0.52])
-"""Where the camera is, seen from what it looks at, unless a shot says so."""
+"""Direction from the target to the camera, unless a shot gives one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Shot:
-    """How to look at a world.
+    """View of a world.
 
     Attributes:
-        body: that the camera goes along with, by name or index; `WORLD`: it stands still.
-        target: what it looks at, from the body's place (from the origin for `WORLD`), world axes [m]; None: the middle
-            of what moves, as it is at the start.
-        eye: where it is, from the target [m]; None: so far away that all that moves is in sight at the start.
+        body: body that the camera follows, by name or index; `WORLD`: it stands still.
+        target: point that it looks at, from the body's position (the origin for `WORLD`), world axes [m]; None: the
+            middle of what moves, as it is at the start.
+        eye: its position, from the target [m]; None: so far away that all that moves is in sight at the start.
         fov: horizontal field of view [rad].
         calm: time in which it catches up with the body [s].
     """
@@ -49,12 +49,12 @@ class Shot:
 
 
 class Studio:
-    """Pictures of some worlds, the camera going along.
+    """Pictures of some worlds from a camera that follows a body.
 
     Args:
         simulation: whose state is seen.
         scene: of its model.
-        shot: how to look.
+        shot: the view.
         worlds: indices of those that are seen.
         width, height: of one world's picture [pixels].
         samples: s x s rays per pixel.

@@ -254,14 +254,14 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             self._show_leaders(self._time() + (self._substep + 1) * self.config.dt)
 
     def end_step(self) -> None:
-        """Remember how far from the path the truck is."""
+        """Store the truck's distance from the path."""
         point, _ = self.pose()
         deviation = self.routes.distance(self.route, point[:, :2])
         steps = self.episode_steps + 1
         self._deviation += (deviation - self._deviation) / steps
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return how far from the path the truck was, too."""
+        """Return the truck's distance from the path, too."""
         return super().extra_state() | {"deviation": self._deviation}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:

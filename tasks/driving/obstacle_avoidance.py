@@ -123,7 +123,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         self._far = torch.tensor([2.0 * _LENGTHS, 0.0], device=self.device)
 
     def begin_step(self) -> None:
-        """Remember the distance to the end."""
+        """Store the distance to the end."""
         super().begin_step()
         self._before.copy_(self._distance())
 

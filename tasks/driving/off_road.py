@@ -146,11 +146,13 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self._textures = [
             visuals.texture(ImageTexture(image=ground_texture(kind), metres=(6.0, 6.0))) for kind in GROUND_TEXTURES
         ]
-        appearance = {"color": (1.0, 1.0, 1.0), "texture": self._textures[0], "label": 1}
+        white = (1.0, 1.0, 1.0)
         if self.hills is None:
-            self._ground = visuals.add_plane(name="ground", pose=sw.pose(), **appearance)
+            self._ground = visuals.add_plane(
+                name="ground", pose=sw.pose(), color=white, texture=self._textures[0], label=1
+            )
         else:
-            visuals.show(self.hills.shape, **appearance)
+            visuals.show(self.hills.shape, color=white, texture=self._textures[0], label=1)
             self._ground = visuals.index_of(self.hills.shape)
 
     def seen_per_world(self) -> Sequence[str]:
@@ -233,7 +235,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self.obstacles.fill(world_mask, place, height - sunk, heading, kind, scale, present)
 
     def begin_step(self) -> None:
-        """Remember the distance to the goal and the action before."""
+        """Store the distance to the goal and the previous action."""
         super().begin_step()
         self._before.copy_(self._distance())
         self._last_action.copy_(self.action)

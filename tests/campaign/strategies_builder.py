@@ -76,7 +76,7 @@ CALLS: dict[str, dict[str, Any]] = {
         "stiffness": (10.0,) * 6,
         "damping": (1.0,) * 6,
     },
-    "add_turn": {"name": "c", "parent": 0, "child": 1, "axis": Z},
+    "add_joint_relative_rotation": {"name": "c", "parent": 0, "child": 1, "axis": Z},
     "add_coupling": {"name": "c", "terms": [(0, 1.0), (1, -1.0)], "offset": 0.0, "damping": 0.0},
     "add_gear": {"name": "c", "joint0": 0, "joint1": 1, "ratio": 2.0},
     "add_rack": {"name": "c", "pinion": 0, "rack": 1, "radius": 0.1},

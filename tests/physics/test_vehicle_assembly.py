@@ -108,7 +108,7 @@ def test_the_right_side_mirrors_the_left(name):
         assert turn_right @ right.inertia @ turn_right.T == pytest.approx(flip @ in_world @ flip, abs=1e-12 * scale)
 
 
-AXES = dict.fromkeys((sw.JointType.REVOLUTE, sw.JointType.PRISMATIC, sw.JointType.TURN), (2,)) | {
+AXES = dict.fromkeys((sw.JointType.REVOLUTE, sw.JointType.PRISMATIC, sw.JointType.RELATIVE_ROTATION), (2,)) | {
     sw.JointType.CYLINDRICAL: (2,),
     sw.JointType.BUSHING: (2,),
     sw.JointType.REVOLUTE_SPHERICAL: (2,),
@@ -335,4 +335,4 @@ def test_pitman_arm_is_driven_in_the_tree():
     builder = ModelBuilder()
     parts = add_vehicle(builder, spec)
     tables = build_tables(builder)
-    assert tables.dof_slot[builder.dof_start(parts.steerings[0].joint)] >= 0
+    assert tables.dof_to_tree_dof[builder.dof_start(parts.steerings[0].joint)] >= 0

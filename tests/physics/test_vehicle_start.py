@@ -64,7 +64,9 @@ def test_the_first_step_finds_nothing_to_correct(case, direction):
     assert np.abs(slips or [0.0]).max() < 1e-4
     for joint, spec in enumerate(builder.joints):
         # every coordinate of the mechanism stands, but for spins and turns of wheels
-        if spec.type not in (JointType.SHAFT, JointType.TURN) and joint not in {side.spin for side in parts.sides}:
+        if spec.type not in (JointType.SHAFT, JointType.RELATIVE_ROTATION) and joint not in {
+            side.spin for side in parts.sides
+        }:
             first, last = sim.model.joint_dof_start[joint : joint + 2]
             assert np.abs(state.joint_qd.numpy()[0, first:last]).max(initial=0.0) < 2e-6, spec.name
     before = state.body_v.numpy()[0].copy()

@@ -42,7 +42,7 @@ class Ledger:
         self.gravity = np.asarray(builder.gravity, dtype=float)
         self.mass = np.array([body.mass for body in builder.bodies])
         self.inertia = np.array([body.inertia for body in builder.bodies])
-        self.lines = [joint for joint in builder.joints if joint.type == JointType.LINE]
+        self.lines = [joint for joint in builder.joints if joint.type == JointType.DISTANCE]
         self.shafts = [
             (builder.dof_start(index), joint.inertia)
             for index, joint in enumerate(builder.joints)

@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclasses.dataclass
 class Cones:
-    """Bounded rows first, then six rows per contact: n, t1, t2, r1, r2, s.
+    """Box constraints first, then six rows per contact: n, t1, t2, r1, r2, s.
 
     Attributes:
         low, high: bounds of the leading rows.

@@ -141,7 +141,7 @@ def _add_element(
         t.PERPENDICULAR: lambda: builder.add_joint_perpendicular(*ends, axis0=axis, axis1=other),
         t.OLDHAM: lambda: builder.add_joint_oldham(*ends, anchor=anchor, normal=axis),
         t.ROD: lambda: builder.add_joint_distance(*ends, anchor0=anchor, anchor1=apart),
-        t.LINE: lambda: builder.add_spring(*ends, anchor0=anchor, anchor1=apart, **single()),
+        t.DISTANCE: lambda: builder.add_spring(*ends, anchor0=anchor, anchor1=apart, **single()),
         t.REVOLUTE_SPHERICAL: lambda: builder.add_joint_revolute_spherical(
             *ends, anchor0=anchor, axis=axis, anchor1=apart
         ),

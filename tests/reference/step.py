@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from simwarp.core.types import Dof
 from simwarp.model.builder import ModelBuilder
-from tests.reference.step_laws import DofInput, bounded_rows, implicit_terms, prescribed_speed
+from tests.reference.step_laws import DofInput, box_constraints, implicit_terms, prescribed_speed
 from tests.reference.step_rows import Rows, matrices, quat_exp, quat_product
 from tests.reference.step_solve import Bilateral, Boxes, solve_boxes
 
@@ -227,7 +227,7 @@ class ReferenceStep:
     def _boxes(self, inputs: list[DofInput]) -> Boxes:
         jacobian, rest, self.box_dof = [], [], []
         for i, (dof, s) in enumerate(zip(self.dofs, inputs, strict=True)):
-            for sign, *row in bounded_rows(dof, s, self.dt):
+            for sign, *row in box_constraints(dof, s, self.dt):
                 jacobian.append(sign * self.dof_jacobian[i])
                 rest.append(row)
                 self.box_dof.append(i)

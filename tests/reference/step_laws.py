@@ -1,4 +1,4 @@
-"""Laws along degrees of freedom of the float64 reference: implicit terms, prescribed motion, bounded rows."""
+"""Laws along degrees of freedom of the float64 reference: implicit terms, prescribed motion, box constraints."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def prescribed_speed(dof: Dof, s: DofInput, time: float, h: float) -> float | No
     return rate + float(np.clip((now - s.q) / h, -s.eta, s.eta))
 
 
-def bounded_rows(dof: Dof, s: DofInput, h: float) -> list[tuple[float, float, float, float, float]]:
-    """(sign of the row, bias, compliance, low, high) of every bounded row of `dof`."""
+def box_constraints(dof: Dof, s: DofInput, h: float) -> list[tuple[float, float, float, float, float]]:
+    """(sign of the row, bias, compliance, low, high) of every box constraint of `dof`."""
     rows = []
     if dof.limit is not None:
         lower, upper = dof.limit

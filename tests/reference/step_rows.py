@@ -186,7 +186,7 @@ class Rows:
             return [(np.arctan2(y1 @ z0, y1 @ y0), True), (np.arctan2(f1[:, 2] @ x0, x1 @ x0), True)]
         if kind == JointType.PLANAR:
             return [(d @ x0, False), (d @ y0, False), turn]
-        if kind == JointType.LINE:
+        if kind == JointType.DISTANCE:
             return [(float(np.linalg.norm(d)), False)]
         if kind == JointType.SHAFT:
             return [(shaft[self.shaft_of[index]], False)]

@@ -1,4 +1,4 @@
-"""Dense solves of the float64 reference: bilateral rows by truncated SVD, bounded rows by active sets."""
+"""Dense solves of the float64 reference: bilateral rows by truncated SVD, box constraints by active sets."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Bilateral:
 
 @dataclasses.dataclass
 class Boxes:
-    """Bounded rows: low <= gamma <= high, complementary to u = J v + bias + compliance * gamma."""
+    """Box constraints: low <= gamma <= high, complementary to u = J v + bias + compliance * gamma."""
 
     jacobian: np.ndarray
     bias: np.ndarray

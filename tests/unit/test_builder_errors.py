@@ -465,7 +465,7 @@ def test_every_joint_type_has_an_element_and_a_way_in():
     builder.add_joint_revolute_spherical("rs", 0, 15, anchor0=at, axis=axis, anchor1=apart)
     builder.add_joint_revolute_translational("rt", 0, 16, anchor0=at, axis=axis, anchor1=apart, direction=apart)
     builder.add_bushing("bushing", 0, 17, anchor=at, stiffness=[1.0] * 6)
-    builder.add_turn("turn", 0, 18, axis=axis)
+    builder.add_joint_relative_rotation("turn", 0, 18, axis=axis)
     assert {joint.type for joint in builder.joints} == set(JointType)
     assert builder.dof_count == builder.dof_start(len(builder.joints))
     sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3)

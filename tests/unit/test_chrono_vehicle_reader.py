@@ -19,7 +19,7 @@ from simwarp.importers.chrono_vehicle import Files, load_chrono_vehicle
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import DATA, load_vehicle
 from simwarp.vehicle.spec.vehicle_spec import BUMP_STOP, Spec, SpecError, Wheel
-from simwarp.vehicle.tires.parameter_vector import tire_row
+from simwarp.vehicle.tires.parameter_vector import tire_vector
 
 VALUES = json.loads((Path(__file__).parent / "chrono_vehicle_files.json").read_text(encoding="utf-8"))
 RPM = math.pi / 30.0
@@ -313,7 +313,7 @@ def test_tires_are_known_to_the_tire_models(name, chrono):
     if tire.template == "rigid":
         assert tire.parameters == {"friction": 0.9, "restitution": 0.1}
     else:
-        assert tire_row(tire).values[0] == tire.radius
+        assert tire_vector(tire).values[0] == tire.radius
 
 
 def test_tires_are_ours(chrono):
@@ -357,7 +357,7 @@ def test_a_tmeasy_tire_with_all_its_values(chrono):
     assert tire.parameters["slide_slip_y"] == (0.6, 0.7)
     assert tire.parameters["load_limit"] == 31500.0
     assert tire.parameters["bottom_deflection"] == pytest.approx(0.4699 - 0.22)
-    assert len(tire_row(tire).values) > 0
+    assert len(tire_vector(tire).values) > 0
 
 
 # ---- units and frames ------------------------------------------------------------------------------------------------

@@ -53,7 +53,7 @@ def run_problem(
     elif operation == 2:
         set_scales(problem)
         refresh(problem, X, AX)
-        results[0] = natural_residual(problem, X, AX, config.law, 0)
+        results[0] = natural_residual(problem, X, AX, config.friction_law, 0)
     else:
         report = solve(problem, config)
         results[0] = report.residual
@@ -88,17 +88,17 @@ class Single:
         p.wide = wp.array(np.full((WIDE_VECTORS, rows), np.nan), dtype=wp.float64)
         if entries is not None:
             y, slots, w, compliance = entries
-            p.dense, p.slot_count, p.loop_count = 0, int(slots.max()) + 1, w.shape[1]
-            p.y, p.block_slot, p.w, p.compliance = floats(y), ints(slots), floats(w), floats(compliance)
+            p.dense, p.tree_dof_count, p.loop_count = 0, int(slots.max()) + 1, w.shape[1]
+            p.y, p.block_tree_dof, p.w, p.compliance = floats(y), ints(slots), floats(w), floats(compliance)
             p.block_entries = ints(np.full(len(blocks), slots.shape[1]))
-            p.slot_sum, p.loop_sum = floats(np.zeros(p.slot_count)), floats(np.zeros(max(w.shape[1], 1)))
+            p.tree_dof_sum, p.loop_sum = floats(np.zeros(p.tree_dof_count)), floats(np.zeros(max(w.shape[1], 1)))
             p.s, p.factor = floats(np.zeros((1, 1))), floats(np.zeros((1, 1)))
         self.problem = p
 
     def run(self, operation, gamma, law=FrictionLaw.EXACT, solver=ConeSolver.APGD, iterations=20000, tolerance=2e-6):
         """Impulses and the two numbers of a run that starts from gamma."""
         config = ConeConfig()
-        config.law, config.solver = int(law), int(solver)
+        config.friction_law, config.solver = int(law), int(solver)
         config.max_iterations, config.tolerance = iterations, tolerance
         self.problem.gamma.assign(np.asarray(gamma, dtype=np.float32))
         results = wp.zeros(2, dtype=float)

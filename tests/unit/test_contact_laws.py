@@ -366,16 +366,14 @@ def test_limit_keeps_the_arm_off_the_ground() -> None:
     sim = simulate(arm(0.1 + 1e-4, limit=(-1.0, 0.0)))
     run(sim, 0.3)
     assert np.allclose(force(sim), 0.0, atol=1e-6)
-    assert np.abs(sim.state.bounded_impulse.numpy()[0]).max() == pytest.approx(
-        G * 1e-3, rel=1e-3
-    )  # 2 kg at half a metre
+    assert np.abs(sim.state.box_impulse.numpy()[0]).max() == pytest.approx(G * 1e-3, rel=1e-3)  # 2 kg at half a metre
 
 
 def test_limit_and_contact_share_the_load() -> None:
     """Both hold at once: whatever the shares, moments about the hinge balance."""
     sim = simulate(arm(limit=(-1.0, 0.0)))
     run(sim, 0.3)
-    held = float(np.abs(sim.state.bounded_impulse.numpy()[0]).max()) / sim.dt + force(sim)[2] + 0.1 * force(sim)[0]
+    held = float(np.abs(sim.state.box_impulse.numpy()[0]).max()) / sim.dt + force(sim)[2] + 0.1 * force(sim)[0]
     assert held == pytest.approx(G, rel=2e-3)
     assert np.abs(v(sim)).max() < 1e-5
 

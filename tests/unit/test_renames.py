@@ -81,3 +81,35 @@ def test_a_sensor_file_reads_the_old_key(tmp_path: Path) -> None:
 def test_a_camera_config_reads_its_old_name() -> None:
     with pytest.warns(FutureWarning, match="CameraConfig: reach is now called far"):
         assert sw.sensors.CameraConfig(reach=3.0) == sw.sensors.CameraConfig(far=3.0)  # type: ignore[call-arg]
+
+
+def test_arrays_and_methods_are_read_under_their_old_names() -> None:
+    builder = sw.ModelBuilder()
+    ball = builder.add_body("ball", mass=1.0, inertia=(1.0, 1.0, 1.0))
+    with pytest.warns(FutureWarning, match="ModelBuilder: add_turn is now called add_joint_relative_rotation"):
+        builder.add_turn("turn", sw.WORLD, ball, axis=(0.0, 0.0, 1.0))  # type: ignore[attr-defined]
+    assert builder.joints[0].type is sw.JointType.RELATIVE_ROTATION is sw.JointType.TURN
+    sim = sw.Simulation(builder.finalize(2, "cpu"), 1e-3)
+    with pytest.warns(FutureWarning, match="Diagnostics: bounded_residual is now called cone_residual"):
+        assert sim.diagnostics.bounded_residual is sim.diagnostics.cone_residual
+    with pytest.warns(FutureWarning, match="State: bounded_impulse is now called box_impulse"):
+        assert sim.state.bounded_impulse is sim.state.box_impulse
+
+
+def test_a_task_that_equips_is_attached(monkeypatch: pytest.MonkeyPatch) -> None:
+    from simwarp import tasks
+
+    kind = tasks.task_class("pendulum")
+    monkeypatch.setattr(kind, "equip", lambda self, model: tasks.Attachments(), raising=False)
+    with pytest.warns(FutureWarning, match="PendulumTask: equip is now called attach"):
+        tasks.make("pendulum", 1)
+    with pytest.warns(FutureWarning, match="tasks: Equipment is now called Attachments"):
+        assert tasks.Equipment is tasks.Attachments
+
+
+def test_a_task_option_is_read_under_its_old_name(capsys: pytest.CaptureFixture[str]) -> None:
+    from simwarp.cli.options import parse_options
+    from simwarp.tasks.pendulum import PendulumConfig
+
+    assert parse_options(PendulumConfig, ["--quirks"], "simwarp").legacy_compat
+    assert "simwarp: --quirks is now called --legacy-compat; the old name goes" in capsys.readouterr().err

@@ -98,7 +98,7 @@ def test_colors_are_given():
 
 
 def test_an_unknown_vehicle_is_told_in_one_line():
-    with pytest.raises(sw.ModelError, match=r"^vehicle picture: name must be one of hmmwv, .*, got 'hmmwvx'; say"):
+    with pytest.raises(sw.ModelError, match=r"^vehicle visual: name must be one of hmmwv, .*, got 'hmmwvx'; say"):
         vehicle_visuals_of("hmmwvx")
     assert vehicle_visuals_of("hmmwv-reduced").body.vertices.shape == vehicle_visuals_of("hmmwv").body.vertices.shape
 

@@ -271,7 +271,7 @@ def test_the_remedy_is_that_of_the_mistake(tmp_path):
     found = message(lambda: built()[1].add_sphere(0, radius=0.1, texture=picture))
     assert found.endswith("got an array of shape (64, 64, 3); write texture=visuals.texture(ImageTexture(image=...))")
     behind = message(lambda: Camera(target, HUB, CameraConfig(far=-5.0)))
-    assert behind.endswith("reach must be > 0 m, got -5; give the largest distance that is seen")
+    assert behind.endswith("far must be > 0 m, got -5; give the largest distance that is seen")
     assert message(lambda: Camera(target, HUB, CameraConfig(imaging=Imaging(gamma=0)))).startswith(
         "Imaging: gamma must be finite and > 0, got 0; "
     )

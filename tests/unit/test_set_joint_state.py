@@ -243,9 +243,9 @@ def test_setting_a_state_forgets_warm_starts():
     builder.add_joint_prismatic("slide", WORLD, body, axis=(0, 0, 1), friction=100.0)
     sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-2)
     sim.step()
-    assert np.any(sim.state.bounded_impulse.numpy() != 0.0)
+    assert np.any(sim.state.box_impulse.numpy() != 0.0)
     sim.set_joint_state(None, [[0.0]], None)
-    assert np.all(sim.state.bounded_impulse.numpy() == 0.0)
+    assert np.all(sim.state.box_impulse.numpy() == 0.0)
 
 
 # ---- masks and shapes ------------------------------------------------------------------------------------------------

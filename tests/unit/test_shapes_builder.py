@@ -22,11 +22,11 @@ CASES: list[Case] = [
     ("half_zero", lambda b: b.add_shape_box(0, half=(0.1, 0.0, 0.1), name="box"), ["shape 'box'", "size", "0.0"]),
     ("half_two", lambda b: b.add_shape_box(0, half=(0.1, 0.1), name="box"), ["shape 'box'", "3", "(0.1, 0.1)"]),
     ("capsule", lambda b: b.add_shape_capsule(0, radius=0.1, half_length=-1.0, name="c"), ["shape 'c'", "-1.0"]),
-    ("option", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", frction=1.0), ["shape 'b'", "frction", "known"]),
+    ("option", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", frction=1.0), ["shape 'b'", "frction", "known"]),  # type: ignore[call-arg]
     ("group", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", group=-1), ["shape 'b'", "group", "31", "-1"]),
     ("mask", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", mask=ALL_GROUPS + 1), ["shape 'b'", "mask", "31"]),
     ("margin", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", margin=-0.01), ["shape 'b'", "margin", "-0.01"]),
-    ("material", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", material=0.5), ["shape 'b'", "Material", "0.5"]),
+    ("material", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", material=0.5), ["shape 'b'", "Material", "0.5"]),  # type: ignore[arg-type]
     ("kind", lambda b: b.add_solid("s", "cube", 0.1, mass=1.0), ["solid 's'", "'cube'", "box"]),
     ("plane_solid", lambda b: b.add_solid("s", "plane", 0.1, mass=1.0), ["solid 's'", "'plane'", "add_shape"]),
     ("no_mass", lambda b: b.add_solid("s", "box", 0.1), ["solid 's'", "mass or density"]),
@@ -95,6 +95,6 @@ def test_friction_law() -> None:
 def test_a_solid_that_is_refused_leaves_nothing_behind() -> None:
     builder = sw.ModelBuilder()
     with pytest.raises(ModelError, match="unknown option 'frction'"):
-        builder.add_solid("ball", "sphere", 0.1, mass=1.0, frction=0.3)
+        builder.add_solid("ball", "sphere", 0.1, mass=1.0, frction=0.3)  # type: ignore[call-arg]
     assert builder.add_solid("ball", "sphere", 0.1, mass=1.0) == 0
     assert len(builder.shapes) == len(builder.bodies) == 1

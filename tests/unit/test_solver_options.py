@@ -27,7 +27,7 @@ def test_every_solver_moves_a_sliding_stack_alike(solver: str, law: str) -> None
 
     reference = stepped(slides(), 10, tolerance=1e-7, max_iterations=20000, friction_law=law)
     sim = stepped(slides(), 10, solver=solver, tolerance=1e-6, max_iterations=5000, friction_law=law)
-    assert sim.diagnostics.bounded_residual.numpy()[0] <= 1e-5
+    assert sim.diagnostics.cone_residual.numpy()[0] <= 1e-5
     difference = np.abs(sim.state.body_v.numpy() - reference.state.body_v.numpy()).max()
     # velocities differ by some ten residuals per step in the slow modes of a stack
     assert difference < 1e-3
@@ -38,7 +38,7 @@ def test_the_matrix_free_operator_gives_the_same_motion(scene: str) -> None:
     build = getattr(scenes, scene)
     dense = stepped(build(), 20, tolerance=1e-7, max_iterations=20000, dense_rows=1000)
     free = stepped(build(), 20, tolerance=1e-7, max_iterations=20000, dense_rows=0)
-    assert free.diagnostics.bounded_count.numpy()[0] == dense.diagnostics.bounded_count.numpy()[0]
+    assert free.diagnostics.constraint_count.numpy()[0] == dense.diagnostics.constraint_count.numpy()[0]
     # both stop at their float32 floor, 1e-6 m/s for a stack, ten times that in its slow modes
     np.testing.assert_allclose(free.state.body_v.numpy(), dense.state.body_v.numpy(), atol=5e-5)
 
@@ -47,7 +47,7 @@ def test_the_fallback_helps_where_masses_differ() -> None:
     few = {"tolerance": 1e-5, "max_iterations": 5}
     alone = stepped(scenes.heavy_on_light(ratio=1000.0), 1, fallback=False, **few)
     fallback = stepped(scenes.heavy_on_light(ratio=1000.0), 1, **few)
-    residual = [float(sim.diagnostics.bounded_residual.numpy()[0]) for sim in (alone, fallback)]
+    residual = [float(sim.diagnostics.cone_residual.numpy()[0]) for sim in (alone, fallback)]
     # float32 leaves 6e-5 m/s at this mass ratio
     assert residual[1] < 1e-4 < residual[0]
 
@@ -58,7 +58,7 @@ def test_rows_cost_by_what_touches_not_by_capacity() -> None:
     sim = sw.Simulation(builder.finalize(1, "cpu", contact_capacity=5000), 1e-3)
     sim.step()
     assert sim.contacts.contact_count.numpy()[0] == 0
-    assert sim.diagnostics.bounded_count.numpy()[0] == 0
+    assert sim.diagnostics.constraint_count.numpy()[0] == 0
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def test_tree_joint(kind, seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("kind", [*LOOP_TYPES, JointType.LINE, JointType.BUSHING, JointType.FIXED], ids=names)
+@pytest.mark.parametrize("kind", [*LOOP_TYPES, JointType.DISTANCE, JointType.BUSHING, JointType.FIXED], ids=names)
 def test_loop_element(kind, seed):
     builder = random_mechanism(seed, loop_type=kind, floating=False)
     assert_same_steps(builder)
@@ -152,7 +152,7 @@ def add_joint(
             return builder.add_joint_universal(*ends, anchor=anchor, axis0=axis, axis1=other, dofs=[dof] * 2)
         case t.PLANAR:
             return builder.add_joint_planar(*ends, normal=axis, anchor=anchor, dofs=[dof] * 3)
-        case t.LINE:
+        case t.DISTANCE:
             apart = anchor + 0.4 * axis / np.linalg.norm(axis)
             return builder.add_spring(*ends, anchor0=anchor, anchor1=apart, **vars(dof))
         case _:
@@ -171,7 +171,7 @@ def ring(kind: JointType, dof: Dof, seed: int = 0, bodies: int = 7) -> ModelBuil
         at = (0.3 * np.cos(k), 0.3 * np.sin(k), 0.1 * k)
         builder.add_body(f"b{k}", mass=1.0 + 0.3 * k, inertia=(0.02, 0.03, 0.04), pose=pose(at, rng.normal(size=4)))
         add_joint(builder, JointType.REVOLUTE, f"hinge{k}", k - 1, k, rng, Dof(damping=0.05))
-    if kind in (*TREE_TYPES, JointType.LINE):
+    if kind in (*TREE_TYPES, JointType.DISTANCE):
         closing = add_joint(builder, kind, "closing", WORLD, bodies - 1, rng, dof)
     else:
         add_element(builder, rng, "closing", kind, WORLD, bodies - 1)
@@ -236,10 +236,10 @@ def test_law_in_the_tree(kind, law):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("kind", [*SINGLE_DOF, JointType.LINE], ids=names)
+@pytest.mark.parametrize("kind", [*SINGLE_DOF, JointType.DISTANCE], ids=names)
 def test_law_on_a_loop_joint(kind, law):
     dof = LAWS[law]
-    if kind == JointType.LINE:  # its coordinate starts at 0.4 m
+    if kind == JointType.DISTANCE:  # its coordinate starts at 0.4 m
         move = 0.4
         if dof.limit is not None:
             dof = dataclasses.replace(dof, limit=(dof.limit[0] + move, dof.limit[1] + move))
@@ -339,7 +339,7 @@ def test_body_forces(names_of_inputs):
 
 
 @pytest.mark.parametrize("kind", [JointType.REVOLUTE, JointType.SPHERICAL, JointType.CYLINDRICAL, JointType.UNIVERSAL,
-                                  JointType.PLANAR, JointType.LINE], ids=names)  # fmt: skip
+                                  JointType.PLANAR, JointType.DISTANCE], ids=names)  # fmt: skip
 def test_joint_force_on_a_loop_joint(kind):
     """Efforts of coordinates that have no law are pushes on the two bodies."""
     assert_same_steps(ring(kind, Dof()), size=10.0)
@@ -443,7 +443,7 @@ def reference_reactions(pair: Pair, controls: Controls) -> tuple[np.ndarray, np.
 
 
 def box_signs(pair: Pair) -> list[float]:
-    """Signs of the reference's bounded rows: a lower stop pushes up, an upper one down."""
+    """Signs of the reference's box constraints: a lower stop pushes up, an upper one down."""
     signs = []
     for dof in pair.reference.dofs:
         signs += [s for s, at in zip((1.0, -1.0), dof.limit or (-np.inf, np.inf), strict=True) if np.isfinite(at)]
@@ -497,9 +497,9 @@ def test_reactions_of_tree_joints(kind, floating):
     assert_same_reactions(builder)
 
 
-@pytest.mark.parametrize("kind", [*LOOP_TYPES, JointType.LINE, JointType.BUSHING, JointType.FIXED], ids=names)
+@pytest.mark.parametrize("kind", [*LOOP_TYPES, JointType.DISTANCE, JointType.BUSHING, JointType.FIXED], ids=names)
 def test_reactions_of_loop_elements(kind):
-    dof = Dof(stiffness=50.0, damping=1.0) if kind == JointType.LINE else Dof()
+    dof = Dof(stiffness=50.0, damping=1.0) if kind == JointType.DISTANCE else Dof()
     assert_same_reactions(ring(kind, dof))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simwarp.kernels.vehicle.tires.parameter_vector import Common
-from simwarp.vehicle.tires.tires import ground, tire_row
+from simwarp.vehicle.tires.tires import ground, tire_vector
 from tests.reference.tires import Wheel, plane, tire
 from tests.unit.tire_bench import (
     DT,
@@ -96,7 +96,7 @@ def test_too_steep_a_slope_slides():
 def test_light_wheels_stay_stable():
     """A model car's wheel of 0.2 kg on the bristle of a truck: its force must not flip from step to step."""
     tire_spec = spec("tmeasy", load=148.2, rim_radius=0.0515)
-    small = tire_row(
+    small = tire_vector(
         type(tire_spec)(
             template="tmeasy", mass=0.2, inertia=(8e-4, 1e-3, 8e-4), radius=0.085, width=0.0855,
             parameters=tire_spec.parameters,

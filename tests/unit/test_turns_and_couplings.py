@@ -22,7 +22,7 @@ def steered_wheel(gravity=(0.0, 0.0, 0.0), damping: float = 0.0):
     steer = sw.PrescribedPosition(table=([0.0, 0.5, 1.0, 2.0], [0.0, 0.0, 0.5, 0.5]))
     builder.add_joint_revolute("steer", frame, knuckle, axis=(0.0, 0.0, 1.0), drive=steer)
     builder.add_joint_revolute("spin", knuckle, wheel, axis=(0.0, 1.0, 0.0))
-    turn = builder.add_turn("turn", frame, wheel, axis=(0.0, 1.0, 0.0))
+    turn = builder.add_joint_relative_rotation("turn", frame, wheel, axis=(0.0, 1.0, 0.0))
     shaft = builder.add_shaft("shaft", inertia=0.5)
     builder.add_coupling("axle", [(turn, 1.0), (shaft, -0.25)], damping=damping)
     return builder, turn, shaft

@@ -12,7 +12,7 @@ import warp as wp
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
-from simwarp.vehicle.tires.tires import Mount, TireRow, Tires, tire_row
+from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, tire_vector
 from tests.reference.tires import Wheel
 
 DATA = Path(__file__).resolve().parents[2] / "simwarp" / "vehicle" / "data" / "hmmwv" / "tires"
@@ -26,8 +26,8 @@ def spec(template: str, **changes) -> Tire:
     return dataclasses.replace(tire, parameters={**tire.parameters, **changes})
 
 
-def row_of(template: str, **changes) -> TireRow:
-    return tire_row(spec(template, **changes))
+def row_of(template: str, **changes) -> ParameterVector:
+    return tire_vector(spec(template, **changes))
 
 
 def properties(**changes) -> dict:
@@ -36,7 +36,7 @@ def properties(**changes) -> dict:
     return {**tir, **changes}
 
 
-def values(row: TireRow) -> np.ndarray:
+def values(row: ParameterVector) -> np.ndarray:
     """The row as the kernel has it: float32 numbers."""
     return row.values.astype(np.float32).astype(float)
 
@@ -80,13 +80,13 @@ class States:
         return Wheel(self.x[world], axis, self.v[world], self.omega[world])
 
 
-def bench(row: TireRow, worlds: int, **options) -> Tires:
+def bench(row: ParameterVector, worlds: int, **options) -> Tires:
     """Tires of as many worlds, one wheel each."""
     side = options.pop("side", "left")
     return Tires([Mount(row, 0, side=side)], worlds, 1, "cpu", **options)
 
 
-def steady(row: TireRow, *, speed=20.0, slip=0.0, angle=0.0, load=8000.0, camber=0.0) -> States:
+def steady(row: ParameterVector, *, speed=20.0, slip=0.0, angle=0.0, load=8000.0, camber=0.0) -> States:
     """Wheels that roll along x on the plane z = 0 with slip ratios and slip angles [rad], under a load [N]."""
     slip, angle, camber = (np.atleast_1d(np.asarray(a, dtype=float)) for a in np.broadcast_arrays(slip, angle, camber))
     radius = row.values[0]
@@ -105,7 +105,7 @@ def steady(row: TireRow, *, speed=20.0, slip=0.0, angle=0.0, load=8000.0, camber
     return States(x, q, np.stack([speed * np.cos(angle), speed * np.sin(angle), zero], axis=-1), omega)
 
 
-def load_at(row: TireRow, height: float) -> float:
+def load_at(row: ParameterVector, height: float) -> float:
     """Load of a wheel at rest over the plane z = 0 [N]."""
     tires = bench(row, 1)
     still = np.zeros((1, 3))
@@ -113,7 +113,7 @@ def load_at(row: TireRow, height: float) -> float:
     return float(tires.load.numpy()[0, 0])
 
 
-def run(row: TireRow, states: States, steps: int = 1, **options) -> Tires:
+def run(row: ParameterVector, states: States, steps: int = 1, **options) -> Tires:
     """The tires after some steps of the same motion."""
     tires = bench(row, len(states.x), **options)
     arrays = states.arrays()

@@ -1,11 +1,12 @@
-"""Which shapes a shape may touch: from the list of pairs, or, in worlds of many shapes, from a uniform grid.
+"""Broad phase: shapes that a shape may touch, from the list of pairs or, in worlds of many shapes, a uniform grid.
 
 The grid is sorted by counting, so that it is deterministic; candidates come in the order of their index. Shapes much
-larger than the average (the ground) would spoil the cells: they are candidates of everybody.
+larger than the average (the ground) would spoil the cells: they are candidates of every shape.
 """
 
 import warp as wp
 
+from simwarp.kernels.core.scratch import ScratchGroup, room
 from simwarp.kernels.core.tables import Topology
 
 wp.set_module_options({"enable_backward": False})
@@ -14,15 +15,17 @@ LARGE = wp.constant(4.0)  # times the average edge
 ENDLESS = wp.constant(1.0e9)  # [m] planes have bounds beyond this
 
 
-@wp.struct
-class Grid:
-    """Scratch of one world's grid."""
+class GridRooms(ScratchGroup, packed=False):
+    """Uniform grid of one world."""
 
-    cell: wp.array[wp.vec3i]  # per shape: cell of its centre
-    home: wp.array[int]  # per shape: bucket, -1: large
-    start: wp.array[int]  # (buckets + 1,)
-    member: wp.array[int]  # shapes by bucket, then the large ones
-    candidate: wp.array[int]
+    cell = room(wp.vec3i, "in_grid")  # per shape: cell of its centre
+    home = room(wp.int32, "in_grid")  # per shape: bucket, -1: large
+    start = room(wp.int32, "bucket_ends")
+    member = room(wp.int32, "in_grid")  # shapes by bucket, then the large ones
+    candidate = room(wp.int32, "shapes")
+
+
+Grid = GridRooms.struct("Grid", __name__)
 
 
 @wp.func
@@ -90,7 +93,7 @@ def fill_grid(
 
 @wp.func
 def allowed(shape0: int, shape1: int, topology: Topology) -> bool:
-    """Whether bodies, groups and exclusions let two shapes meet."""
+    """True if bodies, groups and exclusions allow contact between two shapes."""
     body0 = topology.shape_body[shape0]
     body1 = topology.shape_body[shape1]
     if body0 == body1:

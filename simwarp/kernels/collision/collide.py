@@ -4,15 +4,19 @@ Contacts come in the order of the pairs of shapes, so that slots are determinist
 read in step with them.
 """
 
+import dataclasses
+from typing import Any
+
 import warp as wp
 
 from simwarp.core.types import ArrayLayout, ShapeType, WorldStatus
-from simwarp.kernels.collision.broad import Grid, candidates, fill_grid
-from simwarp.kernels.collision.shape import MANIFOLD_CONTACTS, POLYGON_CAPACITY, Assets, Manifold, Shape
+from simwarp.kernels.collision.broad import Grid, GridRooms, candidates, fill_grid
+from simwarp.kernels.collision.shape import Assets, Manifold, ManifoldRooms, Shape
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
-from simwarp.kernels.collision.surfaces import TRIANGLE_BATCH, Ground, ground_bounds, ground_of, is_ground
-from simwarp.kernels.collision.triangles import RAW_CONTACTS, RawContacts, pair_contacts
+from simwarp.kernels.collision.surfaces import Ground, ground_bounds, ground_of, is_ground
+from simwarp.kernels.collision.triangles import RawContactRooms, RawContacts, pair_contacts
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
+from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, room, slot_function
 from simwarp.kernels.core.spatial import matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
 from simwarp.kernels.dynamics.contact_rows import contact_frame
@@ -24,102 +28,70 @@ PLANE = wp.constant(int(ShapeType.PLANE))
 NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 
 
-@wp.struct
-class CollisionScratch:
-    """Room for a few worlds ("lanes"), first axis. Placed shapes, the last step's contacts, one pair's manifold."""
+class WorldRooms(ScratchGroup, packed=False):
+    """Placed shapes and the last step's contacts of one world."""
 
-    x: wp.array2d[wp.vec3d]  # per shape
-    rot: wp.array2d[wp.mat33]
-    lower: wp.array2d[wp.vec3]  # bounds relative to x, world axes
-    upper: wp.array2d[wp.vec3]
-    velocity: wp.array2d[wp.vec3]
-    sweep: wp.array2d[float]  # speed that rotation adds to the surface [m/s]
+    x = room(wp.vec3d, "shapes")
+    rot = room(wp.mat33, "shapes")
+    lower = room(wp.vec3, "shapes")  # bounds relative to x, world axes
+    upper = room(wp.vec3, "shapes")
+    velocity = room(wp.vec3, "shapes")
+    sweep = room(wp.float32, "shapes")  # speed that rotation adds to the surface [m/s]
 
-    shape0: wp.array2d[int]  # per contact of the last step
-    shape1: wp.array2d[int]
-    feature: wp.array2d[int]
-    arm1: wp.array2d[wp.vec3]
-    impulse_w: wp.array2d[wp.vec3]
-    moment_w: wp.array2d[wp.vec3]
-
-    normal: wp.array2d[wp.vec3]
-    point: wp.array2d[wp.vec3]
-    gap: wp.array2d[float]
-    contact_feature: wp.array2d[int]
-    polygon: wp.array3d[wp.vec3]
-
-    triangle: wp.array2d[int]  # of a height field or mesh (triangles.py)
-    raw_normal: wp.array2d[wp.vec3]
-    raw_point: wp.array2d[wp.vec3]
-    raw_gap: wp.array2d[float]
-    raw_feature: wp.array2d[int]
-    raw_spread: wp.array2d[float]
-
-    cell: wp.array2d[wp.vec3i]  # of the grid (broad.py)
-    home: wp.array2d[int]
-    start: wp.array2d[int]
-    member: wp.array2d[int]
-    candidate: wp.array2d[int]
+    shape0 = room(wp.int32, "contacts")  # of the last step
+    shape1 = room(wp.int32, "contacts")
+    feature = room(wp.int32, "contacts")
+    arm1 = room(wp.vec3, "contacts")
+    impulse_w = room(wp.vec3, "contacts")
+    moment_w = room(wp.vec3, "contacts")
 
 
-def collision_layouts(lanes: int, shapes: int, contacts: int, buckets: int) -> dict[str, ArrayLayout]:
+GROUPS = (WorldRooms, GridRooms, ManifoldRooms, RawContactRooms)
+CollisionScratch = memory_struct("CollisionScratch", __name__, GROUPS)
+pack_grid = slot_function("pack_grid", __name__, GridRooms, Grid, CollisionScratch)
+pack_manifold = slot_function("pack_manifold", __name__, ManifoldRooms, Manifold, CollisionScratch)
+pack_raw = slot_function("pack_raw", __name__, RawContactRooms, RawContacts, CollisionScratch)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CollisionSizes:
+    """Lengths of the scratch of one world; `buckets` of the grid, 0 without one."""
+
+    shapes: int
+    contacts: int
+    buckets: int
+
+    @property
+    def in_grid(self) -> int:
+        """Shapes in the grid."""
+        return self.shapes if self.buckets else 0
+
+    @property
+    def bucket_ends(self) -> int:
+        """Buckets, and their end."""
+        return self.buckets + 1
+
+
+def collision_layouts(slots: int, sizes: CollisionSizes) -> dict[str, ArrayLayout]:
     """The arrays of the scratch."""
-    manifold, raw = int(MANIFOLD_CONTACTS), int(RAW_CONTACTS)
-    in_grid = shapes if buckets else 0
-    rows: dict[str, tuple[tuple[int, ...], type]] = {
-        "x": ((shapes,), wp.vec3d),
-        "rot": ((shapes,), wp.mat33),
-        "lower": ((shapes,), wp.vec3),
-        "upper": ((shapes,), wp.vec3),
-        "velocity": ((shapes,), wp.vec3),
-        "sweep": ((shapes,), wp.float32),
-        "shape0": ((contacts,), wp.int32),
-        "shape1": ((contacts,), wp.int32),
-        "feature": ((contacts,), wp.int32),
-        "arm1": ((contacts,), wp.vec3),
-        "impulse_w": ((contacts,), wp.vec3),
-        "moment_w": ((contacts,), wp.vec3),
-        "normal": ((manifold,), wp.vec3),
-        "point": ((manifold,), wp.vec3),
-        "gap": ((manifold,), wp.float32),
-        "contact_feature": ((manifold,), wp.int32),
-        "polygon": ((4, int(POLYGON_CAPACITY)), wp.vec3),
-        "triangle": ((int(TRIANGLE_BATCH),), wp.int32),
-        "raw_normal": ((raw,), wp.vec3),
-        "raw_point": ((raw,), wp.vec3),
-        "raw_gap": ((raw,), wp.float32),
-        "raw_feature": ((raw,), wp.int32),
-        "raw_spread": ((raw,), wp.float32),
-        "cell": ((in_grid,), wp.vec3i),
-        "home": ((in_grid,), wp.int32),
-        "start": ((buckets + 1,), wp.int32),
-        "member": ((in_grid,), wp.int32),
-        "candidate": ((shapes,), wp.int32),
-    }
-    return {
-        name: ArrayLayout((lanes, *(max(length, 1) for length in shape)), dtype)
-        for name, (shape, dtype) in rows.items()
-    }
+    return memory_layouts(GROUPS, slots, sizes)
 
 
-def make_collision_scratch(device: wp.Device, lanes: int, shapes: int, contacts: int, buckets: int) -> CollisionScratch:
+def make_collision_scratch(device: wp.Device, slots: int, sizes: CollisionSizes) -> Any:
     """Allocates the scratch."""
-    scratch = CollisionScratch()
-    for name, layout in collision_layouts(lanes, shapes, contacts, buckets).items():
-        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
-    return scratch
+    return make_memory(CollisionScratch, collision_layouts(slots, sizes), device)
 
 
 @wp.func
 def placed(
-    shape: int, world: int, origin: wp.vec3d, lane: int, topology: Topology, parameters: Parameters,
+    shape: int, world: int, origin: wp.vec3d, scratch_slot: int, topology: Topology, parameters: Parameters,
     scratch: CollisionScratch,
 ) -> Shape:  # fmt: skip
     """The shape relative to an origin. A plane is moved along itself to the origin's foot, so that it stays near."""
     s = Shape()
     s.kind = topology.shape_type[shape]
-    s.rot = scratch.rot[lane, shape]
-    offset = scratch.x[lane, shape] - origin
+    s.rot = scratch.rot[scratch_slot, shape]
+    offset = scratch.x[scratch_slot, shape] - origin
     if s.kind == PLANE:
         n = wp.vec3d(wp.float64(s.rot[0, 2]), wp.float64(s.rot[1, 2]), wp.float64(s.rot[2, 2]))
         offset = n * (wp.dot(n, offset) / wp.dot(n, n))
@@ -143,7 +115,7 @@ def bounds_of(s: Shape, assets: Assets) -> Bounds:
 
 @wp.func
 def place_shapes(
-    world: int, lane: int, topology: Topology, parameters: Parameters, state: StateArrays, assets: Assets,
+    world: int, scratch_slot: int, topology: Topology, parameters: Parameters, state: StateArrays, assets: Assets,
     scratch: CollisionScratch,
 ):  # fmt: skip
     """Poses, bounds and speeds of all shapes."""
@@ -160,10 +132,10 @@ def place_shapes(
             rot = matrix_to_float(wp.quat_to_matrix(q)) * rot
             omega = state.body_omega[world, body]
             velocity = state.body_v[world, body] + wp.cross(omega, to_float(arm))
-        scratch.x[lane, shape] = x
-        scratch.rot[lane, shape] = rot
-        scratch.velocity[lane, shape] = velocity
-        geometry = placed(shape, world, x, lane, topology, parameters, scratch)
+        scratch.x[scratch_slot, shape] = x
+        scratch.rot[scratch_slot, shape] = rot
+        scratch.velocity[scratch_slot, shape] = velocity
+        geometry = placed(shape, world, x, scratch_slot, topology, parameters, scratch)
         bounds = Bounds()
         if body < 0 and geometry.kind == HULL:
             # a scene of many rocks: a ball about each costs one look, the exact box one for each of its corners
@@ -173,27 +145,27 @@ def place_shapes(
             bounds.upper = centre + wp.vec3(r, r, r)
         else:
             bounds = bounds_of(geometry, assets)
-        scratch.lower[lane, shape] = bounds.lower
-        scratch.upper[lane, shape] = bounds.upper
+        scratch.lower[scratch_slot, shape] = bounds.lower
+        scratch.upper[scratch_slot, shape] = bounds.upper
         sweep = float(0.0)
         if body >= 0:
             sweep = wp.length(omega) * wp.length(wp.max(wp.abs(bounds.lower), wp.abs(bounds.upper)))
-        scratch.sweep[lane, shape] = sweep
+        scratch.sweep[scratch_slot, shape] = sweep
 
 
 @wp.func
-def keep_last_contacts(world: int, lane: int, contacts: ContactArrays, scratch: CollisionScratch) -> int:
+def keep_last_contacts(world: int, scratch_slot: int, contacts: ContactArrays, scratch: CollisionScratch) -> int:
     """Copies the last step's contacts aside, impulses in world axes; returns how many."""
     count = contacts.contact_count[world]
     for contact in range(count):
         frame = contact_frame(contacts.contact_normal_w[world, contact])
-        scratch.shape0[lane, contact] = contacts.contact_shape0[world, contact]
-        scratch.shape1[lane, contact] = contacts.contact_shape1[world, contact]
-        scratch.feature[lane, contact] = contacts.contact_feature[world, contact]
-        scratch.arm1[lane, contact] = contacts.contact_arm1[world, contact]
-        scratch.impulse_w[lane, contact] = contacts.contact_impulse[world, contact] * frame
+        scratch.shape0[scratch_slot, contact] = contacts.contact_shape0[world, contact]
+        scratch.shape1[scratch_slot, contact] = contacts.contact_shape1[world, contact]
+        scratch.feature[scratch_slot, contact] = contacts.contact_feature[world, contact]
+        scratch.arm1[scratch_slot, contact] = contacts.contact_arm1[world, contact]
+        scratch.impulse_w[scratch_slot, contact] = contacts.contact_impulse[world, contact] * frame
         m = contacts.contact_moment[world, contact]
-        scratch.moment_w[lane, contact] = wp.vec3(m[2], m[0], m[1]) * frame
+        scratch.moment_w[scratch_slot, contact] = wp.vec3(m[2], m[0], m[1]) * frame
     return count
 
 
@@ -237,38 +209,40 @@ def body_arm(shape: int, world: int, point: wp.vec3d, topology: Topology, state:
 
 
 @wp.func
-def inherit_impulses(
-    world: int, lane: int, shape0: int, shape1: int, first: int, end: int, cached: int, cursor: int,
+def match_contacts(
+    world: int, scratch_slot: int, shape0: int, shape1: int, first: int, end: int, cached: int, cursor: int,
     contacts: ContactArrays, scratch: CollisionScratch,
 ):  # fmt: skip
     """Hands the impulses of a pair's last contacts on: each to the new contact of the same feature, or to the nearest,
     so that what the pair carried as a whole is kept when its points change.
     """
     old = int(cursor)
-    while old < cached and scratch.shape0[lane, old] == shape0 and scratch.shape1[lane, old] == shape1:
-        heir = int(-1)
+    while old < cached and scratch.shape0[scratch_slot, old] == shape0 and scratch.shape1[scratch_slot, old] == shape1:
+        matched = int(-1)
         nearest = float(1.0e30)
         for slot in range(first, end):
-            apart = wp.length_sq(contacts.contact_arm1[world, slot] - scratch.arm1[lane, old])
-            if contacts.contact_feature[world, slot] == scratch.feature[lane, old]:
+            apart = wp.length_sq(contacts.contact_arm1[world, slot] - scratch.arm1[scratch_slot, old])
+            if contacts.contact_feature[world, slot] == scratch.feature[scratch_slot, old]:
                 apart = -1.0
             if apart < nearest:
                 nearest = apart
-                heir = slot
-        if heir >= 0:
-            frame = contact_frame(contacts.contact_normal_w[world, heir])
-            m = frame * scratch.moment_w[lane, old]
-            contacts.contact_impulse[world, heir] = (
-                contacts.contact_impulse[world, heir] + frame * scratch.impulse_w[lane, old]
+                matched = slot
+        if matched >= 0:
+            frame = contact_frame(contacts.contact_normal_w[world, matched])
+            m = frame * scratch.moment_w[scratch_slot, old]
+            contacts.contact_impulse[world, matched] = (
+                contacts.contact_impulse[world, matched] + frame * scratch.impulse_w[scratch_slot, old]
             )
-            contacts.contact_moment[world, heir] = contacts.contact_moment[world, heir] + wp.vec3(m[1], m[2], m[0])
+            contacts.contact_moment[world, matched] = contacts.contact_moment[world, matched] + wp.vec3(
+                m[1], m[2], m[0]
+            )
         old += 1
 
 
 @wp.func
 def keep_pair(
-    world: int, lane: int, shape0: int, shape1: int, found: int, origin: wp.vec3d, slots: int, cached: int, cursor: int,
-    topology: Topology, state: StateArrays, contacts: ContactArrays, scratch: CollisionScratch,
+    world: int, scratch_slot: int, shape0: int, shape1: int, found: int, origin: wp.vec3d, slots: int, cached: int,
+    cursor: int, topology: Topology, state: StateArrays, contacts: ContactArrays, scratch: CollisionScratch,
 ) -> int:  # fmt: skip
     """Writes the `found` contacts of a pair with their warm starts; returns the slots in use.
 
@@ -276,13 +250,13 @@ def keep_pair(
     """
     count = int(slots)
     for k in range(found):
-        gap = scratch.gap[lane, k]
+        gap = scratch.pair_gap[scratch_slot, k]
         slot = free_slot(world, count, gap, contacts)
         if slot >= 0:
             count = wp.max(count, slot + 1)
-            normal = scratch.normal[lane, k]
-            feature = scratch.contact_feature[lane, k]
-            point0 = scratch.point[lane, k]
+            normal = scratch.pair_normal[scratch_slot, k]
+            feature = scratch.pair_feature[scratch_slot, k]
+            point0 = scratch.pair_point[scratch_slot, k]
             point1 = point0 + gap * normal
             contacts.contact_shape0[world, slot] = shape0
             contacts.contact_shape1[world, slot] = shape1
@@ -295,16 +269,16 @@ def keep_pair(
             contacts.contact_arm1[world, slot] = body_arm(shape1, world, at1, topology, state)
             contacts.contact_impulse[world, slot] = wp.vec3()
             contacts.contact_moment[world, slot] = wp.vec3()
-    inherit_impulses(world, lane, shape0, shape1, slots, count, cached, cursor, contacts, scratch)
+    match_contacts(world, scratch_slot, shape0, shape1, slots, count, cached, cursor, contacts, scratch)
     return count
 
 
 @wp.func
-def may_touch(lane: int, shape0: int, shape1: int, reach: float, scratch: CollisionScratch) -> bool:
-    """Whether the bounds of two shapes come within reach."""
-    d = to_float(scratch.x[lane, shape1] - scratch.x[lane, shape0])
-    lower = d + scratch.lower[lane, shape1] - scratch.upper[lane, shape0]
-    upper = scratch.lower[lane, shape0] - d - scratch.upper[lane, shape1]
+def may_touch(scratch_slot: int, shape0: int, shape1: int, reach: float, scratch: CollisionScratch) -> bool:
+    """True if the bounds of two shapes come within reach."""
+    d = to_float(scratch.x[scratch_slot, shape1] - scratch.x[scratch_slot, shape0])
+    lower = d + scratch.lower[scratch_slot, shape1] - scratch.upper[scratch_slot, shape0]
+    upper = scratch.lower[scratch_slot, shape0] - d - scratch.upper[scratch_slot, shape1]
     return wp.max(wp.max(lower), wp.max(upper)) < reach
 
 
@@ -318,33 +292,8 @@ class Progress:
 
 
 @wp.func
-def pack_manifold(lane: int, scratch: CollisionScratch) -> Manifold:
-    """The contacts of one pair in one lane of the scratch."""
-    manifold = Manifold()
-    manifold.normal = scratch.normal[lane]
-    manifold.point = scratch.point[lane]
-    manifold.gap = scratch.gap[lane]
-    manifold.feature = scratch.contact_feature[lane]
-    manifold.polygon = scratch.polygon[lane]
-    return manifold
-
-
-@wp.func
-def pack_raw(lane: int, scratch: CollisionScratch) -> RawContacts:
-    """The contacts of one pair's triangles in one lane of the scratch."""
-    raw = RawContacts()
-    raw.triangle = scratch.triangle[lane]
-    raw.normal = scratch.raw_normal[lane]
-    raw.point = scratch.raw_point[lane]
-    raw.gap = scratch.raw_gap[lane]
-    raw.feature = scratch.raw_feature[lane]
-    raw.spread = scratch.raw_spread[lane]
-    return raw
-
-
-@wp.func
 def collide_pair(
-    world: int, lane: int, shape0: int, shape1: int, reach: float, cached: int, progress: Progress,
+    world: int, scratch_slot: int, shape0: int, shape1: int, reach: float, cached: int, progress: Progress,
     topology: Topology, parameters: Parameters, assets: Assets, state: StateArrays, contacts: ContactArrays,
     scratch: CollisionScratch,
 ) -> Progress:  # fmt: skip
@@ -352,9 +301,9 @@ def collide_pair(
     now = progress
     ground = int(-1)
     convex = int(-1)
-    origin = scratch.x[lane, shape0]
+    origin = scratch.x[scratch_slot, shape0]
     if topology.shape_body[shape0] < 0:
-        origin = scratch.x[lane, shape1]
+        origin = scratch.x[scratch_slot, shape1]
     if is_ground(topology.shape_type[shape0]):
         ground = shape0
         convex = shape1
@@ -362,9 +311,9 @@ def collide_pair(
         ground = shape1
         convex = shape0
     if ground >= 0:
-        origin = scratch.x[lane, convex]
-    a = placed(shape0, world, origin, lane, topology, parameters, scratch)
-    b = placed(shape1, world, origin, lane, topology, parameters, scratch)
+        origin = scratch.x[scratch_slot, convex]
+    a = placed(shape0, world, origin, scratch_slot, topology, parameters, scratch)
+    b = placed(shape1, world, origin, scratch_slot, topology, parameters, scratch)
     flip = int(0)
     if ground == shape1:
         swap = a
@@ -374,32 +323,36 @@ def collide_pair(
     g = Ground()
     g.kind = -1
     if ground >= 0:
-        offset = scratch.x[lane, ground] - origin
-        g = ground_of(a, offset, scratch.lower[lane, convex], scratch.upper[lane, convex], reach)
-    found = pair_contacts(a, b, g, flip, reach, assets, pack_manifold(lane, scratch), pack_raw(lane, scratch))
+        offset = scratch.x[scratch_slot, ground] - origin
+        g = ground_of(a, offset, scratch.lower[scratch_slot, convex], scratch.upper[scratch_slot, convex], reach)
+    found = pair_contacts(
+        a, b, g, flip, reach, assets, pack_manifold(scratch, scratch_slot), pack_raw(scratch, scratch_slot)
+    )
     if found > 0:
         while now.cursor < cached and (
-            scratch.shape0[lane, now.cursor] < shape0
-            or (scratch.shape0[lane, now.cursor] == shape0 and scratch.shape1[lane, now.cursor] < shape1)
+            scratch.shape0[scratch_slot, now.cursor] < shape0
+            or (
+                scratch.shape0[scratch_slot, now.cursor] == shape0 and scratch.shape1[scratch_slot, now.cursor] < shape1
+            )
         ):
             now.cursor = now.cursor + 1
         now.count = keep_pair(
-            world, lane, shape0, shape1, found, origin, now.count, cached, now.cursor, topology, state, contacts,
-            scratch,
+            world, scratch_slot, shape0, shape1, found, origin, now.count, cached, now.cursor, topology, state,
+            contacts, scratch,
         )  # fmt: skip
         for k in range(found):
-            now.deepest = wp.max(now.deepest, -scratch.gap[lane, k])
+            now.deepest = wp.max(now.deepest, -scratch.pair_gap[scratch_slot, k])
     return now
 
 
 @wp.func
 def collide_world(
-    world: int, lane: int, config: StepConfig, topology: Topology, parameters: Parameters, assets: Assets,
+    world: int, scratch_slot: int, config: StepConfig, topology: Topology, parameters: Parameters, assets: Assets,
     state: StateArrays, contacts: ContactArrays, scratch: CollisionScratch, grid: Grid,
 ):  # fmt: skip
     """The contacts of one world at its present poses, warm-started from the last ones."""
-    cached = keep_last_contacts(world, lane, contacts, scratch)
-    place_shapes(world, lane, topology, parameters, state, assets, scratch)
+    cached = keep_last_contacts(world, scratch_slot, contacts, scratch)
+    place_shapes(world, scratch_slot, topology, parameters, state, assets, scratch)
     contacts.contact_overflow[world] = 0
     gravity = parameters.gravity[world_row(world, parameters.gravity.shape[0])]
     near = config.contact_margin + wp.length(gravity) * config.dt * config.dt
@@ -407,38 +360,35 @@ def collide_world(
     if topology.grid_buckets > 0:
         fastest = float(0.0)
         for shape in range(topology.shape_count):
-            fastest = wp.max(fastest, wp.length(scratch.velocity[lane, shape]) + scratch.sweep[lane, shape])
-        fill_grid(near + config.dt * fastest, topology, scratch.x[lane], scratch.lower[lane], scratch.upper[lane], grid)
+            fastest = wp.max(
+                fastest, wp.length(scratch.velocity[scratch_slot, shape]) + scratch.sweep[scratch_slot, shape]
+            )
+        fill_grid(
+            near + config.dt * fastest,
+            topology,
+            scratch.x[scratch_slot],
+            scratch.lower[scratch_slot],
+            scratch.upper[scratch_slot],
+            grid,
+        )
     progress = Progress()
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]
             approach = (
-                wp.length(scratch.velocity[lane, shape1] - scratch.velocity[lane, shape0])
-                + scratch.sweep[lane, shape0]
-                + scratch.sweep[lane, shape1]
+                wp.length(scratch.velocity[scratch_slot, shape1] - scratch.velocity[scratch_slot, shape0])
+                + scratch.sweep[scratch_slot, shape0]
+                + scratch.sweep[scratch_slot, shape1]
             )
             reach = near + config.dt * approach
             enabled = parameters.shape_enabled[we, shape0] * parameters.shape_enabled[we, shape1]
-            if enabled != 0 and may_touch(lane, shape0, shape1, reach, scratch):
+            if enabled != 0 and may_touch(scratch_slot, shape0, shape1, reach, scratch):
                 progress = collide_pair(
-                    world, lane, shape0, shape1, reach, cached, progress, topology, parameters, assets, state,
+                    world, scratch_slot, shape0, shape1, reach, cached, progress, topology, parameters, assets, state,
                     contacts, scratch,
                 )  # fmt: skip
     contacts.contact_count[world] = progress.count
     contacts.penetration[world] = progress.deepest
-
-
-@wp.func
-def pack_grid(scratch: CollisionScratch, lane: int) -> Grid:
-    """The grid of one lane of the scratch."""
-    grid = Grid()
-    grid.cell = scratch.cell[lane]
-    grid.home = scratch.home[lane]
-    grid.start = scratch.start[lane]
-    grid.member = scratch.member[lane]
-    grid.candidate = scratch.candidate[lane]
-    return grid
 
 
 @wp.kernel(enable_backward=False)
@@ -457,5 +407,16 @@ def collide_worlds(
     world = wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
-    lane = world_row(world, scratch.x.shape[0])
-    collide_world(world, lane, config, topology, parameters, assets, state, contacts, scratch, pack_grid(scratch, lane))
+    scratch_slot = world_row(world, scratch.x.shape[0])
+    collide_world(
+        world,
+        scratch_slot,
+        config,
+        topology,
+        parameters,
+        assets,
+        state,
+        contacts,
+        scratch,
+        pack_grid(scratch, scratch_slot),
+    )

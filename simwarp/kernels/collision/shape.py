@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.core.types import ShapeType
+from simwarp.kernels.core.scratch import ScratchGroup, room
 from simwarp.kernels.rays.wide_tree import Trees
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -69,15 +70,17 @@ class Assets:
     mesh_upper: wp.array[wp.vec3]
 
 
-@wp.struct
-class Manifold:
+class ManifoldRooms(ScratchGroup, packed=False, prefix="pair_"):
     """Scratch that receives the contacts of one pair, all in the pair's frame."""
 
-    normal: wp.array[wp.vec3]  # from shape 0 to shape 1
-    point: wp.array[wp.vec3]  # on the surface of shape 0; that of shape 1 is point + gap * normal
-    gap: wp.array[float]  # negative: penetration [m]
-    feature: wp.array[int]  # equal for the same geometric contact in the next step
-    polygon: wp.array2d[wp.vec3]  # (4, POLYGON_CAPACITY) scratch of the clipping
+    normal = room(wp.vec3, MANIFOLD_CONTACTS)  # from shape 0 to shape 1
+    point = room(wp.vec3, MANIFOLD_CONTACTS)  # on the surface of shape 0; that of shape 1: point + gap * normal
+    gap = room(wp.float32, MANIFOLD_CONTACTS)  # negative: penetration [m]
+    feature = room(wp.int32, MANIFOLD_CONTACTS)  # equal for the same geometric contact in the next step
+    polygon = room(wp.vec3, 4, POLYGON_CAPACITY)  # of the clipping
+
+
+Manifold = ManifoldRooms.struct("Manifold", __name__)
 
 
 @wp.func

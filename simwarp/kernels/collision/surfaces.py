@@ -1,4 +1,4 @@
-"""What contact, tires and ray sensors ask of height fields and meshes: heights, rays, triangles near a shape.
+"""Queries of contact, tires and ray sensors on height fields and meshes: heights, rays, triangles near a shape.
 
 Unless a docstring says otherwise everything is in the shape's frame, scaled; its positions are float64, because terrain
 may be kilometres wide. Edge k of a triangle goes from corner k to corner k + 1; corners are counter-clockwise seen from
@@ -33,7 +33,7 @@ class Ground:
     margin: float  # [m]
     x: wp.vec3d  # origin relative to the pair's, world axes [m]
     rot: wp.mat33  # its axes to world axes
-    lower: wp.vec3d  # where the other shape is, in the shape's own frame [m]
+    lower: wp.vec3d  # bounds of the other shape, in the shape's own frame [m]
     upper: wp.vec3d
 
 
@@ -48,7 +48,7 @@ class SurfacePoint:
 
 @wp.struct
 class SurfaceHit:
-    """Where a ray hits."""
+    """Hit of a ray on a surface."""
 
     t: float  # in lengths of the ray's direction; -1: nowhere
     normal: wp.vec3  # unit, on the outer side of the triangle
@@ -179,7 +179,7 @@ def height_field_height(
 
 @wp.func
 def triangle_ray(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, direction: wp.vec3) -> float:
-    """Where a ray from the origin hits a triangle from either side (Möller and Trumbore 1997); NEVER if it misses."""
+    """Parameter of a ray from the origin at a triangle, from either side (Möller and Trumbore 1997); NEVER: miss."""
     e = p1 - p0
     f = p2 - p0
     h = wp.cross(direction, f)
@@ -351,7 +351,7 @@ def times(rot: wp.mat33, v: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def is_ground(kind: int) -> bool:
-    """Whether a shape consists of triangles."""
+    """True if a shape consists of triangles."""
     return kind == HEIGHT_FIELD or kind == MESH
 
 

@@ -27,11 +27,12 @@ from simwarp.kernels.collision.surfaces import (
     ground_vertex,
     neighbour_normal,
 )
+from simwarp.kernels.core.scratch import ScratchGroup, room
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 RAW_CONTACTS = wp.constant(64)  # of all triangles before the reduction
-THINNED = wp.constant(24)  # what is left of them when they become too many on the way
+THINNED = wp.constant(24)  # kept when they become too many on the way
 SAME_NORMAL = wp.constant(2.0e-3)  # [rad] normals this close to a face's are that; edges that bend less are flat
 MERGED_NORMAL = wp.constant(1.0e-4)  # squared difference of normals, and
 MERGED = wp.constant(2.0e-3)  # distance in radii of the shape, below which two contacts are one
@@ -56,16 +57,18 @@ class Triangle:
     normal: wp.vec3
 
 
-@wp.struct
-class RawContacts:
-    """Scratch: contacts of all triangles, from the triangle to the convex shape; points on the triangle's surface."""
+class RawContactRooms(ScratchGroup, packed=False, prefix="raw_"):
+    """Contacts of all triangles, from the triangle to the convex shape; points on the triangle's surface."""
 
-    triangle: wp.array[int]  # TRIANGLE_BATCH
-    normal: wp.array[wp.vec3]
-    point: wp.array[wp.vec3]
-    gap: wp.array[float]
-    feature: wp.array[int]
-    spread: wp.array[float]
+    triangle = room(wp.int32, TRIANGLE_BATCH)
+    normal = room(wp.vec3, RAW_CONTACTS)
+    point = room(wp.vec3, RAW_CONTACTS)
+    gap = room(wp.float32, RAW_CONTACTS)
+    feature = room(wp.int32, RAW_CONTACTS)
+    spread = room(wp.float32, RAW_CONTACTS)
+
+
+RawContacts = RawContactRooms.struct("RawContacts", __name__)
 
 
 @wp.struct
@@ -104,7 +107,7 @@ def corner_of(t: Triangle, k: int) -> wp.vec3:
 
 @wp.func
 def covers(t: Triangle, along: wp.vec3, p: wp.vec3) -> bool:
-    """Whether a line through p along a direction on the outer side meets the triangle."""
+    """True if a line through p along a direction on the outer side meets the triangle."""
     inside = bool(True)
     for k in range(3):
         a = corner_of(t, k)
@@ -162,7 +165,7 @@ def triangle_sphere(t: Triangle, margin: float, b: Shape, reach: float, out: Man
 
 @wp.func
 def fits_surface(g: Ground, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets) -> bool:
-    """Whether a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
+    """True if a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
     every edge near p that n leans over the surface bends away by at least as much.
     """
     if wp.dot(n, t.normal) < -SAME_NORMAL:
@@ -391,8 +394,8 @@ def drop_voided(count: int, g: Ground, size: float, assets: Assets, raw: RawCont
 @wp.func
 def write_raw(found: Found, flip: int, size: float, raw: RawContacts, out: Manifold) -> int:
     """The pair's contacts; with `flip` the ground is its shape 1."""
-    room = MANIFOLD_CONTACTS - found.sunk
-    count = thin_out(found.count, room, size, raw)
+    left = MANIFOLD_CONTACTS - found.sunk
+    count = thin_out(found.count, left, size, raw)
     for i in range(count + found.sunk):
         n = found.normal
         point = found.point

@@ -110,7 +110,7 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
     n = problem.row_count
     report = SolveReport()
     refresh(problem, X, AX)
-    best = natural_residual(problem, X, AX, config.law, 1)
+    best = natural_residual(problem, X, AX, config.friction_law, 1)
     copy(n, problem.vectors, X, BEST)
     copy(n, problem.vectors, X, Y)
     copy(n, problem.vectors, AX, AY)
@@ -150,11 +150,11 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
         shift = int(0)
         if iteration % SHIFT == 0:
             shift = 1
-        now = natural_residual(problem, X, AX, config.law, shift)
+        now = natural_residual(problem, X, AX, config.friction_law, shift)
         if now <= config.tolerance and fresh == 0:
             fresh = 1
             refresh(problem, X, AX)
-            now = natural_residual(problem, X, AX, config.law, 0)
+            now = natural_residual(problem, X, AX, config.friction_law, 0)
         # Late iterates are told apart by less than the drift of their products: only fresh ones count.
         if now < best and (fresh == 1 or iteration < TRUSTED):
             best = now

@@ -1,5 +1,8 @@
 """Batches of dense cone problems: one thread eliminates, solves and measures one problem."""
 
+import dataclasses
+from typing import Any
+
 import warp as wp
 
 from simwarp.core.types import ArrayLayout
@@ -17,6 +20,7 @@ from simwarp.kernels.cones.eliminate import (
 from simwarp.kernels.cones.operator import refresh
 from simwarp.kernels.cones.problem import AX, LOW, SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.solve import solve_with_fallback
+from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, room
 from simwarp.kernels.dynamics.world import CPU_FLAGS
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
@@ -52,62 +56,56 @@ class BatchInput:
     zeros: wp.array[float]
 
 
-@wp.struct
-class BatchScratch:
-    """Room for a few problems at a time ("lanes"): first axis the lane."""
+class BatchRooms(ScratchGroup, packed=False):
+    """Room for one problem of a batch."""
 
-    s: wp.array3d[float]
-    factor: wp.array3d[float]
-    cone_rows: wp.array3d[float]  # (lanes, 5, cone rows): r, diagonal, gamma, scale, gamma kept
-    vectors: wp.array3d[float]
-    wide: wp.array3d[wp.float64]
-    n_bb: wp.array3d[float]
-    c: wp.array3d[float]
-    root: wp.array3d[float]
-    a: wp.array3d[float]
-    y: wp.array3d[float]
-    change: wp.array3d[float]
-    compliance: wp.array2d[float]
-    work: wp.array3d[float]
-    gamma: wp.array3d[float]
+    s = room(wp.float32, "cones", "cones")
+    factor = room(wp.float32, "cones", "cones")
+    cone_rows = room(wp.float32, 5, "cones")  # r, diagonal, gamma, scale, gamma kept
+    vectors = room(wp.float32, SOLVER_VECTORS, "cones")
+    wide = room(wp.float64, WIDE_VECTORS, "cones")
+    n_bb = room(wp.float32, "bilateral", "bilateral")
+    c = room(wp.float32, "cones", "bilateral")
+    root = room(wp.float32, "velocities", "velocities")
+    a = room(wp.float32, "rows", "velocities")
+    y = room(wp.float32, "cones", "velocities")
+    change = room(wp.float32, 1, "velocities")
+    compliance = room(wp.float32, "rows")
+    work = room(wp.float32, 2, "rows")
+    gamma = room(wp.float32, 2, "rows")
 
 
-def batch_layouts(lanes: int, rows: int, bilateral: int, velocities: int) -> dict[str, ArrayLayout]:
+GROUPS = (BatchRooms,)
+BatchScratch = memory_struct("BatchScratch", __name__, GROUPS)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BatchSizes:
+    """Lengths of problems of one size."""
+
+    rows: int
+    bilateral: int
+    velocities: int
+
+    @property
+    def cones(self) -> int:
+        """Rows that are left when the bilateral ones are eliminated."""
+        return self.rows - self.bilateral
+
+
+def batch_layouts(slots: int, sizes: BatchSizes) -> dict[str, ArrayLayout]:
     """The arrays of the scratch of problems of one size."""
-    cones = rows - bilateral
-    shapes: dict[str, tuple[int, ...]] = {
-        "s": (cones, cones),
-        "factor": (cones, cones),
-        "wide": (WIDE_VECTORS, cones),
-        "cone_rows": (5, cones),
-        "vectors": (SOLVER_VECTORS, cones),
-        "n_bb": (bilateral, bilateral),
-        "c": (cones, bilateral),
-        "root": (velocities, velocities),
-        "a": (rows, velocities),
-        "y": (cones, velocities),
-        "change": (1, velocities),
-        "compliance": (rows,),
-        "work": (2, rows),
-        "gamma": (2, rows),
-    }
-    return {
-        name: ArrayLayout((lanes, *(max(length, 1) for length in shape)), wp.float64 if name == "wide" else wp.float32)
-        for name, shape in shapes.items()
-    }
+    return memory_layouts(GROUPS, slots, sizes)
 
 
-def make_batch_scratch(device: wp.Device, lanes: int, rows: int, bilateral: int, velocities: int) -> BatchScratch:
+def make_batch_scratch(device: wp.Device, slots: int, sizes: BatchSizes) -> Any:
     """Allocates the scratch of problems of one size."""
-    scratch = BatchScratch()
-    for name, layout in batch_layouts(lanes, rows, bilateral, velocities).items():
-        setattr(scratch, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
-    return scratch
+    return make_memory(BatchScratch, batch_layouts(slots, sizes), device)
 
 
 @wp.func
-def pack_system(index: int, lane: int, batch: BatchInput, scratch: BatchScratch) -> DenseSystem:
-    """One problem and its lane."""
+def pack_system(index: int, scratch_slot: int, batch: BatchInput, scratch: BatchScratch) -> DenseSystem:
+    """One problem and its slot."""
     system = DenseSystem()
     system.rows = batch.rows
     system.bilateral = batch.bilateral
@@ -118,26 +116,26 @@ def pack_system(index: int, lane: int, batch: BatchInput, scratch: BatchScratch)
         system.jacobian = batch.jacobian[index]
         system.inverse_mass = batch.inverse_mass[index]
         system.free_velocity = batch.free_velocity[index]
-    system.gamma = scratch.gamma[lane]
-    system.root = scratch.root[lane]
-    system.a = scratch.a[lane]
-    system.y = scratch.y[lane]
-    system.change = scratch.change[lane]
-    system.compliance = scratch.compliance[lane]
-    system.n_bb = scratch.n_bb[lane]
-    system.c = scratch.c[lane]
-    system.work = scratch.work[lane]
+    system.gamma = scratch.gamma[scratch_slot]
+    system.root = scratch.root[scratch_slot]
+    system.a = scratch.a[scratch_slot]
+    system.y = scratch.y[scratch_slot]
+    system.change = scratch.change[scratch_slot]
+    system.compliance = scratch.compliance[scratch_slot]
+    system.n_bb = scratch.n_bb[scratch_slot]
+    system.c = scratch.c[scratch_slot]
+    system.work = scratch.work[scratch_slot]
     return system
 
 
 @wp.func
-def pack_cones(index: int, lane: int, batch: BatchInput, scratch: BatchScratch) -> ConeProblem:
-    """The cone problem of a lane."""
+def pack_cones(index: int, scratch_slot: int, batch: BatchInput, scratch: BatchScratch) -> ConeProblem:
+    """The cone problem of a slot."""
     problem = ConeProblem()
     problem.row_count = batch.rows - batch.bilateral
     problem.block_count = batch.blocks
     problem.dense = 1
-    problem.slot_count = 0
+    problem.tree_dof_count = 0
     problem.loop_count = 0
     problem.block_row = batch.block_row
     problem.block_kind = batch.block_kind
@@ -147,14 +145,14 @@ def pack_cones(index: int, lane: int, batch: BatchInput, scratch: BatchScratch) 
     problem.cohesion = batch.zeros
     problem.lower = batch.lower
     problem.upper = batch.upper
-    problem.s = scratch.s[lane]
-    problem.factor = scratch.factor[lane]
-    problem.r = scratch.cone_rows[lane, 0]
-    problem.diagonal = scratch.cone_rows[lane, 1]
-    problem.gamma = scratch.cone_rows[lane, 2]
-    problem.scale = scratch.cone_rows[lane, 3]
-    problem.vectors = scratch.vectors[lane]
-    problem.wide = scratch.wide[lane]
+    problem.s = scratch.s[scratch_slot]
+    problem.factor = scratch.factor[scratch_slot]
+    problem.r = scratch.cone_rows[scratch_slot, 0]
+    problem.diagonal = scratch.cone_rows[scratch_slot, 1]
+    problem.gamma = scratch.cone_rows[scratch_slot, 2]
+    problem.scale = scratch.cone_rows[scratch_slot, 3]
+    problem.vectors = scratch.vectors[scratch_slot]
+    problem.wide = scratch.wide[scratch_slot]
     return problem
 
 
@@ -188,10 +186,10 @@ def solve_batch(
 ):
     """Solves one problem per thread."""
     index = wp.tid()
-    lanes = scratch.vectors.shape[0]
-    lane = index % lanes
-    system = pack_system(index, lane, batch, scratch)
-    problem = pack_cones(index, lane, batch, scratch)
+    scratch_slots = scratch.vectors.shape[0]
+    scratch_slot = index % scratch_slots
+    system = pack_system(index, scratch_slot, batch, scratch)
+    problem = pack_cones(index, scratch_slot, batch, scratch)
     nb = system.bilateral
     if system.velocities > 0:
         form_rows(system)
@@ -207,7 +205,7 @@ def solve_batch(
     if nb > 0:
         # The reduced problem has the rounding of its elimination; u of the whole problem, for `correct`, has not.
         turns = 1 + CORRECTIONS
-    kept = scratch.cone_rows[lane, 4]
+    kept = scratch.cone_rows[scratch_slot, 4]
     total = SolveReport()
     for _ in range(turns):
         report = solve_with_fallback(problem, config, batch.fallback, kept)

@@ -53,7 +53,7 @@ wp.set_module_options({"enable_backward": False})
 BACK_OFF = wp.constant(wp.float64(0.97))
 STALLS = wp.constant(4)  # Newton steps without progress before it ends
 EXACT_FINISH = wp.constant(1000)  # the same for the exact law, whose term they keep up to date
-LAWS = wp.constant(6)  # solves with an updated De Saxcé term, at most
+TERM_UPDATES = wp.constant(6)  # solves with an updated De Saxcé term, at most
 FINISH = wp.constant(40)  # accelerated gradient steps at the end
 
 
@@ -126,7 +126,7 @@ def set_direction(problem: ConeProblem, aim: wp.float64, correct: int):
 
 @wp.func
 def set_bound_duals(problem: ConeProblem, row: int, aim: wp.float64, correct: int):
-    """DZ, DU of a bounded row <- from its linearised complementarity."""
+    """DZ, DU of a box constraint <- from its linearised complementarity."""
     low = problem.wide[LO, row]
     high = problem.wide[UP, row]
     x = problem.wide[XI, row]
@@ -204,18 +204,18 @@ def newton_step(problem: ConeProblem):
 
 
 @wp.func
-def measure(problem: ConeProblem, law: int, shift: int) -> float:
+def measure(problem: ConeProblem, friction_law: int, shift: int) -> float:
     """Residual at XI; X, AX and TMP (impulses) are set."""
     n = problem.row_count
     impulses_from(problem, XI)
     multiply_wide(n, problem.s, problem.wide, TMP, PROD)
     for row in range(n):
         problem.vectors[AX, row] = float(problem.wide[PROD, row])
-    return natural_residual(problem, X, AX, law, shift)
+    return natural_residual(problem, X, AX, friction_law, shift)
 
 
 @wp.func
-def solve_convex(problem: ConeProblem, config: ConeConfig, law: int) -> SolveReport:
+def solve_convex(problem: ConeProblem, config: ConeConfig, friction_law: int) -> SolveReport:
     """Newton steps for the r in R_EFF, which stays; GAMMA <- the impulses of the least residual under the law."""
     report = SolveReport()
     set_linear_term(problem)
@@ -227,7 +227,7 @@ def solve_convex(problem: ConeProblem, config: ConeConfig, law: int) -> SolveRep
         step += 1
         stalled += 1
         newton_step(problem)
-        now = measure(problem, law, 0)
+        now = measure(problem, friction_law, 0)
         if now < best:
             if now < 0.7 * best:
                 stalled = 0
@@ -241,7 +241,7 @@ def solve_convex(problem: ConeProblem, config: ConeConfig, law: int) -> SolveRep
 
 @wp.func
 def can_factorise(problem: ConeProblem) -> bool:
-    """Whether the problem is dense, without rolling friction, and has the room."""
+    """True if the problem is dense, has no rolling friction, and the workspace is allocated."""
     if problem.dense == 0 or problem.wide.shape[0] == 0:
         return False
     for block in range(problem.block_count):
@@ -251,7 +251,7 @@ def can_factorise(problem: ConeProblem) -> bool:
 
 
 @wp.func
-def take_gamma(problem: ConeProblem, law: int) -> float:
+def take_gamma(problem: ConeProblem, friction_law: int) -> float:
     """X, AX <- those of GAMMA, R_EFF <- De Saxcé's term there; returns the residual."""
     n = problem.row_count
     for row in range(n):
@@ -259,7 +259,7 @@ def take_gamma(problem: ConeProblem, law: int) -> float:
     multiply_wide(n, problem.s, problem.wide, GAMMA, PROD)
     for row in range(n):
         problem.vectors[AX, row] = float(problem.wide[PROD, row])
-    return natural_residual(problem, X, AX, law, 1)
+    return natural_residual(problem, X, AX, friction_law, 1)
 
 
 @wp.func
@@ -274,20 +274,20 @@ def solve_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveRepor
     set_units(problem)
     for row in range(n):
         problem.wide[GAMMA, row] = wp.float64(problem.gamma[row])
-    take_gamma(problem, config.law)
-    laws = int(1)
+    take_gamma(problem, config.friction_law)
+    updates = int(1)
     most = int(FINISH)
-    if config.law == EXACT:
-        laws = int(LAWS)
+    if config.friction_law == EXACT:
+        updates = int(TERM_UPDATES)
         most = int(EXACT_FINISH)
     steps = int(0)
     inner = float(1.0e30)
     law = int(0)
-    while law < laws and inner > config.tolerance:
+    while law < updates and inner > config.tolerance:
         law += 1
-        inside = solve_convex(problem, config, config.law)
+        inside = solve_convex(problem, config, config.friction_law)
         steps += inside.iterations
-        inner = take_gamma(problem, config.law)
+        inner = take_gamma(problem, config.friction_law)
     finish = accelerate(problem, config, most)
     report.iterations = steps + finish.iterations
     report.residual = wp.min(inner, finish.residual)

@@ -1,4 +1,4 @@
-"""What every solver asks of a problem: products with S, block scales, the residual, De Saxcé's shift.
+"""Operations on a problem shared by all solvers: products with S, block scales, the residual, De Saxcé's shift.
 
 The residual of a block is that of the natural map, g |gamma - Pi(gamma - u / g)| with g the mean diagonal of the block:
 a velocity [m/s or rad/s]. Blocks that nothing moves (zero diagonal) keep the projection of zero and have no residual.
@@ -125,8 +125,8 @@ def multiply_wide(n: int, s: wp.array2d[float], wide: wp.array2d[wp.float64], so
 @wp.func
 def multiply_free(problem: ConeProblem, source: int, target: int) -> float:
     """vectors[target] <- (Y Y^T - W W^T + compliance) vectors[source]. Returns their product."""
-    for slot in range(problem.slot_count):
-        problem.slot_sum[slot] = 0.0
+    for tree_dof in range(problem.tree_dof_count):
+        problem.tree_dof_sum[tree_dof] = 0.0
     for k in range(problem.loop_count):
         problem.loop_sum[k] = 0.0
     for block in range(problem.block_count):
@@ -144,19 +144,19 @@ def multiply_free(problem: ConeProblem, source: int, target: int) -> float:
 
 @wp.func
 def add_row(problem: ConeProblem, block: int, row: int, value: float):
-    """slot_sum, loop_sum <- with `value` more in one row: Y^T gamma and W^T gamma kept up to date."""
+    """tree_dof_sum, loop_sum <- with `value` more in one row: Y^T gamma and W^T gamma kept up to date."""
     for e in range(problem.block_entries[block]):
-        problem.slot_sum[problem.block_slot[block, e]] += problem.y[row, e] * value
+        problem.tree_dof_sum[problem.block_tree_dof[block, e]] += problem.y[row, e] * value
     for k in range(problem.loop_count):
         problem.loop_sum[k] += problem.w[row, k] * value
 
 
 @wp.func
 def row_sum(problem: ConeProblem, block: int, row: int) -> float:
-    """(Y Y^T - W W^T) gamma of one row, from slot_sum and loop_sum."""
+    """(Y Y^T - W W^T) gamma of one row, from tree_dof_sum and loop_sum."""
     total = float(0.0)
     for e in range(problem.block_entries[block]):
-        total += problem.y[row, e] * problem.slot_sum[problem.block_slot[block, e]]
+        total += problem.y[row, e] * problem.tree_dof_sum[problem.block_tree_dof[block, e]]
     for k in range(problem.loop_count):
         total -= problem.w[row, k] * problem.loop_sum[k]
     return total
@@ -222,13 +222,15 @@ def sliding(t1: float, t2: float, bound: float) -> float:
 
 
 @wp.func
-def contact_residual(problem: ConeProblem, block: int, row: int, x: int, ax: int, law: int, shift: int) -> float:
+def contact_residual(
+    problem: ConeProblem, block: int, row: int, x: int, ax: int, friction_law: int, shift: int
+) -> float:
     """Squared residual of a CONTACT block; with `shift`, De Saxcé's term at these velocities goes to R_EFF."""
     un = problem.vectors[ax, row] + problem.r[row]
     u1 = problem.vectors[ax, row + 1] + problem.r[row + 1]
     u2 = problem.vectors[ax, row + 2] + problem.r[row + 2]
     friction = problem.friction[block]
-    if law == EXACT:
+    if friction_law == EXACT:
         term = friction * wp.sqrt(u1 * u1 + u2 * u2)
         un += term
         if shift == 1:
@@ -246,7 +248,9 @@ def contact_residual(problem: ConeProblem, block: int, row: int, x: int, ax: int
 
 
 @wp.func
-def rolling_residual(problem: ConeProblem, block: int, row: int, x: int, ax: int, law: int, shift: int) -> float:
+def rolling_residual(
+    problem: ConeProblem, block: int, row: int, x: int, ax: int, friction_law: int, shift: int
+) -> float:
     """Squared residual of a ROLLING block, as `contact_residual`."""
     slopes = slopes_of(problem, block)
     cohesion = problem.cohesion[block]
@@ -256,7 +260,7 @@ def rolling_residual(problem: ConeProblem, block: int, row: int, x: int, ax: int
     u3 = problem.vectors[ax, row + 3] + problem.r[row + 3]
     u4 = problem.vectors[ax, row + 4] + problem.r[row + 4]
     u5 = problem.vectors[ax, row + 5] + problem.r[row + 5]
-    if law == EXACT:
+    if friction_law == EXACT:
         slip = slopes[0] * wp.sqrt(u1 * u1 + u2 * u2)
         roll = slopes[1] * wp.sqrt(u3 * u3 + u4 * u4)
         spin = slopes[2] * wp.abs(u5)
@@ -294,7 +298,7 @@ def rolling_residual(problem: ConeProblem, block: int, row: int, x: int, ax: int
 
 
 @wp.func
-def natural_residual(problem: ConeProblem, x: int, ax: int, law: int, shift: int) -> float:
+def natural_residual(problem: ConeProblem, x: int, ax: int, friction_law: int, shift: int) -> float:
     """Greatest residual over the blocks at gamma = vectors[x], S gamma = vectors[ax] [m/s or rad/s].
 
     With `shift` = 1 and the exact law, R_EFF gets De Saxcé's term at these velocities.
@@ -307,7 +311,7 @@ def natural_residual(problem: ConeProblem, x: int, ax: int, law: int, shift: int
         if problem.scale[row] > 0.0:
             square = float(0.0)
             if kind == CONTACT:
-                square = contact_residual(problem, block, row, x, ax, law, shift)
+                square = contact_residual(problem, block, row, x, ax, friction_law, shift)
             elif kind == BOX:
                 diagonal = problem.diagonal[row]
                 gamma = problem.vectors[x, row]
@@ -315,7 +319,7 @@ def natural_residual(problem: ConeProblem, x: int, ax: int, law: int, shift: int
                 gap = diagonal * (gamma - wp.clamp(moved, problem.lower[row], problem.upper[row]))
                 square = gap * gap
             else:
-                square = rolling_residual(problem, block, row, x, ax, law, shift)
+                square = rolling_residual(problem, block, row, x, ax, friction_law, shift)
             worst = wp.max(worst, square)
             # A NaN or infinity stays, whatever max() does with it.
             poison += 0.0 * square

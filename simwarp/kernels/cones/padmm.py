@@ -78,7 +78,7 @@ def solve_padmm(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     start_from_gamma(problem, X)
     project_all(problem, problem.vectors[X])
     refresh(problem, X, AX)
-    best = natural_residual(problem, X, AX, config.law, 1)
+    best = natural_residual(problem, X, AX, config.friction_law, 1)
     copy(n, problem.vectors, X, BEST)
     for row in range(n):
         problem.vectors[DUAL, row] = -problem.vectors[AX, row] - problem.vectors[R_EFF, row]
@@ -93,7 +93,7 @@ def solve_padmm(problem: ConeProblem, config: ConeConfig) -> SolveReport:
         shift = int(0)
         if iteration % SHIFT == 0:
             shift = 1
-        now = natural_residual(problem, X, AX, config.law, shift)
+        now = natural_residual(problem, X, AX, config.friction_law, shift)
         if now < best:
             best = now
             copy(n, problem.vectors, X, BEST)

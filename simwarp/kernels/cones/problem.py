@@ -7,6 +7,7 @@ with u = S gamma + r the velocities [m/s or rad/s] and gamma the impulses [N·s 
 import warp as wp
 
 from simwarp.core.types import BlockKind, FrictionLaw
+from simwarp.kernels.core.scratch import ScratchGroup, number, room
 
 wp.set_module_options({"enable_backward": False})
 
@@ -20,54 +21,59 @@ EXACT = wp.constant(int(FrictionLaw.EXACT))
 class ConeConfig:
     """Numbers of a solve."""
 
-    law: int  # FrictionLaw
+    friction_law: int  # FrictionLaw
     solver: int  # ConeSolver
     max_iterations: int
     tolerance: float  # residual at which a solver stops [m/s or rad/s]
 
 
-@wp.struct
-class ConeProblem:
+SOLVER_VECTORS = 12
+WIDE_VECTORS = 24
+
+
+class ConeRooms(ScratchGroup):
     """One world's problem. Arrays are as long as the capacity; only the first `row_count`, `block_count` count.
 
-    S is either dense (`dense` = 1: array `s`) or applied through the slots of the tree (`dense` = 0):
-    S = Y Y^T - W W^T + diag(compliance), where row i of block b has the entries y[i, e] at slots block_slot[b, e],
-    e < block_entries[b], and W has `loop_count` columns.
+    S is either dense (`dense` = 1: array `s`) or applied through the degrees of freedom of the tree (`dense` = 0):
+    S = Y Y^T - W W^T + diag(compliance), where row i of block b has the entries y[i, e] at the tree
+    degrees of freedom block_tree_dof[b, e], e < block_entries[b], and W has `loop_count` columns.
     """
 
-    row_count: int
-    block_count: int
-    dense: int
-    slot_count: int
-    loop_count: int
+    row_count = number(int)
+    block_count = number(int)
+    dense = number(int)
+    tree_dof_count = number(int)
+    loop_count = number(int)
 
-    block_row: wp.array[int]  # first row of each block, and the total at the end
-    block_kind: wp.array[int]  # BlockKind
-    friction: wp.array[float]  # per block
-    rolling: wp.array[float]  # per block [m]
-    spinning: wp.array[float]  # per block [m]
-    cohesion: wp.array[float]  # per block: the cone's apex is at n = -cohesion [N·s]
+    block_row = room(wp.int32, "block_ends")  # first row of each block, and the total at the end
+    block_kind = room(wp.int32, "block_ends")  # BlockKind
+    block_entries = room(wp.int32, "block_ends")
+    friction = room(wp.float32, "blocks")
+    rolling = room(wp.float32, "blocks")  # [m]
+    spinning = room(wp.float32, "blocks")  # [m]
+    cohesion = room(wp.float32, "blocks")  # the cone's apex is at n = -cohesion [N·s]
 
-    lower: wp.array[float]  # per row, of BOX blocks
-    upper: wp.array[float]
-    r: wp.array[float]  # per row
-    diagonal: wp.array[float]  # per row: S_ii, positive
-    gamma: wp.array[float]  # per row: warm start in, solution out
+    lower = room(wp.float32, "cone_rows")  # of BOX blocks
+    upper = room(wp.float32, "cone_rows")
+    r = room(wp.float32, "cone_rows")
+    diagonal = room(wp.float32, "cone_rows")  # S_ii, positive
+    gamma = room(wp.float32, "cone_rows")  # warm start in, solution out
+    compliance = room(wp.float32, "cone_rows")
+    scale = room(wp.float32, "cone_rows")
 
-    s: wp.array2d[float]  # (rows, rows), symmetric, compliance on its diagonal
-    y: wp.array2d[float]  # (rows, entries)
-    block_slot: wp.array2d[int]  # (blocks, entries)
-    block_entries: wp.array[int]
-    w: wp.array2d[float]  # (rows, loop rows)
-    compliance: wp.array[float]  # per row
+    s = room(wp.float32, "dense_rows", "dense_rows")  # symmetric, compliance on its diagonal
+    y = room(wp.float32, "cone_rows", "entries")
+    block_tree_dof = room(wp.int32, "blocks", "entries")
+    w = room(wp.float32, "cone_rows", "rows")  # columns: loop rows
 
-    # scratch
-    slot_sum: wp.array[float]  # (slots,)
-    loop_sum: wp.array[float]  # (loop rows,)
-    scale: wp.array[float]  # per row
-    vectors: wp.array2d[float]  # (SOLVER_VECTORS, rows)
-    factor: wp.array2d[float]  # (rows, rows): of solvers that factorise
-    wide: wp.array2d[wp.float64]  # (WIDE_VECTORS, rows): of the interior point
+    tree_dof_sum = room(wp.float32, "tree_dofs")
+    loop_sum = room(wp.float32, "rows")
+    vectors = room(wp.float32, SOLVER_VECTORS, "cone_rows")
+    factor = room(wp.float32, "factor_rows", "factor_rows")  # of solvers that factorise
+    wide = room(wp.float64, WIDE_VECTORS, "factor_rows")  # of the interior point
+
+
+ConeProblem = ConeRooms.struct("ConeProblem", __name__)
 
 
 # Rows of `vectors`. All solvers keep these and number their own from OWN on.
@@ -76,10 +82,8 @@ AX = wp.constant(1)  # S x
 BEST = wp.constant(2)  # the iterate of the least residual
 R_EFF = wp.constant(3)  # r, with De Saxcé's term on the normal rows
 WEIGHT = wp.constant(4)  # greatest diagonal of the row's block; 0 where nothing moves
-LOW = wp.constant(5)  # what the impulses returned have beyond float32
+LOW = wp.constant(5)  # part of the returned impulses beyond float32
 OWN = wp.constant(6)
-SOLVER_VECTORS = 12
-WIDE_VECTORS = 24
 
 
 @wp.struct

@@ -85,7 +85,7 @@ def desaxce(problem: ConeProblem, block: int, first: int, velocities: int) -> fl
 
 
 @wp.func
-def sweep(problem: ConeProblem, law: int):
+def sweep(problem: ConeProblem, friction_law: int):
     """Every block of X <- its projected step, in order."""
     values = problem.vectors[X]
     for block in range(problem.block_count):
@@ -94,7 +94,7 @@ def sweep(problem: ConeProblem, law: int):
         if problem.scale[first] > 0.0:
             for row in range(first, last):
                 problem.vectors[AX, row] = velocity_of(problem, block, row)
-            if law == EXACT and problem.block_kind[block] != BOX:
+            if friction_law == EXACT and problem.block_kind[block] != BOX:
                 problem.vectors[AX, first] += desaxce(problem, block, first, AX)
             for row in range(first, last):
                 problem.vectors[OLD, row] = values[row]
@@ -114,17 +114,17 @@ def solve_psor(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     set_steps(problem)
     start_from_gamma(problem, X)
     project_all(problem, problem.vectors[X])
-    # Matrix-free, this product also leaves slot_sum and loop_sum up to date for the sweeps.
+    # Matrix-free, this product also leaves tree_dof_sum and loop_sum up to date for the sweeps.
     refresh(problem, X, AX)
-    best = natural_residual(problem, X, AX, config.law, 0)
+    best = natural_residual(problem, X, AX, config.friction_law, 0)
     copy(n, problem.vectors, X, BEST)
     iteration = int(0)
     while iteration < config.max_iterations and best > config.tolerance:
         iteration += 1
-        sweep(problem, config.law)
+        sweep(problem, config.friction_law)
         if iteration % CHECK == 0 or iteration == config.max_iterations:
             refresh(problem, X, AX)
-            now = natural_residual(problem, X, AX, config.law, 0)
+            now = natural_residual(problem, X, AX, config.friction_law, 0)
             if now < best:
                 best = now
                 copy(n, problem.vectors, X, BEST)

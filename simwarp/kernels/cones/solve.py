@@ -49,7 +49,7 @@ def solve(problem: ConeProblem, config: ConeConfig) -> SolveReport:
         report = solve_interior_point(problem, config)
     else:
         chosen = ConeConfig()
-        chosen.law = config.law
+        chosen.friction_law = config.friction_law
         chosen.tolerance = config.tolerance
         chosen.max_iterations = most
         report = solve_apgd(problem, chosen)
@@ -60,7 +60,7 @@ def solve(problem: ConeProblem, config: ConeConfig) -> SolveReport:
 def solve_with_fallback(problem: ConeProblem, config: ConeConfig, fallback: int, kept: wp.array[float]) -> SolveReport:
     """As `solve`; with `fallback`, the interior point solves what misses the tolerance, and the better one is kept."""
     chosen = ConeConfig()
-    chosen.law = config.law
+    chosen.friction_law = config.friction_law
     chosen.solver = config.solver
     chosen.tolerance = config.tolerance
     chosen.max_iterations = config.max_iterations

@@ -85,7 +85,7 @@ def solve_spg(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     start_from_gamma(problem, X)
     project_all(problem, problem.vectors[X])
     refresh(problem, X, AX)
-    best = natural_residual(problem, X, AX, config.law, 1)
+    best = natural_residual(problem, X, AX, config.friction_law, 1)
     copy(n, problem.vectors, X, BEST)
     history = Values()
     value = float(0.0)
@@ -111,17 +111,17 @@ def solve_spg(problem: ConeProblem, config: ConeConfig) -> SolveReport:
             project_all(problem, problem.vectors[X])
             refresh(problem, X, AX)
         shift = int(0)
-        if iteration % SHIFT == 0 and config.law == EXACT:
+        if iteration % SHIFT == 0 and config.friction_law == EXACT:
             # The function has changed: values of the old one are no reference.
             shift = 1
             value = float(0.0)
             for k in range(MEMORY):
                 history[k] = 0.0
-        now = natural_residual(problem, X, AX, config.law, shift)
+        now = natural_residual(problem, X, AX, config.friction_law, shift)
         if now <= config.tolerance and not fresh:
             fresh = True
             refresh(problem, X, AX)
-            now = natural_residual(problem, X, AX, config.law, 0)
+            now = natural_residual(problem, X, AX, config.friction_law, 0)
         if now < best and (fresh or iteration < TRUSTED):
             best = now
             copy(n, problem.vectors, X, BEST)

@@ -6,6 +6,8 @@ made of them. A new array is one line here, and its use.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import warp as wp
 
 from simwarp.core.arrays import NOT_NEGATIVE, POSITIVE, Domain, WritableArray
@@ -16,7 +18,7 @@ AN_EFFORT = Domain(least=0.0, remedy="1e30 stands for no limit")
 
 
 class ParameterFields(FieldGroup):
-    """What may differ per world: shared by all of them, or one each."""
+    """Parameters that may differ per world: one row for all worlds, or one each."""
 
     gravity: WritableArray = parameter(wp.vec3, text="acceleration [m/s²], world frame")
     body_mass: WritableArray = parameter(wp.float32, Size.BODIES, text="[kg]", domain=POSITIVE)
@@ -122,7 +124,9 @@ class ParameterFields(FieldGroup):
 
 
 class StateFields(FieldGroup):
-    """What a step changes. Angular and linear parts are separate arrays; everything is in the world frame."""
+    """State that a step advances. Angular and linear parts are separate arrays; everything is in the world frame."""
+
+    NAMES_IN_FILES: ClassVar = {"box_impulse": "bounded_impulse"}
 
     body_x: WritableArray = field(
         wp.vec3d, Size.WORLDS, Size.BODIES, text="position of record of the centre of mass [m]", writable=True
@@ -161,10 +165,10 @@ class StateFields(FieldGroup):
     )
     joint_q: WritableArray = field(wp.float32, Size.WORLDS, Size.DOFS, text="the same in float32", writable=True)
     joint_qd: WritableArray = field(wp.float32, Size.WORLDS, Size.DOFS, text="rates", writable=True)
-    bounded_impulse: WritableArray = field(
+    box_impulse: WritableArray = field(
         wp.float32,
         Size.WORLDS,
-        Size.BOUNDED_ROWS,
+        Size.BOX_CONSTRAINTS,
         text="warm start of limits, friction, motors and drives [N·s or N·m·s]",
         writable=True,
     )
@@ -254,15 +258,15 @@ class ContactFields(FieldGroup):
 
 
 class ReportFields(FieldGroup):
-    """What the last sub-step tells about itself."""
+    """Diagnostics of the last sub-step."""
 
     row_residual: wp.array = field(
         wp.float32, Size.WORLDS, text="largest speed error of the loop and coupling rows [m/s or rad/s]"
     )
-    bounded_residual: wp.array = field(
+    cone_residual: wp.array = field(
         wp.float32, Size.WORLDS, text="natural residual of limits, friction, motors and contacts [m/s or rad/s]"
     )
-    bounded_count: wp.array = field(wp.int32, Size.WORLDS, text="rows on coordinates and contacts that took part")
+    constraint_count: wp.array = field(wp.int32, Size.WORLDS, text="rows on coordinates and contacts that took part")
     iterations: wp.array = field(wp.int32, Size.WORLDS, text="iterations of their solve")
     position_error: wp.array = field(
         wp.float32,

@@ -1,10 +1,12 @@
 """The structs that kernels take beside the arrays of `fields`: constant tables, options, and a world's scratch.
 
 `Topology` is shared by all worlds and never changes.
-`Work` packs the local arrays of one world: a kernel of fixed size allocates them and hands them on as a whole.
+`Work` has the local arrays of one world, which lie in a slot of the scratch (scratch.py).
 """
 
 import warp as wp
+
+from simwarp.kernels.core.scratch import ScratchGroup, room
 
 
 @wp.func
@@ -15,18 +17,18 @@ def world_row(world: int, copies: int) -> int:
 
 @wp.struct
 class Topology:
-    """Level-ordered tables: links (bodies and shafts) parents first, slots (tree degrees of freedom), rows."""
+    """Level-ordered tables: links (bodies and shafts) parents first, tree degrees of freedom, rows."""
 
     link_count: int
-    slot_count: int
+    tree_dof_count: int
     dof_count: int
     joint_count: int
     loop_joint_count: int
     row_count: int  # rows of loop joints, then couplings
     joint_row_count: int
-    bounded_count: int
+    box_count: int
     loop_dof_count: int
-    slot_line_count: int
+    distance_count: int
     shape_count: int
     pair_count: int
     grid_buckets: int  # 0: pairs come from the list
@@ -37,9 +39,9 @@ class Topology:
     link_type: wp.array[int]  # JointType
     link_sign: wp.array[float]  # -1: the joint is traversed from its child to its parent
     link_alone: wp.array[int]  # 1: no joint touches the body
-    link_slot: wp.array[int]  # CSR
-    slot_dof: wp.array[int]  # -1: floating without a named joint
-    slot_link: wp.array[int]
+    link_tree_dof: wp.array[int]  # CSR
+    tree_dof_to_dof: wp.array[int]  # -1: floating without a named joint
+    tree_dof_link: wp.array[int]
     body_link: wp.array[int]
 
     joint_type: wp.array[int]
@@ -48,7 +50,7 @@ class Topology:
     joint_dof: wp.array[int]  # CSR
 
     dof_joint: wp.array[int]
-    dof_slot: wp.array[int]  # -1: the joint closes a loop
+    dof_to_tree_dof: wp.array[int]  # -1: the joint closes a loop
     dof_kind: wp.array[int]  # RowKind
     dof_axis: wp.array[int]
     dof_drive: wp.array[int]  # DriveMode
@@ -65,16 +67,18 @@ class Topology:
     row_axis1: wp.array[int]
     row_dof: wp.array[int]  # -1: rigid; else the row carries that degree of freedom's law or prescribed motion
     coupling_dof: wp.array2d[int]  # (couplings, terms), -1: none
-    coupling_wrench: wp.array2d[int]  # (couplings, terms): where j0, j1 hold a TURN term's wrenches, -1: a slot
-    row_path: wp.array[int]  # CSR over rows: slots that a row can move
-    path_slot: wp.array[int]
-
-    slot_line: wp.array2d[
+    coupling_wrench: wp.array2d[
         int
-    ]  # (lines, 2): coordinate of a LINE, slot of the joint between its bodies, on which it acts
+    ]  # (couplings, terms): where j0, j1 hold a RELATIVE_ROTATION term's wrenches, -1: a tree degree of freedom
+    row_path: wp.array[int]  # CSR over rows: tree degrees of freedom that a row can move
+    path_tree_dof: wp.array[int]
+
+    distance_dof: wp.array2d[
+        int
+    ]  # (lines, 2): coordinate of a distance, and the tree degree of freedom that it acts on
     loop_dof: wp.array[int]  # coordinates of loop joints without a law: `joint_force` acts on them as it is
-    bounded_dof: wp.array[int]
-    bounded_kind: wp.array[int]  # BoundedKind
+    box_dof: wp.array[int]
+    box_kind: wp.array[int]  # BoxKind
 
     shape_body: wp.array[int]  # -1: world
     shape_type: wp.array[int]  # ShapeType
@@ -109,61 +113,63 @@ class StepConfig:
     dense_rows: int  # most rows of a dense Schur complement
 
 
-@wp.struct
-class Work:
-    """Scratch of one world. `ang`, `lin` are about a link's centre of mass, world axes."""
+class WorkRooms(ScratchGroup):
+    """Scratch of a step of one world. `ang`, `lin` are about a link's centre of mass, world axes."""
 
-    x: wp.array[wp.vec3d]  # per body
-    quat: wp.array[wp.quatd]
-    rot: wp.array[wp.mat33d]
+    x = room(wp.vec3d, "links")  # per body
+    quat = room(wp.quatd, "links")
+    rot = room(wp.mat33d, "links")
 
-    inertia: wp.array[wp.mat33]  # per link: articulated inertia [[inertia, coupling], [coupling^T, mass]]
-    coupling: wp.array[wp.mat33]
-    mass: wp.array[wp.mat33]
-    shift: wp.array[wp.vec3]  # parent's centre to child's, through the joint
-    drift_ang: wp.array[wp.vec3]
-    drift_lin: wp.array[wp.vec3]
-    p_ang: wp.array[wp.vec3]
-    p_lin: wp.array[wp.vec3]
-    v_ang: wp.array[wp.vec3]  # change of velocity in this step
-    v_lin: wp.array[wp.vec3]
-    o_ang: wp.array[wp.vec3]  # velocity at its start
-    o_lin: wp.array[wp.vec3]
-    l_ang: wp.array[wp.vec3]  # what rounding kept back from it so far
-    l_lin: wp.array[wp.vec3]
-    t_ang: wp.array[wp.vec3]  # their sum
-    t_lin: wp.array[wp.vec3]
+    inertia = room(wp.mat33, "links")  # per link: articulated inertia [[inertia, coupling], [coupling^T, mass]]
+    coupling = room(wp.mat33, "links")
+    mass = room(wp.mat33, "links")
+    shift = room(wp.vec3, "links")  # parent's centre to child's, through the joint
+    stabilisation_ang = room(wp.vec3, "links")
+    stabilisation_lin = room(wp.vec3, "links")
+    p_ang = room(wp.vec3, "links")
+    p_lin = room(wp.vec3, "links")
+    v_ang = room(wp.vec3, "links")  # change of velocity in this step
+    v_lin = room(wp.vec3, "links")
+    o_ang = room(wp.vec3, "links")  # velocity at its start
+    o_lin = room(wp.vec3, "links")
+    l_ang = room(wp.vec3, "links")  # accumulated rounding error of it
+    l_lin = room(wp.vec3, "links")
+    t_ang = room(wp.vec3, "links")  # their sum
+    t_lin = room(wp.vec3, "links")
 
-    f_ang: wp.array[wp.vec3]  # impulse balance of the reactions
-    f_lin: wp.array[wp.vec3]
+    f_ang = room(wp.vec3, "links")  # impulse balance of the reactions
+    f_lin = room(wp.vec3, "links")
 
-    s_ang: wp.array[wp.vec3]  # per slot
-    s_lin: wp.array[wp.vec3]
-    u_ang: wp.array[wp.vec3]
-    u_lin: wp.array[wp.vec3]
-    inv_sqrt_d: wp.array[float]
-    gain: wp.array[float]
-    effort: wp.array[float]
-    rate: wp.array[float]  # prescribed
-    xi: wp.array[float]
-    qd: wp.array[float]
-    k_qd: wp.array[float]  # kept while a correction is computed
-    k_effort: wp.array[float]
+    s_ang = room(wp.vec3, "tree_dofs")  # per tree degree of freedom
+    s_lin = room(wp.vec3, "tree_dofs")
+    u_ang = room(wp.vec3, "tree_dofs")
+    u_lin = room(wp.vec3, "tree_dofs")
+    inv_sqrt_d = room(wp.float32, "tree_dofs")
+    gain = room(wp.float32, "tree_dofs")
+    effort = room(wp.float32, "tree_dofs")
+    rate = room(wp.float32, "tree_dofs")  # prescribed
+    xi = room(wp.float32, "tree_dofs")
+    qd = room(wp.float32, "tree_dofs")
+    k_qd = room(wp.float32, "tree_dofs")  # kept while a correction is computed
+    k_effort = room(wp.float32, "tree_dofs")
 
-    j0_ang: wp.array[wp.vec3]  # per row, then per TURN term of a coupling
-    j0_lin: wp.array[wp.vec3]
-    j1_ang: wp.array[wp.vec3]
-    j1_lin: wp.array[wp.vec3]
-    row_b: wp.array[float]
-    row_compliance: wp.array[float]
-    row_impulse: wp.array[float]
-    row_r: wp.array[float]
-    row_t: wp.array[float]
-    row_scale: wp.array[float]
-    y: wp.array2d[float]  # (rows, slots)
-    y_t: wp.array2d[float]  # (slots, padded rows), zero where a row does not reach
-    n: wp.array2d[float]  # (rows, padded rows)
-    inv_pivot: wp.array[float]
+    j0_ang = room(wp.vec3, "wrench_rows")  # per row, then per relative rotation of a coupling
+    j0_lin = room(wp.vec3, "wrench_rows")
+    j1_ang = room(wp.vec3, "wrench_rows")
+    j1_lin = room(wp.vec3, "wrench_rows")
+    row_b = room(wp.float32, "padded_rows")
+    row_compliance = room(wp.float32, "padded_rows")
+    row_impulse = room(wp.float32, "padded_rows")
+    row_r = room(wp.float32, "padded_rows")
+    row_t = room(wp.float32, "padded_rows")
+    row_scale = room(wp.float32, "padded_rows")
+    y = room(wp.float32, "rows", "tree_dofs")
+    y_t = room(wp.float32, "tree_dofs", "padded_rows")  # zero where a row does not reach
+    n = room(wp.float32, "rows", "padded_rows")
+    inv_pivot = room(wp.float32, "padded_rows")
 
-    active: wp.array[int]  # per block: bounded row, or the number of bounded rows plus the contact
-    b_sign: wp.array[float]  # per block
+    active = room(wp.int32, "blocks")  # box constraint, or the number of box constraints plus the contact
+    b_sign = room(wp.float32, "blocks")
+
+
+Work = WorkRooms.struct("Work", __name__)

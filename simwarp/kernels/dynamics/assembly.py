@@ -13,7 +13,7 @@ from simwarp.kernels.dynamics.bilateral_rows import (
     loop_joint_rows,
     rows_residual,
 )
-from simwarp.kernels.dynamics.bodies import load_bodies, load_poses, load_slots, publish_coordinates, publish_poses
+from simwarp.kernels.dynamics.bodies import load_bodies, load_poses, load_tree_dofs, publish_coordinates, publish_poses
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
 from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION
 from simwarp.kernels.dynamics.joints import (
@@ -28,7 +28,7 @@ from simwarp.kernels.dynamics.joints import (
     joint_frames,
     link_geometry,
 )
-from simwarp.kernels.dynamics.position_projection import residual_drift, residual_rows
+from simwarp.kernels.dynamics.position_projection import residual_rows, residual_stabilisation
 from simwarp.kernels.dynamics.tree import factor_tree, impulses_up, velocities_down
 
 wp.set_module_options({"enable_backward": False})
@@ -145,7 +145,7 @@ def forget_velocities(topology: Topology, work: Work):
 
 @wp.func
 def geometry(world: int, topology: Topology, parameters: Parameters, config: StepConfig, work: Work):
-    """Columns and shifts of all tree joints at the poses in `work`, without drift."""
+    """Columns and shifts of all tree joints at the poses in `work`, without stabilisation."""
     for link in range(topology.link_count):
         kind = topology.link_type[link]
         if kind != FREE and kind != SHAFT:
@@ -162,10 +162,10 @@ def factor_at_poses(
     time = state.world_time[world]
     load_bodies(world, dt, topology, parameters, state, control, config, work)
     forget_velocities(topology, work)
-    load_slots(world, dt, time, topology, parameters, state, control, config, work)
-    for slot in range(topology.slot_count):
-        work.rate[slot] = 0.0
-        work.effort[slot] = 0.0
+    load_tree_dofs(world, dt, time, topology, parameters, state, control, config, work)
+    for tree_dof in range(topology.tree_dof_count):
+        work.rate[tree_dof] = 0.0
+        work.effort[tree_dof] = 0.0
     geometry(world, topology, parameters, config, work)
     factor_tree(topology, work)
     for index in range(topology.loop_joint_count):
@@ -186,15 +186,15 @@ def close_loops(
     while iteration < NEWTON_ITERATIONS and error > ASSEMBLED:
         iteration += 1
         factor_at_poses(world, topology, parameters, state, control, config, work)
-        error = residual_drift(world, 1.0, topology, parameters, work)
+        error = residual_stabilisation(world, 1.0, topology, parameters, work)
         impulses_up(1.0, topology, work)
         velocities_down(topology, work)
         error = wp.max(error, residual_rows(world, 1.0, topology, parameters, work))
         solve_rows(topology, work)
         for row in range(topology.row_count):
             for index in range(topology.row_path[row], topology.row_path[row + 1]):
-                slot = topology.path_slot[index]
-                work.xi[slot] = work.xi[slot] - work.y[row, slot] * work.row_r[row]
+                tree_dof = topology.path_tree_dof[index]
+                work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
         velocities_down(topology, work)
         for link in range(topology.link_count):
             body = topology.link_body[link]
@@ -230,16 +230,16 @@ def link_rates(
                 frames = joint_frames(joint, world, topology, parameters, work)
                 lin -= wp.cross(ang, to_float(frames.r1))
         elif kind == SHAFT:
-            slot = topology.link_slot[link]
-            work.effort[slot] = work.gain[slot] * joint_qd[world, topology.slot_dof[slot]]
+            tree_dof = topology.link_tree_dof[link]
+            work.effort[tree_dof] = work.gain[tree_dof] * joint_qd[world, topology.tree_dof_to_dof[tree_dof]]
         else:
             if parent >= 0:
                 ang = work.v_ang[parent]
                 lin = work.v_lin[parent] + wp.cross(ang, work.shift[link])
-            for slot in range(topology.link_slot[link], topology.link_slot[link + 1]):
-                rate = joint_qd[world, topology.slot_dof[slot]]
-                ang += work.s_ang[slot] * rate
-                lin += work.s_lin[slot] * rate
+            for tree_dof in range(topology.link_tree_dof[link], topology.link_tree_dof[link + 1]):
+                rate = joint_qd[world, topology.tree_dof_to_dof[tree_dof]]
+                ang += work.s_ang[tree_dof] * rate
+                lin += work.s_lin[tree_dof] * rate
         work.v_ang[link] = ang
         work.v_lin[link] = lin
 
@@ -266,8 +266,8 @@ def assemble_world(
     if error > GIVEN_UP:
         status = NOT_ASSEMBLED
     state.world_status[world] = status
-    for row in range(state.bounded_impulse.shape[1]):
-        state.bounded_impulse[world, row] = 0.0
+    for row in range(state.box_impulse.shape[1]):
+        state.box_impulse[world, row] = 0.0
     assemble_velocities(world, config, topology, parameters, control, joint_qd, state, work)
 
 
@@ -278,9 +278,9 @@ def assemble_velocities(
 ):  # fmt: skip
     """Velocities from rates; where loops or couplings bind, the nearest in the mass metric."""
     forget_velocities(topology, work)
-    load_slots(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
-    for slot in range(topology.slot_count):
-        work.rate[slot] = 0.0
+    load_tree_dofs(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
+    for tree_dof in range(topology.tree_dof_count):
+        work.rate[tree_dof] = 0.0
     geometry(world, topology, parameters, config, work)
     link_rates(world, topology, parameters, joint_qd, state, work)
     for link in range(topology.link_count):
@@ -291,13 +291,13 @@ def assemble_velocities(
         for row in range(topology.row_count):
             work.row_b[row] = 0.0
             work.row_impulse[row] = 0.0
-        for slot in range(topology.slot_count):
-            dof = topology.slot_dof[slot]
-            work.xi[slot] = 0.0
-            work.k_qd[slot] = 0.0
+        for tree_dof in range(topology.tree_dof_count):
+            dof = topology.tree_dof_to_dof[tree_dof]
+            work.xi[tree_dof] = 0.0
+            work.k_qd[tree_dof] = 0.0
             if dof >= 0:
-                work.k_qd[slot] = joint_qd[world, dof]
-                work.qd[slot] = joint_qd[world, dof]
+                work.k_qd[tree_dof] = joint_qd[world, dof]
+                work.qd[tree_dof] = joint_qd[world, dof]
         rows_residual(topology, parameters, world, work)
         for row in range(topology.row_count):
             # efforts of springs and drives are no part of a set state; prescribed motions are
@@ -312,14 +312,14 @@ def assemble_velocities(
         solve_rows(topology, work)
         apply_rows(topology, work)
         for link in range(topology.link_count):
-            work.drift_ang[link] = wp.vec3()
-            work.drift_lin[link] = wp.vec3()
+            work.stabilisation_ang[link] = wp.vec3()
+            work.stabilisation_lin[link] = wp.vec3()
         velocities_down(topology, work)
         for link in range(topology.link_count):
             work.t_ang[link] = work.t_ang[link] + work.v_ang[link]
             work.t_lin[link] = work.t_lin[link] + work.v_lin[link]
-        for slot in range(topology.slot_count):
-            work.k_qd[slot] = work.k_qd[slot] + work.qd[slot]
+        for tree_dof in range(topology.tree_dof_count):
+            work.k_qd[tree_dof] = work.k_qd[tree_dof] + work.qd[tree_dof]
     for link in range(topology.link_count):
         body = topology.link_body[link]
         if body >= 0:
@@ -338,12 +338,12 @@ def publish_set_rates(
 ):  # fmt: skip
     """joint_qd of the velocities in `work`."""
     for dof in range(topology.dof_count):
-        slot = topology.dof_slot[dof]
+        tree_dof = topology.dof_to_tree_dof[dof]
         rate = joint_qd[world, dof]
-        if slot < 0:
+        if tree_dof < 0:
             rate = dof_rate(dof, world, topology, parameters, work)
-        elif topology.row_count > 0 and topology.link_type[topology.slot_link[slot]] != FREE:
-            rate = work.k_qd[slot]
+        elif topology.row_count > 0 and topology.link_type[topology.tree_dof_link[tree_dof]] != FREE:
+            rate = work.k_qd[tree_dof]
         state.joint_qd[world, dof] = rate
 
 

@@ -10,7 +10,7 @@ import warp as wp
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import column, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, dof_law, prescribed_rate
+from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, dof_effort, prescribed_rate
 from simwarp.kernels.dynamics.joints import (
     ANGLE0,
     ANGLE1,
@@ -22,7 +22,7 @@ from simwarp.kernels.dynamics.joints import (
     joint_frames,
     legal_translation,
 )
-from simwarp.kernels.dynamics.tree import Wrench, project_slot, walk_to_root
+from simwarp.kernels.dynamics.tree import Wrench, project_tree_dof, walk_to_root
 
 wp.set_module_options({"enable_backward": False})
 
@@ -138,7 +138,7 @@ def rate_of(dof: int, joint: int, frames: JointFrames, topology: Topology, work:
 
 @wp.func
 def dof_rate(dof: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> float:
-    """Rate of a coordinate that no slot holds, from the link velocities and the poses in `work`."""
+    """Rate of a coordinate that no tree degree of freedom holds, from the link velocities and the poses in `work`."""
     joint = topology.dof_joint[dof]
     frames = joint_frames(joint, world, topology, parameters, work)
     return rate_of(dof, joint, frames, topology, work)
@@ -193,20 +193,20 @@ def loop_joint_rows(
         elif topology.dof_drive[dof] >= PRESCRIBED_POSITION:
             bias = -prescribed_rate(dof, world, dt, time, state.joint_x[world, dof], limit, topology, control)
         else:
-            law = dof_law(
+            implicit = dof_effort(
                 dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
             )
             # a law without stiffness is a plain impulse: written as an almost infinitely compliant row
-            gain = wp.max(law.gain, 1.0e-9)
+            gain = wp.max(implicit.gain, 1.0e-9)
             compliance = 1.0 / gain
-            bias = -law.effort / gain
+            bias = -implicit.effort / gain
         work.row_b[row] = bias + start_speed(row, topology, work, link0, link1)
         work.row_compliance[row] = compliance
         work.row_scale[row] = free_mobility(
             topology.joint_body0[joint], world, geometry.w0, parameters
         ) + free_mobility(topology.joint_body1[joint], world, geometry.w1, parameters)
         for entry in range(topology.row_path[row], topology.row_path[row + 1]):
-            work.y[row, topology.path_slot[entry]] = 0.0
+            work.y[row, topology.path_tree_dof[entry]] = 0.0
         walk_to_root(row, link0, geometry.w0, link1, geometry.w1, topology, work, work.y)
     return violation
 
@@ -244,8 +244,8 @@ def coupling_row(
 ):  # fmt: skip
     """Response and right-hand side of one coupling: sum of coefficient x rate = 0, with stabilisation."""
     row = topology.joint_row_count + coupling
-    for slot in range(topology.slot_count):
-        work.y[row, slot] = 0.0
+    for tree_dof in range(topology.tree_dof_count):
+        work.y[row, tree_dof] = 0.0
     start = float(0.0)
     value = -parameters.coupling_offset[world_row(world, parameters.coupling_offset.shape[0]), coupling]
     limit = config.max_depenetration_rate
@@ -257,8 +257,8 @@ def coupling_row(
             value += wp.float64(coefficient) * state.joint_x[world, dof]
             if topology.dof_kind[dof] == POINT_AXIS0:
                 limit = config.max_depenetration_velocity
-            if topology.dof_slot[dof] >= 0:
-                project_slot(row, topology.dof_slot[dof], coefficient, topology, work, work.y)
+            if topology.dof_to_tree_dof[dof] >= 0:
+                project_tree_dof(row, topology.dof_to_tree_dof[dof], coefficient, topology, work, work.y)
             else:
                 start += turn_term(row, coupling, term, coefficient, world, topology, parameters, work)
     bias = wp.clamp(float(value) / dt, -limit, limit)
@@ -289,9 +289,9 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
         for term in range(topology.coupling_dof.shape[1]):
             dof = topology.coupling_dof[coupling, term]
             if dof >= 0:
-                slot = topology.dof_slot[dof]
-                if slot >= 0:
-                    speed += parameters.coupling_coefficient[wc, coupling, term] * work.qd[slot]
+                tree_dof = topology.dof_to_tree_dof[dof]
+                if tree_dof >= 0:
+                    speed += parameters.coupling_coefficient[wc, coupling, term] * work.qd[tree_dof]
                 else:
                     turn = topology.dof_joint[dof]
                     speed += row_speed(
@@ -313,5 +313,5 @@ def apply_rows(topology: Topology, work: Work):
         change = work.row_r[row]
         work.row_impulse[row] = work.row_impulse[row] - change
         for index in range(topology.row_path[row], topology.row_path[row + 1]):
-            slot = topology.path_slot[index]
-            work.xi[slot] = work.xi[slot] - work.y[row, slot] * change
+            tree_dof = topology.path_tree_dof[index]
+            work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * change

@@ -6,13 +6,13 @@ from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, row_geometry
-from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_law, prescribed_rate
+from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_effort, prescribed_rate
 from simwarp.kernels.dynamics.joints import (
     DISTANCE,
     FREE,
     POINT_AXIS0,
+    RELATIVE_ROTATION,
     SHAFT,
-    TURN,
     coordinate,
     joint_frames,
     turned_frames,
@@ -61,7 +61,7 @@ def advance_poses(world: int, dt: float, topology: Topology, state: StateArrays,
 
 
 @wp.func
-def spun(inertia: wp.mat33, omega: wp.vec3, dt: float) -> wp.vec3:
+def gyroscopic_update(inertia: wp.mat33, omega: wp.vec3, dt: float) -> wp.vec3:
     """Change of the body rate [rad/s, body frame] in dt of free spin: implicit midpoint, which keeps energy and
     |momentum|.
 
@@ -92,7 +92,7 @@ def gyroscopic_torque(alone: int, inertia: wp.mat33, omega: wp.vec3, omega_last:
     second order and does no work on a fixed axis. Above `FAST_TURN` the extrapolation would be unstable.
     """
     if alone == 1 or dt * wp.length(omega) > FAST_TURN:
-        return inertia * spun(inertia, omega, dt) / dt
+        return inertia * gyroscopic_update(inertia, omega, dt) / dt
     middle = 1.5 * omega - 0.5 * omega_last
     return -wp.cross(middle, inertia * middle)
 
@@ -157,34 +157,36 @@ def load_bodies(
 
 
 @wp.func
-def load_slots(
+def load_tree_dofs(
     world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work,
 ):  # fmt: skip
     """Gain, effort and prescribed rate of every tree degree of freedom."""
-    for slot in range(topology.slot_count):
-        dof = topology.slot_dof[slot]
-        work.gain[slot] = 0.0
-        work.effort[slot] = 0.0
-        work.rate[slot] = 0.0
+    for tree_dof in range(topology.tree_dof_count):
+        dof = topology.tree_dof_to_dof[tree_dof]
+        work.gain[tree_dof] = 0.0
+        work.effort[tree_dof] = 0.0
+        work.rate[tree_dof] = 0.0
         if dof >= 0:
             q = state.joint_x[world, dof]
             if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
                 limit = config.max_depenetration_rate
                 if topology.dof_kind[dof] == POINT_AXIS0:
                     limit = config.max_depenetration_velocity
-                work.gain[slot] = -1.0
-                work.rate[slot] = prescribed_rate(dof, world, dt, time, q, limit, topology, control)
-            elif topology.link_type[topology.slot_link[slot]] != FREE:
-                law = dof_law(dof, world, dt, float(q), state.joint_qd[world, dof], topology, parameters, control)
+                work.gain[tree_dof] = -1.0
+                work.rate[tree_dof] = prescribed_rate(dof, world, dt, time, q, limit, topology, control)
+            elif topology.link_type[topology.tree_dof_link[tree_dof]] != FREE:
+                implicit = dof_effort(
+                    dof, world, dt, float(q), state.joint_qd[world, dof], topology, parameters, control
+                )
                 rate = state.joint_qd[world, dof]
-                work.gain[slot] = law.gain
-                work.effort[slot] = law.effort - law.gain * rate
-                work.rate[slot] = rate
+                work.gain[tree_dof] = implicit.gain
+                work.effort[tree_dof] = implicit.effort - implicit.gain * rate
+                work.rate[tree_dof] = rate
 
 
 @wp.struct
-class SlotLine:
+class DistanceGeometry:
     """A line between a body and its parent in the tree, which one coordinate moves: its wrenches on body 0 and body 1,
     and its lever, the length's rate per rate of that coordinate.
     """
@@ -195,41 +197,41 @@ class SlotLine:
 
 
 @wp.func
-def slot_line(index: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> SlotLine:
+def distance_dof(index: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> DistanceGeometry:
     """Geometry of a line at the poses in `work`."""
-    joint = topology.dof_joint[topology.slot_line[index, 0]]
-    slot = topology.slot_line[index, 1]
+    joint = topology.dof_joint[topology.distance_dof[index, 0]]
+    tree_dof = topology.distance_dof[index, 1]
     frames = joint_frames(joint, world, topology, parameters, work)
     row = row_geometry(topology.joint_type[joint], DISTANCE, 0, 0, wp.float64(0.0), frames)
-    line = SlotLine()
+    line = DistanceGeometry()
     line.w0 = row.w0
     line.w1 = row.w1
     ang = row.w0.ang
     lin = row.w0.lin
-    if topology.joint_body1[joint] == topology.link_body[topology.slot_link[slot]]:
+    if topology.joint_body1[joint] == topology.link_body[topology.tree_dof_link[tree_dof]]:
         ang = row.w1.ang
         lin = row.w1.lin
-    line.lever = wp.dot(work.s_ang[slot], ang) + wp.dot(work.s_lin[slot], lin)
+    line.lever = wp.dot(work.s_ang[tree_dof], ang) + wp.dot(work.s_lin[tree_dof], lin)
     return line
 
 
 @wp.func
-def load_slot_lines(
+def load_distances(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, control: ControlArrays,
     work: Work,
 ):  # fmt: skip
     """Springs and dampers along lines as efforts of the one coordinate that they depend on: no row is needed."""
-    for index in range(topology.slot_line_count):
-        dof = topology.slot_line[index, 0]
-        slot = topology.slot_line[index, 1]
-        if work.gain[slot] >= 0.0:  # not prescribed
-            line = slot_line(index, world, topology, parameters, work)
-            law = dof_law(
+    for index in range(topology.distance_count):
+        dof = topology.distance_dof[index, 0]
+        tree_dof = topology.distance_dof[index, 1]
+        if work.gain[tree_dof] >= 0.0:  # not prescribed
+            line = distance_dof(index, world, topology, parameters, work)
+            implicit = dof_effort(
                 dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
             )
-            gain = line.lever * line.lever * law.gain
-            work.gain[slot] = work.gain[slot] + gain
-            work.effort[slot] = work.effort[slot] + line.lever * law.effort - gain * work.rate[slot]
+            gain = line.lever * line.lever * implicit.gain
+            work.gain[tree_dof] = work.gain[tree_dof] + gain
+            work.effort[tree_dof] = work.effort[tree_dof] + line.lever * implicit.effort - gain * work.rate[tree_dof]
 
 
 @wp.func
@@ -244,7 +246,7 @@ def push(link: int, wrench: Wrench, impulse: float, work: Work):
 def apply_row_forces(
     world: int, dt: float, topology: Topology, parameters: Parameters, control: ControlArrays, work: Work
 ):
-    """`joint_force` on coordinates that neither a slot nor a compliant row holds: floating and loop joints."""
+    """`joint_force` on coordinates that neither the tree nor a compliant row holds: floating and loop joints."""
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]
         force = applied_effort(world, dof, control)
@@ -276,8 +278,8 @@ def publish(
             place = x[0] + x[1] + x[2] + q[0] + q[1] + q[2] + q[3]
         if not wp.isfinite(total) or not wp.isfinite(place):
             finite = int(0)
-    for slot in range(topology.slot_count):
-        if not wp.isfinite(work.xi[slot]):
+    for tree_dof in range(topology.tree_dof_count):
+        if not wp.isfinite(work.xi[tree_dof]):
             finite = int(0)
     if finite == 0:
         return 0
@@ -320,14 +322,14 @@ def publish_poses(world: int, topology: Topology, state: StateArrays, work: Work
 
 @wp.func
 def publish_rates(world: int, topology: Topology, parameters: Parameters, state: StateArrays, work: Work):
-    """joint_qd: what the step solved for in a slot; measured in the frames of the step's start elsewhere."""
+    """joint_qd: what the step solved for in the tree; measured in the frames of the step's start elsewhere."""
     for joint in range(topology.joint_count):
         first = topology.joint_dof[joint]
         end = topology.joint_dof[joint + 1]
         if end > first:
-            if topology.dof_slot[first] >= 0 and topology.joint_type[joint] != FREE:
+            if topology.dof_to_tree_dof[first] >= 0 and topology.joint_type[joint] != FREE:
                 for dof in range(first, end):
-                    state.joint_qd[world, dof] = work.qd[topology.dof_slot[dof]]
+                    state.joint_qd[world, dof] = work.qd[topology.dof_to_tree_dof[dof]]
             else:
                 frames = joint_frames(joint, world, topology, parameters, work)
                 for dof in range(first, end):
@@ -343,7 +345,7 @@ def publish_coordinates(
         kind = topology.joint_type[joint]
         first = topology.joint_dof[joint]
         end = topology.joint_dof[joint + 1]
-        if kind == SHAFT or kind == TURN:
+        if kind == SHAFT or kind == RELATIVE_ROTATION:
             q = state.joint_x[world, first] + wp.float64(dt) * wp.float64(state.joint_qd[world, first])
             state.joint_x[world, first] = q
             state.joint_q[world, first] = float(q)

@@ -1,4 +1,4 @@
-"""Rows of the cone problem in the tree's metric: responses of the slots, the loop rows' share, and the Schur
+"""Rows of the cone problem in the tree's metric: responses, the loop rows' share, and the Schur
 complement S = Y Y^T - W W^T + C of everything bilateral.
 """
 
@@ -40,8 +40,8 @@ def walk_rows(
     block: int, row: int, count: int, entries: int, link0: int, w0: Wrenches, link1: int, w1: Wrenches,
     topology: Topology, work: Work, cone: ConeProblem,
 ) -> int:  # fmt: skip
-    """Appends the responses of `count` rows from `row` on, and their slots, to a block that has `entries` of them;
-    returns how many there are then. -1 is the world.
+    """Appends the responses of `count` rows from `row` on, and where they act, to a block with `entries` of
+    them; returns how many there are then. -1 is the world.
 
     As `tree.walk_to_root`, for three rows at once: where the two paths meet, the wrenches are added.
     """
@@ -63,29 +63,29 @@ def walk_rows(
         if b > a:
             ang = b_ang
             lin = b_lin
-        first = topology.link_slot[link]
+        first = topology.link_tree_dof[link]
         if topology.link_type[link] == FREE:
             y_lin = lin * wp.transpose(work.mass[link])
             y_ang = (ang - y_lin * work.coupling[link]) * wp.transpose(work.inertia[link])
             for k in range(3):
-                cone.block_slot[block, e + k] = first + k
-                cone.block_slot[block, e + 3 + k] = first + 3 + k
+                cone.block_tree_dof[block, e + k] = first + k
+                cone.block_tree_dof[block, e + 3 + k] = first + 3 + k
             put_columns(row, count, e, y_lin, cone)
             put_columns(row, count, e + 3, y_ang, cone)
             e += 6
         else:
-            end = topology.link_slot[link + 1]
+            end = topology.link_tree_dof[link + 1]
             for index in range(end - first):
-                slot = end - 1 - index
-                value = (ang * work.s_ang[slot] + lin * work.s_lin[slot]) * work.inv_sqrt_d[slot]
-                cone.block_slot[block, e] = slot
+                tree_dof = end - 1 - index
+                value = (ang * work.s_ang[tree_dof] + lin * work.s_lin[tree_dof]) * work.inv_sqrt_d[tree_dof]
+                cone.block_tree_dof[block, e] = tree_dof
                 cone.y[row, e] = value[0]
                 if count == 3:
                     cone.y[row + 1, e] = value[1]
                     cone.y[row + 2, e] = value[2]
                 e += 1
-                ang -= wp.outer(value, work.u_ang[slot])
-                lin -= wp.outer(value, work.u_lin[slot])
+                ang -= wp.outer(value, work.u_ang[tree_dof])
+                lin -= wp.outer(value, work.u_lin[tree_dof])
             # ang + shift x lin, row by row: x [shift] of a row vector is shift x of it, up to sign
             ang -= lin * wp.skew(work.shift[link])
         parent = topology.link_parent[link]
@@ -101,19 +101,21 @@ def walk_rows(
 
 
 @wp.func
-def walk_slot(block: int, row: int, slot: int, coefficient: float, topology: Topology, work: Work, cone: ConeProblem):
-    """The response of an impulse of size `coefficient` along one slot, as the only row of a block."""
-    link = topology.slot_link[slot]
-    value = coefficient * work.inv_sqrt_d[slot]
-    cone.block_slot[block, 0] = slot
+def walk_tree_dof(
+    block: int, row: int, tree_dof: int, coefficient: float, topology: Topology, work: Work, cone: ConeProblem
+):
+    """The response of an impulse of size `coefficient` along one tree degree of freedom, as the only row of a block."""
+    link = topology.tree_dof_link[tree_dof]
+    value = coefficient * work.inv_sqrt_d[tree_dof]
+    cone.block_tree_dof[block, 0] = tree_dof
     cone.y[row, 0] = value
-    ang = -work.u_ang[slot] * value
-    lin = -work.u_lin[slot] * value
+    ang = -work.u_ang[tree_dof] * value
+    lin = -work.u_lin[tree_dof] * value
     entries = int(1)
-    for index in range(slot - topology.link_slot[link]):
-        other = slot - 1 - index
+    for index in range(tree_dof - topology.link_tree_dof[link]):
+        other = tree_dof - 1 - index
         value = (wp.dot(work.s_ang[other], ang) + wp.dot(work.s_lin[other], lin)) * work.inv_sqrt_d[other]
-        cone.block_slot[block, entries] = other
+        cone.block_tree_dof[block, entries] = other
         cone.y[row, entries] = value
         entries += 1
         ang -= work.u_ang[other] * value
@@ -136,7 +138,7 @@ def one_row(v: wp.vec3) -> wp.mat33:
 def loop_share(block: int, row: int, count: int, topology: Topology, work: Work, cone: ConeProblem):
     """The loop rows' share w = L^-1 Y_l y of the rows, and their diagonal of S without compliance.
 
-    `slot_sum` is zero before and after.
+    `tree_dof_sum` is zero before and after.
     """
     entries = cone.block_entries[block]
     for i in range(count):
@@ -147,28 +149,30 @@ def loop_share(block: int, row: int, count: int, topology: Topology, work: Work,
             total += value * value
         if topology.row_count > 0:
             for e in range(entries):
-                cone.slot_sum[cone.block_slot[block, e]] = cone.y[r, e]
+                cone.tree_dof_sum[cone.block_tree_dof[block, e]] = cone.y[r, e]
             for loop_row in range(topology.row_count):
                 work.row_r[loop_row] = 0.0
                 for entry in range(topology.row_path[loop_row], topology.row_path[loop_row + 1]):
-                    slot = topology.path_slot[entry]
-                    work.row_r[loop_row] = work.row_r[loop_row] + work.y[loop_row, slot] * cone.slot_sum[slot]
+                    tree_dof = topology.path_tree_dof[entry]
+                    work.row_r[loop_row] = (
+                        work.row_r[loop_row] + work.y[loop_row, tree_dof] * cone.tree_dof_sum[tree_dof]
+                    )
             solve_rows_forward(topology, work)
             for loop_row in range(topology.row_count):
                 share = work.row_r[loop_row]
                 cone.w[r, loop_row] = share
                 total -= share * share
             for e in range(entries):
-                cone.slot_sum[cone.block_slot[block, e]] = 0.0
+                cone.tree_dof_sum[cone.block_tree_dof[block, e]] = 0.0
         cone.diagonal[r] = total
 
 
 @wp.func
 def gram(r: int, c: int, other: int, entries: int, cone: ConeProblem) -> float:
-    """y_r . y_c, with y_r spread out in `slot_sum`."""
+    """y_r . y_c, with y_r spread out in `tree_dof_sum`."""
     total = float(0.0)
     for e in range(entries):
-        total += cone.y[c, e] * cone.slot_sum[cone.block_slot[other, e]]
+        total += cone.y[c, e] * cone.tree_dof_sum[cone.block_tree_dof[other, e]]
     return total
 
 
@@ -177,19 +181,19 @@ def gram3(c: int, other: int, entries: int, cone: ConeProblem) -> wp.vec3:
     """y_r . y of three rows from c on."""
     total = wp.vec3()
     for e in range(entries):
-        value = cone.slot_sum[cone.block_slot[other, e]]
+        value = cone.tree_dof_sum[cone.block_tree_dof[other, e]]
         total += wp.vec3(cone.y[c, e], cone.y[c + 1, e], cone.y[c + 2, e]) * value
     return total
 
 
 @wp.func
 def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
-    """The dense S = Y Y^T - W W^T + C. `slot_sum` is zero before and after."""
+    """The dense S = Y Y^T - W W^T + C. `tree_dof_sum` is zero before and after."""
     for block in range(blocks):
         entries = cone.block_entries[block]
         for r in range(cone.block_row[block], cone.block_row[block + 1]):
             for e in range(entries):
-                cone.slot_sum[cone.block_slot[block, e]] = cone.y[r, e]
+                cone.tree_dof_sum[cone.block_tree_dof[block, e]] = cone.y[r, e]
             for other in range(block + 1):
                 other_entries = cone.block_entries[other]
                 first = cone.block_row[other]
@@ -206,7 +210,7 @@ def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
                     cone.s[r, c] = total1
                     cone.s[c, r] = total1
             for e in range(entries):
-                cone.slot_sum[cone.block_slot[block, e]] = 0.0
+                cone.tree_dof_sum[cone.block_tree_dof[block, e]] = 0.0
     for r in range(cone.block_row[blocks]):
         if topology.row_count > 0:
             for c in range(r + 1):

@@ -23,7 +23,7 @@ UNBOUNDED = wp.constant(1.0e30)
 
 @wp.struct
 class Surface:
-    """What two materials make of a contact (`Material`)."""
+    """Parameters of a contact, combined from two materials (`Material`)."""
 
     friction: float
     rolling: float
@@ -85,7 +85,7 @@ def point_velocity(link: int, arm: wp.vec3, ang: wp.array[wp.vec3], lin: wp.arra
 
 @wp.func
 def bounces(dt: float, gap: float, incoming: float, free: float, surface: Surface, config: StepConfig) -> bool:
-    """Whether Newton's law of impact acts: the rebound is fast enough, and the step would close the gap.
+    """True if Newton's law of impact acts: the rebound is fast enough, and the step would close the gap.
 
     `incoming` is the normal velocity before the step, `free` that without contacts [m/s], negative when approaching.
     """
@@ -217,7 +217,7 @@ def collect_contacts(
                         cone.gamma[row + 3 + i] = warm_moment[i]
                 for i in range(count):
                     cone.diagonal[row + i] = wp.max(cone.diagonal[row + i], FREE_MOBILITY)
-                work.active[block] = topology.bounded_count + contact
+                work.active[block] = topology.box_count + contact
                 block += 1
                 row += count
     cone.block_row[block] = row
@@ -231,7 +231,7 @@ def publish_contacts(
 ):  # fmt: skip
     """Impulses of the contacts from their blocks, and the forces that they add up to."""
     for block in range(first, blocks):
-        contact = work.active[block] - topology.bounded_count
+        contact = work.active[block] - topology.box_count
         row = cone.block_row[block]
         count = cone.block_row[block + 1] - row
         impulse = wp.vec3(cone.gamma[row], 0.0, 0.0)

@@ -21,22 +21,22 @@ def padded(count: int) -> int:
 
 @wp.func_native("""
     const int pitch = n.strides[0] / (int)sizeof(float);
-    const int slots_pitch = y.strides[0] / (int)sizeof(float);
+    const int tree_dofs_pitch = y.strides[0] / (int)sizeof(float);
     float* __restrict__ a = n.data;
     float* __restrict__ t = y_t.data;
-    for (int k = 0; k < slots * pitch; ++k)
+    for (int k = 0; k < tree_dofs * pitch; ++k)
         t[k] = 0.0f;
     for (int r = 0; r < count; ++r)
         for (int e = path.data[r]; e < path.data[r + 1]; ++e)
-            t[slot.data[e] * pitch + r] = y.data[r * slots_pitch + slot.data[e]];
+            t[tree_dof.data[e] * pitch + r] = y.data[r * tree_dofs_pitch + tree_dof.data[e]];
     for (int r = 0; r < count; ++r) {
         float* __restrict__ row = a + r * pitch;
         for (int k = 0; k <= r; k += 8)
             for (int j = 0; j < 8; ++j)
                 row[k + j] = 0.0f;
         for (int e = path.data[r]; e < path.data[r + 1]; ++e) {
-            const float f = y.data[r * slots_pitch + slot.data[e]];
-            const float* __restrict__ other = t + slot.data[e] * pitch;
+            const float f = y.data[r * tree_dofs_pitch + tree_dof.data[e]];
+            const float* __restrict__ other = t + tree_dof.data[e] * pitch;
             for (int k = 0; k <= r; k += 8)
                 for (int j = 0; j < 8; ++j)
                     row[k + j] += f * other[k + j];
@@ -47,8 +47,8 @@ def padded(count: int) -> int:
     }
 """)
 def assemble(
-    count: int, slots: int, path: wp.array[int], slot: wp.array[int], y: wp.array2d[float], compliance: wp.array[float],
-    y_t: wp.array2d[float], n: wp.array2d[float], scale: wp.array[float],
+    count: int, tree_dofs: int, path: wp.array[int], tree_dof: wp.array[int], y: wp.array2d[float],
+    compliance: wp.array[float], y_t: wp.array2d[float], n: wp.array2d[float], scale: wp.array[float],
 ):  # fmt: skip
     """N <- lower triangle of Y Y^T + C; `scale` grows to its diagonal at least. `y_t` keeps the columns of Y."""
     ...
@@ -137,8 +137,8 @@ def factor_rows(topology: Topology, pivot_tolerance: float, work: Work):
     """
     count = topology.row_count
     assemble(
-        count, topology.slot_count, topology.row_path, topology.path_slot, work.y, work.row_compliance, work.y_t,
-        work.n, work.row_scale,
+        count, topology.tree_dof_count, topology.row_path, topology.path_tree_dof, work.y, work.row_compliance,
+        work.y_t, work.n, work.row_scale,
     )  # fmt: skip
     factor(count, pivot_tolerance, work.row_scale, work.n, work.inv_pivot, work.row_t)
 

@@ -21,7 +21,7 @@ INFINITE_EFFORT = wp.constant(1.0e30)
 
 
 @wp.struct
-class Law:
+class ImplicitEffort:
     """gamma = -gain u + effort [N·s or N·m·s]."""
 
     gain: float
@@ -75,12 +75,12 @@ def applied_effort(world: int, dof: int, control: ControlArrays) -> float:
 
 
 @wp.func
-def dof_law(
+def dof_effort(
     dof: int, world: int, dt: float, q: float, qd: float,
     topology: Topology, parameters: Parameters, control: ControlArrays,
-) -> Law:  # fmt: skip
+) -> ImplicitEffort:  # fmt: skip
     """Armature, spring, damper, `joint_force`, and a PD drive without effort limit."""
-    law = Law()
+    implicit = ImplicitEffort()
     armature = parameters.joint_armature[world_row(world, parameters.joint_armature.shape[0]), dof]
     k = parameters.joint_stiffness[world_row(world, parameters.joint_stiffness.shape[0]), dof]
     d = parameters.joint_damping[world_row(world, parameters.joint_damping.shape[0]), dof]
@@ -101,30 +101,32 @@ def dof_law(
         damper_force = -resistance[0]
         d = resistance[1]
     force += spring_force + damper_force + applied_effort(world, dof, control)
-    law.gain = armature + dt * d + dt * dt * k
-    law.effort = armature * qd + dt * (force + d * qd)
+    implicit.gain = armature + dt * d + dt * dt * k
+    implicit.effort = armature * qd + dt * (force + d * qd)
     if topology.dof_drive[dof] == POSITION:
         if (
             parameters.drive_effort_limit[world_row(world, parameters.drive_effort_limit.shape[0]), dof]
             >= INFINITE_EFFORT
         ):
-            drive = drive_law(dof, world, dt, q, parameters, control)
-            law.gain += drive.gain
-            law.effort += drive.effort
-    return law
+            drive = drive_effort(dof, world, dt, q, parameters, control)
+            implicit.gain += drive.gain
+            implicit.effort += drive.effort
+    return implicit
 
 
 @wp.func
-def drive_law(dof: int, world: int, dt: float, q: float, parameters: Parameters, control: ControlArrays) -> Law:
+def drive_effort(
+    dof: int, world: int, dt: float, q: float, parameters: Parameters, control: ControlArrays
+) -> ImplicitEffort:
     """The PD drive alone: stiffness (target_q - q⁺) + damping (target_qd - u)."""
-    law = Law()
+    implicit = ImplicitEffort()
     stiffness = parameters.drive_stiffness[world_row(world, parameters.drive_stiffness.shape[0]), dof]
     damping = parameters.drive_damping[world_row(world, parameters.drive_damping.shape[0]), dof]
-    law.gain = dt * (damping + dt * stiffness)
-    law.effort = dt * (
+    implicit.gain = dt * (damping + dt * stiffness)
+    implicit.effort = dt * (
         stiffness * (control.joint_target_q[world, dof] - q) + damping * control.joint_target_qd[world, dof]
     )
-    return law
+    return implicit
 
 
 @wp.func

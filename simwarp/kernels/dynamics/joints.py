@@ -1,4 +1,4 @@
-"""Joint geometry: frames in the world, motion columns, drift, and measured coordinates.
+"""Joint geometry: frames in the world, motion columns, stabilisation, and measured coordinates.
 
 Both anchors are kept apart (frame 0 on the joint's first body, frame 1 on its second), so that a row is the exact
 time derivative of its violation. Differences are formed in float64 and only then become float32.
@@ -22,8 +22,8 @@ UNIVERSAL = wp.constant(int(JointType.UNIVERSAL))
 PLANAR = wp.constant(int(JointType.PLANAR))
 SPHERICAL = wp.constant(int(JointType.SPHERICAL))
 SHAFT = wp.constant(int(JointType.SHAFT))
-TURN = wp.constant(int(JointType.TURN))
-LINE = wp.constant(int(JointType.LINE))
+RELATIVE_ROTATION = wp.constant(int(JointType.RELATIVE_ROTATION))
+JOINT_DISTANCE = wp.constant(int(JointType.DISTANCE))
 BUSHING = wp.constant(int(JointType.BUSHING))
 POINT_ON_PLANE = wp.constant(int(JointType.POINT_ON_PLANE))
 POINT_ON_LINE = wp.constant(int(JointType.POINT_ON_LINE))
@@ -117,7 +117,7 @@ def misalignment(kind: int, frames: JointFrames) -> wp.vec3d:
 def link_geometry(
     link: int, world: int, inv_dt: float, topology: Topology, parameters: Parameters, config: StepConfig, work: Work
 ) -> float:
-    """Fills shift, drift and motion columns of a link with a joint; returns its position violation [m or rad]."""
+    """Sets shift, stabilisation and motion columns of a link with a joint; returns its violation [m or rad]."""
     joint = topology.link_joint[link]
     kind = topology.link_type[link]
     sign = topology.link_sign[link]
@@ -135,15 +135,15 @@ def link_geometry(
     if topology.link_parent[link] < 0:
         parent = wp.vec3()  # the world does not move: no lever, and its anchor may be kilometres long
     work.shift[link] = parent - child
-    # the drift carries everything that the change of velocity must make good: the correction, and what the velocities
-    # of the step's start violate at its poses
+    # it carries all that the change of velocity must make good: the correction, and what the velocities of the
+    # step's start violate at its poses
     above = topology.link_parent[link]
     ang = clamp_length(e_ang * inv_dt, config.max_depenetration_rate) * (-sign)
     lin = clamp_length(e_lin * inv_dt, config.max_depenetration_velocity) * (-sign)
     lin -= wp.cross(ang, child)
     f0 = matrix_to_float(frames.f0)
-    for slot in range(topology.link_slot[link], topology.link_slot[link + 1]):
-        dof = topology.slot_dof[slot]
+    for tree_dof in range(topology.link_tree_dof[link], topology.link_tree_dof[link + 1]):
+        dof = topology.tree_dof_to_dof[tree_dof]
         axis = topology.dof_axis[dof]
         a = wp.vec3()
         v = wp.vec3()
@@ -155,16 +155,16 @@ def link_geometry(
         else:
             a = to_float(column(frames.f1, axis)) * sign
             v = wp.cross(child, a)
-        work.s_ang[slot] = a
-        work.s_lin[slot] = v
-        rate = work.rate[slot]
+        work.s_ang[tree_dof] = a
+        work.s_lin[tree_dof] = v
+        rate = work.rate[tree_dof]
         ang += a * rate
         lin += v * rate
     if above >= 0:
         ang += work.o_ang[above]
         lin += work.o_lin[above] + wp.cross(work.o_ang[above], parent - child)
-    work.drift_ang[link] = ang - work.o_ang[link]
-    work.drift_lin[link] = lin - work.o_lin[link]
+    work.stabilisation_ang[link] = ang - work.o_ang[link]
+    work.stabilisation_lin[link] = lin - work.o_lin[link]
     return wp.max(wp.length(e_lin), wp.length(e_ang))
 
 
@@ -219,7 +219,7 @@ def coordinate(kind: int, local: int, exact: int, frames: JointFrames, angles: w
             q = turn(wp.dot(x1, x0), wp.dot(column(frames.f1, 2), x0), exact)
     elif kind == PLANAR:
         q = wp.dot(frames.d, column(frames.f0, local))
-    elif kind == LINE:
+    elif kind == JOINT_DISTANCE:
         q = wp.length(frames.d)
     elif kind == SPHERICAL:
         q = angles[local]

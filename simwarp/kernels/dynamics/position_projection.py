@@ -21,7 +21,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def residual_drift(world: int, inv_dt: float, topology: Topology, parameters: Parameters, work: Work) -> float:
+def residual_stabilisation(world: int, inv_dt: float, topology: Topology, parameters: Parameters, work: Work) -> float:
     """Drift of the tree joints at the poses in `work`, alone: no momentum, no effort, no prescribed rate.
 
     Returns the largest violation [m or rad].
@@ -31,8 +31,8 @@ def residual_drift(world: int, inv_dt: float, topology: Topology, parameters: Pa
         kind = topology.link_type[link]
         work.p_ang[link] = wp.vec3()
         work.p_lin[link] = wp.vec3()
-        work.drift_ang[link] = wp.vec3()
-        work.drift_lin[link] = wp.vec3()
+        work.stabilisation_ang[link] = wp.vec3()
+        work.stabilisation_lin[link] = wp.vec3()
         if kind != FREE and kind != SHAFT:
             sign = topology.link_sign[link]
             frames = joint_frames(topology.link_joint[link], world, topology, parameters, work)
@@ -43,12 +43,12 @@ def residual_drift(world: int, inv_dt: float, topology: Topology, parameters: Pa
             if sign < 0.0:
                 child = to_float(frames.r0 + legal)
             ang = e_ang * (-sign * inv_dt)
-            work.drift_ang[link] = ang
-            work.drift_lin[link] = e_lin * (-sign * inv_dt) - wp.cross(ang, child)
+            work.stabilisation_ang[link] = ang
+            work.stabilisation_lin[link] = e_lin * (-sign * inv_dt) - wp.cross(ang, child)
             worst = wp.max(worst, wp.max(wp.length(e_lin), wp.length(e_ang)))
-    for slot in range(topology.slot_count):
-        work.effort[slot] = 0.0
-        work.rate[slot] = 0.0
+    for tree_dof in range(topology.tree_dof_count):
+        work.effort[tree_dof] = 0.0
+        work.rate[tree_dof] = 0.0
     return worst
 
 
@@ -84,7 +84,7 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
     for link in range(topology.link_count):
         work.f_ang[link] = work.v_ang[link]
         work.f_lin[link] = work.v_lin[link]
-    worst = residual_drift(world, 1.0 / dt, topology, parameters, work)
+    worst = residual_stabilisation(world, 1.0 / dt, topology, parameters, work)
     impulses_up(1.0, topology, work)
     velocities_down(topology, work)
     if topology.row_count > 0:
@@ -93,8 +93,8 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
         for row in range(topology.row_count):
             work.row_impulse[row] = work.row_impulse[row] - work.row_r[row]
             for index in range(topology.row_path[row], topology.row_path[row + 1]):
-                slot = topology.path_slot[index]
-                work.xi[slot] = work.xi[slot] - work.y[row, slot] * work.row_r[row]
+                tree_dof = topology.path_tree_dof[index]
+                work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
         velocities_down(topology, work)
     for link in range(topology.link_count):
         work.v_ang[link] = work.f_ang[link] + work.v_ang[link]
@@ -113,14 +113,14 @@ def project_positions(
     The correction enters the velocity as well, which makes the scheme SHAKE (Ryckaert, Ciccotti & Berendsen 1977)
     and keeps the energy; the velocity is then the chord of the step. Returns the violation before the last pass.
     """
-    for slot in range(topology.slot_count):
-        work.k_qd[slot] = work.qd[slot]
+    for tree_dof in range(topology.tree_dof_count):
+        work.k_qd[tree_dof] = work.qd[tree_dof]
     error = float(0.0)
     for _ in range(config.projection_iterations):
         advance_poses(world, dt, topology, state, work)
         error = correct_velocity(world, dt, topology, parameters, work)
-        for slot in range(topology.slot_count):
-            work.k_qd[slot] = work.k_qd[slot] + work.qd[slot]
-    for slot in range(topology.slot_count):
-        work.qd[slot] = work.k_qd[slot]
+        for tree_dof in range(topology.tree_dof_count):
+            work.k_qd[tree_dof] = work.k_qd[tree_dof] + work.qd[tree_dof]
+    for tree_dof in range(topology.tree_dof_count):
+        work.qd[tree_dof] = work.k_qd[tree_dof]
     return error

@@ -7,9 +7,9 @@ from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters
 from simwarp.kernels.core.spatial import matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
-from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, gyroscopic_torque, slot_line
+from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, distance_dof, gyroscopic_torque
 from simwarp.kernels.dynamics.contact_rows import contact_frame
-from simwarp.kernels.dynamics.efforts import applied_effort, dof_law
+from simwarp.kernels.dynamics.efforts import applied_effort, dof_effort
 from simwarp.kernels.dynamics.joints import FREE, joint_frames
 
 wp.set_module_options({"enable_backward": False})
@@ -37,8 +37,8 @@ def take_contact(contact: int, world: int, topology: Topology, contacts: Contact
 
 
 @wp.func
-def take_turns(row: int, topology: Topology, work: Work):
-    """A coupling's impulses on the bodies that its TURN terms name, off the account of their joints."""
+def take_relative_rotations(row: int, topology: Topology, work: Work):
+    """A coupling's impulses on the bodies that its RELATIVE_ROTATION terms name, off the account of their joints."""
     coupling = row - topology.joint_row_count
     for term in range(topology.coupling_wrench.shape[1]):
         entry = topology.coupling_wrench[coupling, term]
@@ -52,16 +52,18 @@ def take_turns(row: int, topology: Topology, work: Work):
 
 
 @wp.func
-def take_slot_line(
+def take_distance(
     index: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, work: Work, reports: Reports,
 ):  # fmt: skip
-    """The impulse of a spring whose effort a slot carries: that line's own reaction, off the account of the joint."""
-    dof = topology.slot_line[index, 0]
+    """The impulse of a spring on a tree degree of freedom: its own reaction, off the account of the joint."""
+    dof = topology.distance_dof[index, 0]
     joint = topology.dof_joint[dof]
-    line = slot_line(index, world, topology, parameters, work)
-    law = dof_law(dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control)
-    impulse = law.effort - law.gain * line.lever * work.qd[topology.slot_line[index, 1]]
+    line = distance_dof(index, world, topology, parameters, work)
+    implicit = dof_effort(
+        dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+    )
+    impulse = implicit.effort - implicit.gain * line.lever * work.qd[topology.distance_dof[index, 1]]
     take_wrench(link_of(topology.joint_body0[joint], topology), line.w0.ang, line.w0.lin, impulse, work)
     take_wrench(link_of(topology.joint_body1[joint], topology), line.w1.ang, line.w1.lin, impulse, work)
     frames = joint_frames(joint, world, topology, parameters, work)
@@ -125,7 +127,7 @@ def record_reactions(
     control: ControlArrays, contacts: ContactArrays, config: StepConfig, work: Work, cone: ConeProblem,
     reports: Reports,
 ):  # fmt: skip
-    """What each joint applies to its second body, at anchor 1, world axes: drives and limits included."""
+    """Reaction of each joint on its second body, at anchor 1, world axes: drives and limits included."""
     unexplained_impulses(world, dt, topology, parameters, state, control, config, work)
     for joint in range(topology.joint_count):
         reports.joint_reaction_force[world, joint] = wp.vec3()
@@ -146,15 +148,15 @@ def record_reactions(
         reports.joint_reaction_force[world, joint] = force / dt
         reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
     for row in range(topology.joint_row_count, topology.row_count):
-        take_turns(row, topology, work)
-    for index in range(topology.slot_line_count):
-        take_slot_line(index, world, dt, topology, parameters, state, control, work, reports)
+        take_relative_rotations(row, topology, work)
+    for index in range(topology.distance_count):
+        take_distance(index, world, dt, topology, parameters, state, control, work, reports)
     for block in range(limits):
-        dof = topology.bounded_dof[work.active[block]]
-        if topology.dof_slot[dof] < 0:
+        dof = topology.box_dof[work.active[block]]
+        if topology.dof_to_tree_dof[dof] < 0:
             take_dof(dof, work.b_sign[block] * cone.gamma[block], world, dt, topology, parameters, work, reports)
     for block in range(limits, blocks):
-        take_contact(work.active[block] - topology.bounded_count, world, topology, contacts, work)
+        take_contact(work.active[block] - topology.box_count, world, topology, contacts, work)
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]
         take_dof(dof, dt * applied_effort(world, dof, control), world, dt, topology, parameters, work, reports)

@@ -1,4 +1,4 @@
-"""One step of one world: free motion, elimination of the joints, bounded rows, pose update (docs/theory.md)."""
+"""One step of one world: free motion, elimination of the joints, box constraints, pose update (docs/theory.md)."""
 
 import warp as wp
 
@@ -11,13 +11,13 @@ from simwarp.kernels.dynamics.bilateral_rows import apply_rows, coupling_row, lo
 from simwarp.kernels.dynamics.bodies import (
     apply_row_forces,
     load_bodies,
+    load_distances,
     load_poses,
-    load_slot_lines,
-    load_slots,
+    load_tree_dofs,
     publish,
     total_velocities,
 )
-from simwarp.kernels.dynamics.bounded import apply_cones, collect_bounded
+from simwarp.kernels.dynamics.box_constraints import apply_cones, collect_boxes
 from simwarp.kernels.dynamics.cone_rows import assemble_dense
 from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
@@ -36,7 +36,7 @@ NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 def tree_geometry(
     world: int, inv_dt: float, topology: Topology, parameters: Parameters, config: StepConfig, work: Work
 ) -> float:
-    """Columns, shifts and drift of all links; returns the largest position violation [m or rad]."""
+    """Columns, shifts and stabilisation of all links; returns the largest position violation [m or rad]."""
     worst = float(0.0)
     for link in range(topology.link_count):
         kind = topology.link_type[link]
@@ -100,21 +100,23 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
             inertia_b = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
             work.p_ang[link] = work.f_ang[link] - rot * (inertia_b * (work.v_ang[link] * rot))
             work.p_lin[link] = work.f_lin[link] - mass * work.v_lin[link]
-    for slot in range(topology.slot_count):
-        work.k_qd[slot] = work.xi[slot]
-        work.k_effort[slot] = work.effort[slot]
-        if work.gain[slot] > 0.0:
-            work.effort[slot] = work.effort[slot] - work.gain[slot] * (work.qd[slot] - work.rate[slot])
+    for tree_dof in range(topology.tree_dof_count):
+        work.k_qd[tree_dof] = work.xi[tree_dof]
+        work.k_effort[tree_dof] = work.effort[tree_dof]
+        if work.gain[tree_dof] > 0.0:
+            work.effort[tree_dof] = work.effort[tree_dof] - work.gain[tree_dof] * (
+                work.qd[tree_dof] - work.rate[tree_dof]
+            )
     impulses_up(0.0, topology, work)
-    for slot in range(topology.slot_count):
-        work.xi[slot] = work.xi[slot] + work.k_qd[slot]
-        work.effort[slot] = work.k_effort[slot]
+    for tree_dof in range(topology.tree_dof_count):
+        work.xi[tree_dof] = work.xi[tree_dof] + work.k_qd[tree_dof]
+        work.effort[tree_dof] = work.k_effort[tree_dof]
     velocities_down(topology, work)
 
 
 @wp.struct
 class Progress:
-    """What the first part of a step leaves to the second: blocks of the cone problem, and measures."""
+    """Results that the first part of a step passes to the second: blocks of the cone problem, and residuals."""
 
     limits: int  # blocks on coordinates, in front
     blocks: int  # all
@@ -126,7 +128,7 @@ class Progress:
 def cone_config(config: StepConfig) -> ConeConfig:
     """Numbers of the cone solve."""
     numbers = ConeConfig()
-    numbers.law = config.friction_law
+    numbers.friction_law = config.friction_law
     numbers.solver = config.solver
     numbers.max_iterations = config.max_iterations
     numbers.tolerance = config.tolerance
@@ -139,7 +141,7 @@ def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: Cone
     problem = cone
     problem.block_count = blocks
     problem.row_count = cone.block_row[blocks]
-    problem.slot_count = topology.slot_count
+    problem.tree_dof_count = topology.tree_dof_count
     problem.loop_count = topology.row_count
     problem.dense = 0
     if problem.row_count <= config.dense_rows:
@@ -162,9 +164,9 @@ def begin_step(
     apply_row_forces(world, dt, topology, parameters, control, work)
     if config.contact_model != RIGID and topology.pair_count > 0:
         apply_smooth_contacts(world, dt, topology, parameters, contacts, config, work)
-    load_slots(world, dt, time, topology, parameters, state, control, config, work)
+    load_tree_dofs(world, dt, time, topology, parameters, state, control, config, work)
     progress.position_error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
-    load_slot_lines(world, dt, topology, parameters, state, control, work)
+    load_distances(world, dt, topology, parameters, state, control, work)
 
     factor_tree(topology, work)
     for link in range(topology.link_count):
@@ -179,13 +181,13 @@ def begin_step(
         progress.position_error = wp.max(progress.position_error, error)
         progress.row_residual = enforce_rows(world, 2, topology, parameters, config, work)
 
-    if topology.bounded_count > 0 or topology.pair_count > 0:
+    if topology.box_count > 0 or topology.pair_count > 0:
         total_velocities(topology, work)
-        for slot in range(topology.slot_count):
-            cone.slot_sum[slot] = 0.0
-        limits = collect_bounded(world, dt, topology, parameters, state, control, config, work, cone)
-        for index in range(topology.bounded_count):
-            state.bounded_impulse[world, index] = 0.0
+        for tree_dof in range(topology.tree_dof_count):
+            cone.tree_dof_sum[tree_dof] = 0.0
+        limits = collect_boxes(world, dt, topology, parameters, state, control, config, work, cone)
+        for index in range(topology.box_count):
+            state.box_impulse[world, index] = 0.0
         progress.limits = limits
         progress.blocks = limits
         cone.block_row[limits] = limits
@@ -208,7 +210,7 @@ def take_impulses(
     if topology.row_count > 0:
         residual = enforce_rows(world, 1, topology, parameters, config, work)
     for block in range(progress.limits):
-        state.bounded_impulse[world, work.active[block]] = work.b_sign[block] * cone.gamma[block]
+        state.box_impulse[world, work.active[block]] = work.b_sign[block] * cone.gamma[block]
     return residual
 
 
@@ -225,9 +227,9 @@ def finish_step(
         residual = take_impulses(world, progress, config, topology, parameters, state, work, cone)
     if topology.pair_count > 0:
         publish_contacts(world, dt, progress.limits, progress.blocks, topology, contacts, work, cone)
-    reports.bounded_count[world] = progress.blocks
+    reports.constraint_count[world] = progress.blocks
     reports.iterations[world] = solution.iterations
-    reports.bounded_residual[world] = solution.residual
+    reports.cone_residual[world] = solution.residual
     reports.row_residual[world] = residual
 
     total_velocities(topology, work)

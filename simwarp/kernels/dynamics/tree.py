@@ -43,26 +43,26 @@ def factor_free(link: int, work: Work):
 @wp.func
 def eliminate_columns(link: int, topology: Topology, work: Work):
     """A <- A - U U^T / D for each column of the link's joint, last first."""
-    first = topology.link_slot[link]
-    end = topology.link_slot[link + 1]
+    first = topology.link_tree_dof[link]
+    end = topology.link_tree_dof[link + 1]
     inertia = work.inertia[link]
     coupling = work.coupling[link]
     mass = work.mass[link]
     for index in range(end - first):
-        slot = end - 1 - index
-        a = work.s_ang[slot]
-        v = work.s_lin[slot]
+        tree_dof = end - 1 - index
+        a = work.s_ang[tree_dof]
+        v = work.s_lin[tree_dof]
         u_ang = inertia * a + coupling * v
         u_lin = a * coupling + mass * v
-        d = wp.dot(a, u_ang) + wp.dot(v, u_lin) + work.gain[slot]
+        d = wp.dot(a, u_ang) + wp.dot(v, u_lin) + work.gain[tree_dof]
         inv_sqrt_d = float(0.0)
-        if work.gain[slot] >= 0.0:  # a negative gain marks a prescribed rate: nothing to eliminate
+        if work.gain[tree_dof] >= 0.0:  # a negative gain marks a prescribed rate: nothing to eliminate
             inv_sqrt_d = 1.0 / wp.sqrt(d)
         u_ang *= inv_sqrt_d
         u_lin *= inv_sqrt_d
-        work.inv_sqrt_d[slot] = inv_sqrt_d
-        work.u_ang[slot] = u_ang  # stored as U / sqrt(D)
-        work.u_lin[slot] = u_lin
+        work.inv_sqrt_d[tree_dof] = inv_sqrt_d
+        work.u_ang[tree_dof] = u_ang  # stored as U / sqrt(D)
+        work.u_lin[tree_dof] = u_lin
         inertia -= wp.outer(u_ang, u_ang)
         coupling -= wp.outer(u_ang, u_lin)
         mass -= wp.outer(u_lin, u_lin)
@@ -81,13 +81,13 @@ def factor_tree(topology: Topology, work: Work):
         if kind == FREE:
             factor_free(link, work)
         elif kind == SHAFT:
-            slot = topology.link_slot[link]
-            work.u_ang[slot] = wp.vec3()
-            work.u_lin[slot] = wp.vec3()
+            tree_dof = topology.link_tree_dof[link]
+            work.u_ang[tree_dof] = wp.vec3()
+            work.u_lin[tree_dof] = wp.vec3()
             work.shift[link] = wp.vec3()
-            work.inv_sqrt_d[slot] = 0.0
-            if work.gain[slot] >= 0.0:
-                work.inv_sqrt_d[slot] = 1.0 / wp.sqrt(work.gain[slot])
+            work.inv_sqrt_d[tree_dof] = 0.0
+            if work.gain[tree_dof] >= 0.0:
+                work.inv_sqrt_d[tree_dof] = 1.0 / wp.sqrt(work.gain[tree_dof])
         else:
             eliminate_columns(link, topology, work)
             if parent >= 0:
@@ -109,13 +109,13 @@ def factor_tree(topology: Topology, work: Work):
 
 
 @wp.func
-def impulses_up(drift: float, topology: Topology, work: Work):
-    """`xi` (scaled impulse of every slot) from the links' impulses `p` and `drift` times the drift; consumes `p`."""
+def impulses_up(stabilisation: float, topology: Topology, work: Work):
+    """`xi` (scaled impulses) from the links' impulses `p` and `stabilisation` times the stabilisation; consumes `p`."""
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
         kind = topology.link_type[link]
-        first = topology.link_slot[link]
-        end = topology.link_slot[link + 1]
+        first = topology.link_tree_dof[link]
+        end = topology.link_tree_dof[link + 1]
         p_ang = work.p_ang[link]
         p_lin = work.p_lin[link]
         if kind == FREE:
@@ -127,19 +127,19 @@ def impulses_up(drift: float, topology: Topology, work: Work):
         elif kind == SHAFT:
             work.xi[first] = work.effort[first] * work.inv_sqrt_d[first]
         else:
-            for index_slot in range(end - first):
-                slot = end - 1 - index_slot
+            for index_tree_dof in range(end - first):
+                tree_dof = end - 1 - index_tree_dof
                 xi = (
-                    wp.dot(work.s_ang[slot], p_ang) + wp.dot(work.s_lin[slot], p_lin) + work.effort[slot]
-                ) * work.inv_sqrt_d[slot]
-                work.xi[slot] = xi
-                p_ang -= work.u_ang[slot] * xi
-                p_lin -= work.u_lin[slot] * xi
+                    wp.dot(work.s_ang[tree_dof], p_ang) + wp.dot(work.s_lin[tree_dof], p_lin) + work.effort[tree_dof]
+                ) * work.inv_sqrt_d[tree_dof]
+                work.xi[tree_dof] = xi
+                p_ang -= work.u_ang[tree_dof] * xi
+                p_lin -= work.u_lin[tree_dof] * xi
             parent = topology.link_parent[link]
             if parent >= 0:
-                # the columns see the drift through the velocity on the way down; the parent has to carry it here
-                w_ang = work.drift_ang[link] * drift
-                w_lin = work.drift_lin[link] * drift
+                # the columns see it through the velocity on the way down; the parent has to carry it here
+                w_ang = work.stabilisation_ang[link] * stabilisation
+                w_lin = work.stabilisation_lin[link] * stabilisation
                 p_ang -= work.inertia[link] * w_ang + work.coupling[link] * w_lin
                 p_lin -= w_ang * work.coupling[link] + work.mass[link] * w_lin
                 work.p_ang[parent] = work.p_ang[parent] + p_ang + wp.cross(work.shift[link], p_lin)
@@ -148,11 +148,11 @@ def impulses_up(drift: float, topology: Topology, work: Work):
 
 @wp.func
 def velocities_down(topology: Topology, work: Work):
-    """Link velocities and slot rates from `xi`, root to leaf. Joint rows hold to rounding by construction."""
+    """Link velocities and rates from `xi`, root to leaf. Joint rows hold to rounding by construction."""
     for link in range(topology.link_count):
         kind = topology.link_type[link]
-        first = topology.link_slot[link]
-        end = topology.link_slot[link + 1]
+        first = topology.link_tree_dof[link]
+        end = topology.link_tree_dof[link + 1]
         v_ang = wp.vec3()
         v_lin = wp.vec3()
         if kind == FREE:
@@ -166,15 +166,15 @@ def velocities_down(topology: Topology, work: Work):
             if parent >= 0:
                 v_ang = work.v_ang[parent]
                 v_lin = work.v_lin[parent] + wp.cross(v_ang, work.shift[link])
-            v_ang += work.drift_ang[link]
-            v_lin += work.drift_lin[link]
-            for slot in range(first, end):
-                qd = work.inv_sqrt_d[slot] * (
-                    work.xi[slot] - wp.dot(work.u_ang[slot], v_ang) - wp.dot(work.u_lin[slot], v_lin)
+            v_ang += work.stabilisation_ang[link]
+            v_lin += work.stabilisation_lin[link]
+            for tree_dof in range(first, end):
+                qd = work.inv_sqrt_d[tree_dof] * (
+                    work.xi[tree_dof] - wp.dot(work.u_ang[tree_dof], v_ang) - wp.dot(work.u_lin[tree_dof], v_lin)
                 )
-                v_ang += work.s_ang[slot] * qd
-                v_lin += work.s_lin[slot] * qd
-                work.qd[slot] = qd + work.rate[slot]
+                v_ang += work.s_ang[tree_dof] * qd
+                v_lin += work.s_lin[tree_dof] * qd
+                work.qd[tree_dof] = qd + work.rate[tree_dof]
         work.v_ang[link] = v_ang
         work.v_lin[link] = v_lin
 
@@ -191,7 +191,7 @@ class Wrench:
 def walk_to_root(
     row: int, link0: int, w0: Wrench, link1: int, w1: Wrench, topology: Topology, work: Work, y: wp.array2d[float]
 ):
-    """Adds to y[row] the slots between two links and the root that wrench `w0` on link0 and `w1` on link1 move.
+    """Adds to y[row] what between two links and the root the wrenches `w0` on link0 and `w1` on link1 move.
 
     Links are numbered parents first, so the deeper of the two is always the larger; where the paths meet, the
     wrenches are added before they go on, which keeps the cancellation of a relative row exact. -1 is the world.
@@ -213,7 +213,7 @@ def walk_to_root(
         if b > a:
             ang = b_ang
             lin = b_lin
-        first = topology.link_slot[link]
+        first = topology.link_tree_dof[link]
         parent = topology.link_parent[link]
         if topology.link_type[link] == FREE:
             y_lin = work.mass[link] * lin
@@ -222,13 +222,15 @@ def walk_to_root(
                 y[row, first + k] = y[row, first + k] + y_lin[k]
                 y[row, first + 3 + k] = y[row, first + 3 + k] + y_ang[k]
         else:
-            end = topology.link_slot[link + 1]
+            end = topology.link_tree_dof[link + 1]
             for index in range(end - first):
-                slot = end - 1 - index
-                value = (wp.dot(work.s_ang[slot], ang) + wp.dot(work.s_lin[slot], lin)) * work.inv_sqrt_d[slot]
-                y[row, slot] = y[row, slot] + value
-                ang -= work.u_ang[slot] * value
-                lin -= work.u_lin[slot] * value
+                tree_dof = end - 1 - index
+                value = (wp.dot(work.s_ang[tree_dof], ang) + wp.dot(work.s_lin[tree_dof], lin)) * work.inv_sqrt_d[
+                    tree_dof
+                ]
+                y[row, tree_dof] = y[row, tree_dof] + value
+                ang -= work.u_ang[tree_dof] * value
+                lin -= work.u_lin[tree_dof] * value
             ang += wp.cross(work.shift[link], lin)
         if b > a:
             b = parent
@@ -241,15 +243,15 @@ def walk_to_root(
 
 
 @wp.func
-def project_slot(row: int, slot: int, coefficient: float, topology: Topology, work: Work, y: wp.array2d[float]):
-    """Adds to y[row] the response of a generalised impulse of size `coefficient` on one slot."""
-    link = topology.slot_link[slot]
-    value = coefficient * work.inv_sqrt_d[slot]
-    y[row, slot] = y[row, slot] + value
-    ang = -work.u_ang[slot] * value
-    lin = -work.u_lin[slot] * value
-    for index in range(slot - topology.link_slot[link]):
-        other = slot - 1 - index
+def project_tree_dof(row: int, tree_dof: int, coefficient: float, topology: Topology, work: Work, y: wp.array2d[float]):
+    """Adds to y[row] the response of a generalised impulse of size `coefficient` on one tree degree of freedom."""
+    link = topology.tree_dof_link[tree_dof]
+    value = coefficient * work.inv_sqrt_d[tree_dof]
+    y[row, tree_dof] = y[row, tree_dof] + value
+    ang = -work.u_ang[tree_dof] * value
+    lin = -work.u_lin[tree_dof] * value
+    for index in range(tree_dof - topology.link_tree_dof[link]):
+        other = tree_dof - 1 - index
         value = (wp.dot(work.s_ang[other], ang) + wp.dot(work.s_lin[other], lin)) * work.inv_sqrt_d[other]
         y[row, other] = y[row, other] + value
         ang -= work.u_ang[other] * value

@@ -1,4 +1,4 @@
-"""What rays of a world can hit: instances of shared geometry, placed per world, and the tree over their bounds.
+"""Instances that rays of a world can hit: shared geometry, placed per world, and the tree over their bounds.
 
 The tree is built anew for every frame, by one thread per world: instances in Morton order, eight to a node, eight nodes
 to a node of the next level, so that no link is stored. A refit would keep the topology of the first frame, which says

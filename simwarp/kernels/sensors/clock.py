@@ -39,10 +39,10 @@ class ClockSettings:
 
 @wp.struct
 class ClockState:
-    """What a clock remembers, per world."""
+    """State of a clock, per world."""
 
     count: wp.array[int]  # sub-steps since the world's state was set
-    episode: wp.array[int]  # how often it was set
+    episode: wp.array[int]  # number of times that it was set
     phase: wp.array[int]
     ring_time: wp.array[wp.float64]  # (W·slots,) world time at completion [s]
     timestamp: wp.array[wp.float64]  # of the published frame [s]
@@ -51,7 +51,7 @@ class ClockState:
 
 @wp.struct
 class Tick:
-    """What happens in this sub-step, per world; written by the clock, read by the kernels of its sensor."""
+    """Actions of a sensor in this sub-step, per world; written by the clock, read by the kernels of its sensor."""
 
     mode: wp.array[int]  # IDLE, STEP or BEGIN
     collecting: wp.array[int]  # 1: this sub-step lies in the window of a frame that somebody will see
@@ -68,7 +68,7 @@ class Tick:
 
 @wp.func
 def is_seen(published: int, clock: ClockSettings) -> bool:
-    """Whether a reader looks between the publication of a frame, at this count, and that of the next."""
+    """True if data are read between the publication of a frame, at this count, and that of the next."""
     look = ((published + clock.every - 1) / clock.every) * clock.every
     return look < published + clock.period
 
@@ -144,7 +144,7 @@ def begin_clock(
     memory: ClockState,
     tick: Tick,
 ):
-    """Where the state of a world was set: frames in waiting are forgotten, and one of the new state is published."""
+    """Restarts clocks of worlds whose state was set: pending frames are dropped, one of the new state is published."""
     world = wp.tid()
     if not mask[world]:
         nothing_due(world, IDLE, tick)
@@ -175,32 +175,32 @@ def begin_clock(
 @wp.kernel
 def publish_words(
     # inputs
-    lanes: int,
+    threads: int,
     tick: Tick,
     ring: wp.array2d[int],  # (W·slots, words)
     # outputs
     data: wp.array2d[int],  # (W, words)
 ):
-    """Rows of the ring that are due become the data; `lanes` threads share a row."""
-    world, lane = wp.tid()
+    """Rows of the ring that are due become the data; `threads` threads share a row."""
+    world, thread = wp.tid()
     if tick.publish[world] == 1:
         row = tick.publish_row[world]
-        for word in range(lane, data.shape[1], lanes):
+        for word in range(thread, data.shape[1], threads):
             data[world, word] = ring[row, word]
 
 
 @wp.kernel
 def publish_bytes(
     # inputs
-    lanes: int,
+    threads: int,
     tick: Tick,
     ring: wp.array2d[wp.uint8],  # (W·slots, bytes)
     # outputs
     data: wp.array2d[wp.uint8],  # (W, bytes)
 ):
     """The same for rows that are no whole number of words."""
-    world, lane = wp.tid()
+    world, thread = wp.tid()
     if tick.publish[world] == 1:
         row = tick.publish_row[world]
-        for byte in range(lane, data.shape[1], lanes):
+        for byte in range(thread, data.shape[1], threads):
             data[world, byte] = ring[row, byte]

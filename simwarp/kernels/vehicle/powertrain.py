@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 class EngineKind(IntEnum):
-    """Which law gives the engine's torque."""
+    """Torque law of the engine."""
 
     NONE = 0
     SIMPLE = 1
@@ -20,7 +20,7 @@ class EngineKind(IntEnum):
 
 
 class TransmissionKind(IntEnum):
-    """What lies between the engine and the drive shaft."""
+    """Transmission between the engine and the drive shaft."""
 
     NONE = 0
     AUTOMATIC_MAP = 1
@@ -88,7 +88,7 @@ class Powertrain:
 
 @wp.struct
 class PowertrainState:
-    """What a powertrain remembers and reports, per world."""
+    """State and outputs of a powertrain, per world."""
 
     gear: wp.array[int]  # -1 reverse, 0 neutral
     shift_time: wp.array[wp.float64]  # of the last gear change [s]
@@ -295,8 +295,8 @@ def run_powertrain(
     axes.
 
     In a closed balance it is zero: shafts turn in the chassis, so that the torques between them cancel, and what drives
-    the wheels acts back on it through their `TURN` joints. The reactions stand for arrangements that are described by
-    no body of their own, such as a counter-rotating driveline.
+    the wheels acts back on it through their relative rotations. The reactions stand for arrangements that are described
+    by no body of their own, such as a counter-rotating driveline.
     """
     if powertrain.drive_dof >= 0:
         memory.drive_speed[world] = state.joint_qd[world, powertrain.drive_dof]

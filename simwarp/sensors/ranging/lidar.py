@@ -22,12 +22,12 @@ from simwarp.sensors.ranging.scanning import (
     check_reach,
     check_scan,
     check_shares,
-    lane_count,
     noise_arrays,
     rows_of,
     scan_tables,
     scene_model,
     set_sweep,
+    thread_count,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 
@@ -41,7 +41,7 @@ MISSES: Final = ("zero", "inf", "far")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LidarNoise:
-    """What a lidar gets wrong: a number, or one per world.
+    """Noise of a lidar: each a number, or one per world.
 
     Attributes:
         range: standard deviation of ranges [m].
@@ -72,13 +72,13 @@ class LidarConfig:
 
     Attributes:
         schedule: the window is the time of one sweep: column c of C fires at window · c / C; 0: all fire at once.
-        beams: where they point.
-        beam: how wide one is.
+        beams: directions of the beams.
+        beam: width of a beam.
         mode: "strongest", "first", "last", "mean", or "dual" (strongest and first: twice the channels).
         near, far: ranges between which surfaces are seen [m]. Rays begin at `near`: a housing inside it hides nothing.
         noise: see `LidarNoise`.
         outputs: "points", "ranges" or both; the first is `data`.
-        miss: what the range image shows where nothing returns: "zero", "inf" or "far". Intensities are 0 there, and
+        miss: value of the range image without a return: "zero", "inf" or "far". Intensities are 0 there, and
             only there; points are zero in all their components.
         sweep: columns fire from where the sensor is at their own time, to first order between sub-steps; else from
             where it is at the end of the sub-step in which their time falls.
@@ -125,8 +125,8 @@ class Lidar:
     where they are at its end.
 
     Args:
-        scene: what it sees (`Visuals.finalize`).
-        mount: where it sits.
+        scene: instances that it sees (`Visuals.finalize`).
+        mount: body and pose.
         config: see `LidarConfig`; there is no default.
         name: unique in a Simulation; part of its randomness.
         seed: of its randomness.
@@ -221,13 +221,13 @@ class Lidar:
         frames, state, device = self.frames, simulation.state, self.model.device
         tables = self.scene.tables(self.config.groups)
         set_sweep(self._scan, frames, self.config.sweep)
-        lanes = lane_count(self.config.beams, frames, device)
+        threads = thread_count(self.config.beams, frames, device)
         flat = {name: rows_of(frames.ring[name]) for name in self.config.outputs}
         points, ranges = (flat.get(name, self._nowhere) for name in OUTPUTS)
         scan = wp.launch(
-            scan_lidar, dim=(self.model.world_count, lanes), device=device, record_cmd=True,
+            scan_lidar, dim=(self.model.world_count, threads), device=device, record_cmd=True,
             inputs=[
-                lanes, self._scan, self._settings, self._noise, state.arrays, tables, self.model.assets, frames.tick,
+                threads, self._scan, self._settings, self._noise, state.arrays, tables, self.model.assets, frames.tick,
             ],
             outputs=[points, ranges],
         )  # fmt: skip

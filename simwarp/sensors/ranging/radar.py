@@ -22,12 +22,12 @@ from simwarp.sensors.ranging.scanning import (
     check_reach,
     check_scan,
     check_shares,
-    lane_count,
     noise_arrays,
     rows_of,
     scan_tables,
     scene_model,
     set_sweep,
+    thread_count,
 )
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RadarNoise:
-    """What a radar gets wrong: a number, or one per world.
+    """Noise of a radar: each a number, or one per world.
 
     Attributes:
         range: standard deviation of ranges [m].
@@ -66,7 +66,7 @@ class RadarNoise:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Clusters:
-    """How returns are gathered: DBSCAN in which every return counts (least 1), by distance in space alone.
+    """Clustering of returns: DBSCAN in which every return counts (least 1), by distance in space alone.
 
     Attributes:
         distance: returns at most this far apart belong together [m].
@@ -95,11 +95,11 @@ class RadarConfig:
 
     Attributes:
         schedule: column c of C is measured at window · c / C; with window 0 all are measured at once.
-        rays: where it looks.
+        rays: directions of the rays.
         near, far: ranges between which surfaces are seen [m].
         noise: see `RadarNoise`.
         falloff: k of the amplitude's law r^-k with r in metres: 0 none, 4 the radar equation.
-        clusters: how returns are gathered; None: not at all.
+        clusters: clustering of returns; None: none.
         sweep: see `LidarConfig`.
         groups: bits of the groups of instances that it sees (`Appearance.group`).
 
@@ -139,8 +139,8 @@ class Radar:
     what stands beside the road comes closer.
 
     Args:
-        scene: what it sees (`Visuals.finalize`).
-        mount: where it sits; x ahead, y left, z up.
+        scene: instances that it sees (`Visuals.finalize`).
+        mount: body and pose; x ahead, y left, z up.
         config: see `RadarConfig`; there is no default.
         name: unique in a Simulation; part of its randomness.
         seed: of its randomness.
@@ -236,12 +236,12 @@ class Radar:
         frames, state, device = self.frames, simulation.state, self.model.device
         tables = self.scene.tables(self.config.groups)
         set_sweep(self._scan, frames, self.config.sweep)
-        lanes = lane_count(self.config.rays, frames, device)
+        threads = thread_count(self.config.rays, frames, device)
         returns = rows_of(frames.ring["returns"])
         scan = wp.launch(
-            scan_radar, dim=(self.model.world_count, lanes), device=device, record_cmd=True,
+            scan_radar, dim=(self.model.world_count, threads), device=device, record_cmd=True,
             inputs=[
-                lanes, self._scan, float(self.config.falloff), self.backscatter, self._noise, state.arrays, tables,
+                threads, self._scan, float(self.config.falloff), self.backscatter, self._noise, state.arrays, tables,
                 self.model.assets, frames.tick,
             ],
             outputs=[returns],

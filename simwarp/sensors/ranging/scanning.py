@@ -1,4 +1,4 @@
-"""What lidar and radar share: checks of their numbers, noise per world, beams on a mount."""
+"""Shared by lidar and radar: checks of their numbers, noise per world, beams on a mount."""
 
 from __future__ import annotations
 
@@ -90,11 +90,11 @@ def scan_tables(mount: MountArrays, beams: BeamTable, near: float, far: float, d
 
 
 def set_sweep(scan: Scan, frames: Frames, sweep: bool) -> None:
-    """The time over which columns fire, once the clock knows its sub-steps."""
+    """The time over which columns fire, once the clock has its sub-steps."""
     scan.span = frames.steps.window * frames.dt if sweep else 0.0
 
 
-def lane_count(beams: BeamTable, frames: Frames, device: Any) -> int:
+def thread_count(beams: BeamTable, frames: Frames, device: Any) -> int:
     """Threads of one world: a beam each on a GPU, in sub-steps that take part of a sweep; one on a CPU."""
     rows, columns = beams.shape
     return rows * math.ceil(columns / max(frames.steps.window, 1)) if device.is_cuda else 1

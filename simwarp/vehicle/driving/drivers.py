@@ -130,7 +130,7 @@ class ScriptedDriver:
 
     Args:
         vehicle: whose `input` it writes.
-        script: what to do when.
+        script: inputs over time.
     """
 
     def __init__(self, vehicle: Vehicle, script: ScriptSpec) -> None:

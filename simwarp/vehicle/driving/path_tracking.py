@@ -70,7 +70,7 @@ class Stanley:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FollowSpec:
-    """What a path follower does: paths, a speed to hold, and how.
+    """Configuration of a path follower: paths, target speed and controllers.
 
     Too slow: throttle; too fast with the throttle open by more than `throttle_threshold`: the throttle closes; else
     brakes.

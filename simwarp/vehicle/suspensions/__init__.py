@@ -116,7 +116,7 @@ def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: Hol
     )
     brake = 0.0 if axle.brake is None else axle.brake.max_torque
     spin = builder.add_joint_revolute(f"{frame.name}.spin", holder.carrier, spindle, axis=axis, friction=brake)
-    turn = builder.add_turn(f"{frame.name}.axle", chassis, spindle, axis=axis)
+    turn = builder.add_joint_relative_rotation(f"{frame.name}.axle", chassis, spindle, axis=axis)
     shape = -1
     if axle.tire.template == TEMPLATE:
         shape = add_rigid_tire(builder, f"{frame.name}.tire", spindle, axle.tire, f"axles[{index}].tire")

@@ -27,7 +27,7 @@ Pair: TypeAlias = tuple[float, float]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CommonParameters(Spec):
-    """What every model takes."""
+    """Parameters of every model."""
 
     POSITIVE: ClassVar = frozenset(
         {"reference_friction", "friction_limits", "camber_limit", "bristle_stiffness", "blend"}
@@ -35,7 +35,7 @@ class CommonParameters(Spec):
     NOT_NEGATIVE: ClassVar = frozenset({"rolling_resistance", "bristle_damping"})
 
     contact: Literal["single-point", "four-point", "envelope"] = "single-point"
-    """How the ground is sampled (kernels/vehicle/tires/patch.py)."""
+    """Method by which the ground is sampled (kernels/vehicle/tires/patch.py)."""
     reference_friction: float = 0.8
     """Friction of the road on which the parameters were measured."""
     friction_limits: Pair = (0.1, 1.0)
@@ -113,7 +113,7 @@ class RatedParameters(Spec):
     """[N/m²]."""
     vertical_damping: float | None = None
     bottom_deflection: float | None = None
-    """Where the rim touches [m]; None: 10 mm before the rim."""
+    """Deflection at which the rim touches [m]; None: 10 mm before the rim."""
     bottom_stiffness: float | None = None
     """None: five times the vertical stiffness [N/m]."""
 
@@ -240,7 +240,7 @@ class LugreParameters(Spec):
     stribeck_speed: float = 0.035
     """[m/s]."""
     carry_off: float = 1.2
-    """How fast bristles leave the rolling patch, in |omega r| over its length; 0: they do not."""
+    """Rate at which bristles leave the rolling patch, in |omega r| over its length; 0: they do not."""
     disc_count: int = 3
     disc_spacing: float | None = None
     """[m]; None: the outer discs are 0.4 width from the middle."""

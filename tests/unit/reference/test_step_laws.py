@@ -1,4 +1,4 @@
-"""The reference's laws along a degree of freedom, couplings, bounded rows and reactions, against closed forms."""
+"""The reference's laws along a degree of freedom, couplings, box constraints and reactions, against closed forms."""
 
 import numpy as np
 import pytest
@@ -165,7 +165,7 @@ def test_boxes_are_complementary(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_bounded_rows_of_random_mechanisms_are_complementary(seed):
+def test_box_constraints_of_random_mechanisms_are_complementary(seed):
     reference = run(random_mechanism(100 + seed, bounds=True, couplings=True), 20)
     assert len(reference.box_impulse) > 0
     inside = np.abs(reference.box_speed) < 1e-9

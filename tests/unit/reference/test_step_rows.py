@@ -11,7 +11,7 @@ from tests.reference.step import ReferenceStep
 from tests.reference.step_rows import matrices, quat_exp, quat_product, rotation_log
 from tests.reference.step_solve import Bilateral
 
-ALL = sorted({*TREE_TYPES, *LOOP_TYPES, JointType.LINE, JointType.BUSHING, JointType.FREE})
+ALL = sorted({*TREE_TYPES, *LOOP_TYPES, JointType.DISTANCE, JointType.BUSHING, JointType.FREE})
 
 
 def element(kind: JointType, seed: int) -> ModelBuilder:

@@ -1,4 +1,4 @@
-"""Lidar: casts the beams whose time has come, reduces their rays to returns, and adds what the detector gets wrong."""
+"""Lidar: casts the beams whose time has come, reduces their rays to returns, and adds the noise of the detector."""
 
 import warp as wp
 
@@ -32,7 +32,7 @@ FAINT = wp.constant(1.0e-6)
 
 @wp.struct
 class LidarSettings:
-    """How beams become returns."""
+    """Settings by which beams become returns."""
 
     mode: int  # ReturnMode
     miss: float  # range that the image shows where nothing returns [m]
@@ -91,7 +91,7 @@ def measured(found: wp.vec2, key: wp.uint64, draw: int, near: float, world: int,
 @wp.kernel
 def scan_lidar(
     # inputs
-    lanes: int,
+    threads: int,
     scan: Scan,
     settings: LidarSettings,
     noise: LidarNoiseArrays,
@@ -103,8 +103,8 @@ def scan_lidar(
     points: wp.array2d[float],  # (W·slots, rows · columns · channels)
     ranges: wp.array2d[float],
 ):
-    """The columns whose time falls into this sub-step; `lanes` threads share them."""
-    world, lane = wp.tid()
+    """The columns whose time falls into this sub-step; `threads` threads share them."""
+    world, thread = wp.tid()
     if tick.collecting[world] == 0:
         return
     columns = scan.direction.shape[1]
@@ -123,7 +123,7 @@ def scan_lidar(
     sigma_h = noise.azimuth[world_row(world, noise.azimuth.shape[0])]
     sigma_v = noise.elevation[world_row(world, noise.elevation.shape[0])]
     dropout = noise.dropout[world_row(world, noise.dropout.shape[0])]
-    for place in range(lane, width * scan.direction.shape[0], lanes):
+    for place in range(thread, width * scan.direction.shape[0], threads):
         column = begin + place % width
         beam = (place / width) * columns + column
         direction = scan.direction[place / width, column]

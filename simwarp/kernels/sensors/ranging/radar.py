@@ -55,7 +55,7 @@ class RadarNoiseArrays:
 
 @wp.struct
 class RadarReturn:
-    """What one ray finds."""
+    """Return of one ray."""
 
     range: float  # [m]
     velocity: float  # range rate, positive: going away [m/s]
@@ -68,7 +68,7 @@ class RadarReturn:
 def range_rate(
     world: int, hit: RayHit, point: wp.vec3d, d: wp.vec3, motion: SensorMotion, state: StateArrays, scene: RayScene
 ) -> float:
-    """How fast the surface recedes from the sensor [m/s]."""
+    """Speed at which the surface recedes from the sensor [m/s]."""
     body = scene.body[hit.instance]
     v = body_velocity(world, body, state)
     if body >= 0:
@@ -122,7 +122,7 @@ def write_return(place: int, row: int, found: RadarReturn, returns: wp.array2d[f
 @wp.kernel
 def scan_radar(
     # inputs
-    lanes: int,
+    threads: int,
     scan: Scan,
     falloff: float,  # exponent k of the range law
     backscatter: wp.array2d[float],  # (1 or W, I)
@@ -134,8 +134,8 @@ def scan_radar(
     # outputs
     returns: wp.array2d[float],  # (W·slots, rows · columns · CHANNELS)
 ):
-    """The columns whose time falls into this sub-step; `lanes` threads share them."""
-    world, lane = wp.tid()
+    """The columns whose time falls into this sub-step; `threads` threads share them."""
+    world, thread = wp.tid()
     if tick.collecting[world] == 0:
         return
     columns = scan.direction.shape[1]
@@ -147,7 +147,7 @@ def scan_radar(
     x = motion.x
     rot = matrix_to_float(wp.quat_to_matrix(motion.rot))
     dropout = noise.dropout[world_row(world, noise.dropout.shape[0])]
-    for place in range(lane, width * scan.direction.shape[0], lanes):
+    for place in range(thread, width * scan.direction.shape[0], threads):
         column = begin + place % width
         ray = (place / width) * columns + column
         found = RadarReturn()

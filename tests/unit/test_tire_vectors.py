@@ -19,7 +19,7 @@ from simwarp.kernels.vehicle.tires.parameter_vector import (
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.tire_patterns import BEARABLE_MASS
-from simwarp.vehicle.tires.tires import tire_row
+from simwarp.vehicle.tires.tires import tire_vector
 from tests.unit.tire_bench import DATA, TEMPLATES, properties, row_of
 
 
@@ -48,7 +48,8 @@ def test_truck_guess_of_the_hmmwv():
 
 
 def test_car_guess_and_pressure():
-    row = tire_row(bare("tmeasy", pattern="car", load=10000.0, rim_radius=0.2, use_pressure=2e5, design_pressure=2.5e5))
+    given = {"load": 10000.0, "rim_radius": 0.2, "use_pressure": 2e5, "design_pressure": 2.5e5}
+    row = tire_vector(bare("tmeasy", pattern="car", **given))
     nominal = 5000.0 * 0.8**0.8
     assert row.values[Tmeasy.NOMINAL_LOAD] == pytest.approx(nominal)
     assert row.values[Tmeasy.SLOPE_Y : Tmeasy.SLOPE_Y + 2] == pytest.approx([15.9826 * nominal, 25.7018 * nominal])
@@ -61,7 +62,7 @@ def test_load_indices():
     assert list(BEARABLE_MASS) == sorted(BEARABLE_MASS)
     known = {0: 45, 50: 190, 91: 615, 100: 800, 108: 1000, 150: 3350, 200: 14000, 279: 136000}
     assert {index: BEARABLE_MASS[index] for index in known} == known
-    row = tire_row(bare("tmsimple", pattern="truck", load_index=108, rim_radius=0.2095))
+    row = tire_vector(bare("tmsimple", pattern="truck", load_index=108, rim_radius=0.2095))
     assert row.values[Tmsimple.NOMINAL_LOAD] == pytest.approx(4905.0)
 
 
@@ -81,11 +82,11 @@ def test_all_values_without_a_pattern():
     names = [entry.name.lower() for entry in list(Tmeasy)[1:]]
     given = {name: (1.0 + k, 2.0 + k) for k, name in enumerate(names)}
     rated = {"nominal_load": 4e3, "load_limit": 1e4, "vertical_stiffness": 2e5, "vertical_damping": 1e3}
-    row = tire_row(bare("tmeasy", rim_radius=0.2, **rated, **given))
+    row = tire_vector(bare("tmeasy", rim_radius=0.2, **rated, **given))
     assert [row.values[entry + 1] for entry in list(Tmeasy)[1:]] == [2.0 + k for k in range(len(names))]
     del given["trail"]
     with pytest.raises(SpecError, match=r"parameters\.trail: missing"):
-        tire_row(bare("tmeasy", rim_radius=0.2, **rated, **given))
+        tire_vector(bare("tmeasy", rim_radius=0.2, **rated, **given))
 
 
 def test_rows_of_the_other_models():
@@ -135,7 +136,7 @@ def test_property_file_on_disk(tmp_path):
     description = json.loads((DATA / "pacejka2002.json").read_text())
     description["parameters"]["tir"] = {"file": "some.tir"}
     (tmp_path / "tire.json").write_text(json.dumps(description))
-    row = tire_row(read_spec(Tire, tmp_path / "tire.json"))
+    row = tire_vector(read_spec(Tire, tmp_path / "tire.json"))
     assert np.array_equal(row.values, row_of("pacejka2002").values)
     (tmp_path / "some.tir").write_text("[X]\nPCX1 = 1.0e\n")
     with pytest.raises(SpecError, match=r"some\.tir: line 2: PCX1"):
@@ -191,7 +192,7 @@ REFUSED = [
 @pytest.mark.parametrize(("template", "parameters", "message"), REFUSED, ids=[r[2][:40] for r in REFUSED])
 def test_what_is_refused(template, parameters, message):
     with pytest.raises(SpecError, match=message) as error:
-        tire_row(bare(template, **parameters), "axles[0].tire")
+        tire_vector(bare(template, **parameters), "axles[0].tire")
     assert str(error.value).startswith("axles[0].tire: ")
 
 

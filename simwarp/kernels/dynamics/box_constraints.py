@@ -6,28 +6,28 @@ one row of the cone problem.
 
 import warp as wp
 
-from simwarp.core.types import BoundedKind
+from simwarp.core.types import BoxKind
 from simwarp.kernels.cones.problem import BOX, ConeProblem
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import apply_rows, dof_rate, link_of, row_geometry
-from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_slot
+from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_tree_dof
 from simwarp.kernels.dynamics.dense_rows import solve_rows_backward
-from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_law
+from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort
 from simwarp.kernels.dynamics.joints import DISTANCE, POINT_AXIS0, joint_frames
 
 wp.set_module_options({"enable_backward": False})
 
-LIMIT = wp.constant(int(BoundedKind.LIMIT))
-FRICTION = wp.constant(int(BoundedKind.FRICTION))
-MOTOR = wp.constant(int(BoundedKind.MOTOR))
-DRIVE = wp.constant(int(BoundedKind.DRIVE))
+LIMIT = wp.constant(int(BoxKind.LIMIT))
+FRICTION = wp.constant(int(BoxKind.FRICTION))
+MOTOR = wp.constant(int(BoxKind.MOTOR))
+DRIVE = wp.constant(int(BoxKind.DRIVE))
 TINY = wp.constant(1.0e-16)
 
 
 @wp.struct
 class Candidate:
-    """A bounded row in the making: u = sign x rate + bias + compliance x gamma, lower <= gamma <= upper."""
+    """A box constraint in the making: u = sign x rate + bias + compliance x gamma, lower <= gamma <= upper."""
 
     acts: int
     sign: float
@@ -57,7 +57,7 @@ def candidate(
         fastest = config.max_depenetration_rate
         if topology.dof_kind[dof] == POINT_AXIS0 or topology.dof_kind[dof] == DISTANCE:
             fastest = config.max_depenetration_velocity
-        # the reserve is for speed that the other bounded rows may add within the step
+        # the reserve is for speed that the other box constraints may add within the step
         if gap / dt + row.sign * rate < fastest:
             row.acts = 1
         row.bias = wp.max(gap / dt, -fastest)
@@ -72,10 +72,10 @@ def candidate(
         if kind == MOTOR:
             row.bias = -control.joint_target_qd[world, dof]
         elif limit < INFINITE_EFFORT:
-            law = drive_law(dof, world, dt, q, parameters, control)
-            gain = wp.max(law.gain, 1.0e-9)
+            implicit = drive_effort(dof, world, dt, q, parameters, control)
+            gain = wp.max(implicit.gain, 1.0e-9)
             row.compliance = 1.0 / gain
-            row.bias = -law.effort / gain
+            row.bias = -implicit.effort / gain
         else:
             row.upper = 0.0  # without an effort limit the drive is part of the tree
     if kind != LIMIT and row.upper > 0.0:
@@ -84,14 +84,14 @@ def candidate(
 
 
 @wp.func
-def bounded_response(
+def box_response(
     block: int, row: int, dof: int, sign: float, world: int, topology: Topology, parameters: Parameters, work: Work,
     cone: ConeProblem,
 ):  # fmt: skip
     """Entries of a row along one coordinate, and its diagonal."""
-    slot = topology.dof_slot[dof]
-    if slot >= 0:
-        walk_slot(block, row, slot, sign, topology, work, cone)
+    tree_dof = topology.dof_to_tree_dof[dof]
+    if tree_dof >= 0:
+        walk_tree_dof(block, row, tree_dof, sign, topology, work, cone)
     else:
         joint = topology.dof_joint[dof]
         frames = joint_frames(joint, world, topology, parameters, work)
@@ -111,7 +111,7 @@ def bounded_response(
 
 
 @wp.func
-def collect_bounded(
+def collect_boxes(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work, cone: ConeProblem,
 ) -> int:  # fmt: skip
@@ -119,19 +119,17 @@ def collect_bounded(
     many.
     """
     count = int(0)
-    for index in range(topology.bounded_count):
-        dof = topology.bounded_dof[index]
-        slot = topology.dof_slot[dof]
+    for index in range(topology.box_count):
+        dof = topology.box_dof[index]
+        tree_dof = topology.dof_to_tree_dof[dof]
         rate = float(0.0)
-        if slot >= 0:
-            rate = work.qd[slot]
+        if tree_dof >= 0:
+            rate = work.qd[tree_dof]
         else:
             rate = dof_rate(dof, world, topology, parameters, work)
-        row = candidate(
-            topology.bounded_kind[index], dof, rate, world, dt, topology, parameters, state, control, config
-        )
+        row = candidate(topology.box_kind[index], dof, rate, world, dt, topology, parameters, state, control, config)
         if row.acts == 1:
-            bounded_response(count, count, dof, row.sign, world, topology, parameters, work, cone)
+            box_response(count, count, dof, row.sign, world, topology, parameters, work, cone)
             if cone.diagonal[count] > TINY:  # a coordinate that cannot move takes no impulse
                 work.active[count] = index
                 work.b_sign[count] = row.sign
@@ -143,7 +141,7 @@ def collect_bounded(
                 cone.upper[count] = row.upper
                 cone.compliance[count] = row.compliance
                 cone.diagonal[count] = cone.diagonal[count] + row.compliance
-                cone.gamma[count] = wp.clamp(row.sign * state.bounded_impulse[world, index], row.lower, row.upper)
+                cone.gamma[count] = wp.clamp(row.sign * state.box_impulse[world, index], row.lower, row.upper)
                 count += 1
     return count
 
@@ -156,8 +154,8 @@ def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
         for r in range(cone.block_row[block], cone.block_row[block + 1]):
             gamma = cone.gamma[r]
             for e in range(entries):
-                slot = cone.block_slot[block, e]
-                work.xi[slot] = work.xi[slot] + cone.y[r, e] * gamma
+                tree_dof = cone.block_tree_dof[block, e]
+                work.xi[tree_dof] = work.xi[tree_dof] + cone.y[r, e] * gamma
     if topology.row_count > 0:
         for row in range(topology.row_count):
             total = float(0.0)

@@ -1,0 +1,159 @@
+"""Scratch of kernels, declared once: named arrays of one world, kept in slots that worlds take in turn.
+
+A class of rooms says which arrays there are. From it are made the struct that device functions take (one slot's arrays
+by name), the struct of memory that kernels take, its layout, and the function that finds a slot's arrays in it. Rooms
+of one type and size share an array: kernels have a limit for the bytes of their arguments.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import linecache
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import warp as wp
+
+from simwarp.core.fields import type_name
+from simwarp.core.types import ArrayLayout
+
+
+@dataclasses.dataclass(frozen=True)
+class Room:
+    """One array of a slot, or one number of its struct.
+
+    Attributes:
+        dtype: of Warp.
+        lengths: of its axes: an attribute of the sizes, or a number. Without axes it is a number, and takes no memory.
+    """
+
+    dtype: Any
+    lengths: tuple[str | int, ...]
+
+
+def room(dtype: Any, *lengths: str | int) -> Any:
+    """Declare an array of a slot as an attribute of a `ScratchGroup`; see `Room`."""
+    return Room(dtype, lengths)
+
+
+def number(dtype: Any) -> Any:
+    """Declare a number of a slot's struct."""
+    return Room(dtype, ())
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """Rooms that share an array, by the name of the array: (slots, rooms, ...), or (slots, ...) if there is one."""
+
+    dtype: Any
+    lengths: tuple[str | int, ...]
+    rooms: tuple[str, ...]
+
+    @property
+    def axes(self) -> int:
+        """Number of axes of the array."""
+        return 1 + (len(self.rooms) > 1) + len(self.lengths)
+
+    def shape(self, sizes: Any) -> tuple[int, ...]:
+        """Return the shape of one slot; kernels take views, which need an element per axis."""
+        lengths = [getattr(sizes, each) if isinstance(each, str) else each for each in self.lengths]
+        return (*([len(self.rooms)] if len(self.rooms) > 1 else []), *(max(length, 1) for length in lengths))
+
+
+class ScratchGroup:
+    """Base of classes whose attributes are rooms.
+
+    Args:
+        packed: whether rooms of one type and size share an array; else each has one of its name.
+        prefix: of the names of arrays, where several groups have rooms of one name.
+
+    Attributes:
+        ROOMS: by name, in the order of declaration.
+    """
+
+    ROOMS: ClassVar[dict[str, Room]] = {}
+    PACKED: ClassVar[bool] = True
+    PREFIX: ClassVar[str] = ""
+
+    def __init_subclass__(cls, *, packed: bool = True, prefix: str = "") -> None:
+        cls.PACKED, cls.PREFIX = packed, prefix
+        cls.ROOMS = {name: value for name, value in vars(cls).items() if isinstance(value, Room)}
+
+    @classmethod
+    def blocks(cls) -> dict[str, Block]:
+        """Return the arrays in which the rooms lie."""
+        alike: dict[tuple[Any, ...], list[str]] = {}
+        for name, each in cls.ROOMS.items():
+            if each.lengths:
+                alike.setdefault((each.dtype, each.lengths, "" if cls.PACKED else name), []).append(name)
+        found = {}
+        for (dtype, lengths, _), names in alike.items():
+            name = names[0] if len(names) == 1 else "_".join([*map(str, lengths), type_name(dtype)])
+            found[cls.PREFIX + name] = Block(dtype, lengths, tuple(names))
+        return found
+
+    @classmethod
+    def struct(cls, name: str, module: str) -> Any:
+        """Return the Warp struct of one slot's arrays and numbers."""
+        kinds = {
+            key: wp.array(dtype=each.dtype, ndim=len(each.lengths)) if each.lengths else each.dtype
+            for key, each in cls.ROOMS.items()
+        }
+        return wp.struct(type(name, (), {"__annotations__": kinds, "__module__": module, "__doc__": cls.__doc__}))
+
+
+def memory_struct(name: str, module: str, groups: Sequence[type[ScratchGroup]]) -> Any:
+    """Return the Warp struct of the memory of some groups: first axis the slot."""
+    kinds = {
+        key: wp.array(dtype=block.dtype, ndim=block.axes) for group in groups for key, block in group.blocks().items()
+    }
+    text = f"Memory of {', '.join(group.__name__ for group in groups)}; first axis the slot."
+    return wp.struct(type(name, (), {"__annotations__": kinds, "__module__": module, "__doc__": text}))
+
+
+def memory_layouts(groups: Sequence[type[ScratchGroup]], slots: int, sizes: Any) -> dict[str, ArrayLayout]:
+    """Return the arrays of a `memory_struct`.
+
+    Args:
+        groups: of the struct.
+        slots: how many worlds use it at a time.
+        sizes: its attributes are the lengths that rooms name.
+    """
+    return {
+        name: ArrayLayout((slots, *block.shape(sizes)), block.dtype)
+        for group in groups
+        for name, block in group.blocks().items()
+    }
+
+
+def make_memory(struct: Any, layouts: dict[str, ArrayLayout], device: Any) -> Any:
+    """Allocate a `memory_struct`, zero."""
+    memory = struct()
+    for name, layout in layouts.items():
+        setattr(memory, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
+    return memory
+
+
+def slot_function(name: str, module: str, group: type[ScratchGroup], struct: Any, memory: Any) -> Any:
+    """Return the device function `name(scratch, slot)` that finds the arrays of one slot.
+
+    Its text is written from the declarations: Warp compiles functions from their source.
+
+    Args:
+        name: of the function.
+        module: that it belongs to.
+        group: the declarations.
+        struct: what it returns, `group.struct(...)`.
+        memory: what it takes, a `memory_struct` with that group.
+    """
+    lines = [f"def {name}(scratch: Memory, slot: int) -> Slot:", "    found = Slot()"]
+    for key, block in group.blocks().items():
+        for index, each in enumerate(block.rooms):
+            place = "slot" if len(block.rooms) == 1 else f"slot, {index}"
+            lines.append(f"    found.{each} = scratch.{key}[{place}]")
+    source = "\n".join([*lines, "    return found", ""])
+    file = f"<{module}.{name}>"
+    linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
+    names = {"Memory": memory, "Slot": struct, "__name__": module}
+    exec(compile(source, file, "exec"), names)
+    return wp.func(names[name])
