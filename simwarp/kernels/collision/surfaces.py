@@ -331,15 +331,6 @@ def mesh_vertex(asset: int, scale: wp.vec3, triangle: int, corner: int, assets: 
 
 
 @wp.func
-def mesh_normal(asset: int, scale: wp.vec3, triangle: int, assets: Assets) -> wp.vec3:
-    """Outward unit normal of a triangle of a mesh."""
-    p = mesh_vertex(asset, scale, triangle, 0, assets)
-    e = to_float(mesh_vertex(asset, scale, triangle, 1, assets) - p)
-    f = to_float(mesh_vertex(asset, scale, triangle, 2, assets) - p)
-    return wp.normalize(wp.cross(e, f))
-
-
-@wp.func
 def times(rot: wp.mat33, v: wp.vec3d) -> wp.vec3d:
     """The product rot v in float64."""
     return wp.vec3d(

@@ -1,4 +1,4 @@
-"""Small vector functions: outer products, clamping, the exponential map."""
+"""Small vector functions: frames, boxes, outer products, clamping, the exponential map."""
 
 import warp as wp
 
@@ -40,6 +40,19 @@ def turned_extent(m: wp.mat33, half: wp.vec3) -> wp.vec3:
     for k in range(3):
         reach[k] = wp.dot(wp.abs(wp.vec3(m[k, 0], m[k, 1], m[k, 2])), half)
     return reach
+
+
+@wp.func
+def contact_frame(normal: wp.vec3) -> wp.mat33:
+    """Rows: the normal and two tangents (Duff et al. 2017, continuous but at one pole)."""
+    sign = wp.where(normal[2] >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + normal[2])
+    b = normal[0] * normal[1] * a
+    return wp.mat33(
+        normal[0], normal[1], normal[2],
+        1.0 + sign * normal[0] * normal[0] * a, sign * b, -sign * normal[0],
+        b, sign + normal[1] * normal[1] * a, -normal[1],
+    )  # fmt: skip
 
 
 @wp.func
