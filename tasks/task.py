@@ -215,7 +215,7 @@ class Task(ABC, Generic[ConfigT]):
         """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional."""
 
     def scene(self) -> Scene | None:
-        """Return the scene of rendered pictures, with balls for bodies where none has a shape; None without. Optional."""
+        """Return the scene of rendered pictures: bodies, as balls where none has a shape; None without. Optional."""
         if self.simulation is None or self.builder is None or not self.builder.bodies:
             return None
         from simwarp.sensors import Visuals

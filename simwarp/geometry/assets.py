@@ -406,35 +406,3 @@ def shape_mass(kind: ShapeType, size: Sequence[float], density: float, hull: Hul
     else:
         raise ModelError(f"shape mass: {kind.name} encloses no volume of its own; give the body its mass and inertia")
     return MassProperties(mass, centre, np.diag(second.sum() - second))
-
-
-def half_extents(
-    kind: ShapeType, size: Sequence[float], rotation: npt.ArrayLike | None = None, hull: Hull | None = None
-) -> Array:
-    """Half lengths [m] of the box along the axes that is centred on the shape's origin and holds the shape.
-
-    Args:
-        kind: Any convex shape; a plane is 1e10 m large.
-        size: As `ShapeType` tells.
-        rotation: (3, 3), shape axes to the axes of the box; None: the same.
-        hull: Of a HULL.
-    """
-    r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
-    s = np.asarray(size, dtype=np.float64)
-    if kind == ShapeType.SPHERE:
-        return np.full(3, s[0])
-    if kind == ShapeType.CAPSULE:
-        return s[0] + np.abs(r[:, 2]) * s[1]
-    if kind == ShapeType.BOX:
-        return np.abs(r) @ s
-    if kind == ShapeType.ELLIPSOID:
-        return np.linalg.norm(r * s, axis=1)
-    rim = s[0] * np.sqrt(np.maximum(0.0, 1.0 - r[:, 2] ** 2))
-    along = s[1] * np.abs(r[:, 2])
-    if kind == ShapeType.CYLINDER:
-        return rim + along
-    if kind == ShapeType.CONE:
-        return np.maximum(along, np.maximum(rim + along, rim - along))
-    if kind == ShapeType.HULL and hull is not None:
-        return np.abs((hull.vertices * s) @ r.T).max(axis=0)
-    return np.full(3, 1e10)

@@ -1,15 +1,21 @@
-"""Convex hulls by their laws; masses, inertias and extents against sums over random points."""
+"""Convex hulls by their laws; masses and inertias against sums over random points."""
 
 import numpy as np
 import pytest
 import trimesh
 
 from simwarp.core.types import ModelError, ShapeType
-from simwarp.geometry.assets import convex_hull, half_extents, hull_assets, hull_mass, shape_mass
+from simwarp.geometry.assets import convex_hull, hull_assets, hull_mass, shape_mass
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-2, 2) for z in (-3, 3)], dtype=float)
 SIZE = (0.4, 0.7, 0.5)
 SOLIDS = [ShapeType.SPHERE, ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.BOX, ShapeType.ELLIPSOID, ShapeType.CONE]
+
+BOXES = {
+    ShapeType.SPHERE: (0.4, 0.4, 0.4), ShapeType.CAPSULE: (0.4, 0.4, 1.1), ShapeType.CYLINDER: (0.4, 0.4, 0.7),
+    ShapeType.BOX: SIZE, ShapeType.ELLIPSOID: SIZE, ShapeType.CONE: (0.4, 0.4, 0.7),
+}  # fmt: skip
+"""Half lengths of a box around each."""
 
 
 def inside(kind, p, size):
@@ -32,7 +38,7 @@ def inside(kind, p, size):
 @pytest.mark.parametrize("kind", SOLIDS, ids=lambda kind: kind.name)
 def test_mass_of_a_primitive(kind):
     rng = np.random.default_rng(0)
-    box = half_extents(kind, SIZE)
+    box = np.array(BOXES[kind])
     points = rng.uniform(-1.0, 1.0, size=(400_000, 3)) * box
     kept = points[inside(kind, points, SIZE)]
     found = shape_mass(kind, SIZE, 100.0)
@@ -41,7 +47,6 @@ def test_mass_of_a_primitive(kind):
     np.testing.assert_allclose(found.centre, kept.mean(axis=0), atol=3e-3)
     second = np.cov(kept.T, bias=True) * mass
     np.testing.assert_allclose(found.inertia, np.trace(second) * np.eye(3) - second, atol=0.02 * found.inertia.max())
-    assert box == pytest.approx(np.abs(kept).max(axis=0), rel=0.05)
 
 
 def test_mass_of_a_scaled_and_displaced_hull_is_that_of_its_box():
@@ -51,7 +56,6 @@ def test_mass_of_a_scaled_and_displaced_hull_is_that_of_its_box():
     assert found.mass == pytest.approx(box.mass)
     np.testing.assert_allclose(found.centre, [2.5, 6.0, 14.0], atol=1e-12)
     np.testing.assert_allclose(found.inertia, box.inertia, atol=1e-9)
-    np.testing.assert_allclose(half_extents(ShapeType.HULL, (0.5, 1.0, 2.0), hull=hull), [3.0, 8.0, 20.0])
 
 
 def test_a_cube_has_six_faces_and_three_edge_directions():
@@ -124,12 +128,3 @@ def test_assets_are_concatenated():
 def test_points_without_volume_are_refused(points):
     with pytest.raises(ModelError, match="convex hull"):
         convex_hull(points)
-
-
-def test_half_extents_of_turned_shapes():
-    c, s = np.cos(0.6), np.sin(0.6)
-    rot = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    np.testing.assert_allclose(half_extents(ShapeType.BOX, SIZE, rot), np.abs(rot) @ SIZE)
-    np.testing.assert_allclose(half_extents(ShapeType.CYLINDER, SIZE, rot)[0], 0.4 * c + 0.7 * s)
-    np.testing.assert_allclose(half_extents(ShapeType.CAPSULE, SIZE, rot)[0], 0.4 + 0.7 * s)
-    assert (half_extents(ShapeType.PLANE, SIZE) == 1e10).all()
