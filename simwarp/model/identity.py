@@ -12,9 +12,9 @@ import numpy as np
 
 from simwarp.core.types import Dof, JointType, PositionDrive, shown
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+from simwarp.model.effort_paths import drive_mode, has_effort
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec, Specification
-from simwarp.model.topology import drive_mode, has_effort
 
 VERSION: Final = "1"
 """Of the layout of states: another one is another identity."""

@@ -19,6 +19,7 @@ from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.model.checks import LONGEST_NAME, checked_names, whole_number
+from simwarp.model.effort_paths import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
@@ -26,13 +27,11 @@ from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
 from simwarp.model.specifications import Specification
 from simwarp.model.topology import (
-    EffortModel,
     Tables,
     build_tables,
     collect_tables,
     coupling_width,
     dof_joints,
-    drive_mode,
     longest_path,
     row_paths,
 )
@@ -102,7 +101,8 @@ class Model(ParameterFields):
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
         self.shape_types = tuple(shape.type for shape in builder.shapes)
         self.joint_types = tuple(joint.type for joint in builder.joints)
-        self.effort_models = tuple(EffortModel.of(dof) for joint in builder.joints for dof in joint.dofs)
+        dofs = [dof for joint in builder.joints for dof in joint.dofs]
+        self.effort_models = tuple(map(EffortModel.of, dofs, tables.paths))
         self.path_length = longest_path(tables)
         self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
