@@ -26,11 +26,6 @@ class EpisodeSummary:
         """Mean return of an episode; NaN without any."""
         return self.return_sum / self.episodes if self.episodes else float("nan")
 
-    @property
-    def mean_length(self) -> float:
-        """Mean length of an episode [control steps]; NaN without any."""
-        return self.length_sum / self.episodes if self.episodes else float("nan")
-
 
 class EpisodeStatistics:
     """Accumulators of a batch of worlds; no method but :meth:`drain` reads the device.

@@ -20,7 +20,7 @@ from simwarp.core.interop import shared_stream
 from simwarp.core.renames import warn_renamed
 
 from .config import TaskConfig
-from .drawing import Drawing, Line
+from .drawing import Drawing
 from .errors import InputError, TaskError
 from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
@@ -204,32 +204,27 @@ class Task(ABC, Generic[ConfigT]):
         return {}
 
     def drawing(self) -> Drawing:
-        """Return the content of a line drawing; by default the line through all bodies."""
-        if self._views is None:
-            raise InputError(f"task '{self.name}' has nothing to draw")
-        return Drawing((Line(self.views.body_q[..., :3]),))
+        """Return lines of pictures and maps beside the bodies, such as paths and goals; by default none."""
+        return Drawing()
 
     def map_position(self) -> torch.Tensor | None:
         """Return the agent's position, (W, 3) [m], for paths on a map: by default body 0's; None if it has none."""
         return None if self._views is None else self.views.body_q[:, 0, :3]
 
     def visuals(self, visuals: Visuals) -> None:
-        """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional.
-
-        ``simwarp play`` renders tasks in which something moves visibly, and draws the lines of ``drawing`` otherwise.
-        """
+        """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional."""
 
     def scene(self) -> Scene | None:
-        """Return the scene of rendered pictures; None if nothing that moves can be seen. Optional."""
-        if self.simulation is None or self.builder is None:
+        """Return the scene of rendered pictures: bodies, as balls where none has a shape; None without. Optional."""
+        if self.simulation is None or self.builder is None or not self.builder.bodies:
             return None
         from simwarp.sensors import Visuals
-        from simwarp.viewer import paint
+        from simwarp.viewer import add_bodies, paint
 
         visuals = Visuals(self.builder)
         self.visuals(visuals)
         if all(instance.body < 0 for instance in visuals.instances):
-            return None
+            add_bodies(visuals)
         paint(visuals)
         return visuals.finalize(self.simulation.model)
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from simwarp.tasks import Task, View
+from simwarp.tasks import Task
 
 from .evaluation import Tally, Watcher
 
@@ -41,7 +41,7 @@ class DrivenPaths:
         successes: per world, whether that counts as a success.
         known_reasons: all reasons the task knows, in its order.
         control_dt: between two positions [s].
-        surroundings: obstacles and ground; empty where the task does not draw it from above.
+        surroundings: obstacles and ground; empty where the task draws nothing.
         window: ((x low, high), (y low, high)) [m]; None follows the paths.
     """
 
@@ -113,14 +113,9 @@ class PathRecorder(Watcher):
 def _surroundings(
     task: Task[Any],
 ) -> tuple[tuple[Surrounding, ...], tuple[tuple[float, float], tuple[float, float]] | None]:
-    """Surroundings that a task draws from above, and the window; nothing where it draws otherwise."""
-    if type(task).drawing is Task.drawing:
-        return (), None
+    """Lines that a task draws, from above, and the window."""
     drawing = task.drawing()
-    if drawing.view is not View.TOP:
-        return (), None
-    across, up = View.TOP.value
-    lines = (line.points[:MAX_PATHS, :, [across, up]].float().cpu().numpy().copy() for line in drawing.lines)
+    lines = (line.points[:MAX_PATHS, :, :2].float().cpu().numpy().copy() for line in drawing.lines)
     return tuple(
         Surrounding(points, line.colour) for points, line in zip(lines, drawing.lines, strict=True)
     ), drawing.window

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, Final, NoReturn
 
 import numpy as np
@@ -13,6 +13,7 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
+from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
 from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
@@ -284,11 +285,6 @@ def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
 
 
-def _joined(curves: Sequence[Sequence[float]], device: Any) -> Any:
-    """All numbers of the tables; one where there is none."""
-    return wp.array(np.concatenate(curves or [[0.0]]).astype(np.float64), dtype=wp.float64, device=device)
-
-
 def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[np.int32], device: Any) -> Topology:
     def ints(values: Any) -> Any:
         data = np.asarray(values, np.int32)
@@ -308,7 +304,6 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     for entry, (row, term) in enumerate(relative_rotation_terms(builder)):
         wrench[row, term] = tables.row_count + len(builder.couplings) + entry
     curves, dof_table = collect_tables(builder)
-    starts = np.cumsum([0] + [len(x) for x, _ in curves])
     t = Topology()
     t.link_count, t.tree_dof_count, t.dof_count = len(links), len(tables.tree_dof_to_dof), builder.dof_count
     t.joint_count, t.loop_joint_count = len(joints), len(tables.loop_joint)
@@ -340,9 +335,9 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
     t.dof_coupled = ints([dof in coupled for dof in range(builder.dof_count)])
     t.dof_table = ints(dof_table)
-    t.table_start = ints(starts)
-    t.table_x = _joined([x for x, _ in curves], device)
-    t.table_y = _joined([y for _, y in curves], device)
+    t.table_start, t.table_x, t.table_y = function_arrays(
+        [zip(x, y, strict=True) for x, y in curves], wp.float64, device
+    )
     t.loop_joint, t.loop_row = ints(tables.loop_joint), ints(tables.loop_row)
     t.row_kind = ints([row.kind for row in tables.rows])
     t.row_axis0 = ints([row.axis0 for row in tables.rows])

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from ..config import require
-from ..drawing import Drawing, Line, View
+from ..drawing import Drawing, Line
 from ..frames import heading_quaternion, to_heading
 from ..registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, corners, outline
@@ -370,7 +370,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             lines.append(Line(outline(leader.double(), leader[:, 2], LEADER_HALF), "tab:red", 1.5))
         point, heading = self.pose()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
-        return Drawing(tuple(lines), View.TOP, ((-110.0, 110.0), (-110.0, 110.0)), panel=4.0)
+        return Drawing(tuple(lines), ((-110.0, 110.0), (-110.0, 110.0)))
 
 
 def corners_inside(

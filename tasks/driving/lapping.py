@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 import torch
 
 from ..config import require
-from ..drawing import Drawing, Line, View
+from ..drawing import Drawing, Line
 from ..frames import to_heading
 from .base import DrivingConfig, DrivingTask, outline
 from .routes import Routes
@@ -258,4 +258,4 @@ class LappingTask(DrivingTask[LappingT]):
         point, heading = self.pose()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
         reach = max(float(abs(track.points).max()) for track in self.tracks) + 2.0 * self.lane_half
-        return Drawing(tuple(lines), View.TOP, ((-reach, reach), (-reach, reach)), panel=4.0)
+        return Drawing(tuple(lines), ((-reach, reach), (-reach, reach)))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 
 from ..config import require
-from ..drawing import Drawing, Line, View
+from ..drawing import Drawing, Line
 from ..frames import to_heading
 from ..registry import register
 from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
@@ -214,4 +214,4 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             foot = self._pillar_x[:, pillar, :2].float().unsqueeze(1) + corner
             lines.append(Line(torch.nn.functional.pad(foot, (0, 1)), "tab:blue", 2.0))
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
-        return Drawing(tuple(lines), View.TOP, ((-5.0, self.config.end + 5.0), (-9.0, 9.0)), panel=6.0)
+        return Drawing(tuple(lines), ((-5.0, self.config.end + 5.0), (-9.0, 9.0)))

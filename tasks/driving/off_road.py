@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import torch
 
 from ..config import require
-from ..drawing import Drawing, Line, View
+from ..drawing import Drawing, Line
 from ..frames import to_heading
 from ..registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
@@ -310,13 +310,18 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     # ---- pictures ------------------------------------------------------------------------------------------------
 
     def drawing(self) -> Drawing:
-        """Draw obstacles, goal and vehicle from above."""
+        """Draw obstacles, goal, vehicle and the straight way to the goal, on the ground."""
         point, heading = self.pose()
         angle = torch.linspace(0.0, 2.0 * math.pi, 13, device=self.device)
         ring = torch.stack([angle.cos(), angle.sin()], dim=1)
         goal = self.goal.float().unsqueeze(1) + self.config.goal_radius * ring
-        lines = [Line(torch.nn.functional.pad(goal, (0, 1)), "tab:green", 1.5)]
+        share = torch.linspace(0.0, 1.0, 50, device=self.device).unsqueeze(1)
+        way = point[:, None, :2] + share * (self.goal - point[:, :2]).unsqueeze(1)
+        lines = [Line(torch.nn.functional.pad(row.float(), (0, 1)), "tab:green") for row in (goal, way)]
         lines += self.obstacles.rings()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
+        if self.hills is not None:
+            for line in lines:
+                line.points[..., 2] = self.hills.height(line.points[..., :2].double()).float()
         side = self.config.border
-        return Drawing(tuple(lines), View.TOP, ((-side, side), (-side, side)), panel=4.0)
+        return Drawing(tuple(lines), ((-side, side), (-side, side)))

@@ -11,15 +11,15 @@ import warp as wp
 
 from simwarp.core.types import ArrayLayout, ShapeType, WorldStatus
 from simwarp.kernels.collision.broad import Grid, GridRooms, candidates, fill_grid
+from simwarp.kernels.collision.pair import pair_contacts
 from simwarp.kernels.collision.shape import Assets, Manifold, ManifoldRooms, Shape
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
 from simwarp.kernels.collision.surfaces import Ground, ground_bounds, ground_of, is_ground
-from simwarp.kernels.collision.triangles import RawContactRooms, RawContacts, pair_contacts
+from simwarp.kernels.collision.triangles import RawContactRooms, RawContacts
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, room, slot_function
-from simwarp.kernels.core.spatial import matrix_to_float, to_float
+from simwarp.kernels.core.spatial import contact_frame, matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
-from simwarp.kernels.dynamics.contact_rows import contact_frame
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, MESH, Assets, Shape
 from simwarp.kernels.collision.support import Bounds, safe_direction
-from simwarp.kernels.core.spatial import to_double, to_float
+from simwarp.kernels.core.spatial import to_double, to_float, turned_extent
 from simwarp.kernels.rays.wide_tree import tree_ray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -331,15 +331,6 @@ def mesh_vertex(asset: int, scale: wp.vec3, triangle: int, corner: int, assets: 
 
 
 @wp.func
-def mesh_normal(asset: int, scale: wp.vec3, triangle: int, assets: Assets) -> wp.vec3:
-    """Outward unit normal of a triangle of a mesh."""
-    p = mesh_vertex(asset, scale, triangle, 0, assets)
-    e = to_float(mesh_vertex(asset, scale, triangle, 1, assets) - p)
-    f = to_float(mesh_vertex(asset, scale, triangle, 2, assets) - p)
-    return wp.normalize(wp.cross(e, f))
-
-
-@wp.func
 def times(rot: wp.mat33, v: wp.vec3d) -> wp.vec3d:
     """The product rot v in float64."""
     return wp.vec3d(
@@ -371,10 +362,7 @@ def ground_bounds(a: Shape, assets: Assets) -> Bounds:
         lower = wp.vec3(corner[0], corner[1], z[0] + wp.min(corner[0], corner[1]))
         upper = wp.vec3(-corner[0], -corner[1], z[1])
     middle = a.rot * (0.5 * (lower + upper))
-    half = 0.5 * (upper - lower)
-    reach = wp.vec3()
-    for k in range(3):
-        reach[k] = wp.dot(wp.abs(wp.vec3(a.rot[k, 0], a.rot[k, 1], a.rot[k, 2])), half)
+    reach = turned_extent(a.rot, 0.5 * (upper - lower))
     slack = a.margin + 2.0e-6 * wp.max(reach)
     b = Bounds()
     b.lower = middle - reach - wp.vec3(slack, slack, slack)
@@ -394,9 +382,7 @@ def ground_of(a: Shape, x: wp.vec3d, lower: wp.vec3, upper: wp.vec3, reach: floa
     g.rot = a.rot
     middle = times(wp.transpose(a.rot), to_double(0.5 * (lower + upper)) - x)
     half = 0.5 * (upper - lower) + wp.vec3(reach + a.margin, reach + a.margin, reach + a.margin)
-    size = wp.vec3d()
-    for k in range(3):
-        size[k] = wp.float64(wp.dot(wp.abs(wp.vec3(a.rot[0, k], a.rot[1, k], a.rot[2, k])), half))
+    size = to_double(turned_extent(wp.transpose(a.rot), half))
     size += wp.vec3d(wp.float64(1.0), wp.float64(1.0), wp.float64(1.0)) * (wp.float64(1.0e-6) * wp.length(middle))
     g.lower = middle - size
     g.upper = middle + size

@@ -9,6 +9,7 @@ import warp as wp
 from simwarp.core.types import FrictionLaw
 from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, Parameters
+from simwarp.kernels.core.spatial import contact_frame
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
@@ -53,19 +54,6 @@ def combined_surface(world: int, shape0: int, shape1: int, parameters: Parameter
     w = world_row(world, parameters.shape_damping.shape[0])
     s.damping = wp.min(parameters.shape_damping[w, shape0], parameters.shape_damping[w, shape1])
     return s
-
-
-@wp.func
-def contact_frame(normal: wp.vec3) -> wp.mat33:
-    """Rows: the normal and two tangents (Duff et al. 2017, continuous but at one pole)."""
-    sign = wp.where(normal[2] >= 0.0, 1.0, -1.0)
-    a = -1.0 / (sign + normal[2])
-    b = normal[0] * normal[1] * a
-    return wp.mat33(
-        normal[0], normal[1], normal[2],
-        1.0 + sign * normal[0] * normal[0] * a, sign * b, -sign * normal[0],
-        b, sign + normal[1] * normal[1] * a, -normal[1],
-    )  # fmt: skip
 
 
 @wp.func

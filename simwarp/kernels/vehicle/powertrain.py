@@ -5,6 +5,7 @@ from enum import IntEnum
 import warp as wp
 
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
+from simwarp.kernels.core.piecewise_linear import bounded_value
 
 wp.set_module_options({"enable_backward": False})
 
@@ -101,21 +102,8 @@ class PowertrainState:
 
 @wp.func
 def curve_value(curve: int, x: float, powertrain: Powertrain) -> float:
-    """Piecewise linear, constant beyond its ends."""
-    low = int(powertrain.curve_start[curve])
-    high = int(powertrain.curve_start[curve + 1] - 1)
-    if x <= powertrain.curve_x[low]:
-        return powertrain.curve_y[low]
-    if x >= powertrain.curve_x[high]:
-        return powertrain.curve_y[high]
-    while high - low > 1:
-        middle = (low + high) // 2
-        if powertrain.curve_x[middle] <= x:
-            low = middle
-        else:
-            high = middle
-    part = (x - powertrain.curve_x[low]) / (powertrain.curve_x[high] - powertrain.curve_x[low])
-    return powertrain.curve_y[low] + part * (powertrain.curve_y[high] - powertrain.curve_y[low])
+    """One of the curves, constant beyond its ends."""
+    return bounded_value(curve, x, powertrain.curve_start, powertrain.curve_x, powertrain.curve_y)
 
 
 @wp.func

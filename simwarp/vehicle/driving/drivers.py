@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.piecewise_linear import function_arrays
 from simwarp.kernels.vehicle.drivers import Script, run_script
 from simwarp.vehicle.results.channels import COLUMNS, Run
 from simwarp.vehicle.spec.deserialisation import nearest
@@ -138,9 +139,7 @@ class ScriptedDriver:
         self.script = script
         channels = [script.steering, script.throttle, script.braking, script.speed]
         self._script = Script()
-        self._script.start = wp.array(np.cumsum([0] + [len(c) for c in channels]), dtype=int, device=device)
-        self._script.time = wp.array([t for c in channels for t, _ in c], dtype=float, device=device)
-        self._script.value = wp.array([v for c in channels for _, v in c], dtype=float, device=device)
+        self._script.start, self._script.time, self._script.value = function_arrays(channels, float, device)
         self._script.proportional = script.proportional
         self._script.integral = script.integral
         self._script.brake_share = script.brake_share

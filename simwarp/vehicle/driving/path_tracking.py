@@ -118,11 +118,6 @@ def look_ahead_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) 
     return LookAhead(distance=distance, gains=PIDGains(proportional=2.5 / distance))
 
 
-def stanley_for(spec: VehicleSpec) -> Stanley:
-    """Stanley's law for a vehicle's front axle."""
-    return Stanley(axle=spec.axles[0].location[0])
-
-
 class PathFollower:
     """Drives every world along a path: a `ForceElement` that comes before its vehicle.
 

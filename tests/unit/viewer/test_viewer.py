@@ -14,7 +14,7 @@ from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.interface import Mount
 from simwarp.sensors.scene import GREY, Visuals
-from simwarp.viewer import FreeCamera, Shot, Studio, add_skeleton, caption, grid, paint
+from simwarp.viewer import FreeCamera, Polyline, Shot, Studio, add_skeleton, caption, draw_lines, grid, paint
 from simwarp.viewer.painting import PALETTE, STONE, body_colors
 from simwarp.viewer.sheets import INK, PAPER, label
 
@@ -143,6 +143,66 @@ def test_a_studio_that_stands_still_sees_all_that_moves():
         sim.step()
     assert not np.array_equal(studio.take(1.0)[0], first)
     np.testing.assert_allclose(place_of(studio), place, atol=1e-6)  # float32 about another origin
+
+
+def drawn(points, depth=100.0, fov=1.0, size=(40, 60), width=2.0):
+    """Opacity of a line in a picture through a camera at the origin that looks along X."""
+    picture = np.full((*size, 3), 255, np.uint8)
+    depths = np.broadcast_to(np.asarray(depth, np.float32), size)
+    line = Polyline(np.array(points, float), width=width)
+    image = draw_lines(picture, depths, look_at((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), fov, [line])
+    return 1.0 - image[..., 0] / 255.0
+
+
+def test_a_line_runs_where_a_pinhole_sees_it():
+    fov = 1.0
+    ends = np.array([[4.0, 1.2, -0.5], [9.0, -2.0, 2.5]])
+    cover = drawn(ends, fov=fov)
+    matrix = Pinhole(fov=fov).intrinsics(60, 40)
+    share = np.linspace(0.0, 1.0, 200)[:, None]
+    seen = ((1.0 - share) * ends[0] + share * ends[1]) @ np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]) @ matrix.T
+    column, row = (seen[:, :2] / seen[:, 2:]).T
+    # opaque along the line, nothing farther than its width
+    assert cover[row.astype(int), column.astype(int)].min() > 0.7
+    y, x = np.nonzero(cover)
+    distance = np.hypot(x[:, None] + 0.5 - column, y[:, None] + 0.5 - row).min(axis=1)
+    assert distance.max() < 0.5 * 2.0 + 0.6
+    # as much ink as a band two pixels wide
+    length = np.hypot(*(np.array([column[-1] - column[0], row[-1] - row[0]])))
+    assert cover.sum() == pytest.approx(2.0 * length, rel=0.15)
+
+
+def test_what_hides_a_line_leaves_it_faint():
+    depth = np.full((40, 60), 100.0)
+    depth[:, 30:] = 3.0  # a wall, nearer than the line on the right
+    cover = drawn([[5.0, 2.0, 0.0], [5.0, -2.0, 0.0]], depth)
+    assert cover[19:21, 10:29].max(axis=0).min() > 0.9
+    assert cover[19:21, 32:50].max(axis=0).tolist() == pytest.approx([0.2] * 18, abs=0.02)
+    lying = drawn([[5.0, 2.0, 0.0], [5.0, -2.0, 0.0]], 5.0)  # on the wall itself
+    assert lying.max() > 0.9
+
+
+def test_lines_behind_the_camera_beside_the_picture_and_without_numbers_do_no_harm():
+    assert drawn([[-5.0, 1.0, 0.0], [-5.0, -1.0, 0.0]]).max() == 0.0
+    assert drawn([[5.0, 50.0, 0.0], [5.0, 60.0, 0.0]]).max() == 0.0
+    assert drawn([[5.0, math.nan, 0.0], [5.0, 1.0, 0.0]]).max() == 0.0
+    assert drawn([[5.0, 0.0, 0.0]]).max() == 0.0
+    # from behind the camera to before it: seen from the lower edge up
+    through = drawn([[-5.0, 0.0, -1.0], [20.0, 0.0, -1.0]])
+    assert through[-1].max() > 0.9
+    assert through[:20].max() == 0.0
+
+
+def test_a_studio_draws_lines_into_the_pictures_of_their_worlds():
+    sim, scene = rolling_world(worlds=2)
+    shot = Shot(body=sw.WORLD, target=(0.0, 0.0, 0.0), eye=(0.0, -8.0, 3.0))
+    studio = Studio(sim, scene, shot, worlds=(0, 1), width=60, height=40, samples=1)
+    plain = studio.take(0.0)
+    line = Polyline(np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]), (1.0, 0.0, 0.0))
+    marked = studio.take(0.0, [(), (line,)])
+    np.testing.assert_array_equal(marked[0], plain[0])
+    red = marked[1, ..., 0].astype(int) - marked[1, ..., 1]
+    assert (red > 150).sum() > 5
 
 
 def test_what_a_studio_refuses():

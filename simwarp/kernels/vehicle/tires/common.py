@@ -16,6 +16,7 @@ therefore held below m / h² and m / h, which changes nothing where steps are sh
 
 import warp as wp
 
+from simwarp.kernels.core.piecewise_linear import segment_of
 from simwarp.kernels.vehicle.tires.parameter_vector import BRISTLE_X, BRISTLE_Y, Common
 from simwarp.kernels.vehicle.tires.patch import Patch
 
@@ -43,11 +44,7 @@ def slip_share(patch: Patch, p: wp.array[float]) -> float:
 def curve_force(p: wp.array[float], deflection: float) -> wp.vec2:
     """Vertical force [N] of a tire's table, and its slope [N/m]; the end segments continue."""
     start = int(p[Common.CURVE_START])
-    last = int(p[Common.CURVE_POINTS]) - 2
-    segment = int(0)
-    while segment < last and p[start + 2 * segment + 2] < deflection:
-        segment += 1
-    at = start + 2 * segment
+    at = start + 2 * segment_of(p, start, int(p[Common.CURVE_POINTS]), 2, deflection)
     slope = (p[at + 3] - p[at + 1]) / (p[at + 2] - p[at])
     return wp.vec2(p[at + 1] + slope * (deflection - p[at]), slope)
 

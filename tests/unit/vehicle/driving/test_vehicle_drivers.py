@@ -22,7 +22,6 @@ from simwarp.vehicle.driving.path_tracking import (
     PIDGains,
     Stanley,
     look_ahead_for,
-    stanley_for,
 )
 from simwarp.vehicle.driving.paths import Path, bezier, circle, path_tables, read_path, smooth
 from simwarp.vehicle.results.channels import matrices
@@ -284,7 +283,7 @@ def test_worlds_do_not_see_each_other():
 @pytest.mark.parametrize("law", ["look-ahead", "stanley"])
 def test_an_hmmwv_follows_a_circle(law):
     """Either law stays within 0.5 m of a circle of 30 m: a proportional law keeps what it needs to steer 0.23."""
-    steering = look_ahead_for(HMMWV) if law == "look-ahead" else stanley_for(HMMWV)
+    steering = look_ahead_for(HMMWV) if law == "look-ahead" else Stanley(axle=HMMWV.axles[0].location[0])
     run = followed(circle(30.0), steering, 8.0, 35.0)
     assert deviation(run, circle(30.0)).max() < 0.5
     assert run["speed_mps"][-1] == pytest.approx(8.0, abs=0.1)
@@ -296,7 +295,7 @@ def test_an_hmmwv_follows_a_circle(law):
 @pytest.mark.parametrize("law", ["look-ahead", "stanley"])
 def test_an_hmmwv_follows_a_lane_change(law):
     """12 m/s through ISO 3888-1, whose lanes leave 0.5 m to a side of a vehicle of 2.2 m and less."""
-    steering = look_ahead_for(HMMWV, 0.5, 12.0) if law == "look-ahead" else stanley_for(HMMWV)
+    steering = look_ahead_for(HMMWV, 0.5, 12.0) if law == "look-ahead" else Stanley(axle=HMMWV.axles[0].location[0])
     path = lane_change_path(100.0)
     run = followed(path, steering, 12.0, 24.0)
     assert run["x_m"][-1] > 225.0
