@@ -49,7 +49,7 @@ class Arm:
     """One of the ways that are compared.
 
     Attributes:
-        label: what the picture calls it.
+        label: name in the picture.
         against: name of the arm it is compared with; empty: none.
         train: changed fields of the training configuration.
         task: changed fields of the task's configuration.
@@ -88,7 +88,7 @@ AREA = Quantity("area under the curve", "", 0)
 
 @dataclasses.dataclass(frozen=True)
 class Budget:
-    """What every run of a study gets.
+    """Training and evaluation of every run of a study.
 
     Attributes:
         iterations: of training.
@@ -115,13 +115,13 @@ class Study:
 
     Attributes:
         task: a registered task.
-        arms: what is compared, by name.
+        arms: configurations that are compared, by name.
         budget: of every run.
-        quantities: what is reported of a run, by the key in its result.
+        quantities: reported quantities of a run, by the key in its result.
         out: folder of the results.
         runs: folder of the run folders.
         seeds: 0, 1, ... of each arm.
-        device: where to train.
+        device: device of the training.
         train: fields of the training configuration that all arms share.
         config: fields of the task's configuration that all arms share.
         evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.
@@ -155,7 +155,7 @@ class Study:
         return replace_fields(default_config(kind, config), {**common, **self.train, **arm.train}), config
 
     def result_path(self, name: str, seed: int) -> Path:
-        """Return where a run's result is written."""
+        """Return the path of a run's result."""
         return self.out / f"{name}-{seed}.json"
 
     def missing(self) -> list[tuple[str, int]]:

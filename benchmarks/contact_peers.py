@@ -52,7 +52,7 @@ def prepared(scene: BenchScene, device: str) -> SceneRun:
 
 
 def breakdown(scene: BenchScene, device: str) -> dict[str, Any]:
-    """Where a step of the ant goes, from variants of it that leave parts out [µs per world-step].
+    """Breakdown of a step of the ant by its parts, from variants of it that leave parts out [µs per world-step].
 
     Collision and the motion's torques are launched alone. Free motion is a step in the air, where the solver only
     sees joints. What one iteration adds to that are the rows of the contacts with all that goes with them, what the

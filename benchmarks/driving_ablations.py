@@ -1,4 +1,4 @@
-"""What the thesis's chapter on driving found, tried again: each ablation is a comparison with equal seeds and budget.
+"""Ablations of the thesis's chapter on driving: each is a comparison with equal seeds and budget.
 
     python benchmarks/driving_ablations.py --dry-run            what there is to do, and about how long it takes
     python benchmarks/driving_ablations.py [--ablations fusion,frame] [--seeds 3] [--plot] [--report-only]
@@ -53,7 +53,7 @@ class Ablation:
     Attributes:
         title: of its panel in the picture.
         task: a registered task.
-        arms: what is compared, given the budget.
+        arms: configurations that are compared, given the budget.
         budget: of every run.
         metric: the task's own number that is reported.
         speed: environment steps per CPU-second, learning included, as measured; for the estimate alone.

@@ -48,11 +48,11 @@ CONFIGURATIONS = {
     "kl-penalty": Arm("KL penalty", BASELINE, train={"ppo.objective": Objective.KL_PENALTY}),
 }
 OPPOSITES = {"unscaled": "scaled", "quaternion": "Euler angles", "kl-penalty": "clipping"}
-"""What the picture calls the baseline beside a configuration."""
+"""Labels of the baseline beside a configuration, in the picture."""
 
 
 def study(options: argparse.Namespace) -> Study:
-    """Return what is compared."""
+    """Return the study."""
     return Study(
         task="ant",
         arms={name: CONFIGURATIONS[name] for name in options.configurations},

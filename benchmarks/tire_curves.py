@@ -19,7 +19,7 @@ import warp as wp
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
-from simwarp.vehicle.tires.tires import Mount, TireRow, Tires, tire_row
+from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, tire_vector
 
 ROOT = Path(__file__).resolve().parents[1]
 TIRES = ROOT / "simwarp" / "vehicle" / "data" / "hmmwv" / "tires"
@@ -31,7 +31,7 @@ FRICTION = 0.8
 Array = npt.NDArray[np.float64]
 
 
-def sweep(row: TireRow, height: float, velocity: Array, spin: Array) -> tuple[Array, Array, Array]:
+def sweep(row: ParameterVector, height: float, velocity: Array, spin: Array) -> tuple[Array, Array, Array]:
     """Load (W,), force and torque (W, 3) of wheels that roll steadily at a height."""
     worlds = len(spin)
     tires = Tires([Mount(row, 0)], worlds, 1, "cpu", friction=FRICTION)
@@ -50,7 +50,7 @@ def sweep(row: TireRow, height: float, velocity: Array, spin: Array) -> tuple[Ar
     )
 
 
-def loaded_height(row: TireRow, radius: float) -> float:
+def loaded_height(row: ParameterVector, radius: float) -> float:
     """Height of the centre at which the tire bears LOAD [m]."""
     low, high = 0.5 * radius, radius
     for _ in range(50):
@@ -60,7 +60,7 @@ def loaded_height(row: TireRow, radius: float) -> float:
     return 0.5 * (low + high)
 
 
-def sweep_load(row: TireRow, height: float) -> float:
+def sweep_load(row: ParameterVector, height: float) -> float:
     """Load of a wheel at rest [N]."""
     tires = Tires([Mount(row, 0)], 1, 1, "cpu")
     state: Any = StateArrays()
@@ -81,7 +81,7 @@ def main() -> None:
     figure, axes = plt.subplots(2, 2, figsize=(11.0, 8.0), constrained_layout=True)
     for name in MODELS:
         tire = read_spec(Tire, TIRES / f"{name}.json")
-        row = tire_row(tire)
+        row = tire_vector(tire)
         height = loaded_height(row, tire.radius)
         share = 1.0 if name in ("fiala", "pacejka89", "lugre") else 1.0 / 3.0
         effective = tire.radius - share * (tire.radius - height)

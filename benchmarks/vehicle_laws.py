@@ -1,4 +1,4 @@
-"""How closely vehicles keep the laws of docs/vehicles.md: the figures behind the bounds of tests/physics.
+"""Errors of vehicles against the laws of docs/vehicles.md: the figures behind the bounds of tests/physics.
 
 Run: python benchmarks/vehicle_laws.py            all, some four minutes
      python benchmarks/vehicle_laws.py power      one of them

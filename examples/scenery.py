@@ -1,4 +1,4 @@
-"""What driving tasks look like: an off-road world, a convoy, a corridor and a race track, all made by computing.
+"""Scenery of the driving tasks: an off-road world, a convoy, a corridor and a race track, all made by computing.
 
 Below each picture is what a policy's camera sees of that world, 80 x 45 pixels; below those are the things that worlds
 are made of.
@@ -22,7 +22,7 @@ from simwarp.sensors import CameraConfig, ImageTexture, Lamp, Lighting, Pinhole,
 from simwarp.viewer import FreeCamera, grid
 
 View = tuple[Vec3, Vec3]
-"""Where a camera is, and what it looks at."""
+"""Position of a camera, and the point that it looks at."""
 GREEN = (0.05, 0.09, 0.03)
 
 

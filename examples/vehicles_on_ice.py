@@ -33,7 +33,7 @@ from simwarp.vehicle import (
 ROADS = {"ice": (0.1, 0.2), "wet": (0.4, 0.6), "dry": (0.75, 0.9)}
 COLORS = {"ice": "#4a90d9", "wet": "#2a9d6f", "dry": "#d9822b"}
 BRAKES_AT = 1.0
-"""When the driver begins to brake [s]."""
+"""Time at which the driver begins to brake [s]."""
 
 
 class LaneKeeper:

@@ -41,7 +41,7 @@ class Target:
 
     @property
     def linux(self) -> bool:
-        """Whether it runs Linux; otherwise it is a Mac."""
+        """True if it runs Linux; otherwise it is a Mac."""
         return self.platform.startswith("manylinux")
 
     @property
@@ -50,7 +50,7 @@ class Target:
         return re.sub(r"^[a-z]+_\d+_\d+_", "", self.platform)
 
     def markers(self) -> dict[str, str]:
-        """What environment markers of requirements are read with."""
+        """Values of the environment markers of requirements."""
         system, name = ("Linux", "linux") if self.linux else ("Darwin", "darwin")
         return {str(key): str(value) for key, value in default_environment().items()} | {
             "implementation_name": "cpython",
@@ -67,7 +67,7 @@ class Target:
         }
 
     def pip_flags(self) -> list[str]:
-        """What makes pip look for this machine's wheels instead of its own."""
+        """Flags with which pip looks for this machine's wheels instead of its own."""
         platforms = [self.platform]
         match = re.fullmatch(r"manylinux_2_(\d+)_(\w+)", self.platform)
         if match:
@@ -88,7 +88,7 @@ def pins() -> dict[str, str]:
 
 
 def requirements(wheel: Path, extras: Sequence[str], markers: dict[str, str]) -> Iterator[Requirement]:
-    """What a wheel asks for on the machine that the markers describe."""
+    """Requirements of a wheel on the machine that the markers describe."""
     with zipfile.ZipFile(wheel) as archive:
         name = next(name for name in archive.namelist() if re.fullmatch(r"[^/]+\.dist-info/METADATA", name))
         metadata = email.parser.Parser().parsestr(archive.read(name).decode("utf-8"))
@@ -105,12 +105,12 @@ class Shelf:
     """A folder of wheels for one target, kept between runs, from which the needed ones are picked.
 
     Attributes:
-        folder: Where the wheels lie.
+        folder: Folder of the wheels.
         target: The machine they are for.
         pinned: Exact versions by canonical name.
         without: Names of packages that the machine has itself.
         indexes: Arguments for pip by the name of the package that needs them.
-        asked: What has been required of each package so far.
+        asked: Requirements of each package so far.
         left_out: Names of `without` that were met.
     """
 

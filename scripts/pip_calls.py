@@ -24,7 +24,7 @@ def pip_environment() -> dict[str, str]:
 
 
 def pip_reason(output: str) -> str:
-    """What went wrong, out of all that pip wrote."""
+    """Reason of a failure, out of pip's whole output."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     errors = [line.removeprefix("ERROR: ") for line in lines if line.startswith("ERROR: ")]
     telling = [line for line in errors if not line.startswith("ResolutionImpossible")]

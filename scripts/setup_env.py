@@ -86,7 +86,7 @@ def drop_half_installed(folder: Path) -> None:
 
 
 def belongs(folder: Path) -> bool:
-    """Whether the environment was made where it lies now; its commands hold that path."""
+    """True if the environment was made where it lies now; its commands hold that path."""
     lines = (folder / "pyvenv.cfg").read_text(encoding="utf-8").splitlines()
     return all(line.endswith(f" {folder}") for line in lines if line.startswith("command ="))
 

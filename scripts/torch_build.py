@@ -1,4 +1,4 @@
-"""Which build of torch to ask pip for.
+"""Choice of the build of torch to ask pip for.
 
 PyPI's wheel for Linux is the CUDA build, gigabytes with what it pulls in; the CPU build is called `+cpu` and comes
 from torch's own index or from wherever pip's configuration finds it. On other systems PyPI has the CPU build.
@@ -45,7 +45,7 @@ def pinned(name: str) -> str:
 
 
 def has_cuda() -> bool:
-    """Whether a CUDA driver answers; SIMWARP_TORCH=cpu or =cuda overrides."""
+    """True if a CUDA driver answers; SIMWARP_TORCH=cpu or =cuda overrides."""
     wish = os.environ.get("SIMWARP_TORCH", "").lower()
     if wish in ("cpu", "cuda"):
         return wish == "cuda"
@@ -65,8 +65,8 @@ def choose(version: str, *, cuda: bool, linux: bool, offers: Callable[..., list[
 
     Args:
         version: The pinned version, without a label.
-        cuda: Whether the build has to use CUDA.
-        linux: Whether it is for Linux, where the plain version is the CUDA build.
+        cuda: True if the build has to use CUDA.
+        linux: True if it is for Linux, where the plain version is the CUDA build.
         offers: Versions that pip finds with these additional arguments.
         target: Python and system it is for, in words.
 

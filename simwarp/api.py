@@ -1,4 +1,4 @@
-"""What `import simwarp as sw` offers: model, simulation, and the types that they take."""
+"""Public names of `import simwarp as sw`: model, simulation, and the types that they take."""
 
 from simwarp.core.types import (
     WORLD,

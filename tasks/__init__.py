@@ -11,7 +11,7 @@ from simwarp.core.renames import renamed_names
 
 from .config import TaskConfig, replace_fields, require
 from .devices import available_devices, resolve_device
-from .drawing import Drawing, Line, View
+from .drawing import Drawing, Line
 from .errors import InputError, TaskError
 from .gym_env import TaskEnv, TaskVectorEnv, register_envs
 from .plain import config_from_plain, config_to_plain
@@ -44,7 +44,6 @@ __all__ = [
     "TaskEnv",
     "TaskError",
     "TaskVectorEnv",
-    "View",
     "When",
     "WorldRandom",
     "available_devices",

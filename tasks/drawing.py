@@ -1,19 +1,10 @@
-"""What a task shows of its worlds until there are cameras: lines in world coordinates."""
+"""Lines in world coordinates that pictures and maps of a task show beside its bodies."""
 
 from __future__ import annotations
 
 import dataclasses
-import enum
 
 import torch
-
-
-class View(enum.Enum):
-    """Plane a line drawing is projected on: (horizontal, vertical) axes of the world frame."""
-
-    SIDE = (0, 2)
-    FRONT = (1, 2)
-    TOP = (0, 1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +14,7 @@ class Line:
     Attributes:
         points: (W, P, 3) float32, vertices in the world frame [m].
         colour: any matplotlib colour.
-        width: line width in points.
+        width: in pixels of a picture.
     """
 
     points: torch.Tensor
@@ -33,16 +24,12 @@ class Line:
 
 @dataclasses.dataclass(frozen=True)
 class Drawing:
-    """Lines of all worlds and how to look at them.
+    """Lines of all worlds, such as paths, goals and limits.
 
     Attributes:
-        lines: the lines, drawn in order.
-        view: projection plane.
-        window: ((horizontal low, high), (vertical low, high)) [m]; None follows the lines.
-        panel: width of the panel of one world [inch].
+        lines: drawn in order into rendered pictures, and seen from above on maps.
+        window: of maps, ((x low, high), (y low, high)) [m]; None: it fits paths and lines.
     """
 
-    lines: tuple[Line, ...]
-    view: View = View.SIDE
+    lines: tuple[Line, ...] = ()
     window: tuple[tuple[float, float], tuple[float, float]] | None = None
-    panel: float = 2.6

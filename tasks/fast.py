@@ -11,7 +11,7 @@ import torch
 from simwarp.core.constraints import NotNegative, Positive
 
 from .config import TaskConfig, require
-from .drawing import Drawing, Line, View
+from .drawing import Drawing, Line
 from .registry import register
 from .task import Task
 
@@ -82,10 +82,10 @@ class FastTask(Task[FastConfig]):
         """Draw the point as a line from the origin."""
         tip = torch.nn.functional.pad(self.position, (0, 1))
         window = ((-self.config.bound, self.config.bound),) * 2
-        return Drawing((Line(torch.stack([torch.zeros_like(tip), tip], dim=1), "tab:blue"),), View.TOP, window)
+        return Drawing((Line(torch.stack([torch.zeros_like(tip), tip], dim=1), "tab:blue", 3.0),), window)
 
     def map_position(self) -> torch.Tensor:
-        """Where the point is."""
+        """Position of the point, (W, 3) [m]."""
         return torch.nn.functional.pad(self.position, (0, 1))
 
     def extra_state(self) -> dict[str, torch.Tensor]:

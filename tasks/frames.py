@@ -8,7 +8,7 @@ import torch
 
 
 class Orientation(enum.Enum):
-    """How the orientation of a torso is observed."""
+    """Representation of a torso's orientation in observations."""
 
     EULER = "euler"
     QUATERNION = "quaternion"

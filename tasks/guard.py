@@ -1,4 +1,4 @@
-"""What is kept for the day the physics of a world breaks down, and the file that it is written to.
+"""Record of the last states and actions in case the physics of a world breaks down, and the file of such a dump.
 
 Two snapshots of all worlds, taken in turn, and a ring of the last actions and joint states are always at hand. A break
 is noted on the device (which world, when); the host looks every few dozen steps, while a snapshot from before the break
@@ -37,19 +37,19 @@ Counted: TypeAlias = Annotated[int, Ge(0), Lt(2**53)]
 
 @dataclasses.dataclass(frozen=True)
 class DumpAbout(Settings):
-    """What a dump says about itself, as JSON in its array ``meta``.
+    """Description of a dump, as JSON in its array ``meta``.
 
     Attributes:
         format: of the file.
         task: name of the task.
         config: the task's configuration, as plain values.
-        seed, world, episode: which episode of which world broke down.
+        seed, world, episode: indices of the episode and of the world that broke down.
         episode_steps: control step of the episode in which it broke, the first is 1.
         replay_steps: control steps to be repeated.
         from_reset: from the beginning of the episode; else from the snapshot within it.
         level: the curriculum's.
         iteration: of the training.
-        device: where it happened.
+        device: device of the run.
     """
 
     format: int
@@ -72,7 +72,7 @@ class DumpAbout(Settings):
 
 
 class Guarded(Worlds, Protocol):
-    """What is kept of a task: see the attributes of `Task`."""
+    """Parts of a task that are recorded: see the attributes of `Task`."""
 
     action: torch.Tensor
     level: torch.Tensor
@@ -103,7 +103,7 @@ class Guarded(Worlds, Protocol):
         ...
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """What the task keeps beside the simulation's state."""
+        """State of the task beside the simulation's."""
         ...
 
 
@@ -124,14 +124,14 @@ class _Keep:
 
 
 class Guard:
-    """Remembers the last steps of a task and keeps the first break of its physics.
+    """Recorder of the last steps of a task, which keeps the first break of its physics.
 
     Args:
         task: the task; its simulation exists.
         steps: control steps remembered.
 
     Attributes:
-        path: where the dump is written as soon as the host notices a break; None keeps it in memory.
+        path: of the dump, written as soon as the host notices a break; None keeps it in memory.
         dump: the kept arrays of the first break, or None.
     """
 

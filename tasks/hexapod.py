@@ -10,34 +10,26 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
-from simwarp.core.constraints import Ge, Le, NotNegative, Positive
+from simwarp.core.constraints import Positive
 
 from .config import TaskConfig
-from .drawing import Drawing, Line, View
-from .frames import Orientation, euler_123, heading_quaternion, rotate_back
+from .frames import euler_123
 from .registry import register
-from .task import Task
+from .walking import BASE, NEAR_LIMIT, WalkingConfig, WalkingTask
 
 if TYPE_CHECKING:
-    from simwarp import ModelBuilder, SolverOptions
+    from simwarp import ModelBuilder
     from simwarp.sensors import Visuals
 
-_BASE = 0
 _LEGS = 6
-_JOINTS = 18
-_FORCE_CLIP = 5.0
-# A joint counts as at its limit in the last part of its range
-_NEAR_LIMIT = 0.02
-_TARGET_X = 1000.0
-_ARENA = 49.0
 
 
 class HexapodReward(enum.Enum):
-    """Which reward is paid.
+    """Variants of the reward.
 
     ``walk`` is this project's own: a speed that is enough, along the line, level and without trembling. ``code`` is
     what the original's code pays.
@@ -51,47 +43,33 @@ _SPEED_LIMIT = math.radians(354.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class HexapodConfig(TaskConfig):
+class HexapodConfig(WalkingConfig):
     """Configuration of :class:`HexapodTask`."""
 
     # The original's physics step. It acts in every one, 200 times a second; a gait of a few Hz needs no more than 50:
-    # exploration acts for longer, and an episode is a quarter as many decisions
+    # exploration acts for longer, and an episode is a quarter as many decisions. The original stops at 16 s
     dt: float = 0.005
     """Physics step [s]."""
     decimation: int = 4
     """Physics steps per control step; one action lasts decimation * dt seconds."""
-    max_episode_steps: int = 500
-    """Control steps after which an episode is truncated: 10 s; the original stops at 16 s."""
-    gravity: float = 9.81
-    """Gravitational acceleration, downwards [m/s2]."""
-    torque: Positive = 1.5
+    torque: float = 1.5
     """Joint torque of a full action [N·m]."""
     speed_limit: Positive = _SPEED_LIMIT
     """Joint speed beyond which a torque that would drive it on is cut off [rad/s]: 59 turns a minute."""
     reward: HexapodReward = HexapodReward.WALK
-    """Which reward is paid."""
-    target_speed: Positive = 0.4
+    """Variant of the reward."""
+    target_speed: float = 0.4
     """Speed along X for which the walk reward pays most [m/s]."""
-    orientation: Orientation = Orientation.QUATERNION
-    """How the base's orientation is observed: 53 observations with a quaternion, 52 with Euler angles."""
-    scaled: bool = False
-    """Divide every observation by its usual size; without, they are in SI units."""
-    start_angle: Annotated[float, Ge(0.0), Le(0.5)] = 0.05
+    start_angle: float = 0.05
     """Half-width of the uniform start angles of the joints and of the heading [rad]."""
-    start_rate: NotNegative = 0.1
-    """Half-width of the uniform start rates of the joints [rad/s]."""
-    goal_distance: Positive = 2.0
+    goal_distance: float = 2.0
     """Distance along X that a success has covered [m]."""
-    goal_time: Positive = 10.0
-    """Time in which it must be covered [s]."""
-    goal_width: Positive = 0.5
+    goal_width: float = 0.5
     """Largest distance from the line y = 0 of a success, over the whole episode [m]."""
-    tolerance: Positive = 1e-3
-    """Residual at which the contact solve stops [m/s]."""
 
 
 @register("hexapod")
-class HexapodTask(Task[HexapodConfig]):
+class HexapodTask(WalkingTask[HexapodConfig]):
     """Observation ``policy`` (W, 53), in this order, SI units and axes of the base unless scaled.
 
     Height of the base's centre of mass; quaternion x y z w; velocity; angular velocity; angles of hips, femurs and
@@ -101,17 +79,10 @@ class HexapodTask(Task[HexapodConfig]):
 
     summary: ClassVar[str] = "hexapod: six legs of three links walk along X, 53 observations, 18 torques"
     config_type: ClassVar[type[TaskConfig]] = HexapodConfig
-    action_size: int = _JOINTS
-    success_reasons: ClassVar[frozenset[str]] = frozenset()
-    training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 250,
-        "num_envs": 512,
-        "steps_per_iteration": 32,
-        "network.hidden": (128, 64),
-        "network.init_std": 0.3,
-        "ppo.gamma": 0.99,
-        "ppo.entropy": 0.0,
-    }
+    action_size: int = 18
+    legs: ClassVar[int] = _LEGS
+    usual_sizes: ClassVar[tuple[float, float, float, float]] = (0.15, 0.4, 1.0, 6.0)
+    training: ClassVar[Mapping[str, Any]] = {**WalkingTask.training, "network.init_std": 0.3}
 
     def build(self, builder: ModelBuilder) -> ModelBuilder:
         """The hexapod of :mod:`simwarp.scenes`."""
@@ -119,43 +90,35 @@ class HexapodTask(Task[HexapodConfig]):
 
         return hexapod()
 
-    def solver_options(self) -> SolverOptions:
-        """Contacts to ``tolerance``: far below the speed of a foot."""
-        from simwarp import SolverOptions
-
-        return SolverOptions(tolerance=self.config.tolerance)
-
     def setup(self) -> None:
-        """Make views of positions of record and of contact forces, and allocate what an episode remembers."""
+        """Make views of contact forces, and store the height at the start."""
         from simwarp import to_torch
         from simwarp.scenes.phantomx import HEXAPOD_LIMIT
 
-        worlds, device, simulation = self.num_worlds, self.device, self.simulation
+        super().setup()
+        device, simulation = self.device, self.simulation
         names = simulation.model.shape_names
-        self._x = to_torch(simulation.state.body_x)
-        self._rotation = to_torch(simulation.state.body_rot)
         self._shape_force = to_torch(simulation.contacts.shape_contact_force)
         feet = [f"foot_{leg}" for leg in range(1, _LEGS + 1)]
         self._feet = torch.tensor([names.index(name) for name in feet], device=device)
         others = [index for index, name in enumerate(names) if name not in {*feet, "floor"}]
         self._others = torch.tensor(others, device=device)
-        self._leg_points = self._find_leg_points()
         self._limit = HEXAPOD_LIMIT
-        self._start_height = self._x[:, _BASE, 2].clone().float()
-        self._before = torch.zeros(worlds, dtype=torch.float64, device=device)
-        self._last_action = torch.zeros(worlds, _JOINTS, device=device)
-        self._farthest_aside = torch.zeros(worlds, device=device)
-        self._touched = torch.zeros(worlds, dtype=torch.bool, device=device)
-        self._reached = torch.zeros(worlds, dtype=torch.bool, device=device)
-        turned = [0.3] * 3 if self.config.orientation is Orientation.EULER else [0.3] * 4
-        sizes = [0.15] + turned + [0.4] * 3 + [1.0] * 3 + [0.5] * _JOINTS + [6.0] * _JOINTS + [_FORCE_CLIP] * _LEGS
-        self._sizes = torch.tensor(sizes, device=device)
+        self._start_height = self._x[:, BASE, 2].clone().float()
+        self._last_action = torch.zeros(self.num_worlds, self.action_size, device=device)
+
+    def touching(self) -> torch.Tensor:
+        """Return (W,) bool: anything but a foot touches the ground."""
+        return (self._shape_force[:, self._others] != 0.0).flatten(1).any(dim=1)
+
+    def foot_forces(self) -> torch.Tensor:
+        """Return (W, 6, 3) contact forces on the feet of legs 1 to 6 [N]."""
+        return self._shape_force[:, self._feet]
 
     def begin_step(self) -> None:
-        """Remember where the base is and what acted: progress and trembling are differences."""
-        self._before.copy_(self._distance())
+        """Store the last action, too: trembling is a difference."""
+        super().begin_step()
         self._last_action.copy_(self.action)
-        self._touched.zero_()
 
     def apply(self, action: torch.Tensor) -> None:
         """Turn the joints with ``torque`` newton metres per unit of action, none that drives beyond the limit."""
@@ -164,35 +127,18 @@ class HexapodTask(Task[HexapodConfig]):
         self.views.joint_force.copy_(torch.where(driven, self.config.torque * action, 0.0))
 
     def after_physics(self) -> None:
-        """Cut the torques anew, and notice a touch that may be over before the control step is."""
+        """Cut the torques anew, and notice a touch."""
         self.apply(self.action)
-        self._touched |= (self._shape_force[:, self._others] != 0.0).flatten(1).any(dim=1)
-
-    def observations(self) -> dict[str, torch.Tensor]:
-        """Return ``policy``: (W, 53) float32, or (W, 52) with Euler angles."""
-        config, views = self.config, self.views
-        pose = views.body_q[:, _BASE]
-        rotation = pose[:, 3:]
-        parts = [
-            pose[:, 2:3],
-            euler_123(rotation) if config.orientation is Orientation.EULER else rotation,
-            rotate_back(rotation, views.body_v[:, _BASE]),
-            rotate_back(rotation, views.body_omega[:, _BASE]),
-            views.joint_q,
-            views.joint_qd,
-            self._shape_force[:, self._feet].norm(dim=2).clamp(max=_FORCE_CLIP),
-        ]
-        policy = torch.cat(parts, dim=1)
-        return {"policy": policy / self._sizes if config.scaled else policy}
+        super().after_physics()
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
         config, views = self.config, self.views
-        speed = ((self._before - self._distance()) / config.control_dt).float()
+        speed = self.progress_speed()
         power = (self.action * views.joint_qd).abs().mean(dim=1)
-        alive = 1.0 - 2.0 * self._touched.float()
-        limits = (views.joint_q.abs() > (1.0 - _NEAR_LIMIT) * self._limit).sum(dim=1).float()
-        pose = views.body_q[:, _BASE]
+        alive = 1.0 - 2.0 * self.touched.float()
+        limits = (views.joint_q.abs() > (1.0 - NEAR_LIMIT) * self._limit).sum(dim=1).float()
+        pose = views.body_q[:, BASE]
         rise = pose[:, 2] - self._start_height
         if config.reward is HexapodReward.CODE:
             return {
@@ -212,109 +158,17 @@ class HexapodTask(Task[HexapodConfig]):
             "height": -10.0 * rise.abs(),
             "tilt": -turned[:, :2].abs().sum(dim=1),
             "smooth": -0.1 * (self.action - self._last_action).square().mean(dim=1),
-            "straight": -views.body_v[:, _BASE, 1].abs(),
+            "straight": -views.body_v[:, BASE, 1].abs(),
             "heading": -turned[:, 2].abs(),
             "line": -2.0 * pose[:, 1].abs().clamp(max=1.0),
         }
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``contact``: anything but a foot touches the ground, in any physics step."""
-        return {"contact": self._touched.clone()}
-
-    def truncations(self) -> dict[str, torch.Tensor]:
-        """Return ``arena``: the robot has left the original's floor of 50 m around the start."""
-        return {"arena": (self._x[:, _BASE, :2].abs() > _ARENA).any(dim=1)}
-
-    def reset(self, world_mask: torch.Tensor) -> None:
-        """Start near the built pose and the heading +X."""
-        angle, rate = self.config.start_angle, self.config.start_rate
-        heading = self.random.uniform("heading", -angle, angle)[:, 0].double()
-        turned = torch.where(world_mask.unsqueeze(1), heading_quaternion(heading), self._rotation[:, _BASE])
-        self._rotation[:, _BASE] = turned
-        q = self.random.uniform("angles", -angle, angle, size=_JOINTS)
-        # Femurs and tibias only turn upwards: the feet stay above the ground
-        q[:, _LEGS:].abs_().neg_()
-        self.simulation.set_joint_state(world_mask, q, self.random.uniform("rates", -rate, rate, size=_JOINTS))
-        self._touched.masked_fill_(world_mask, False)
-        self._farthest_aside.masked_fill_(world_mask, 0.0)
-        self._reached.masked_fill_(world_mask, False)
-
-    def metrics(self) -> dict[str, torch.Tensor]:
-        """Return ``success``, ``distance`` along X [m] and the largest ``lateral_error`` of the episode [m]."""
-        config = self.config
-        place = self.views.body_q[:, _BASE]
-        torch.maximum(self._farthest_aside, place[:, 1].abs(), out=self._farthest_aside)
-        in_time = self.episode_steps * config.control_dt <= config.goal_time + 0.5 * config.control_dt
-        self._reached |= (place[:, 0] >= config.goal_distance) & in_time
-        straight = self._farthest_aside <= config.goal_width
-        return {
-            "success": self._reached & straight & ~self._touched,
-            "distance": place[:, 0],
-            "lateral_error": self._farthest_aside,
-        }
+        return {"contact": self.touched.clone()}
 
     def visuals(self, visuals: Visuals) -> None:
         """Show the links as rods between the hinges; the collision boxes are the servos."""
         from simwarp.viewer import add_skeleton
 
         add_skeleton(visuals, 0.008)
-
-    def drawing(self) -> Drawing:
-        """Draw the base as a ring through the hips and every leg as three lines, seen obliquely from the right."""
-        q = self.views.body_q
-        hips, knees, ankles, feet = (
-            torch.stack([_at(q[:, body], point) for body, point in joints], dim=1) for joints in self._leg_points
-        )
-        ring = hips[:, [0, 1, 2, 5, 4, 3, 0]]
-        legs = torch.stack([hips, knees, ankles, feet], dim=2)
-        # The far legs first: the near ones are drawn over them
-        lines = [Line(_oblique(legs[:, leg]), "tab:brown", 1.6) for leg in (3, 4, 5)]
-        lines.append(Line(_oblique(ring), "tab:blue", 2.5))
-        lines += [Line(_oblique(legs[:, leg]), "tab:orange", 2.0) for leg in (0, 1, 2)]
-        for y in (-0.25, 0.0, 0.25):
-            edge = q.new_tensor([[-100.0, y, 0.0], [100.0, y, 0.0]]).expand(self.num_worlds, 2, 3)
-            lines.insert(0, Line(_oblique(edge), "0.8", 0.7))
-        return Drawing(tuple(lines), View.SIDE, ((-0.5, 2.7), (-0.2, 0.4)), panel=6.0)
-
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """What success remembers of the running episode."""
-        return {"farthest_aside": self._farthest_aside, "reached": self._reached}
-
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take it back."""
-        self._farthest_aside.copy_(state["farthest_aside"])
-        self._reached.copy_(state["reached"])
-
-    def _find_leg_points(self) -> list[list[tuple[int, torch.Tensor]]]:
-        """Body and point in its axes [m] of the hinges of every leg, body to hip to femur to tibia, and of its foot."""
-        model = self.simulation.model
-        anchors, shapes = model.joint_anchor0.numpy()[0], model.shape_x.numpy()[0]
-
-        def point(values: Any) -> torch.Tensor:
-            return torch.tensor(values, dtype=torch.float32, device=self.device)
-
-        legs = range(1, _LEGS + 1)
-        hinges = (("hip", "base"), ("femur", "hip_{}"), ("tibia", "femur_{}"))
-        points = [
-            [(model.body(body.format(leg)), point(anchors[model.joint(f"{joint}_{leg}")])) for leg in legs]
-            for joint, body in hinges
-        ]
-        feet = [point(shapes[model.shape_names.index(f"foot_{leg}")]) for leg in legs]
-        return [*points, [(model.body(f"tibia_{leg}"), foot) for leg, foot in zip(legs, feet, strict=True)]]
-
-    def _distance(self) -> torch.Tensor:
-        """(W,) distance to a target far ahead, as the original measures progress [m]."""
-        place = self._x[:, _BASE]
-        return torch.hypot(place[:, 1], _TARGET_X - place[:, 0])
-
-
-def _at(pose: torch.Tensor, point: torch.Tensor) -> torch.Tensor:
-    """(W, 3) where a point (3,) of a body's axes is in the world, for poses (W, 7) [m]."""
-    back = pose[:, 3:] * pose.new_tensor([-1.0, -1.0, -1.0, 1.0])
-    return pose[:, :3] + rotate_back(back, point.expand(len(pose), 3))
-
-
-def _oblique(points: torch.Tensor) -> torch.Tensor:
-    """Shear points (W, P, 3) so that a side view shows what is behind above and to the right of what is before."""
-    x, y, z = points.unbind(dim=2)
-    return torch.stack([x + 0.4 * y, y, z + 0.3 * y], dim=2)

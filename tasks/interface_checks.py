@@ -1,4 +1,4 @@
-"""What a task must return, checked once when it is built; every complaint names the task and the term."""
+"""Checks of a task's return values, made once when it is built; every error names the task and the term."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .errors import TaskError
 
 
 class Worlds(Protocol):
-    """What a batch of worlds has to tell about itself."""
+    """Interface of a batch of worlds."""
 
     @property
     def name(self) -> str:
@@ -53,7 +53,7 @@ def _check_mapping(task: Worlds, what: str, value: object) -> Mapping[str, Any]:
 
 
 def check_observations(task: Worlds, groups: object) -> Mapping[str, torch.Tensor]:
-    """Hold observation groups to: at least one, each (W, ...) and not 64-bit floating point."""
+    """Check observation groups: at least one, each (W, ...) and not 64-bit floating point."""
     checked = _check_mapping(task, "observations()", groups)
     if not checked:
         raise TaskError(f"task '{task.name}': observations() returned no group")
@@ -69,7 +69,7 @@ def check_observations(task: Worlds, groups: object) -> Mapping[str, torch.Tenso
 def check_terms(
     task: Worlds, terms: object, *, kind: str = "reward", floating: bool = True
 ) -> Mapping[str, torch.Tensor]:
-    """Hold reward terms or metrics to: each (W,), and float32 for rewards."""
+    """Check reward terms or metrics: each (W,), and float32 for rewards."""
     checked = _check_mapping(task, f"{kind}s()", terms)
     if kind == "reward" and not checked:
         raise TaskError(f"task '{task.name}': rewards() returned no term")
@@ -83,7 +83,7 @@ def check_terms(
 
 
 def check_flags(task: Worlds, kind: str, flags: object) -> Mapping[str, torch.Tensor]:
-    """Hold end reasons to: each (W,) bool."""
+    """Check end reasons: each (W,) bool."""
     checked = _check_mapping(task, f"{kind}s()", flags)
     for name, flag in checked.items():
         value = _check_batch(task, f"{kind} '{name}'", flag)
@@ -95,7 +95,7 @@ def check_flags(task: Worlds, kind: str, flags: object) -> Mapping[str, torch.Te
 
 
 def check_action(task: Worlds, action: torch.Tensor) -> None:
-    """Hold an action to (W, A) floating point; costs no device read."""
+    """Check that an action is (W, A) floating point; costs no device read."""
     wanted = (task.num_worlds, task.action_size)
     if tuple(action.shape) != wanted or not action.is_floating_point():
         raise TaskError(

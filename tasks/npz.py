@@ -50,7 +50,7 @@ def read_arrays(path: Path, what: str) -> Arrays:
 
     Args:
         path: of the file.
-        what: what it should be: the errors begin with it.
+        what: expected content: the errors begin with it.
 
     Raises:
         FileError: there is no such file, it is damaged or of another kind, or it claims more than it can hold.

@@ -17,7 +17,7 @@ from simwarp.core.constraints import NotNegative, Positive
 from simwarp.core.renames import renamed_fields
 
 from .config import TaskConfig, require
-from .drawing import Drawing, Line, View
+from .drawing import Drawing, Line
 from .registry import register
 from .task import Task
 
@@ -151,22 +151,10 @@ class PendulumTask(Task[PendulumConfig]):
         return Shot(body=-1, target=(0.0, 0.0, 0.75), eye=(-1.5, -8.5, 1.2), fov=0.6)
 
     def drawing(self) -> Drawing:
-        """Draw the rail, the cart and the pole."""
-        x, angle = self.q[:, _SLIDE], self.q[:, _HINGE]
-        zero = torch.zeros_like(x)
-        hinge = torch.stack([x, zero, zero], dim=1)
-        tip = hinge + _POLE_LENGTH * torch.stack([angle.sin(), zero, angle.cos()], dim=1)
-        size = 2.0 * _CART_HALF_SIZE
-        corners = [(-0.5, 0.0), (0.5, 0.0), (0.5, -1.0), (-0.5, -1.0), (-0.5, 0.0)]
-        box = hinge.new_tensor([[size * across, 0.0, size * up] for across, up in corners])
+        """Mark how far the cart may go."""
         reach = self.config.max_position
-        rail = hinge.new_tensor([[-reach, 0.0, -size], [reach, 0.0, -size]]).expand(self.num_worlds, 2, 3)
-        lines = (
-            Line(rail, "0.6", 1.0),
-            Line(hinge.unsqueeze(1) + box, "tab:blue", 1.5),
-            Line(torch.stack([hinge, tip], dim=1), "tab:orange", 3.0),
-        )
-        return Drawing(lines, View.SIDE, ((-reach - 0.3, reach + 0.3), (-0.5, _POLE_LENGTH + 0.3)))
+        ends = torch.tensor([[[x, 0.0, -0.3], [x, 0.0, 0.3]] for x in (-reach, reach)], device=self.device)
+        return Drawing(tuple(Line(end.expand(self.num_worlds, 2, 3), "tab:red", 2.0) for end in ends))
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """The late angular speed; the simulation keeps the rest."""

@@ -183,7 +183,7 @@ class Randomiser:
 
 
 def _takes_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
-    """Return whether the inertia follows this parameter: a scaled mass, unless it has a range of its own."""
+    """Return True if the inertia follows this parameter: a scaled mass, unless it has a range of its own."""
     scaled = name == "body_mass" and ranges[name].mode is Mode.SCALE
     return scaled and ranges[name].inertia and "body_inertia_b" not in ranges
 
@@ -195,7 +195,7 @@ def drawn_parameters(ranges: Mapping[str, Range]) -> set[str]:
 
 
 def randomiser_of(ranges: Mapping[str, Range], simulation: Any, owner: str) -> Randomiser | None:
-    """Return what draws the ranges; None where there are none."""
+    """Return the sampler of the ranges; None where there are none."""
     return Randomiser(ranges, simulation, owner) if ranges else None
 
 

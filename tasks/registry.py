@@ -1,4 +1,4 @@
-"""Which tasks exist: built-in ones, and those that installed packages offer."""
+"""Registry of tasks: built-in ones, and those that installed packages offer."""
 
 from __future__ import annotations
 

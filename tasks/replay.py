@@ -25,11 +25,11 @@ from .task import Task
 
 @dataclasses.dataclass(frozen=True)
 class ReplayReport:
-    """What a replay showed.
+    """Result of a replay.
 
     Attributes:
         task: name of the task.
-        seed, world, episode: which episode of which world broke.
+        seed, world, episode: indices of the episode and of the world that broke.
         episode_step: control step of the episode in which it broke, the first is 1.
         steps: control steps repeated.
         from_reset: from the beginning of the episode; else from a snapshot within it.
@@ -38,7 +38,7 @@ class ReplayReport:
         largest_difference: of joint coordinates and rates from the recorded ones before the break [m, rad, per s].
         largest_rate: largest joint rate that was recorded before the break.
         largest_action: largest size of an action that was recorded; NaN where the policy itself was broken.
-        problems: what the simulation says about the world at the end.
+        problems: problems that the simulation reports of the world at the end.
     """
 
     task: str
@@ -125,7 +125,7 @@ def _task_of(about: DumpAbout, device: str, where: str) -> Task[Any]:
 
 
 def _check_columns(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str) -> None:
-    """Hold what was recorded of every control step to the task.
+    """Check the recorded control steps against the task.
 
     Raises:
         InputError: a column is missing, too short, or of other actions or joints.

@@ -14,12 +14,12 @@ from .plain import typed
 
 
 def check_like(like: Any, saved: Any, where: str) -> None:
-    """Hold saved values to present ones: the same names, types, shapes and dtypes.
+    """Check saved values against present ones: the same names, types, shapes and dtypes.
 
     Args:
         like: the present values: tensors, numbers, mappings and lists of them.
-        saved: what was read.
-        where: where it stood: the errors begin with it.
+        saved: content that was read.
+        where: its location: the errors begin with it.
 
     Raises:
         InputError: something is missing, superfluous or of another kind.
@@ -44,7 +44,7 @@ def check_like(like: Any, saved: Any, where: str) -> None:
 
 
 def check_names(like: Mapping[Any, Any], saved: Any, where: str) -> None:
-    """Hold saved values to the names of present ones; see :func:`check_like`."""
+    """Check saved values against the names of present ones; see :func:`check_like`."""
     if not isinstance(saved, Mapping):
         raise unlike(where, "an object of named values", saved)
     for name in like:

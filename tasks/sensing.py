@@ -1,4 +1,4 @@
-"""What lies between a task and its policy: delayed actions, and observations that are late, noisy or biased."""
+"""Delays and noise between a task and its policy: delayed actions, and observations that are late, noisy or biased."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class DelayLine:
         return self.values[self.delay, self._world]
 
     def state(self, name: str) -> dict[str, torch.Tensor]:
-        """Return what a checkpoint keeps."""
+        """Return the state that a checkpoint keeps."""
         return {f"{name} values": self.values.clone(), f"{name} delay": self.delay.clone()}
 
     def load(self, name: str, state: Mapping[str, torch.Tensor]) -> None:
@@ -71,7 +71,7 @@ class Sensors:
 
     Args:
         sensing: group name -> what to do with it.
-        groups: what the task observes.
+        groups: observation groups of the task.
         random: draws.
     """
 
@@ -100,7 +100,7 @@ class Sensors:
 
     @property
     def late(self) -> bool:
-        """Whether any group is delayed: its history must see the state before a reset too."""
+        """True if any group is delayed: its history must see the state before a reset too."""
         return bool(self._lines)
 
     def push(self, groups: Mapping[str, torch.Tensor]) -> None:
@@ -128,7 +128,7 @@ class Sensors:
         return sensed
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps."""
+        """Return the state that a checkpoint keeps."""
         return {key: value for name, line in self._lines.items() for key, value in line.state(name).items()}
 
     def load(self, state: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""How the task layer holds a simulation: torch views made once, stepping, and snapshots as plain tensors."""
+"""Access of the task layer to a simulation: torch views made once, stepping, and snapshots as plain tensors."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class PhysicsViews:
 
 @dataclasses.dataclass(frozen=True)
 class Attachments:
-    """What runs in every physics step beside the bodies: force elements, and sensors, whose frames a policy sees once
+    """Elements of every physics step beside the bodies: force elements, and sensors, whose frames a policy sees once
     per control step.
     """
 

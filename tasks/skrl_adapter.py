@@ -25,12 +25,12 @@ from skrl.utils.spaces.torch import flatten_tensorized_space, tensorize_space
 
 
 def true_next(space: gymnasium.Space[Any], next_observations: torch.Tensor, infos: dict[str, Any]) -> torch.Tensor:
-    """Return what followed the actions, (W, N): the true final observation where an episode ended.
+    """Return the observations after the actions, (W, N): the true final observation where an episode ended.
 
     Args:
         space: space of one world's observation.
         next_observations: (W, N) flattened, as skrl's wrapper returned them; not changed.
-        infos: what the step of a ``TaskVectorEnv`` said.
+        infos: infos of the step of a ``TaskVectorEnv``.
     """
     if "final_obs" not in infos:
         return next_observations

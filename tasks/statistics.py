@@ -17,19 +17,14 @@ class EpisodeSummary:
     terms: dict[str, float]
     """Sum of each reward term over those episodes."""
     end_reasons: dict[str, int]
-    """How many episodes ended for each reason."""
+    """Number of episodes that ended for each reason."""
     bad_values: dict[str, int]
-    """How often a reward term or an observation group held NaN or infinity while the physics was sound."""
+    """Number of times that a reward term or an observation group held NaN or infinity while the physics was sound."""
 
     @property
     def mean_return(self) -> float:
         """Mean return of an episode; NaN without any."""
         return self.return_sum / self.episodes if self.episodes else float("nan")
-
-    @property
-    def mean_length(self) -> float:
-        """Mean length of an episode [control steps]; NaN without any."""
-        return self.length_sum / self.episodes if self.episodes else float("nan")
 
 
 class EpisodeStatistics:

@@ -20,7 +20,7 @@ from simwarp.core.interop import shared_stream
 from simwarp.core.renames import warn_renamed
 
 from .config import TaskConfig
-from .drawing import Drawing, Line
+from .drawing import Drawing
 from .errors import InputError, TaskError
 from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
@@ -45,7 +45,7 @@ NON_FINITE = "non_finite"
 
 @dataclasses.dataclass(frozen=True)
 class StepResult:
-    """What one control step returned. ``W`` worlds; worlds that ended have already been reset.
+    """Result of one control step. ``W`` worlds; worlds that ended have already been reset.
 
     Attributes:
         observations: group name -> (W, ...), of the new episode where one ended. May share memory with the
@@ -115,7 +115,7 @@ class Task(ABC, Generic[ConfigT]):
         self.device = torch.device(device)
         self.keep_final_observations = True
         self.iteration = 0
-        """Training iteration, told by the trainer; for a curriculum."""
+        """Training iteration, set by the trainer; for a curriculum."""
         self.first_world = first_world
         self.before_reset: Callable[[], None] | None = None
         """Called in every control step once it is judged, while the worlds that ended still are where they ended."""
@@ -124,7 +124,7 @@ class Task(ABC, Generic[ConfigT]):
             self.simulation, self._views, self.builder = self._make_physics(device)
             self._randomiser = randomiser_of(config.randomise, self.simulation, f"task '{self.name}'")
             self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
-            """Remembers the last steps, for the dump of a world whose physics breaks down."""
+            """Recorder of the last steps, for the dump of a world whose physics breaks down."""
             self.setup()
             self._probe()
             self.restart(seed=seed)
@@ -140,7 +140,7 @@ class Task(ABC, Generic[ConfigT]):
         return None
 
     def attach(self, model: Model) -> Attachments:
-        """Return what acts and measures in every physics step: force elements such as a vehicle, sensors. Optional."""
+        """Return the elements of every physics step: force elements such as a vehicle, sensors. Optional."""
         before = getattr(self, "equip", None)
         if before is None:
             return Attachments()
@@ -151,7 +151,7 @@ class Task(ABC, Generic[ConfigT]):
         """Allocate the task's own buffers, once, after the simulation exists. Optional."""
 
     def begin_step(self) -> None:
-        """Hear that a control step begins, before its action: remember what a difference needs. Optional."""
+        """Called before the action of each control step: store what a difference needs. Optional."""
 
     @abstractmethod
     def apply(self, action: torch.Tensor) -> None:
@@ -161,7 +161,7 @@ class Task(ABC, Generic[ConfigT]):
         """
 
     def after_physics(self) -> None:
-        """Hear that one physics step is done: for what must not be missed between control steps. Optional."""
+        """Called after each physics step, for events that must not be missed between control steps. Optional."""
 
     @abstractmethod
     def observations(self) -> dict[str, torch.Tensor]:
@@ -204,37 +204,32 @@ class Task(ABC, Generic[ConfigT]):
         return {}
 
     def drawing(self) -> Drawing:
-        """Return what a line drawing shows; by default the line through all bodies."""
-        if self._views is None:
-            raise InputError(f"task '{self.name}' has nothing to draw")
-        return Drawing((Line(self.views.body_q[..., :3]),))
+        """Return lines of pictures and maps beside the bodies, such as paths and goals; by default none."""
+        return Drawing()
 
     def map_position(self) -> torch.Tensor | None:
-        """Return where what acts is, (W, 3) [m], for paths on a map: by default body 0; None if nothing is anywhere."""
+        """Return the agent's position, (W, 3) [m], for paths on a map: by default body 0's; None if it has none."""
         return None if self._views is None else self.views.body_q[:, 0, :3]
 
     def visuals(self, visuals: Visuals) -> None:
-        """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional.
-
-        ``simwarp play`` renders tasks in which something moves visibly, and draws the lines of ``drawing`` otherwise.
-        """
+        """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional."""
 
     def scene(self) -> Scene | None:
-        """Return what rendered pictures show; None if nothing that moves can be seen. Optional."""
-        if self.simulation is None or self.builder is None:
+        """Return the scene of rendered pictures: bodies, as balls where none has a shape; None without. Optional."""
+        if self.simulation is None or self.builder is None or not self.builder.bodies:
             return None
         from simwarp.sensors import Visuals
-        from simwarp.viewer import paint
+        from simwarp.viewer import add_bodies, paint
 
         visuals = Visuals(self.builder)
         self.visuals(visuals)
         if all(instance.body < 0 for instance in visuals.instances):
-            return None
+            add_bodies(visuals)
         paint(visuals)
         return visuals.finalize(self.simulation.model)
 
     def shot(self) -> Shot:
-        """Return how the camera of ``simwarp play`` looks at a world; by default it goes along with body 0."""
+        """Return the view of the camera of ``simwarp play``; by default it follows body 0."""
         from simwarp.viewer import Shot
 
         return Shot()
@@ -259,7 +254,7 @@ class Task(ABC, Generic[ConfigT]):
         return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
 
     def on_iteration(self, iteration: int) -> None:
-        """Hear that training iteration ``iteration`` begins; the hook of a curriculum. Call ``super()`` first."""
+        """Called at the start of training iteration ``iteration``; the hook of a curriculum. Call ``super()`` first."""
         self.iteration = iteration
         curriculum = self.config.curriculum
         if curriculum.driver is Driver.ITERATION:
@@ -292,7 +287,7 @@ class Task(ABC, Generic[ConfigT]):
             return self._sensors.sense(self.observations())
 
     def observe_privileged(self) -> torch.Tensor | None:
-        """Return what only a critic may see; None where the task has no such thing."""
+        """Return the privileged observations of a critic; None where the task has none."""
         with self._acting():
             return self.privileged()
 
@@ -414,7 +409,7 @@ class Task(ABC, Generic[ConfigT]):
 
     @contextlib.contextmanager
     def _acting(self) -> Iterator[None]:
-        """Where state is changed: without gradients, with Warp and torch on one stream, and with ordinary tensors.
+        """Context of changes to the state: without gradients, Warp and torch on one stream, and ordinary tensors.
 
         Callers roll out under inference_mode; tensors made there could never be written in place afterwards.
         """

@@ -1,4 +1,4 @@
-"""What a configuration may make uncertain: model parameters, sensing, delays, and how hard all of it is.
+"""Uncertainty that a configuration may add: model parameters, sensing, delays, and the level of difficulty.
 
 These are fields of a :class:`~simwarp.tasks.TaskConfig`; a task sets them in its own configuration, or a program with
 ``make("ant", randomise={"body_mass": Range(0.8, 1.2)})``.
@@ -21,7 +21,7 @@ LONGEST_DELAY: Final = 2**31 - 1
 
 
 class Mode(enum.Enum):
-    """How a drawn number acts on the built value of a parameter."""
+    """Effect of a drawn number on the built value of a parameter."""
 
     SCALE = "scale"
     ADD = "add"
@@ -29,7 +29,7 @@ class Mode(enum.Enum):
 
 
 class When(enum.Enum):
-    """How often a parameter is drawn."""
+    """Interval at which a parameter is drawn."""
 
     EPISODE = "episode"
     STEP = "step"
@@ -90,7 +90,7 @@ class Range(Settings):
 
 @dataclasses.dataclass(frozen=True)
 class Sensing(Settings):
-    """What lies between the state and one observation group.
+    """Noise, bias and delay of one observation group.
 
     Attributes:
         noise: standard deviation of normal noise in every step, of all components or of each.
@@ -105,7 +105,7 @@ class Sensing(Settings):
 
 
 class Driver(enum.Enum):
-    """What moves the curriculum's level."""
+    """Schedule of the curriculum's level."""
 
     NONE = "none"
     ITERATION = "iteration"
@@ -114,7 +114,7 @@ class Driver(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class Curriculum(Settings):
-    """How a level between 0 and 1 moves during training; every world has its own (``Task.level``).
+    """Level of difficulty between 0 and 1 during training; every world has its own (``Task.level``).
 
     Attributes:
         driver: ``none`` leaves it at 1. ``iteration`` raises it from 0 to 1 over training iterations. ``progress``

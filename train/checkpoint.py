@@ -35,7 +35,7 @@ POLICY: Final[Mapping[str, Any]] = {
     "task_config": dict,
     "actor_state_dict": Mapping[str, torch.Tensor],
 }
-"""What every checkpoint holds, and of which types."""
+"""Entries of every checkpoint, and their types."""
 
 _ZIP = b"PK\x03\x04"
 _ZIP_END = b"PK\x05\x06"
@@ -98,7 +98,7 @@ def load_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
 
 
 def check_members(content: Mapping[str, Any], types: Mapping[str, Any], where: str) -> None:
-    """Hold what was read to the types of its members.
+    """Check the content that was read against the types of its members.
 
     Raises:
         InputError: one is missing, or of another type.
@@ -110,7 +110,7 @@ def check_members(content: Mapping[str, Any], types: Mapping[str, Any], where: s
 
 
 def _has_seal(path: Path, data: bytes) -> bool:
-    """Return whether there is a checksum, which must be right; False for a whole archive as torch writes it."""
+    """Return True if there is a checksum, which must be right; False for a whole archive as torch writes it."""
     body, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
     if body.endswith(_SEAL):
         if hashlib.sha256(body).hexdigest().encode() != digest:
@@ -137,7 +137,7 @@ def _check_records(path: Path, data: bytes) -> None:
 
 
 def _unpickle(path: Path, data: bytes, device: str) -> Any:
-    """Return what torch reads from an archive of plain values and tensors."""
+    """Return the content of an archive of plain values and tensors, as torch reads it."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -148,7 +148,7 @@ def _unpickle(path: Path, data: bytes, device: str) -> Any:
 
 @functools.cache
 def _say_unsealed(path: Path) -> None:
-    """Say it once per process."""
+    """Warn once per process."""
     print(
         f"simwarp: checkpoint {path} carries no checksum: it was written by an older simwarp, and damage may go unseen",
         file=sys.stderr,

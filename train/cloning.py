@@ -28,7 +28,7 @@ _LARGEST_BATCH = 65_536
 
 @dataclasses.dataclass(frozen=True)
 class CloneConfig(Settings):
-    """How to imitate."""
+    """Hyperparameters of behaviour cloning."""
 
     epochs: Count = 60
     """Passes over the recorded steps."""
@@ -46,7 +46,7 @@ class CloneConfig(Settings):
 
 @dataclasses.dataclass(frozen=True)
 class CloneResult:
-    """What cloning reached.
+    """Result of behaviour cloning.
 
     Attributes:
         content: a checkpoint of the policy.
@@ -106,8 +106,8 @@ def clone(
 
     Args:
         task: says what is observed; on the CPU.
-        data: what to imitate.
-        config: how.
+        data: trajectories to imitate.
+        config: hyperparameters.
         train_config: its network is built, and is what a later training must have.
         report: called after each epoch with its number and mean loss.
 

@@ -1,4 +1,4 @@
-"""Several processes that train one policy: what ``torchrun`` says about them, and what they tell each other.
+"""Several processes that train one policy: their settings from ``torchrun``, and their communication.
 
 Each process steps worlds of its own; gradients, normalisers, learning rate and statistics are averaged or summed over
 all, so that parameters stay equal. NCCL carries this between GPUs, gloo between CPUs.
@@ -22,9 +22,9 @@ class Processes:
     """The processes of a run.
 
     Attributes:
-        rank: which one this is, from 0.
-        local_rank: which one on its machine.
-        count: how many there are.
+        rank: index of this process, from 0.
+        local_rank: its index on its machine.
+        count: number of processes.
     """
 
     rank: int = 0
@@ -33,12 +33,12 @@ class Processes:
 
     @property
     def several(self) -> bool:
-        """Whether there is more than one."""
+        """True if there is more than one process."""
         return self.count > 1
 
     @property
     def first(self) -> bool:
-        """Whether this one writes the run folder and speaks to the user."""
+        """True for the process that writes the run folder and the messages."""
         return self.rank == 0
 
     def device(self, name: str) -> str:
@@ -72,7 +72,7 @@ class Processes:
 
 
 def processes() -> Processes:
-    """Return what ``torchrun`` has put into the environment; a single process without it.
+    """Return the settings of ``torchrun`` in the environment; a single process without it.
 
     Raises:
         InputError: its variables contradict each other.

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from simwarp.tasks import Task, View
+from simwarp.tasks import Task
 
 from .evaluation import Tally, Watcher
 
@@ -41,7 +41,7 @@ class DrivenPaths:
         successes: per world, whether that counts as a success.
         known_reasons: all reasons the task knows, in its order.
         control_dt: between two positions [s].
-        surroundings: what stands there; empty where the task does not draw it from above.
+        surroundings: obstacles and ground; empty where the task draws nothing.
         window: ((x low, high), (y low, high)) [m]; None follows the paths.
     """
 
@@ -55,16 +55,16 @@ class DrivenPaths:
 
     @property
     def flat(self) -> bool:
-        """Whether nothing leaves a straight line along x or y: a map would show nothing."""
+        """True if nothing leaves a straight line along x or y: a map would show nothing."""
         extents = [np.ptp(path, axis=0).min() for path in self.paths if len(path)]
         return max(extents, default=0.0) < _TINY
 
 
 class PathRecorder(Watcher):
-    """Notes where the first worlds of a task are, from their start to the end of their first episode.
+    """Recorder of the positions of a task's first worlds, from their start to the end of their first episode.
 
     Attributes:
-        paths_driven: what was noted; None before the end, and where the task is nowhere.
+        paths_driven: recorded paths; None before the end, and where the task is nowhere.
     """
 
     def __init__(self) -> None:
@@ -73,7 +73,7 @@ class PathRecorder(Watcher):
         self._positions: list[torch.Tensor] = []
 
     def begin(self, task: Task[Any]) -> None:
-        """Note the start, and what stands around."""
+        """Record the start positions and the surroundings."""
         if task.map_position() is None:
             return
         self._task = task
@@ -113,14 +113,9 @@ class PathRecorder(Watcher):
 def _surroundings(
     task: Task[Any],
 ) -> tuple[tuple[Surrounding, ...], tuple[tuple[float, float], tuple[float, float]] | None]:
-    """What a task draws from above, and in which window; nothing where it draws otherwise."""
-    if type(task).drawing is Task.drawing:
-        return (), None
+    """Lines that a task draws, from above, and the window."""
     drawing = task.drawing()
-    if drawing.view is not View.TOP:
-        return (), None
-    across, up = View.TOP.value
-    lines = (line.points[:MAX_PATHS, :, [across, up]].float().cpu().numpy().copy() for line in drawing.lines)
+    lines = (line.points[:MAX_PATHS, :, :2].float().cpu().numpy().copy() for line in drawing.lines)
     return tuple(
         Surrounding(points, line.colour) for points, line in zip(lines, drawing.lines, strict=True)
     ), drawing.window

@@ -1,4 +1,4 @@
-"""How good a policy is: statistics over fresh worlds."""
+"""Evaluation of a policy: statistics over fresh worlds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .policies import Policy, bad_actions, forget, random_policy, zero_policy
 _MAX_WORLDS = 4096
 CHECK_INTERVAL = 25
 _RECORD_BYTES = 64
-"""What is kept of an episode, about."""
+"""Approximate bytes kept of an episode."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,16 +27,16 @@ class Evaluation:
     """Statistics of some episodes.
 
     Attributes:
-        episodes: how many there were.
+        episodes: number of episodes.
         mean_return: mean of the summed rewards.
         std_return: its standard deviation over episodes.
         mean_episode_length: [control steps].
         min_episode_length: the shortest [control steps].
         success_rate: share of successes.
         success_ci95: Wilson interval of that share at 95 %.
-        end_reasons: how many episodes ended for each reason that occurred.
+        end_reasons: number of episodes that ended for each reason that occurred.
         metrics: means of the task's own metrics at the end of the episodes.
-        bad_actions: how often the policy returned NaN or infinity.
+        bad_actions: number of times that the policy returned NaN or infinity.
     """
 
     episodes: int
@@ -52,7 +52,7 @@ class Evaluation:
 
     @property
     def problem(self) -> str:
-        """Why these numbers say nothing about the task; empty if they do."""
+        """Reason why these numbers say nothing about the task; empty if they do."""
         if self.bad_actions:
             return f"the policy returned NaN or infinity {self.bad_actions} times"
         if self.end_reasons.get(NON_FINITE) == self.episodes:
@@ -126,15 +126,15 @@ class Tally:
         self.length.masked_fill_(ended, 0)
 
     def finished(self) -> bool:
-        """Whether every world has played its share; reads the device."""
+        """True if every world has completed its share of episodes; reads the device."""
         return bool((self.done >= self.quota).all())
 
     def ended(self) -> int:
-        """Return how many of the episodes that count are over; reads the device."""
+        """Return the number of the episodes that count and are over; reads the device."""
         return int(torch.minimum(self.done, self.quota).sum())
 
     def reasons_so_far(self, reasons: list[str]) -> dict[str, int]:
-        """Return what the episodes that are over ended by; reads the device. Short ones come first: no statistics."""
+        """Return the end reasons of finished episodes; reads the device. Short ones come first: no statistics."""
         over = self._round < torch.minimum(self.done, self.quota).unsqueeze(1)
         return _counts(self.records["reason"][over].cpu(), reasons)
 
@@ -166,25 +166,25 @@ class Tally:
 
 
 def _counts(column: torch.Tensor, reasons: list[str]) -> dict[str, int]:
-    """Return how often each reason occurs in a column of indices, if it does."""
+    """Return the count of each reason in a column of indices, if it occurs."""
     counts = column.to(torch.int64).bincount(minlength=len(reasons)).tolist()
     return {name: count for name, count in zip(reasons, counts, strict=True) if count}
 
 
 class Watcher:
-    """Looks on while a policy is evaluated; this one is not interested."""
+    """Observer of an evaluation; this base class does nothing."""
 
     def begin(self, task: Task[Any]) -> None:
-        """Hear that all worlds stand at the beginning of their first episode."""
+        """Called when all worlds are at the beginning of their first episode."""
 
     def step(self, step: int, tally: Tally) -> None:
-        """Hear that so many control steps are done. An exception stops the evaluation."""
+        """Called with the number of control steps done. An exception stops the evaluation."""
 
     def warn(self, text: str) -> None:
-        """Hear that something is wrong with the policy."""
+        """Called when something is wrong with the policy."""
 
     def end(self, tally: Tally) -> None:
-        """Hear that all episodes are over."""
+        """Called when all episodes are over."""
 
 
 def evaluate(
@@ -245,12 +245,12 @@ def evaluate_policies(
     Args:
         task_name: a registered task.
         make_policy: builds the policy for a task.
-        config: of the task.
+        config: configuration of the task.
         episodes: of each policy.
         seed: of the worlds.
         device: canonical device name.
         num_envs: worlds stepped together; by default one per episode, at most 4096.
-        baselines: whether the other two are evaluated at all.
+        baselines: True if the other two are evaluated at all.
         watch: given a name, returns who looks on.
 
     Yields:

@@ -55,7 +55,7 @@ SUFFIXES = {ExportFormat.ONNX: ".onnx", ExportFormat.TORCHSCRIPT: ".ts"}
 
 @dataclasses.dataclass(frozen=True)
 class Export:
-    """What was written. The names are the keys of ``simwarp export --json``."""
+    """Description of an exported policy. The names are the keys of ``simwarp export --json``."""
 
     task: str
     checkpoint: str
@@ -118,7 +118,7 @@ class ExportedPolicy(nn.Module):
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Hold back what exporters print and warn about; they fail by exceptions."""
+    """Suppress prints and warnings of exporters; they fail by exceptions."""
     level = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

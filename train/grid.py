@@ -19,7 +19,7 @@ from .progress import LiveLine, duration
 from .stopping import StopRequest
 
 POLICY_NAMES = {"policy": "trained", "zero": "zero action", "random": "random"}
-"""What people read for the names of :func:`evaluate_policies`."""
+"""Labels of the policies of :func:`evaluate_policies`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ class GridPoint:
 
 @dataclasses.dataclass
 class PointResult:
-    """What came out at a point.
+    """Result at a point.
 
     Attributes:
         point: the point.
@@ -76,8 +76,8 @@ class EvaluationStoppedError(Exception):
 
     Attributes:
         where: the point and the policy, in words.
-        ended: how many of its episodes were over.
-        end_reasons: what they had ended by. Short episodes end first, so that shares of these mislead.
+        ended: number of its episodes that were over.
+        end_reasons: reasons of their ends. Short episodes end first, so that shares of these mislead.
     """
 
     def __init__(self, where: str, ended: int, end_reasons: dict[str, int]) -> None:
@@ -107,7 +107,7 @@ class GridDisplay(LiveLine):
     """Shows which point of how many is evaluated, and how long the rest takes.
 
     Args:
-        console: where to write.
+        console: for the output.
         points: number of points.
         policies: number of policies at each of them.
         episodes: of each policy.
@@ -175,7 +175,7 @@ class GridDisplay(LiveLine):
 
 
 class _Watch(Watcher):
-    """Tells the display, hears of a stop, and lets a recorder note the paths."""
+    """Observer that updates the display, checks for a stop, and passes steps to a path recorder."""
 
     def __init__(
         self, point: GridPoint, policy: str, episodes: int, display: GridDisplay, stop: StopRequest,
@@ -212,15 +212,15 @@ class _Watch(Watcher):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GridSettings:
-    """How every point is evaluated.
+    """Settings of the evaluation, the same at every point.
 
     Attributes:
         episodes: of each policy.
         seed: of the worlds: the same at all points, so that they differ in nothing else.
         device: canonical device name.
         num_envs: worlds stepped together; None: one per episode, at most 4096.
-        baselines: whether doing nothing and chance are evaluated too.
-        paths_driven: whether the paths of the policy's first episodes are noted.
+        baselines: True if doing nothing and chance are evaluated too.
+        paths_driven: True if the paths of the policy's first episodes are noted.
     """
 
     episodes: int
@@ -255,8 +255,8 @@ def evaluate_grid(
     Args:
         task_name: a registered task.
         make_policy: builds the policy for a task.
-        points: where.
-        settings: how.
+        points: points to evaluate.
+        settings: settings of the evaluation.
         results: takes what comes out, as soon as it is known.
         display: shows how far the work has come.
         stop: asks to leave.

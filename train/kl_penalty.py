@@ -36,7 +36,7 @@ class Penalty(Settings):
     multiplier: Positive = 1.0
 
     def after(self, divergence: float, target: float) -> Penalty:
-        """Return what follows an update that moved the policy by ``divergence``."""
+        """Return the penalty after an update that moved the policy by ``divergence``."""
         beta, multiplier = self.beta, self.multiplier
         if divergence > 2.0 * target:
             beta = min(_BETA_BOUND, _BETA_FACTOR * beta)

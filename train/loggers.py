@@ -1,4 +1,4 @@
-"""Where the scalars of a run go: ``progress.csv`` always, TensorBoard events or Weights & Biases beside it."""
+"""Loggers of a run's scalars: ``progress.csv`` always, TensorBoard events or Weights & Biases beside it."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class RunLog:
     Args:
         folder: the run folder.
         first: report of the first iteration; its values are the columns.
-        kind: where scalars go beside the table.
+        kind: logger beside the table.
         description: task and configurations.
 
     Attributes:

@@ -22,7 +22,7 @@ _UNDECIDED = "#7b8794"
 """Of an episode that only the clock ended, without success."""
 _WORLDS = 12
 _COMMON = 20
-"""A line of which the worlds know at most so many different ones is shown on the map of all of them."""
+"""Most variants of a line over the worlds with which it is shown on the map of all of them."""
 _SHEET = (11.0, 9.0)
 """Width and height of all panels together [inch]."""
 _LEAST = 1.5
@@ -122,7 +122,7 @@ def _draw_paths(axes: Any, paths_driven: DrivenPaths, colours: dict[End, str], w
 
 
 def _common_lines(paths_driven: DrivenPaths) -> list[tuple[Points, str]]:
-    """Return what stands everywhere, or in few variants: each as (variants, P, 2) points and its colour."""
+    """Return the lines that are the same in all worlds or have few variants: (variants, P, 2) points and a colour."""
     found = []
     for surrounding in paths_driven.surroundings:
         variants = np.unique(surrounding.points.round(3), axis=0)

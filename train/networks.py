@@ -39,7 +39,7 @@ def thesis_sizes(inputs: int, outputs: int) -> list[int]:
 
 
 def nature_size(height: int, width: int) -> int:
-    """Return how many numbers the three convolutions leave of an image; 45 x 80 gives 768."""
+    """Return the size of the output of the three convolutions over an image; 45 x 80 gives 768."""
     for _, kernel, stride in _NATURE:
         height, width = ((side - kernel) // stride + 1 for side in (height, width))
     return _NATURE[-1][0] * height * width
@@ -54,7 +54,7 @@ class Perceptron(MLPModel):
     """Multi-layer perceptron over all vector groups.
 
     Args:
-        obs, obs_groups, obs_set, output_dim: what rsl-rl hands to every model.
+        obs, obs_groups, obs_set, output_dim: arguments that rsl-rl hands to every model.
         hidden_dims: units of the hidden layers; None takes :func:`thesis_sizes`.
         tanh_output: bound the mean action to (-1, 1).
         options: activation, obs_normalization and distribution_cfg of rsl-rl.
@@ -120,10 +120,10 @@ def _layers(sizes: list[int], activation: type[nn.Module], last: bool) -> nn.Seq
 
 
 class ImageModel(MLPModel):
-    """What the networks over images have in common: an encoder per image group, a branch of vectors, and a head.
+    """Base class of the networks over images: an encoder per image group, a branch of vectors, and a head.
 
     Args:
-        obs, obs_groups, obs_set, output_dim: what rsl-rl hands to every model.
+        obs, obs_groups, obs_set, output_dim: arguments that rsl-rl hands to every model.
         action_size: number of actions; the sizing rules count in it, the critic's too.
         activation: name of the non-linearity of the linear layers; convolutions have ReLU.
         tanh_output: bound the mean action to (-1, 1).
@@ -176,7 +176,7 @@ class ImageModel(MLPModel):
         Args:
             features: numbers that the convolutions leave.
             actions: number of actions.
-            outputs: what the network returns.
+            outputs: results of the network.
             activation: non-linearity.
         """
         raise NotImplementedError
@@ -242,7 +242,7 @@ class LateFusion(ImageModel):
 
 @dataclasses.dataclass(frozen=True)
 class NetworkNeeds:
-    """What a kind of network wants to observe; None is either way."""
+    """Observations that a kind of network needs."""
 
     images: bool
     vectors: bool
@@ -261,7 +261,7 @@ NEEDS = {
 def check_groups(
     kind: NetworkKind, task: str, shapes: Mapping[str, tuple[int, ...]], dtypes: Mapping[str, torch.dtype]
 ) -> None:
-    """Hold a task's observation groups to what a network takes.
+    """Check a task's observation groups against the inputs of a network.
 
     Raises:
         InputError: a group has the wrong shape or dtype, or the network takes no such group.

@@ -1,4 +1,4 @@
-"""What the pictures of training and evaluation share: one look, and files that are whole or not there."""
+"""Common style of the pictures of training and evaluation, and files that are whole or not there."""
 
 from __future__ import annotations
 

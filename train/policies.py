@@ -34,7 +34,7 @@ class PolicySource:
 
     Attributes:
         path: the file.
-        content: what is in it.
+        content: content of the checkpoint.
         origin: one phrase for the user.
     """
 
@@ -115,14 +115,14 @@ class NetworkPolicy:
 
 
 def forget(policy: Policy, ended: torch.Tensor | None = None) -> None:
-    """Tell a policy which episodes ended, or with None that all begin; one without a memory does not care."""
+    """Reset a policy's hidden state where episodes ended, or everywhere with None; without a memory nothing happens."""
     clear: Callable[[torch.Tensor | None], None] | None = getattr(policy, "forget", None)
     if clear is not None:
         clear(ended)
 
 
 def bad_actions(actions: torch.Tensor) -> torch.Tensor:
-    """Return how many of (W, A) actions are not finite, on the device."""
+    """Return the number of (W, A) actions that are not finite, on the device."""
     return (~actions.isfinite()).any(dim=1).sum()
 
 

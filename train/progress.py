@@ -1,4 +1,4 @@
-"""What a user sees while something long runs: one live line on a terminal, plain lines elsewhere."""
+"""Progress display of long operations: one live line on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class LiveLine:
     """A bar with a text on a terminal; elsewhere a line of text every few seconds.
 
     Args:
-        console: where to write.
+        console: for the output.
         total: amount of work.
         done: amount of it that is done already.
-        head: what stands before the bar at first.
+        head: text before the bar at first.
     """
 
     def __init__(self, console: Console, total: float, done: float = 0.0, head: str = "") -> None:
@@ -89,7 +89,7 @@ class ProgressDisplay(LiveLine):
     """Shows iteration, reward, episode length, speed and time left of a training.
 
     Args:
-        console: where to write; a terminal gets a live bar.
+        console: for the output; a terminal gets a live bar.
         first: iterations done before.
         total: iterations to reach.
     """

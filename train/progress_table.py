@@ -78,7 +78,7 @@ def _words(line: str) -> list[str]:
 
 
 def _is_whole(row: Mapping[str, str]) -> bool:
-    """Whether a line counts an iteration and has only numbers; a column that came later is empty in lines before."""
+    """True if a line counts an iteration and has only numbers; a column that came later is empty in lines before."""
     iteration = row.get(_ITERATION, "")
     try:
         for word in row.values():

@@ -1,4 +1,4 @@
-"""How the files of a run folder are written: whole or not at all, and a disk that does not take them is told.
+"""Writing of the files of a run folder: whole or not at all, with an error where the disk does not take them.
 
 The folder could be written to when the run began: whatever is wrong later is not the user's input.
 """

@@ -37,7 +37,7 @@ _ITERATION = re.compile(rf"iteration_([0-9]{{1,18}}){re.escape(SUFFIX)}")
 _STAMP = "%Y-%m-%d_%H-%M-%S"
 _RUN_NAME = re.compile(r"([0-9]{4}-[0-9]{2}-[0-9]{2}_[0-9]{2}-[0-9]{2}-[0-9]{2})(?:-([0-9]{1,9}))?")
 _FOLDER_BYTES = 8192
-"""What two empty folders take."""
+"""Bytes of two empty folders."""
 _LONGEST_SHOWN = 300
 """Characters of a path that an error shows as it is."""
 _SAME_SECOND = 1000
@@ -108,7 +108,7 @@ class RunFolder:
             ) from None
 
     def checkpoint_path(self, iteration: int) -> Path:
-        """Return where the checkpoint after ``iteration`` iterations is written."""
+        """Return the path of the checkpoint after ``iteration`` iterations."""
         return self.checkpoints / checkpoint_name(iteration)
 
     def sweep(self) -> None:
@@ -132,7 +132,7 @@ class RunFolder:
         return path
 
     def load_config(self) -> dict[str, Any]:
-        """Return what :func:`create_run` wrote: ``task``, ``train_config``, ``task_config``.
+        """Return the configuration that :func:`create_run` wrote: ``task``, ``train_config``, ``task_config``.
 
         Raises:
             InputError: it is missing, damaged, has values of other types, or is of a task that is not installed.
@@ -149,7 +149,7 @@ class RunFolder:
         return content
 
     def began(self) -> tuple[float, int, str]:
-        """Return what sorts runs by time: seconds, the number behind the name, the name.
+        """Return the key that sorts runs by time: seconds, the number behind the name, the name.
 
         The time is that in the provenance; of a run without one that in the name; of one without either, long ago.
         """
@@ -289,7 +289,7 @@ def versions() -> dict[str, str | None]:
 
 
 def provenance() -> dict[str, Any]:
-    """Return what made a run: command, revision, versions, machine."""
+    """Return the provenance of a run: command, revision, versions, machine."""
     return {
         "command": ["simwarp", *sys.argv[1:]],
         "started": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),

@@ -27,21 +27,21 @@ from .trainer import TrainingError
 
 LOCK: Final = "writer.json"
 _PATIENCE = 5.0
-"""How long another process may be reading or changing the file [s]."""
+"""Longest time that another process may be reading or changing the file [s]."""
 _LARGEST = 10_000
 _PROC = Path("/proc")
 
 
 @dataclasses.dataclass(frozen=True)
 class Writer:
-    """A process, so that it can be told whether it still runs.
+    """Identity of a process, to check whether it still runs.
 
     Attributes:
         host: name of its machine.
-        machine: what tells machines of one name apart; empty where the system does not say.
+        machine: identifier of the machine beside its name; empty where the system has none.
         boot: of the machine since its last start, and of the container within it; numbers of processes mean the same.
         pid: its number.
-        started: when it was started, in whatever unit: numbers of processes are used again.
+        started: start time, in whatever unit: numbers of processes are used again.
     """
 
     host: str
@@ -58,7 +58,7 @@ class Writer:
         return cls(socket.gethostname(), machine, boot, os.getpid(), started(os.getpid()) or "")
 
     def is_alive(self) -> bool | None:
-        """Return whether it still runs; None where that cannot be known from here."""
+        """Return True if it still runs; None where that cannot be known from here."""
         here = Writer.this()
         if self.host != here.host or self.machine != here.machine:
             return None
@@ -126,7 +126,7 @@ class RunLock:
 
     Attributes:
         path: the file.
-        took_over: what was said of the lock that was found; empty where there was none.
+        took_over: description of the lock that was found; empty where there was none.
     """
 
     def __init__(self, path: Path, take_over: bool = False) -> None:
@@ -140,7 +140,7 @@ class RunLock:
             self._write(handle)
 
     def _judge(self, text: bytes, take_over: bool) -> str:
-        """Return why the lock that was found may be taken over; refuse otherwise."""
+        """Return the reason why the lock that was found may be taken over; refuse otherwise."""
         run = self.path.parent
         try:
             found = config_from_plain(Writer, parse_json(text.decode(), self.path.name))
@@ -171,7 +171,7 @@ class RunLock:
             raise output_error(self.path, error, needed=len(data)) from error
 
     def is_own(self) -> bool:
-        """Return whether the lock is still the one of this process; a folder without one counts."""
+        """Return True if the lock is still the one of this process; a folder without one counts."""
         try:
             text = self.path.read_bytes()[:_LARGEST]
         except OSError:
@@ -182,7 +182,7 @@ class RunLock:
             return False
 
     def check(self) -> None:
-        """Hear whether this process may still write.
+        """Check that this process may still write.
 
         Raises:
             TrainingError: another one has taken the run over.

@@ -1,4 +1,4 @@
-"""What a checkpoint keeps of an optimiser and of memories, held to those that it is to replace."""
+"""State of an optimiser and of memories in a checkpoint, checked against those that it is to replace."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from simwarp.tasks.saved_state import check_like, check_names, unlike
 
 
 def check_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) -> None:
-    """Hold the saved state of an optimiser to its parameters.
+    """Check the saved state of an optimiser against its parameters.
 
     A parameter that never got a gradient has no state, so that the present one says nothing about the saved one.
 
@@ -43,7 +43,7 @@ def check_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) ->
 
 
 def check_memories(models: Sequence[MLPModel], saved: Any, worlds: int, where: str) -> None:
-    """Hold what recurrent networks remembered to these networks and to a number of worlds.
+    """Check hidden states of recurrent networks against these networks and a number of worlds.
 
     Raises:
         InputError: it is of other networks, or damaged.

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 @dataclasses.dataclass
 class StopRequest:
-    """Whether someone asked for a stop at the next good moment."""
+    """Request to stop at the next good moment."""
 
     requested: bool = False
 

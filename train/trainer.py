@@ -35,13 +35,13 @@ from .vec_env import TaskVecEnv
 _WINDOW_EPISODES = 100
 _FLOAT_BYTES = 4
 _SAVED: Final[Mapping[str, Any]] = {"critic_state_dict": dict, "optimizer_state_dict": dict, "window": list}
-"""What a checkpoint that can be resumed holds beside the policy, and of which types."""
+"""Entries beside the policy of a checkpoint that can be resumed, and their types."""
 _SAVED_BY_EACH: Final[Mapping[str, Any]] = {
     "torch_rng": torch.Tensor,
     "cuda_rng": torch.Tensor | None,
     "worlds": dict,
 }
-"""What it holds of each process."""
+"""Entries for each process."""
 
 
 class TrainingError(RuntimeError):
@@ -50,7 +50,7 @@ class TrainingError(RuntimeError):
 
 @dataclasses.dataclass(frozen=True)
 class IterationReport:
-    """What one training iteration did.
+    """Report of one training iteration.
 
     Attributes:
         iteration: iterations completed, this one included.
@@ -192,7 +192,7 @@ class Trainer:
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
-        """Tell what comes of a policy of NaN, or one of no deviation, from mistakes of a task or of ours."""
+        """Tell errors caused by a policy of NaN or of no deviation from mistakes of a task or of ours."""
         try:
             yield
         except OutputError:
@@ -204,7 +204,7 @@ class Trainer:
             raise self._diverged() from error
 
     def _is_sound(self) -> bool:
-        """Whether the policy is made of finite numbers, and its deviation is positive."""
+        """True if the policy is made of finite numbers, and its standard deviation is positive."""
         named = dict(self.algorithm.get_policy().named_parameters())
         sure = all(bool((value > 0.0).all()) for name, value in named.items() if name.endswith("std_param"))
         return sure and all(bool(value.isfinite().all()) for value in named.values())
@@ -298,7 +298,7 @@ class Trainer:
         }
 
     def _own_state(self) -> dict[str, Any]:
-        """Return what each process has of its own: random numbers, worlds, and what recurrent networks remember."""
+        """Return the state of each process: random numbers, worlds, and hidden states of recurrent networks."""
         cuda = torch.cuda.get_rng_state(self.device) if self.device.startswith("cuda") else None
         memories = (self.algorithm.actor.get_hidden_state(), self.algorithm.critic.get_hidden_state())
         return {
@@ -312,7 +312,7 @@ class Trainer:
         """Go on from a checkpoint; False where its worlds could not be taken over (another number of them).
 
         Args:
-            content: what :meth:`checkpoint` returned, once; it may hold anything.
+            content: result of :meth:`checkpoint`, once; it may hold anything.
             where: the errors begin with it.
 
         Raises:
@@ -345,7 +345,7 @@ class Trainer:
             ) from error
 
     def _load_worlds(self, own: dict[str, Any], where: str) -> bool:
-        """Take over the worlds and what recurrent networks remember of them; False if there are more or fewer."""
+        """Load the worlds and the hidden states of recurrent networks; False if there are more or fewer worlds."""
         saved, models = own["worlds"], (self.algorithm.actor, self.algorithm.critic)
         check_members(saved, {"episode_index": torch.Tensor}, f"{where}: worlds")
         if saved["episode_index"].dim() == 1 and len(saved["episode_index"]) != self.task.num_worlds:
@@ -373,7 +373,7 @@ class Trainer:
 
 
 def _cells(memory: torch.Tensor | tuple[torch.Tensor, ...] | None) -> list[torch.Tensor]:
-    """Return copies of what a recurrent network remembers: nothing, one tensor of a GRU, or two of an LSTM."""
+    """Return copies of the hidden state of a recurrent network: nothing, one tensor of a GRU, or two of an LSTM."""
     if memory is None:
         return []
     return [cell.detach().clone() for cell in (memory if isinstance(memory, tuple) else (memory,))]

@@ -30,7 +30,7 @@ from .trainer import IterationReport, Trainer
 
 @dataclasses.dataclass(frozen=True)
 class TrainResult:
-    """What a run reached. The names are the keys of ``simwarp train --json``."""
+    """Result of a run. The names are the keys of ``simwarp train --json``."""
 
     task: str
     run: str
@@ -64,13 +64,13 @@ def train(
 
     Args:
         task_name: a registered task.
-        config: how to train.
+        config: configuration of the training.
         task_config: the task's configuration.
         root: folder of all runs.
         resume: run folder to go on with, in place of a new one.
         warm_start: checkpoint or run whose actor a new run starts from.
         take_over: resume a run that a process elsewhere has locked, and that is known to write it no more.
-        console: where the progress goes; standard output by default.
+        console: for the progress; standard output by default.
 
     Raises:
         InputError: something asked for is impossible.
@@ -139,7 +139,7 @@ def _trainer(
 
 
 def _kept(folder: RunFolder) -> str:
-    """Return what is left of a run that a disk has stopped, in words."""
+    """Return a text on the remains of a run that a disk has stopped."""
     files = folder.checkpoint_files()
     if not files:
         return f"run {folder.path} has no checkpoint"
@@ -147,7 +147,7 @@ def _kept(folder: RunFolder) -> str:
 
 
 def _folder(trainer: Trainer, root: Path, resume: Path | None, description: dict[str, Any]) -> RunFolder:
-    """Make or open the run folder, in the first process; the others are told which one it is."""
+    """Make or open the run folder, in the first process; the others receive its path."""
     path: Path | None = None
     if trainer.group.first:
         if resume is None:
@@ -192,7 +192,7 @@ def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path,
 
 
 def _stops(group: Processes, stop: StopRequest, device: str) -> bool:
-    """Whether any process was asked to stop: all must leave in the same iteration."""
+    """True if any process was asked to stop: all must leave in the same iteration."""
     return group.sums({"stop": float(stop.requested)}, device)["stop"] > 0.0
 
 

@@ -80,10 +80,10 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
 
     Args:
         task: the worlds.
-        policy: who acts.
-        episodes: how many episodes.
+        policy: policy that acts.
+        episodes: number of episodes.
         seed: seed of the worlds.
-        about: what to remember beside the task and the returns.
+        about: metadata to keep beside the task and the returns.
 
     Raises:
         TrainingError: the policy returned NaN or infinity.
@@ -194,7 +194,7 @@ def _column(arrays: Arrays, name: str, where: str) -> npt.NDArray[Any]:
 
 
 def _check_values(columns: dict[str, npt.NDArray[Any]], where: str) -> None:
-    """Hold actions to their range, and numbers of episodes to their order."""
+    """Check the range of actions, and the order of episode numbers."""
     actions, episode = columns["actions"], columns["episode"]
     if actions.size and float(np.abs(actions).max()) > 1.0:
         raise InputError(f"{where}: actions must lie in [-1, 1], got {float(np.abs(actions).max()):g}")

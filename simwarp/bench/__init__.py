@@ -1,1 +1,1 @@
-"""How fast a scene, a vehicle, a sensor or a task runs, told only where its final state is sound."""
+"""Benchmarks of scenes, vehicles, sensors and tasks; a speed counts only where the final state is sound."""

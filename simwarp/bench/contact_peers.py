@@ -22,6 +22,7 @@ import warp as wp
 from simwarp.bench.health import Health, pushing_contacts
 from simwarp.bench.measure import Row, SceneRun, judge
 from simwarp.bench.motion import STACK_TORQUE, swing_targets, twist_torques
+from simwarp.bench.mujoco_rollout import Rollout
 from simwarp.bench.timing import array_bytes, measure_speed
 from simwarp.bench.workloads import BenchScene
 from simwarp.kernels.bench.motion import hold_swing_by_leg, write_swing
@@ -38,7 +39,6 @@ CONTACT_SCENES = ("ant", "stack")
 
 _WATCHED = {"ant": 0, "stack": 9}
 """The body whose height is compared: the torso, the topmost box."""
-_MUJOCO_STEPS_PER_CALL = 50_000
 _OBSERVED_STEPS = 10
 _ANT_DOFS = 8
 _BOX_HALF = 0.25
@@ -47,7 +47,7 @@ _XPBD_ITERATIONS = 20
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """Where worlds start, in MuJoCo's conventions.
+    """Initial states of the worlds, in MuJoCo's conventions.
 
     Attributes:
         time: (W,) of the motion [s].
@@ -79,7 +79,7 @@ class PeerRun(Protocol):
         """(W,) of the watched body [m]."""
 
     def contacts(self) -> float | None:
-        """Touching now, mean of the worlds; None where the engine cannot tell."""
+        """Contacts that touch now, mean of the worlds; None where the engine does not report them."""
 
     def bytes_per_world(self) -> int | None:
         """Of the engine's buffers."""
@@ -119,57 +119,24 @@ def _stack_text(count: int = 10) -> str:
     )
 
 
-class MuJoCoRun:
-    """MuJoCo C: worlds one after the other on one thread, through `mujoco.rollout`."""
+class MuJoCoRun(Rollout):
+    """MuJoCo C under the motion of a scene."""
 
     def __init__(self, scene: BenchScene, start: Start, dt: float, horizon_steps: int, observed: bool) -> None:
-        import mujoco
-        from mujoco import rollout
-
-        self._mujoco: Any = mujoco
-        self.model: Any = mujoco.MjModel.from_xml_string(model_text(scene.name))
-        self.model.opt.timestep = dt
-        self.data = mujoco.MjData(self.model)
-        self.worlds = len(start.time)
-        self.steps_per_call = _OBSERVED_STEPS if observed else max(1, _MUJOCO_STEPS_PER_CALL // self.worlds)
-        self.steps_per_call = min(self.steps_per_call, horizon_steps)
-        self.horizon_steps = max(1, horizon_steps // self.steps_per_call)
+        state = np.concatenate([start.time[:, None], start.qpos, start.qvel], axis=1)
+        super().__init__(model_text(scene.name), dt, state, horizon_steps, _OBSERVED_STEPS if observed else None)
         self._watched = 3 + 7 * _WATCHED[scene.name]
-        self._kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        self._start = np.concatenate([start.time[:, None], start.qpos, start.qvel], axis=1)
         times = start.time[:, None] + dt * np.arange(self.horizon_steps * self.steps_per_call)
         if scene.name == "ant":
-            self._inputs = swing_targets(times, _ANT_DOFS, self.worlds, scene.variants)
-            self._spec = mujoco.mjtState.mjSTATE_CTRL.value
+            inputs = swing_targets(times, _ANT_DOFS, self.worlds, scene.variants)
         else:
             torque = twist_torques(times, STACK_TORQUE, self.worlds, scene.variants)
-            self._inputs = np.zeros((*torque.shape, self.model.nbody, 6))
-            self._inputs[:, :, 1:, 5] = torque[:, :, None]
-            self._inputs = self._inputs.reshape(*torque.shape, -1)
-            self._spec = mujoco.mjtState.mjSTATE_XFRC_APPLIED.value
-        parts = range(0, self._inputs.shape[1], self.steps_per_call)
-        self._parts = [np.ascontiguousarray(self._inputs[:, at : at + self.steps_per_call]) for at in parts]
-        self._states = np.zeros((self.worlds, self.steps_per_call, self._start.shape[1]))
-        self._sensors = np.zeros((self.worlds, self.steps_per_call, 0))
-        self._rollout: Any = rollout.rollout
-        self.restart()
-
-    def restart(self) -> None:
-        """Back to the start."""
-        self.now = self._start.copy()
-        self._turn = 0
-
-    def step(self) -> None:
-        """`steps_per_call` steps."""
-        self._rollout(
-            self.model, self.data, self.now, self._parts[self._turn % len(self._parts)], control_spec=self._spec,
-            nstep=self.steps_per_call, state=self._states, sensordata=self._sensors,
-        )  # fmt: skip
-        self._turn += 1
-        self.now = self._states[:, -1].copy()
-
-    def wait(self) -> None:
-        """Nothing to wait for."""
+            wrench = np.zeros((*torque.shape, self.model.nbody, 6))
+            wrench[:, :, 1:, 5] = torque[:, :, None]
+            inputs = wrench.reshape(*torque.shape, -1)
+            self.spec = self.mujoco.mjtState.mjSTATE_XFRC_APPLIED.value
+        calls = range(0, inputs.shape[1], self.steps_per_call)
+        self.parts = [np.ascontiguousarray(inputs[:, at : at + self.steps_per_call]) for at in calls]
 
     def heights(self) -> Array:
         """(W,) of the watched body [m]."""
@@ -179,14 +146,10 @@ class MuJoCoRun:
         """Touching now, mean of the worlds."""
         count = 0
         for state in self.now:
-            self._mujoco.mj_setState(self.model, self.data, state, self._kind)
-            self._mujoco.mj_forward(self.model, self.data)
+            self.mujoco.mj_setState(self.model, self.data, state, self.mujoco.mjtState.mjSTATE_FULLPHYSICS)
+            self.mujoco.mj_forward(self.model, self.data)
             count += self.data.ncon
         return count / self.worlds
-
-    def bytes_per_world(self) -> int:
-        """Of one `mjData` without its stack."""
-        return int(self.data.nbuffer)
 
 
 class MuJoCoWarpRun:
@@ -307,7 +270,7 @@ class NewtonRun:
         return np.asarray(self.states[0].body_q.numpy().reshape(self.worlds, self._bodies, 7)[:, 0, 2], float)
 
     def contacts(self) -> None:
-        """It only tells candidates."""
+        """None: the engine reports candidates only."""
 
     def bytes_per_world(self) -> None:
         """Not counted."""
@@ -332,7 +295,7 @@ def contact_peers(scene: str) -> list[Measure]:
 
 
 def contact_peer_notes(scene: str) -> list[str]:
-    """Why engines are missing from the table, one line each."""
+    """Reasons why engines are missing from the table, one line each."""
     notes = []
     for module, (name, _, names) in _ENGINES.items():
         extra = "import" if module == "mujoco" else "peers"
@@ -374,7 +337,7 @@ def their_motion(module: str, scene: BenchScene, dt: float | None) -> tuple[floa
 
 
 def disagreement(scene: BenchScene, dt: float | None, theirs: tuple[float, float | None]) -> list[str]:
-    """What tells the peer's motion from ours, in words; empty when they are alike."""
+    """Differences between the peer's motion and ours, in words; empty when they agree."""
     problems = []
     height, contacts = our_motion(scene, dt)
     if not abs(theirs[0] - height) <= HEIGHT_AGREEMENT:

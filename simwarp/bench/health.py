@@ -1,4 +1,4 @@
-"""Whether a final state deserves a speed: an exploded world may be stepped very fast indeed."""
+"""Checks that a final state is sound: an exploded world may be stepped very fast indeed."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ RESIDUAL_SHARE = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class Health:
-    """What a state says about itself; the worst world counts.
+    """Diagnostics of a state; the worst world counts.
 
     Attributes:
-        problems: why it is refused; empty when it is sound.
+        problems: reasons why it is refused; empty when it is sound.
         residual: of any row [m/s or rad/s].
         position_error: of any joint [m or rad].
         energy_gain: mechanical energy above that of the start [J].
@@ -50,7 +50,7 @@ class Health:
 
 
 class Judge(Protocol):
-    """Says what a state is worth."""
+    """Interface of a health check."""
 
     def examine(self) -> Health:
         """Judges the state now; waits for the device."""
@@ -58,7 +58,7 @@ class Judge(Protocol):
 
 
 class Examiner:
-    """Remembers the start of a motion and judges what became of it."""
+    """Health check of a motion's final state against its start."""
 
     def __init__(
         self, sim: Simulation, *, energy_gain: float | None, position_error: float, penetration: float

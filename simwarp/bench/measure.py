@@ -31,7 +31,7 @@ class Row:
 
     Attributes:
         engine: simwarp, or a peer with its version.
-        scene, worlds, dt: what ran [dt in s].
+        scene, worlds, dt: workload that ran [dt in s].
         steps_per_s: world-steps per second (of a task: env steps), median of the repeats.
         steps_per_cpu_s: the same per second of the process' CPU time.
         steps_per_s_range, steps_per_cpu_s_range: lowest and highest repeat.
@@ -46,11 +46,11 @@ class Row:
         bytes_per_world: growth of all device arrays with one more world.
         bytes_shared: device arrays that all worlds share.
         compile_s: from a model to the end of its first step [s].
-        compile_source: where that was seen: `this process` or `cold process`.
+        compile_source: process in which that was measured: `this process` or `cold process`.
         compile_cpu_s: CPU time of a cold process for it.
         compile_warm_s: `compile_s` of a new process with a filled kernel cache; only with a cold one.
-        valid: whether the states were sound.
-        problems: why not.
+        valid: True if the states were sound.
+        problems: reasons why not.
         split: shares of the time of a task's step.
     """
 
@@ -91,7 +91,7 @@ class TimedRun:
     """A simulation in motion: steps, starts anew. On CUDA, `step` replays a captured graph of several steps.
 
     Attributes:
-        sim, worlds, dt: what runs.
+        sim, worlds, dt: workload that runs.
         horizon_steps: calls of `step` until it starts anew.
         steps_per_call: steps in one call of `step`.
         motion_command: recorded launch before every step.

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib.util
 import time
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +14,7 @@ import numpy.typing as npt
 from simwarp.bench.contact_peers import CONTACT_SCENES, Measure, contact_peer_notes, contact_peers
 from simwarp.bench.health import Health
 from simwarp.bench.measure import Row, SceneRun, judge
+from simwarp.bench.mujoco_rollout import Rollout
 from simwarp.bench.timing import measure_speed
 from simwarp.bench.workloads import CART_MASS, POLE_INERTIA, POLE_MASS, RAIL, BenchScene
 
@@ -25,13 +25,12 @@ AGREEMENT = 0.01
 """Largest difference of a coordinate from simwarp's after a second at 1 ms [m or rad]."""
 
 _AGREEMENT_DT = 1e-3
-_STEPS_PER_CALL = 50_000
 _GRAVITY = 9.81
 _OTHERS = {"mujoco_warp": "mujoco-warp", "newton": "newton"}
 
 _XML = """
 <mujoco>
-  <option timestep="{dt}" gravity="0 0 -{gravity}"/>
+  <option gravity="0 0 -{gravity}"/>
   <worldbody>
     <body name="cart">
       <joint name="slide" type="slide" axis="1 0 0" limited="true" range="-{rail} {rail}"/>
@@ -48,7 +47,7 @@ _XML = """
 
 
 def peer_notes(scene: str) -> list[str]:
-    """Why peers are missing from the table, one line each."""
+    """Reasons why peers are missing from the table, one line each."""
     notes = []
     if scene in CONTACT_SCENES:
         return contact_peer_notes(scene)
@@ -72,47 +71,27 @@ def peer_measures(scene: str) -> list[Measure]:
     return [measure_mujoco] if scene == PEER_SCENE and importlib.util.find_spec("mujoco") is not None else []
 
 
-class MuJoCoRun:
-    """The cart-pole in MuJoCo C: worlds one after the other on one thread, through `mujoco.rollout`."""
+class CartPoleRun(Rollout):
+    """The cart-pole in MuJoCo C.
+
+    Args:
+        start: (W, 2) coordinates.
+        force: (W,) on the cart [N].
+        dt: step [s].
+        horizon_steps: of one motion.
+    """
 
     def __init__(self, start: Array, force: Array, dt: float, horizon_steps: int) -> None:
-        """Takes (W, 2) start coordinates and (W,) cart forces [N]."""
-        import mujoco
-        from mujoco import rollout
-
         inertia = " ".join(map(repr, POLE_INERTIA))
-        text = _XML.format(dt=dt, gravity=_GRAVITY, rail=RAIL, cart=CART_MASS, pole=POLE_MASS, inertia=inertia)
-        self.model = mujoco.MjModel.from_xml_string(text)
-        self.data = mujoco.MjData(self.model)
-        self.worlds = len(start)
-        self.steps_per_call = max(1, min(horizon_steps, _STEPS_PER_CALL // self.worlds))
-        self.horizon_steps = max(1, horizon_steps // self.steps_per_call)
-        self._start = np.concatenate([np.zeros((self.worlds, 1)), start, np.zeros((self.worlds, 2))], axis=1)
-        self._force = np.ascontiguousarray(force.reshape(self.worlds, 1, 1))
-        self._states = np.zeros((self.worlds, self.steps_per_call, 5))
-        self._sensors = np.zeros((self.worlds, self.steps_per_call, 0))
-        self._rollout: Any = rollout.rollout
-        self.restart()
+        text = _XML.format(gravity=_GRAVITY, rail=RAIL, cart=CART_MASS, pole=POLE_MASS, inertia=inertia)
+        state = np.concatenate([np.zeros((len(start), 1)), start, np.zeros((len(start), 2))], axis=1)
+        super().__init__(text, dt, state, horizon_steps)
+        self.parts = [np.ascontiguousarray(force.reshape(-1, 1, 1))]
 
     @property
     def q(self) -> Array:
         """(W, 2) coordinates."""
         return self.now[:, 1:3]
-
-    def restart(self) -> None:
-        """Back to the start."""
-        self.now = self._start.copy()
-
-    def step(self) -> None:
-        """`steps_per_call` steps."""
-        self._rollout(
-            self.model, self.data, self.now, self._force, state=self._states, sensordata=self._sensors,
-            nstep=self.steps_per_call, skip_checks=False,
-        )  # fmt: skip
-        self.now = self._states[:, -1].copy()
-
-    def wait(self) -> None:
-        """Nothing to wait for."""
 
     def energy(self) -> Array:
         """(W,) kinetic and potential [J]."""
@@ -127,7 +106,7 @@ def differs_by(scene: BenchScene) -> float:
     steps = round(1.0 / _AGREEMENT_DT)
     ours = SceneRun(scene, 1, "cpu", _AGREEMENT_DT)
     ours.set_motion()
-    theirs = MuJoCoRun(*start_and_force(ours), _AGREEMENT_DT, steps)
+    theirs = CartPoleRun(*start_and_force(ours), _AGREEMENT_DT, steps)
     for _ in range(steps):
         ours.step()
     for _ in range(theirs.horizon_steps):
@@ -148,10 +127,10 @@ def measure_mujoco(scene: BenchScene, worlds: int, dt: float | None, seconds: fl
     ours = SceneRun(scene, worlds, "cpu", dt)
     ours.set_motion()
     begin = time.perf_counter()
-    run = MuJoCoRun(*start_and_force(ours), ours.dt, ours.horizon_steps)
+    run = CartPoleRun(*start_and_force(ours), ours.dt, ours.horizon_steps)
     mujoco.mj_step(run.model, run.data)
     row = Row(f"mujoco {mujoco.__version__}", scene.name, worlds, ours.dt, compile_s=time.perf_counter() - begin)
-    row.bytes_per_world = int(run.data.nbuffer)
+    row.bytes_per_world = run.bytes_per_world()
     run.restart()
     start_energy = run.energy()
     apart = differs_by(scene)

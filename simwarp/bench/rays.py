@@ -183,7 +183,7 @@ def measure_embree(name: str, worlds: int, device: str, dt: float | None, second
 
 
 def embree_notes() -> list[str]:
-    """Why Embree is missing from the table."""
+    """Reasons why Embree is missing from the table, one line each."""
     if importlib.util.find_spec("embreex") is None:
         return ["embree: not installed; run: pip install embreex"]
     return []

@@ -1,4 +1,4 @@
-"""What a name on the command line means: how it is measured, and what stands beside it."""
+"""Benchmark subjects by their names on the command line: how each is measured, and what it is compared with."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Subject:
         kind: scene, vehicle, sensor or task.
         measures: each gives a row for every number of worlds.
         peers: the same of other engines.
-        notes: why others are missing.
+        notes: reasons why others are missing.
         cold_name: by which a new process knows it; None: it has no cold start.
     """
 
@@ -37,7 +37,7 @@ class Subject:
 
 
 def find_subject(name: str, tasks: Callable[[], list[str]], obs: str | None = None) -> Subject:
-    """What `name` means; the names of tasks, which take long to find, come last. `obs`: a task's observations.
+    """Subject called `name`; the names of tasks, which take long to find, come last. `obs`: a task's observations.
 
     Raises:
         UsageError: nothing has that name.

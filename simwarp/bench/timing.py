@@ -159,7 +159,7 @@ def array_bytes(*roots: object) -> int:
 
 
 def _is_struct(thing: object) -> bool:
-    """Whether this is an instance of a `wp.struct`; Warp has no public name for their base class."""
+    """True if this is an instance of a `wp.struct`; Warp has no public name for their base class."""
     return any(base.__name__ == "StructInstance" for base in type(thing).__mro__)
 
 

@@ -1,4 +1,4 @@
-"""What can be benchmarked: scenes with a motion that is real work, and by name vehicles and tasks."""
+"""Benchmark workloads: scenes with a motion that is real work, and by name vehicles and tasks."""
 
 from __future__ import annotations
 

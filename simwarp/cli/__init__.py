@@ -32,7 +32,7 @@ class Command:
     """One sub-command.
 
     Attributes:
-        name: what the user types.
+        name: word that the user types.
         usage: its arguments, for the overview.
         summary: one line.
         target: ``module:function`` that takes the remaining arguments and returns an exit code.
@@ -123,7 +123,7 @@ def exit_code_of(error: BaseException) -> int | None:
 
 
 def _is_shortfall(error: BaseException) -> bool:
-    """Return whether the work began and could not be brought to its end: learning diverged, or a disk is full."""
+    """Return True if the work began and could not be brought to its end: learning diverged, or a disk is full."""
     kinds = (
         ("simwarp.train.trainer", "TrainingError"),
         ("simwarp.core.files", "OutputError"),
@@ -133,7 +133,7 @@ def _is_shortfall(error: BaseException) -> bool:
 
 
 def _is_out_of_memory(error: BaseException) -> bool:
-    """Return whether an allocation failed; Warp and torch tell it in words."""
+    """Return True if an allocation failed; Warp and torch report it as text."""
     words = ("Failed to allocate", "can't allocate memory", "out of memory")
     return isinstance(error, MemoryError) or (
         isinstance(error, RuntimeError) and any(word in str(error) for word in words)

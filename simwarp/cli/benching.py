@@ -202,7 +202,7 @@ def _mean(value: float | None) -> str:
 
 
 def _costs(row: Row) -> str:
-    """What does not depend on the number of worlds."""
+    """Costs that do not depend on the number of worlds."""
     parts = [] if row.tolerance is None else [f"solved to {row.tolerance:g}"]
     parts.append(f"{row.launches_per_step} launch{'es' if row.launches_per_step != 1 else ''} per step")
     if row.bytes_per_world is not None:

@@ -85,7 +85,7 @@ def _nvidia_smi() -> list[str]:
 
 
 def examine_devices() -> tuple[dict[str, Any], list[Problem]]:
-    """Return what devices there are, and where driver, Warp and torch disagree."""
+    """Return the devices, and the disagreements of driver, Warp and torch."""
     import torch
     import warp as wp
 
@@ -143,7 +143,7 @@ def _folder_bytes(folder: Path) -> int:
 
 
 def examine_versions(packages: dict[str, str | None]) -> list[Problem]:
-    """Return what the installed versions break: dependencies that are missing or outside the supported range."""
+    """Return the violated requirements: dependencies that are missing or outside the supported range."""
     from importlib.metadata import PackageNotFoundError, requires
 
     from packaging.requirements import Requirement

@@ -54,7 +54,7 @@ DURATION_HINT: Final = (
     "(default: 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the end of the course of"
     " double-lane-change, to the last row of a .csv file)"
 )
-"""What the options mean that are not given."""
+"""Defaults of the options that are not given, for the help."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,7 +103,7 @@ class DriveOptions(CommonOptions):
 
 @dataclasses.dataclass
 class Outcome:
-    """What became of a run."""
+    """Outcome of a run."""
 
     run: Run
     maneuver: Maneuver
@@ -195,7 +195,7 @@ def _vehicle(name: str, options: DriveOptions) -> VehicleSpec:
 
 
 def _is_chrono(path: Path) -> bool:
-    """Whether a file says of itself that it is a vehicle of Chrono's; one that cannot be read is none."""
+    """True if a file declares itself a vehicle of Chrono's; False for one that cannot be read."""
     if path.suffix != ".json":
         return False
     try:

@@ -1,4 +1,4 @@
-"""What ``simwarp eval`` tells: tables, pictures, JSON."""
+"""Report of ``simwarp eval``: tables, pictures, JSON."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Report:
     Attributes:
         task: its name.
         source: the policy.
-        settings: how every point is evaluated.
+        settings: settings of the evaluation, the same at every point.
         points: all that were asked for.
         folder: for pictures and results; None writes none.
         results: of the points that were evaluated.
-        stopped: where it was stopped, if it was.
+        stopped: place at which it was stopped, if it was.
         written: files written so far.
     """
 
@@ -61,17 +61,17 @@ class Report:
 
     @property
     def problem(self) -> str:
-        """Why the results of the policy say nothing about the task; empty if they do."""
+        """Reason why the results of the policy say nothing about the task; empty if they do."""
         found = [(result.point.label, result.evaluation.problem) for result in self.results]
         return "; ".join(": ".join(filter(None, parts)) for parts in found if parts[1])
 
     @property
     def is_grid(self) -> bool:
-        """Whether there are keys."""
+        """True if there are keys."""
         return bool(self.points[0].values)
 
     def content(self) -> dict[str, Any]:
-        """Return what ``--json`` writes."""
+        """Return the content of ``--json``."""
         head: dict[str, Any] = {"task": self.task, "checkpoint": str(self.source.path), "seed": self.settings.seed}
         if self.written:
             head["files"] = [str(path) for path in self.written]
@@ -88,7 +88,7 @@ class Report:
         return head | (self.results[0].as_json() if self.results else {})
 
     def finish(self, console: Console) -> bool:
-        """Print the tables, write the files; return whether there is anything to tell.
+        """Print the tables, write the files; return True if there is anything to report.
 
         Raises:
             OutputError: a file could not be written.
@@ -227,7 +227,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], tight: bool) -> T
 
 
 def _fits(console: Console, table: Table) -> bool:
-    """Whether nothing of a table has to be cut."""
+    """True if nothing of a table has to be cut."""
     wide = console.options.update(max_width=10_000)
     return Measurement.get(console, wide, table).minimum <= console.width
 

@@ -26,7 +26,7 @@ A missing module is an empty section.
 
 @dataclasses.dataclass(frozen=True)
 class ListOptions(CommonOptions):
-    """What there is: tasks, vehicles, sensors and scenes."""
+    """Lists tasks, vehicles, sensors and scenes."""
 
 
 def catalogue(module: str) -> dict[str, str]:

@@ -116,7 +116,7 @@ class @Class@Task(Task[@Class@Config]):
         return {"too_fast": self.views.joint_qd[:, 0].abs() > self.config.max_rate}
 
     def metrics(self):
-        """What `simwarp eval` reports; `success` decides about success."""
+        """The metrics of `simwarp eval`; `success` decides about success."""
         error = (1.0 - torch.cos(self.views.joint_q[:, 0] - self.target)).clamp(0.0, 2.0)
         return {"final_error": torch.acos(1.0 - error), "success": error < 0.005}
 
@@ -136,7 +136,7 @@ class @Class@Task(Task[@Class@Config]):
         self.target.copy_(state["target"])
 '''
 
-_TEST = '''"""What the task promises; run with pytest."""
+_TEST = '''"""Tests of the task; run with pytest."""
 
 import dataclasses
 
@@ -280,7 +280,7 @@ def _write_all(target: Path, texts: Mapping[str, str], made: list[Path]) -> None
 
 
 def _is_empty(target: Path) -> bool:
-    """Return whether nothing is there, or an empty folder.
+    """Return True if nothing is there, or an empty folder.
 
     Raises:
         UsageError: it cannot be looked at.

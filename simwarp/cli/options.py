@@ -40,7 +40,7 @@ class CommonOptions:
     """Show tracebacks of errors."""
 
     def console(self) -> Console:
-        """Return where text for people goes; names in brackets or between colons are printed as they are."""
+        """Return the console for people; names in brackets or between colons are printed as they are."""
         return Console(stderr=self.json == "-", markup=False, emoji=False)
 
     def check(self, *inputs: str | Path | None, **outputs: str | Path | None) -> None:
@@ -288,7 +288,7 @@ def _positive(option: str) -> str:
 
 
 def unknown_option(name: str, known: Iterable[str]) -> str:
-    """Return what to say about an option that there is not."""
+    """Return the error text for an unknown option."""
     close = close_names(name, known, 3)
     hint = f"did you mean {' or '.join(close)}?" if close else "see --help"
     return f"unknown option {shortened(name)}; {hint}"

@@ -40,7 +40,7 @@ def run(arguments: list[str]) -> int:
     import torch
 
     from simwarp.train.config import task_config_from_plain
-    from simwarp.train.filming import film_of
+    from simwarp.train.filming import Film
     from simwarp.train.play import VIDEO_SUFFIXES, check_video_path, record, write_picture, write_video
     from simwarp.train.policies import find_policy, network_policy
     from simwarp.train.progress import LiveLine
@@ -60,16 +60,16 @@ def run(arguments: list[str]) -> int:
     task = make(name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task)
     video = target.suffix.lower() in VIDEO_SUFFIXES
     policy = network_policy(source.content, task)
-    film = film_of(task, video)
+    film = Film(task, video)
     with LiveLine(console, 1.0, head="playing") as line:
 
         def show(step: int, steps: int) -> None:
             line.show("playing", f"{step}/{steps} steps", step / steps)
 
-        frames, drawing, total = record(task, policy, options.seconds, options.seed, film, show)
+        frames, total = record(task, policy, options.seconds, options.seed, film, show)
     console.print(f"writing {target} ...", highlight=False, soft_wrap=True)
     write = write_video if video else write_picture
-    write(target, task, drawing, frames, name)
+    write(target, frames, name)
     console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
     console.print(f"mean return over {frames[-1].time:.1f} s: {total:.1f}", highlight=False)
     console.print(f"wrote {target}", highlight=False, soft_wrap=True)

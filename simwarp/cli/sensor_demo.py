@@ -20,7 +20,7 @@ from simwarp.viewer.demo import LEAST_PANEL, MOST_PANEL, sensor_demo
 
 @dataclasses.dataclass(frozen=True)
 class SensorDemoOptions(CommonOptions):
-    """Drives a truck over hills, and writes what its cameras, lidar, radar, inertial unit and GPS tell as a picture."""
+    """Drives a truck over hills, and writes a picture of the data of cameras, lidar, radar, inertial unit and GPS."""
 
     out: Path = Path("sensor_demo.png")
     """Picture to write, a .png file."""
@@ -91,7 +91,7 @@ class _Teller:
         self._progress.stop()
 
     def tell(self, stage: str, share: float) -> None:
-        """What is being done, and which share of it is done."""
+        """Shows the present stage, and the share of it that is done."""
         if self._console.is_terminal:
             self._progress.update(self._task, description=stage, completed=share)
         elif stage != self._stage:

@@ -1,4 +1,4 @@
-"""What the words of a command line may be, by the types of their options: numbers of arrays, names of file systems."""
+"""Valid words of a command line, by the types of their options: numbers of arrays, names of file systems."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ def check_option(option: str, hint: Any, words: Sequence[str]) -> None:
 
 
 def is_flag(hint: Any) -> bool:
-    """Return whether an option of this type stands alone: its name is its value."""
+    """Return True if an option of this type stands alone: its name is its value."""
     return _parts(hint) == [bool]
 
 
 def may_repeat(hint: Any) -> bool:
-    """Return whether an option of this type may be given more than once: flags, and those that collect values."""
+    """Return True if an option of this type may be given more than once: flags, and those that collect values."""
     return bool in _parts(hint) or any(note is tyro.conf.UseAppendAction for note in _notes(hint))
 
 
@@ -105,11 +105,11 @@ def _text(word: str, seed: bool) -> str:
 
 
 RULES: Final[dict[Any, Callable[[str, bool], str]]] = {int: _whole_number, float: _number, Path: _path, str: _text}
-"""Type -> what tells the rule that a word breaks, of an option that is a seed or is not."""
+"""Type -> function that returns the rule that a word breaks, of an option that is a seed or is not."""
 
 
 def _notes(hint: Any) -> tuple[Any, ...]:
-    """Return what an annotated type has beside it."""
+    """Return the annotations of an annotated type."""
     return getattr(hint, "__metadata__", ())
 
 
@@ -126,5 +126,5 @@ def _kinds(hint: Any) -> list[Any]:
 
 
 def _takes_several(hint: Any) -> bool:
-    """Return whether a tuple is among the types."""
+    """Return True if a tuple is among the types."""
     return typing.get_origin(hint) is tuple or any(_takes_several(item) for item in typing.get_args(hint))

@@ -31,7 +31,7 @@ class VerifyOptions(CommonOptions):
     """Physics against known answers: exit code 1 if one of them is missed by more than is known."""
 
     scenes: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[SCENE ...]")] = ()
-    """What to check; everything when none is named."""
+    """Names of the checks to run; everything when none is named."""
     device: str = "cpu"
     """That runs the engine."""
     reference: Path | None = None
@@ -118,7 +118,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def _reporter(console: Console) -> Callable[[str], None] | None:
-    """Tells on a terminal what runs; a file gets no such lines."""
+    """Shows on a terminal the check that runs; a file gets no such lines."""
     if not console.is_terminal:
         return None
     return lambda title: console.print(f"  {title} ...", style="dim", highlight=False)

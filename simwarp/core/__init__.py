@@ -1,1 +1,1 @@
-"""What every room may use: value types, arrays, rotations, files, memory, the bridge to torch."""
+"""Shared by all packages: value types, arrays, rotations, files, memory, the bridge to torch."""

@@ -23,11 +23,11 @@ Bound: TypeAlias = "float | npt.NDArray[Any]"
 
 @dataclasses.dataclass(frozen=True)
 class Domain:
-    """What the numbers of an array may be: finite, and within bounds. Bounds of matrices are those of the diagonal.
+    """Allowed values of an array: finite, and within bounds. Bounds of matrices are those of the diagonal.
 
     Attributes:
         least, most: smallest and largest one; or arrays of them that broadcast to the array's shape.
-        remedy: what to do with others.
+        remedy: advice for values out of bounds.
     """
 
     least: Bound = -FLOAT32_MAX
@@ -78,8 +78,8 @@ class WritableArray(wp.array):
 
     Attributes:
         label: the array's name in errors.
-        domain: what its numbers may be; None: anything.
-        hint: what to do about values of another shape.
+        domain: allowed values; None: anything.
+        hint: advice for values of another shape.
     """
 
     label: str = "array"
@@ -231,15 +231,15 @@ class WritableArray(wp.array):
 
 
 class FixedAttributes:
-    """What kernels refer to stays: assigning an attribute would only change what Python sees."""
+    """Base class with attributes that kernels refer to: they cannot be assigned, only Python would see the new one."""
 
     FIXED: ClassVar[tuple[str, ...]] = ()
-    """The attributes that stay; all of them, and no others, where it is empty."""
+    """The attributes that cannot be assigned; where it is empty all of them, and none can be added."""
 
     _fixed = False
 
     def _fix(self) -> None:
-        """From now on attributes are read, and written into."""
+        """From now on attributes can be read and their arrays written to, but not assigned."""
         object.__setattr__(self, "_fixed", True)
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -275,7 +275,7 @@ def writable_from(
 
 
 def on_host(array: Any) -> bool:
-    """Whether an array's values can be looked at without waiting for a device."""
+    """True if an array's values can be read without waiting for a device."""
     return bool(array.device.is_cpu)
 
 

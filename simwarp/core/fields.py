@@ -44,9 +44,9 @@ class Field:
         dtype: of Warp.
         sizes: its shape.
         text: unit, frame and meaning.
-        domain: what may be written into it; None: anything.
-        writable: whether users assign slices of it.
-        of_kernels: whether kernels take it in the struct of its class.
+        domain: allowed values; None: anything.
+        writable: True if users assign slices of it.
+        of_kernels: True if kernels take it in the struct of its class.
     """
 
     dtype: Any
@@ -69,7 +69,7 @@ class Field:
 
     @property
     def per_world(self) -> bool:
-        """Whether all worlds share it unless they are given one each."""
+        """True if it may differ per world; otherwise all worlds share it."""
         return self.sizes[0] is Size.PARAMETER_WORLDS
 
 

@@ -1,4 +1,4 @@
-"""Files: read with limits, written whole or not at all, and every failure told in one line.
+"""Files: read with limits, written whole or not at all, and every failure reported in one line.
 
 Every room writes through :func:`replacing` or :func:`write_file` and reads JSON through :func:`read_json`, so that a
 full disk, a device node, a symlink or a hostile file means the same everywhere.
@@ -39,14 +39,14 @@ LONGEST_INTEGER: Final = 19
 """Digits of the largest whole number of 64 bits."""
 
 WAIT_FOR_READER: Final = 5.0
-"""How long writing to a FIFO waits for somebody to read it [s]."""
+"""Time that writing to a FIFO waits for a reader [s]."""
 
 
 class FileError(ValueError):
     """A file that cannot be read, or a path that cannot be written to: the user's to mend.
 
     Attributes:
-        reason: why it cannot be read, without its name; empty for other errors.
+        reason: reason why it cannot be read, without its name; empty for other errors.
     """
 
     def __init__(self, message: str, reason: str = "") -> None:
@@ -66,7 +66,7 @@ def check_output(path: str | Path, option: str = "output") -> Path:
 
     Args:
         path: of a file to be written; devices and FIFOs may stand there.
-        option: what asked for it, such as ``--json``: the errors begin with it.
+        option: option that asked for it, such as ``--json``: the errors begin with it.
 
     Raises:
         FileError: it is empty, a folder or a socket, its name is too long, its folder does not exist, or there is no
@@ -103,7 +103,7 @@ def check_output(path: str | Path, option: str = "output") -> Path:
 
 
 def _is_name(text: str) -> bool:
-    """Return whether a text can be a path: neither empty nor of characters that no file system takes."""
+    """Return True if a text can be a path: neither empty nor of characters that no file system takes."""
     try:
         os.fsencode(text)
     except UnicodeEncodeError:
@@ -112,7 +112,7 @@ def _is_name(text: str) -> bool:
 
 
 def _target(path: Path, option: str = "output") -> Path:
-    """Return what a path stands for: where a symlink leads, whether something is there or not."""
+    """Return the target of a path: that of a symlink, existing or not."""
     try:
         return Path(os.path.realpath(path)) if path.is_symlink() else path
     except OSError as error:
@@ -120,7 +120,7 @@ def _target(path: Path, option: str = "output") -> Path:
 
 
 def is_special(path: str | Path) -> bool:
-    """Return whether a device, a FIFO or the like stands there: written to, never replaced."""
+    """Return True if a device, a FIFO or the like stands there: written to, never replaced."""
     try:
         mode = Path(path).stat().st_mode
     except (OSError, ValueError):
@@ -179,9 +179,9 @@ def output_error(path: str | Path, error: OSError, draft: Path | None = None, ne
     """Return the error that says which folder did not take how much.
 
     Args:
-        path: what was to be written.
-        error: what the operating system said.
-        draft: what there was of it already.
+        path: of the file that was to be written.
+        error: of the operating system.
+        draft: partial file that exists already.
         needed: bytes of the whole, where they are known.
     """
     folder = Path(path).absolute().parent
@@ -245,7 +245,7 @@ def check_input(path: str | Path, what: str = "file", *, largest: int | None = N
 
     Args:
         path: of the file.
-        what: what it should be, such as ``vehicle file``: the errors begin with it.
+        what: expected kind of file, such as ``vehicle file``: the errors begin with it.
         largest: most bytes it may have.
 
     Raises:
@@ -300,7 +300,7 @@ def parse_json(text: str, name: str) -> Any:
 
     Args:
         text: the JSON.
-        name: where it stands: the errors begin with it.
+        name: its location: the errors begin with it.
 
     Raises:
         FileError: it is broken, nested too deep, gives a key twice, or has a number that no array could hold: a whole
@@ -320,7 +320,7 @@ def parse_json(text: str, name: str) -> Any:
 
 
 def _deeper_than(levels: int, value: Any) -> bool:
-    """Return whether lists and objects lie deeper within one another than that: whoever reads them recurses."""
+    """Return True if lists and objects lie deeper within one another than that: whoever reads them recurses."""
     layer = [value] if isinstance(value, dict | list) else []
     for _ in range(levels):
         inner = (item for owner in layer for item in (owner.values() if isinstance(owner, dict) else owner))

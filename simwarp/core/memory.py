@@ -1,4 +1,4 @@
-"""What fits: bytes that are asked for against bytes that are free, before anything is allocated."""
+"""Memory checks: bytes that are asked for against bytes that are free, before anything is allocated."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def check_layouts(what: str, layouts: Mapping[str, ArrayLayout], device: Any, re
     Args:
         what: needs them.
         layouts: of the arrays, by the names that errors use.
-        device: where they will be.
-        remedy: what to do.
+        device: device on which they will be.
+        remedy: advice for the user.
         more: bytes beside them.
 
     Raises:
@@ -102,7 +102,7 @@ def _amount(count: int) -> str:
 
 
 def _meminfo() -> list[int]:
-    """What Linux counts as available: free memory, and caches that it can drop."""
+    """Available memory as Linux counts it: free memory, and caches that it can drop."""
     try:
         lines = MEMINFO.read_text(encoding="ascii").splitlines()
     except OSError:
@@ -111,7 +111,7 @@ def _meminfo() -> list[int]:
 
 
 def _control_groups() -> list[int]:
-    """What the control groups of this process leave: containers and batch systems set limits below the machine's."""
+    """Memory left by the control groups of this process: containers and batch systems limit it below the machine's."""
     try:
         lines = OWN_GROUPS.read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -138,7 +138,7 @@ def _control_groups() -> list[int]:
 
 
 def _process_limit() -> list[int]:
-    """What the limit of this process's addresses leaves (`ulimit -v`)."""
+    """Memory left by the limit of this process's address space (`ulimit -v`)."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY:
         return []

@@ -20,10 +20,10 @@ _told: Final[set[tuple[str, str]]] = set()
 
 
 def warn_renamed(thing: str, old: str, new: str, *, stacklevel: int = 3) -> None:
-    """Say once per process that a name has changed.
+    """Warn once per process that a name has changed.
 
     Args:
-        thing: what carries the name.
+        thing: class, module or other thing that carries the name.
         old: the name that was used.
         new: the name to use.
         stacklevel: of the caller to blame, as in `warnings.warn`.
@@ -38,7 +38,7 @@ def with_new_names(thing: str, given: Mapping[str, Any], names: Mapping[str, str
     """Named values with old names turned into new ones.
 
     Args:
-        thing: what they are given to.
+        thing: class or function that they are given to.
         given: the values by name.
         names: old names and the new ones.
 

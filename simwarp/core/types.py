@@ -80,7 +80,7 @@ class RowKind(IntEnum):
 
 
 class DriveMode(IntEnum):
-    """What acts on a degree of freedom besides its spring, damper, friction and `joint_force`."""
+    """Drive that acts on a degree of freedom besides its spring, damper, friction and `joint_force`."""
 
     NONE = 0
     POSITION = 1
@@ -131,7 +131,7 @@ class FrictionLaw(IntEnum):
 
 
 class ContactModel(IntEnum):
-    """How contacts act: as unilateral rows, or as penalty forces with the normal law of Hertz or Hooke."""
+    """Contact law: unilateral rows, or penalty forces with the normal law of Hertz or Hooke."""
 
     RIGID = 0
     SMOOTH = 1
@@ -366,7 +366,7 @@ Drive: TypeAlias = PositionDrive | VelocityMotor | PrescribedPosition | Prescrib
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Dof:
-    """What acts along one degree of freedom. Units are N and m, or N·m and rad, as the coordinate is.
+    """Limit, passive effort, friction and drive of one degree of freedom. Units: N and m, or N·m and rad.
 
     The passive effort is preload - stiffness (q - rest) - damping qd, taken implicitly; a table replaces
     the linear law: -spring_table(q - rest), -damper_table(qd), or -damper_map(q, qd), linearised every step.

@@ -23,6 +23,8 @@ DROPPED: Final = 1e-7
 """Points this close to a hull do not become vertices; times the extent of the points."""
 COPLANAR: Final = 2e-6
 """Triangles of a hull that are this flat together become one face; times the extent."""
+THINNEST: Final = 2.0 * COPLANAR
+"""Points that lie between two planes this close together have no volume; times the extent."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,14 +76,6 @@ class MassProperties:
     inertia: Array
 
 
-@dataclasses.dataclass
-class _Triangle:
-    corners: tuple[int, int, int]
-    normal: Array
-    offset: float
-    outside: npt.NDArray[np.int64]
-
-
 def convex_hull(points: npt.ArrayLike) -> Hull:
     """Convex hull of (N, 3) points [m], where they are; coplanar triangles are merged into polygons.
 
@@ -94,7 +88,7 @@ def convex_hull(points: npt.ArrayLike) -> Hull:
             f"convex hull: points must be (N >= 4, 3) finite numbers, got {_shape_of(points, p)}; pass vertices"
         )
     extent = float(np.ptp(p, axis=0).max())
-    triangles = _quick_hull(p, extent)
+    triangles = _triangles(p, extent)
     faces, normals = _merged_faces(p, triangles, COPLANAR * extent)
     used = np.unique([i for face in faces for i in face])
     index = {int(old): new for new, old in enumerate(used)}
@@ -103,70 +97,45 @@ def convex_hull(points: npt.ArrayLike) -> Hull:
     return Hull(vertices, polygons, normals, _edge_directions(vertices, polygons))
 
 
-def _triangle(p: Array, corners: tuple[int, int, int], candidates: npt.NDArray[np.int64], slack: float) -> _Triangle:
-    a, b, c = p[list(corners)]
-    normal = np.cross(b - a, c - a)
-    normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
-    offset = float(normal @ a)
-    return _Triangle(corners, normal, offset, candidates[p[candidates] @ normal > offset + slack])
+def _triangles(p: Array, extent: float) -> list[tuple[int, int, int]]:
+    """Triangles of the hull, counter-clockwise seen from outside (qhull: Barber, Dobkin and Huhdanpaa 1996)."""
+    from scipy.spatial import ConvexHull, QhullError  # takes a while to import
+
+    flat = ModelError("convex hull: the points lie in one plane, got no volume; give the body a thickness")
+    if extent < FLOAT32_LEAST:
+        raise flat
+    # about the origin, an extent of 1: qhull's tolerances are absolute
+    q = (p - p.mean(axis=0)) / extent
+    try:
+        found = ConvexHull(q, qhull_options=f"Qt W{DROPPED}")
+    except QhullError as error:
+        raise flat from error
+    depth = -(q[found.vertices] @ found.equations[:, :3].T + found.equations[:, 3]).min(axis=0)
+    if depth.min() < THINNEST:
+        raise flat
+    return _oriented(q, found.simplices.tolist(), found.neighbors.tolist(), found.equations[:, :3])
 
 
-def _first_tetrahedron(p: Array, extent: float) -> tuple[int, int, int, int]:
-    """Four points far out of each other's plane, the last one below the plane of the others."""
-    i = int(p[:, 0].argmin())
-    j = int(np.linalg.norm(p - p[i], axis=1).argmax())
-    line = p[j] - p[i]
-    k = int(np.linalg.norm(np.cross(p - p[i], line), axis=1).argmax())
-    normal = np.cross(line, p[k] - p[i])
-    length = float(np.linalg.norm(normal))
-    heights = (p - p[i]) @ (normal / max(length, 1e-300))
-    m = int(np.abs(heights).argmax())
-    if extent < FLOAT32_LEAST or length < 1e-9 * extent**2 or abs(heights[m]) < 1e-6 * extent:
-        raise ModelError("convex hull: the points lie in one plane, got no volume; give the body a thickness")
-    return (i, j, k, m) if heights[m] < 0.0 else (i, k, j, m)
-
-
-def _quick_hull(p: Array, extent: float) -> list[tuple[int, int, int]]:
-    """Triangles of the hull (Barber, Dobkin and Huhdanpaa 1996)."""
-    slack = DROPPED * extent
-    i, j, k, m = _first_tetrahedron(p, extent)
-    every = np.arange(len(p))
-    live: dict[int, _Triangle] = {}
-    owner: dict[tuple[int, int], int] = {}
-    created = 0
-
-    def add(corners: tuple[int, int, int], candidates: npt.NDArray[np.int64]) -> None:
-        nonlocal created
-        live[created] = _triangle(p, corners, candidates, slack)
-        for a, b in _sides(corners):
-            owner[a, b] = created
-        created += 1
-
-    for corners in ((i, j, k), (i, m, j), (j, m, k), (k, m, i)):
-        add(corners, every)
-    while True:
-        seed = next((key for key, triangle in live.items() if triangle.outside.size), None)
-        if seed is None:
-            return [triangle.corners for triangle in live.values()]
-        triangle = live[seed]
-        apex = int(triangle.outside[(p[triangle.outside] @ triangle.normal).argmax()])
-        visible = {seed}
-        stack = [seed]
-        while stack:
-            for a, b in _sides(live[stack.pop()].corners):
-                other = owner[b, a]
-                if other not in visible and live[other].normal @ p[apex] > live[other].offset + 0.01 * slack:
-                    visible.add(other)
-                    stack.append(other)
-        horizon = [
-            (a, b) for key in sorted(visible) for a, b in _sides(live[key].corners) if owner[b, a] not in visible
-        ]
-        candidates = np.unique(np.concatenate([live[key].outside for key in visible]))
-        candidates = candidates[candidates != apex]
-        for key in visible:
-            del live[key]
-        for a, b in horizon:
-            add((a, b, apex), candidates)
+def _oriented(
+    p: Array, triangles: list[list[int]], neighbours: list[list[int]], outwards: Array
+) -> list[tuple[int, int, int]]:
+    """The triangles counter-clockwise seen from outside: the largest as its plane tells, the others as their neighbours
+    need it, since the normal of a sliver may point anywhere.
+    """
+    normals = np.linalg.cross(*(p[triangles][:, k] - p[triangles][:, 0] for k in (1, 2)))
+    first = int(np.linalg.norm(normals, axis=1).argmax())
+    if normals[first] @ outwards[first] < 0.0:
+        triangles[first].reverse()
+    seen, stack = {first}, [first]
+    while stack:
+        index = stack.pop()
+        taken = set(_sides(triangles[index]))
+        for other in set(neighbours[index]) - seen:
+            if taken & set(_sides(triangles[other])):
+                triangles[other].reverse()
+            seen.add(other)
+            stack.append(other)
+    return [(a, b, c) for a, b, c in triangles]
 
 
 def _sides(corners: Sequence[int]) -> list[tuple[int, int]]:
@@ -287,17 +256,17 @@ def _indices(triangles: npt.ArrayLike) -> npt.NDArray[np.int64]:
 
 
 def _in_float32(values: Array) -> bool:
-    """Whether all numbers are finite, and stay so in float32."""
+    """True if all numbers are finite, and stay so in float32."""
     return bool((np.abs(values) <= FLOAT32_MAX).all())
 
 
 def _shape_of(given: Any, values: Array) -> str:
-    """What was given in the place of an array of numbers, for errors."""
+    """Description of a value given in place of an array of numbers, for errors."""
     return f"shape {values.shape}" if values.ndim else shown(given)
 
 
 def triangle_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> TriangleMesh:
-    """A mesh from (V, 3) vertices [m] and (T, 3) indices. Equal vertices become one, so that triangles know their
+    """A mesh from (V, 3) vertices [m] and (T, 3) indices. Equal vertices become one, so that triangles have
     neighbours; triangles without area go.
 
     Raises:
@@ -404,7 +373,7 @@ def hull_mass(hull: Hull, density: float, scale: Sequence[float] = (1.0, 1.0, 1.
 
 
 def shape_mass(kind: ShapeType, size: Sequence[float], density: float, hull: Hull | None = None) -> MassProperties:
-    """Of a solid convex shape of given density [kg/m³]; `size` as `ShapeType` tells, a hull's scale otherwise.
+    """Of a solid convex shape of given density [kg/m³]; `size` as in `ShapeType`, a hull's scale otherwise.
 
     Raises:
         ModelError: the shape encloses no finite volume, or a hull is missing.
@@ -437,35 +406,3 @@ def shape_mass(kind: ShapeType, size: Sequence[float], density: float, hull: Hul
     else:
         raise ModelError(f"shape mass: {kind.name} encloses no volume of its own; give the body its mass and inertia")
     return MassProperties(mass, centre, np.diag(second.sum() - second))
-
-
-def half_extents(
-    kind: ShapeType, size: Sequence[float], rotation: npt.ArrayLike | None = None, hull: Hull | None = None
-) -> Array:
-    """Half lengths [m] of the box along the axes that is centred on the shape's origin and holds the shape.
-
-    Args:
-        kind: Any convex shape; a plane is 1e10 m large.
-        size: As `ShapeType` tells.
-        rotation: (3, 3), shape axes to the axes of the box; None: the same.
-        hull: Of a HULL.
-    """
-    r = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
-    s = np.asarray(size, dtype=np.float64)
-    if kind == ShapeType.SPHERE:
-        return np.full(3, s[0])
-    if kind == ShapeType.CAPSULE:
-        return s[0] + np.abs(r[:, 2]) * s[1]
-    if kind == ShapeType.BOX:
-        return np.abs(r) @ s
-    if kind == ShapeType.ELLIPSOID:
-        return np.linalg.norm(r * s, axis=1)
-    rim = s[0] * np.sqrt(np.maximum(0.0, 1.0 - r[:, 2] ** 2))
-    along = s[1] * np.abs(r[:, 2])
-    if kind == ShapeType.CYLINDER:
-        return rim + along
-    if kind == ShapeType.CONE:
-        return np.maximum(along, np.maximum(rim + along, rim - along))
-    if kind == ShapeType.HULL and hull is not None:
-        return np.abs((hull.vertices * s) @ r.T).max(axis=0)
-    return np.full(3, 1e10)

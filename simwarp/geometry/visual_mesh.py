@@ -1,4 +1,4 @@
-"""What a mesh looks like: colours and texture coordinates at the corners of its triangles, and images."""
+"""Appearance of a mesh: colours and texture coordinates at the corners of its triangles, and images."""
 
 from __future__ import annotations
 

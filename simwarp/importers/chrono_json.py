@@ -25,7 +25,7 @@ VISUAL = frozenset(
 )  # fmt: skip
 
 STRING_OR_COMMENT = re.compile(r'"(?:\\.|[^"\\])*(?:"|\Z)|//[^\n]*|/\*.*?(?:\*/|\Z)', re.DOTALL)
-"""What does not end goes on to the end of the text: looking for its end from every place would take for ever."""
+"""An unterminated string or comment ends with the text: a search for its end from every place takes quadratic time."""
 
 
 def without_comments(text: str) -> str:

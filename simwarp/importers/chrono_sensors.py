@@ -33,7 +33,7 @@ from simwarp.sensors.ranging.radar import Clusters, RadarConfig
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 
 GAUSS: Final = 1.0e-4
-"""Chrono's magnetometers tell their field in gauss [T]."""
+"""One gauss, the unit of Chrono's magnetometers [T]."""
 DIVERGENCE: Final = 0.003
 """Of Chrono's lidars where the file gives none [rad]."""
 
@@ -195,7 +195,7 @@ def _filters(node: Node, known: tuple[str, ...]) -> dict[str, Node]:
 
 
 def _schedule(node: Node, lag: float | None = 0.0) -> Schedule:
-    """When it measures; `lag` where the file gives none (None: one period, as Chrono's ray casters)."""
+    """Schedule of a sensor; `lag` where the file gives none (None: one period, as Chrono's ray casters)."""
     rate = node.number("Update Rate", "Hz")
     windows = [key for key in WINDOWS if key in node]
     if len(windows) > 1:
@@ -261,7 +261,7 @@ def _expect(node: Node, key: str, known: tuple[str, ...]) -> str:
 
 
 def _made(node: Node, cls: Callable[..., Any], **fields: Any) -> Any:
-    """What a class or function makes; its errors name the file."""
+    """Result of a class or function; its errors name the file."""
     try:
         return cls(**fields)
     except ModelError as error:

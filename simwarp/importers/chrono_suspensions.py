@@ -34,7 +34,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
 from simwarp.vehicle.suspensions.corner import arm_axes
 
 DEGRESSIVE_SPEEDS = np.linspace(-2.0, 2.0, 81)
-"""Where the law of a degressive damper is sampled [m/s]."""
+"""Speeds at which the law of a degressive damper is sampled [m/s]."""
 
 
 def force_line(node: Node, other: str, *, damper: bool = False) -> ForceLine:
@@ -138,7 +138,7 @@ def arm_points(arm: Node, name: str) -> dict[str, Any]:
 
 
 def common(node: Node) -> dict[str, Any]:
-    """What all have: spindle, axle shaft, camber and toe."""
+    """Fields common to all suspensions: spindle, axle shaft, camber and toe."""
     return {
         "camber": node.angle("Camber Angle (deg)"),
         "toe": node.angle("Toe Angle (deg)"),

@@ -26,7 +26,7 @@ ALIGNING = (
 
 
 def common(node: Node) -> dict[str, Any]:
-    """What several templates have."""
+    """Fields common to several templates."""
     found = {}
     if "Coefficient of Friction" in node:
         found["reference_friction"] = node.number("Coefficient of Friction")

@@ -1,1 +1,1 @@
-"""What is constant during a run: builder, shapes, joints, couplings, parameters, topology."""
+"""Model, constant during a run: builder, shapes, joints, couplings, parameters, topology."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,7 @@ from simwarp.model.checks import (
 from simwarp.model.couplings import CouplingList
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
+from simwarp.model.options import DofOptions
 from simwarp.model.shapes import ShapeList
 from simwarp.model.specifications import BodySpec, Frame, JointSpec
 
@@ -112,7 +113,9 @@ class ModelBuilder(ShapeList, CouplingList):
         self.bodies.append(spec)
         return len(self.bodies) - 1
 
-    def add_shaft(self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Any) -> int:
+    def add_shaft(
+        self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Unpack[DofOptions]
+    ) -> int:
         """A shaft: a node of one rotation, coupled to others by `add_coupling`; returns its joint index.
 
         Args:
@@ -139,7 +142,14 @@ class ModelBuilder(ShapeList, CouplingList):
         return self._add(JointType.FIXED, name, parent, child, anchor, None, ())
 
     def add_joint_revolute(
-        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, **options: Any
+        self,
+        name: str,
+        parent: int,
+        child: int,
+        *,
+        axis: Vec3,
+        anchor: Vec3 | None = None,
+        **options: Unpack[DofOptions],
     ) -> int:
         """A hinge about `axis` through `anchor`; q [rad] turns the child positively about the axis.
 
@@ -151,7 +161,14 @@ class ModelBuilder(ShapeList, CouplingList):
         return self._add_single(JointType.REVOLUTE, name, parent, child, anchor, axis, options)
 
     def add_joint_prismatic(
-        self, name: str, parent: int, child: int, *, axis: Vec3, anchor: Vec3 | None = None, **options: Any
+        self,
+        name: str,
+        parent: int,
+        child: int,
+        *,
+        axis: Vec3,
+        anchor: Vec3 | None = None,
+        **options: Unpack[DofOptions],
     ) -> int:
         """A slide along `axis`, fixed in the parent; q [m]. Arguments as for `add_joint_revolute`."""
         return self._add_single(JointType.PRISMATIC, name, parent, child, anchor, axis, options)
@@ -287,7 +304,9 @@ class ModelBuilder(ShapeList, CouplingList):
             anchor1=anchor1, rotation1=rotation1, offset=offset,
         )  # fmt: skip
 
-    def add_spring(self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, **options: Any) -> int:
+    def add_spring(
+        self, name: str, parent: int, child: int, *, anchor0: Vec3, anchor1: Vec3, **options: Unpack[DofOptions]
+    ) -> int:
         """A translational spring-damper-actuator: its coordinate is the length [m]; `rest` defaults to the
         initial length, `joint_force` pushes the ends apart [N], `limit` are hard bump stops.
 

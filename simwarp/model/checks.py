@@ -76,7 +76,7 @@ def not_negative(thing: str, field: str, value: Any, unit: str = "", remedy: str
 
 
 def _beyond(value: Any) -> str:
-    """What to add to a rule where `value` is a number, but none of float32."""
+    """Addition to a rule where `value` is a number outside the range of float32; otherwise empty."""
     given = number(value)
     beyond = (isinstance(value, int) and math.isinf(given)) or (math.isfinite(given) and abs(given) > FLOAT32_MAX)
     return " and at most 3.4e38" if beyond else ""

@@ -1,4 +1,4 @@
-"""What a parameter acts on: kernels read an entry only where the model was built with the row that it belongs to."""
+"""Effect of a parameter: kernels read an entry only where the model was built with the row that it belongs to."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ WITH_OFFSET: Final = (JointType.ROD, JointType.REVOLUTE_SPHERICAL, JointType.REV
 
 
 class Effect(NamedTuple):
-    """Where a parameter acts.
+    """Entries of a parameter that have an effect.
 
     Attributes:
-        entries: which of its entries (bodies, joints, coordinates, couplings, shapes) do what they are there for.
-        rule: why the others do not, for errors.
+        entries: mask of those (bodies, joints, coordinates, couplings, shapes) that act in the model.
+        rule: reason why the others do not, for errors.
     """
 
     entries: Mask
@@ -32,7 +32,7 @@ class Effect(NamedTuple):
 
 
 def effect_of(model: Model, name: str, *, contact_model: str = "rigid", also: Collection[str] = ()) -> Effect:
-    """Where a parameter acts in a model.
+    """Entries of a parameter that have an effect in a model.
 
     Args:
         model: that it belongs to.
@@ -82,35 +82,32 @@ def _position_drive(model: Model, also: Collection[str]) -> Effect:
     return Effect(drives, "it acts only on coordinates that were built with a PositionDrive")
 
 
-def _law(model: Model) -> Mask:
-    """Coordinates whose passive law a step computes: those of the tree, and those of loops built with one."""
-    tables = model.tables
-    mask = np.array([tree_dof >= 0 for tree_dof in tables.dof_to_tree_dof], bool)
-    mask[[dof for dof in tables.row_dof if dof >= 0]] = True
-    mask[[dof for dof, _ in tables.distance_dof]] = True
-    mask[tables.loop_dof] = False
-    return mask & np.array([effort.mode < DriveMode.PRESCRIBED_POSITION for effort in model.effort_models], bool)
+def _computed(model: Model) -> Mask:
+    """Coordinates whose passive effort a step computes: those of the tree, and those of loops built with one."""
+    return np.array([effort.is_computed for effort in model.effort_models], bool)
 
 
 def _passive(model: Model, also: Collection[str]) -> Effect:
     rule = "it acts on coordinates of the tree, or of loops that were built with a law; not on prescribed or free ones"
-    return Effect(_law(model), rule)
+    return Effect(_computed(model), rule)
 
 
 def _stiffness(model: Model, also: Collection[str]) -> Effect:
     tables = np.array([effort.spring_table for effort in model.effort_models], bool)
-    return Effect(_law(model) & ~tables, "it acts on coordinates with a law of their own and no spring_table")
+    return Effect(_computed(model) & ~tables, "it acts on coordinates with a law of their own and no spring_table")
 
 
 def _damping(model: Model, also: Collection[str]) -> Effect:
     tables = np.array([effort.damper_table for effort in model.effort_models], bool)
-    return Effect(_law(model) & ~tables, "it acts on coordinates with a law of their own, no damper_table and no map")
+    return Effect(
+        _computed(model) & ~tables, "it acts on coordinates with a law of their own, no damper_table and no map"
+    )
 
 
 def _rest(model: Model, also: Collection[str]) -> Effect:
     springs = np.array([effort.spring_table or effort.stiff for effort in model.effort_models], bool)
     springs |= "joint_stiffness" in also
-    return Effect(_law(model) & springs, "it acts only on coordinates that were built with a spring")
+    return Effect(_computed(model) & springs, "it acts only on coordinates that were built with a spring")
 
 
 _DOFS: Final[dict[str, Callable[[Model, Collection[str]], Effect]]] = {

@@ -1,4 +1,4 @@
-"""What a model and a Simulation are made of, so that a state only ever goes where it belongs."""
+"""Identity of a model and of a Simulation, so that a state is only ever restored where it belongs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 
 from simwarp.core.types import Dof, JointType, PositionDrive, shown
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
+from simwarp.model.effort_paths import drive_mode, has_effort
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec, Specification
-from simwarp.model.topology import drive_mode, has_effort
 
 VERSION: Final = "1"
 """Of the layout of states: another one is another identity."""
@@ -22,12 +22,12 @@ VERSION: Final = "1"
 LONGEST_PART: Final = 60
 
 KINDS_IN_FILES: Final = {JointType.DISTANCE: "line", JointType.RELATIVE_ROTATION: "turn"}
-"""Kinds of joints that snapshots know under their first names."""
+"""Kinds of joints that snapshots hold under their former names."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Identity:
-    """What a Simulation is made of, in lines that people read.
+    """Composition of a Simulation, in lines that people read.
 
     Part of it are the worlds, bodies, joints with their kinds, stops and drives, couplings, shapes with their
     geometries, capacities, force elements and sensors. Not part of it are the values of what may differ per world
@@ -94,7 +94,7 @@ def model_identity(builder: Specification, world_count: int, contact_capacity: i
 
 
 def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float) -> dict[str, list[str]]:
-    """What a Simulation adds to its model: force elements, and sensors, whose clocks count sub-steps of `dt` [s]."""
+    """Parts that a Simulation adds to its model: force elements, and sensors, whose clocks count sub-steps of `dt`."""
     clock = [f"sub-steps of {dt!r} s"] if sensors else []
     parts = (*elements, *sensors)
     return {
@@ -124,7 +124,7 @@ def _joint_line(joint: JointSpec) -> str:
 
 
 def _law(dof: Dof) -> str:
-    """What of a coordinate's law is fixed when the model is made: which rows it has, and its tables."""
+    """Parts of a coordinate's law that are fixed when the model is made: its rows and its tables."""
     tables = [dof.spring_table, dof.damper_table, dof.damper_map, getattr(dof.drive, "table", None)]
     words = {
         "limit": dof.limit is not None,

@@ -1,4 +1,4 @@
-"""What each joint type is made of: its degrees of freedom and its rows, as data.
+"""Definition of the joint types as data: degrees of freedom and rows of each.
 
 This table is the single place that defines an element. The host orders it into tables (dynamics/topology.py),
 the kernels evaluate the row kinds (kernels/dynamics/bilateral_rows.py), and conventions.md prints it for users.

@@ -22,7 +22,7 @@ def run_layouts(sizes: Mapping[Size, int]) -> dict[str, ArrayLayout]:
 
 
 def snapshot_layouts(sizes: Mapping[Size, int]) -> dict[str, ArrayLayout]:
-    """The arrays of a snapshot, without what force elements and sensors remember."""
+    """The arrays of a snapshot, without the states of force elements and sensors."""
     return _layouts({"state": StateFields, "control": ControlFields, "contacts": ContactFields}, sizes)
 
 

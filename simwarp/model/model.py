@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any, Final, NoReturn
 
 import numpy as np
@@ -12,12 +12,14 @@ import warp as wp
 from simwarp.core.arrays import writable_from
 from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
+from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
 from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.model.checks import checked_names, whole_number
+from simwarp.model.effort_paths import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
@@ -25,13 +27,11 @@ from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
 from simwarp.model.specifications import Specification
 from simwarp.model.topology import (
-    EffortModel,
     Tables,
     build_tables,
     collect_tables,
     coupling_width,
     dof_joints,
-    drive_mode,
     longest_path,
     row_paths,
 )
@@ -61,16 +61,16 @@ class Model(ParameterFields):
         world_count, body_count, joint_count, dof_count, shape_count: sizes of the arrays.
         body_names, joint_names, shape_names: in index order.
         contact_capacity: contact slots of every world.
-        has_rolling_friction: whether contacts carry rolling and spinning friction.
+        has_rolling_friction: True if contacts carry rolling and spinning friction.
         path_length: most slots between a link and the root of its tree.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
-        has_loops: whether joints close loops: rows that no compliance softens.
+        has_loops: True if joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
         joint_types, shape_types: in index order.
-        effort_models: what of each coordinate's law is fixed.
-        shapes_that_meet: which shapes may touch another one.
-        identity: what of it a snapshot must have in common.
+        effort_models: parts of each coordinate's law that are fixed.
+        shapes_that_meet: shapes that may touch another one.
+        identity: properties that a snapshot must have in common.
     """
 
     def __init__(
@@ -101,7 +101,8 @@ class Model(ParameterFields):
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
         self.shape_types = tuple(shape.type for shape in builder.shapes)
         self.joint_types = tuple(joint.type for joint in builder.joints)
-        self.effort_models = tuple(EffortModel.of(dof) for joint in builder.joints for dof in joint.dofs)
+        dofs = [dof for joint in builder.joints for dof in joint.dofs]
+        self.effort_models = tuple(map(EffortModel.of, dofs, tables.paths))
         self.path_length = longest_path(tables)
         self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
@@ -284,11 +285,6 @@ def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
 
 
-def _joined(curves: Sequence[Sequence[float]], device: Any) -> Any:
-    """All numbers of the tables; one where there is none."""
-    return wp.array(np.concatenate(curves or [[0.0]]).astype(np.float64), dtype=wp.float64, device=device)
-
-
 def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[np.int32], device: Any) -> Topology:
     def ints(values: Any) -> Any:
         data = np.asarray(values, np.int32)
@@ -308,7 +304,6 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     for entry, (row, term) in enumerate(relative_rotation_terms(builder)):
         wrench[row, term] = tables.row_count + len(builder.couplings) + entry
     curves, dof_table = collect_tables(builder)
-    starts = np.cumsum([0] + [len(x) for x, _ in curves])
     t = Topology()
     t.link_count, t.tree_dof_count, t.dof_count = len(links), len(tables.tree_dof_to_dof), builder.dof_count
     t.joint_count, t.loop_joint_count = len(joints), len(tables.loop_joint)
@@ -340,9 +335,9 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
     t.dof_coupled = ints([dof in coupled for dof in range(builder.dof_count)])
     t.dof_table = ints(dof_table)
-    t.table_start = ints(starts)
-    t.table_x = _joined([x for x, _ in curves], device)
-    t.table_y = _joined([y for _, y in curves], device)
+    t.table_start, t.table_x, t.table_y = function_arrays(
+        [zip(x, y, strict=True) for x, y in curves], wp.float64, device
+    )
     t.loop_joint, t.loop_row = ints(tables.loop_joint), ints(tables.loop_row)
     t.row_kind = ints([row.kind for row in tables.rows])
     t.row_axis0 = ints([row.axis0 for row in tables.rows])

@@ -1,11 +1,11 @@
-"""What bodies collide with: shapes on bodies, their materials and groups, as lists of a builder."""
+"""Collision geometry of bodies: shapes, their materials and groups, as lists of a builder."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from simwarp.geometry.assets import (
     triangle_mesh,
 )
 from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
+from simwarp.model.options import ShapeOptions, SurfaceOptions
 from simwarp.model.specifications import ShapeSpec
 
 Array = npt.NDArray[np.float64]
@@ -53,40 +54,52 @@ class ShapeList:
         self.meshes: list[TriangleMesh] = []
         self.excluded_bodies: set[tuple[int, int]] = set()
 
-    def add_shape_plane(self, body: int = WORLD, **options: Any) -> int:
+    def add_shape_plane(self, body: int = WORLD, **options: Unpack[ShapeOptions]) -> int:
         """The half-space below z = 0 of its frame."""
         return self._add_shape(ShapeType.PLANE, body, (0.0, 0.0, 0.0), options)
 
-    def add_shape_sphere(self, body: int, *, radius: float, **options: Any) -> int:
+    def add_shape_sphere(self, body: int, *, radius: float, **options: Unpack[ShapeOptions]) -> int:
         """A ball."""
         return self._add_shape(ShapeType.SPHERE, body, (radius, radius, radius), options)
 
-    def add_shape_capsule(self, body: int, *, radius: float, half_length: float, **options: Any) -> int:
+    def add_shape_capsule(
+        self, body: int, *, radius: float, half_length: float, **options: Unpack[ShapeOptions]
+    ) -> int:
         """A segment of z from -half_length to half_length, thickened by radius."""
         return self._add_shape(ShapeType.CAPSULE, body, (radius, half_length, radius), options)
 
-    def add_shape_cylinder(self, body: int, *, radius: float, half_length: float, **options: Any) -> int:
+    def add_shape_cylinder(
+        self, body: int, *, radius: float, half_length: float, **options: Unpack[ShapeOptions]
+    ) -> int:
         """A cylinder about z."""
         return self._add_shape(ShapeType.CYLINDER, body, (radius, half_length, radius), options)
 
-    def add_shape_box(self, body: int, *, half: Vec3, **options: Any) -> int:
+    def add_shape_box(self, body: int, *, half: Vec3, **options: Unpack[ShapeOptions]) -> int:
         """A box of half lengths `half`."""
         return self._add_shape(ShapeType.BOX, body, half, options)
 
-    def add_shape_ellipsoid(self, body: int, *, half: Vec3, **options: Any) -> int:
+    def add_shape_ellipsoid(self, body: int, *, half: Vec3, **options: Unpack[ShapeOptions]) -> int:
         """An ellipsoid of half axes `half`."""
         return self._add_shape(ShapeType.ELLIPSOID, body, half, options)
 
-    def add_shape_cone(self, body: int, *, radius: float, half_length: float, **options: Any) -> int:
+    def add_shape_cone(self, body: int, *, radius: float, half_length: float, **options: Unpack[ShapeOptions]) -> int:
         """A cone about z: its base at -half_length, its tip at half_length."""
         return self._add_shape(ShapeType.CONE, body, (radius, half_length, radius), options)
 
-    def add_shape_hull(self, body: int, points: npt.ArrayLike, *, scale: Vec3 = (1.0, 1.0, 1.0), **options: Any) -> int:
+    def add_shape_hull(
+        self, body: int, points: npt.ArrayLike, *, scale: Vec3 = (1.0, 1.0, 1.0), **options: Unpack[ShapeOptions]
+    ) -> int:
         """The convex hull of points (N, 3) [m], times `scale`. Equal points share one asset."""
         return self._add_shape(ShapeType.HULL, body, scale, options, self._hull_asset(points))
 
     def add_shape_height_field(
-        self, body: int, heights: npt.ArrayLike, *, size: Sequence[float], scale: Vec3 = (1.0, 1.0, 1.0), **options: Any
+        self,
+        body: int,
+        heights: npt.ArrayLike,
+        *,
+        size: Sequence[float],
+        scale: Vec3 = (1.0, 1.0, 1.0),
+        **options: Unpack[ShapeOptions],
     ) -> int:
         """Terrain: heights (rows, columns) [m] above z = 0 of its frame, columns along x, rows along y, spread over
         size (x, y) [m] about its origin; all times `scale`. It is solid below. Meets convex shapes only.
@@ -96,7 +109,8 @@ class ShapeList:
 
     def add_shape_mesh(
         self, body: int, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None, *,
-        scale: Vec3 = (1.0, 1.0, 1.0), convex: bool = False, decompose: bool | dict[str, Any] = False, **options: Any,
+        scale: Vec3 = (1.0, 1.0, 1.0), convex: bool = False, decompose: bool | dict[str, Any] = False,
+        **options: Unpack[ShapeOptions],
     ) -> int | list[int]:  # fmt: skip
         """Triangles, times `scale`, that meet convex shapes only. They have one outer side, from which their corners
         are counter-clockwise; what touches them from the other side is taken to be sunk, and lifted out.
@@ -133,11 +147,13 @@ class ShapeList:
             parts = convex_parts(mesh.vertices, mesh.triangles, **(decompose if isinstance(decompose, dict) else {}))
         except TypeError as error:
             raise ModelError(f"add_shape_mesh: decompose has options that there are not: {error}; drop them") from None
-        name = options.pop("name", f"mesh{len(self.shapes)}")
+        name = options.get("name", f"mesh{len(self.shapes)}")
         return [
-            self.add_shape_hull(body, part, scale=scale, name=f"{name}_{index}", **options)
+            self._add_shape(
+                ShapeType.HULL, body, scale, {**options, "name": f"{name}_{index}"}, self._hull_asset(part)
+            )
             for index, part in enumerate(parts)
-        ]
+        ]  # fmt: skip
 
     def add_hull_asset(self, points: npt.ArrayLike) -> int:
         """A hull that no shape shows as built: index for `Model.shape_asset` of HULL shapes. Equal ones share it."""
@@ -164,7 +180,7 @@ class ShapeList:
     def add_solid(
         self, name: str, kind: ShapeType | str, size: Vec3 | float | None = None, *, mass: float | None = None,
         density: float | None = None, points: npt.ArrayLike | None = None, pose: Pose | None = None,
-        velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0), **options: Any,
+        velocity: Vec3 = (0.0, 0.0, 0.0), omega: Vec3 = (0.0, 0.0, 0.0), **options: Unpack[SurfaceOptions],
     ) -> int:  # fmt: skip
         """A homogeneous body and its shape in one; returns the body's index.
 
@@ -244,14 +260,14 @@ class ShapeList:
             )
 
     def _add_shape(
-        self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: dict[str, Any], asset: int = -1
+        self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: Mapping[str, Any], asset: int = -1
     ) -> int:
         self._check_body(checked_name("shape", options.get("name", f"{kind.name.lower()}{len(self.shapes)}")), body)
         self.shapes.append(self._shape_spec(kind, body, size, options, asset))
         return len(self.shapes) - 1
 
     def _shape_spec(
-        self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: dict[str, Any], asset: int
+        self, kind: ShapeType, body: int, size: Vec3 | Sequence[float], options: Mapping[str, Any], asset: int
     ) -> ShapeSpec:
         """The shape, checked but not added."""
         values = dict(options)

@@ -1,4 +1,4 @@
-"""What a builder collects: bodies, joints, couplings and shapes as plain values, of which models are made."""
+"""Specification of a model as a builder collects it: bodies, joints, couplings and shapes as plain values."""
 
 from __future__ import annotations
 

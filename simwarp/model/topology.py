@@ -15,16 +15,13 @@ import numpy.typing as npt
 from simwarp.core.types import (
     WORLD,
     BoxKind,
-    Dof,
-    DriveMode,
     JointType,
     ModelError,
-    PositionDrive,
     PrescribedPosition,
     PrescribedSpeed,
     Table,
-    VelocityMotor,
 )
+from simwarp.model.effort_paths import EffortPath, box_kinds, effort_path, has_effort
 from simwarp.model.joint_types import ELEMENTS, Row
 from simwarp.model.specifications import JointSpec, Specification
 
@@ -56,9 +53,14 @@ class Tables:
     loop_row: list[int]
     rows: list[Row]
     row_dof: list[int]
-    loop_dof: list[int]
+    paths: list[EffortPath]
     distance_dof: list[tuple[int, int]]
     boxes: list[tuple[int, BoxKind]]
+
+    @property
+    def loop_dof(self) -> list[int]:
+        """Coordinates on which `joint_force` acts as it is."""
+        return [dof for dof, path in enumerate(self.paths) if path is EffortPath.BODY_FORCE]
 
     @property
     def row_count(self) -> int:
@@ -114,50 +116,6 @@ def coupling_width(builder: Specification) -> int:
     return max((len(coupling.terms) for coupling in builder.couplings), default=1)
 
 
-def drive_mode(dof: Dof) -> DriveMode:
-    """The DriveMode of a degree of freedom's drive."""
-    match dof.drive:
-        case None:
-            return DriveMode.NONE
-        case PositionDrive():
-            return DriveMode.POSITION
-        case VelocityMotor():
-            return DriveMode.VELOCITY
-        case PrescribedPosition():
-            return DriveMode.PRESCRIBED_POSITION
-        case PrescribedSpeed():
-            return DriveMode.PRESCRIBED_SPEED
-
-
-@dataclasses.dataclass(frozen=True)
-class EffortModel:
-    """What of a coordinate's law is fixed when the model is made: kind of drive, tables, whether it has a spring."""
-
-    mode: DriveMode
-    spring_table: bool
-    damper_table: bool
-    stiff: bool
-
-    @classmethod
-    def of(cls, dof: Dof) -> EffortModel:
-        """That of a degree of freedom."""
-        damper = dof.damper_table is not None or dof.damper_map is not None
-        return cls(drive_mode(dof), dof.spring_table is not None, damper, dof.stiffness > 0.0)
-
-
-def has_effort(dof: Dof) -> bool:
-    """Whether the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
-    mode = drive_mode(dof)
-    passive = (dof.armature, dof.stiffness, dof.damping, dof.preload)
-    return (
-        any(value != 0.0 for value in passive)
-        or dof.spring_table is not None
-        or dof.damper_table is not None
-        or dof.damper_map is not None
-        or mode in (DriveMode.POSITION, DriveMode.PRESCRIBED_POSITION, DriveMode.PRESCRIBED_SPEED)
-    )
-
-
 def build_tables(builder: Specification) -> Tables:
     """Tables of the builder's model."""
     dof_start = _dof_starts(builder)
@@ -183,35 +141,30 @@ def build_tables(builder: Specification) -> Tables:
     loop_row: list[int] = [0]
     rows: list[Row] = []
     row_dof: list[int] = []
-    loop_dof: list[int] = []
+    paths: list[EffortPath] = []
     distance_dof: list[tuple[int, int]] = []
     single = _single_tree_dofs(links, link_tree_dof)
     for joint, spec in enumerate(builder.joints):
-        if spec.type == JointType.FREE and joint in in_tree:
-            loop_dof += range(dof_start[joint], dof_start[joint] + 6)
-        if joint in in_tree:
-            continue
-        between = single.get(frozenset((spec.parent, spec.child)))
-        if spec.type == JointType.DISTANCE and between is not None and _acts_on_tree_dof(spec.dofs[0]):
-            distance_dof.append((dof_start[joint], between))
-            continue
-        before = len(rows)
-        for row in ELEMENTS[spec.type].rows:
-            rows.append(row)
-            row_dof.append(-1)
-        for local, (row, law) in enumerate(zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)):
-            if has_effort(law) or (spec.type in (JointType.DISTANCE, JointType.BUSHING) and _passive(law)):
-                rows.append(row)
-                row_dof.append(dof_start[joint] + local)
-            else:
-                loop_dof.append(dof_start[joint] + local)
-        if len(rows) > before:
-            loop_joint.append(joint)
-            loop_row.append(len(rows))
-    boxes = _box_constraints(builder, dof_start)
+        along = single.get(frozenset((spec.parent, spec.child)))
+        here = [
+            effort_path(spec.type, dof, in_tree=joint in in_tree, along_tree_dof=along is not None) for dof in spec.dofs
+        ]
+        paths += here
+        if along is not None and EffortPath.DISTANCE in here:
+            distance_dof.append((dof_start[joint], along))
+        elif joint not in in_tree:
+            fixed = ELEMENTS[spec.type].rows
+            soft = [local for local, path in enumerate(here) if path is EffortPath.ROW]
+            rows += [*fixed, *(ELEMENTS[spec.type].dofs[local] for local in soft)]
+            row_dof += [-1] * len(fixed) + [dof_start[joint] + local for local in soft]
+            if fixed or soft:
+                loop_joint.append(joint)
+                loop_row.append(len(rows))
+    dofs = [dof for spec in builder.joints for dof in spec.dofs]
+    boxes = [(index, kind) for index, dof in enumerate(dofs) for kind in box_kinds(dof)]
     return Tables(
         links, link_tree_dof, tree_dof_to_dof, tree_dof_link, dof_to_tree_dof, loop_joint, loop_row, rows, row_dof,
-        loop_dof, distance_dof, boxes,
+        paths, distance_dof, boxes,
     )  # fmt: skip
 
 
@@ -223,11 +176,6 @@ def _single_tree_dofs(links: list[Link], link_tree_dof: list[int]) -> dict[froze
             parent = WORLD if link.parent < 0 else links[link.parent].body
             tree_dofs[frozenset((link.body, parent))] = link_tree_dof[index]
     return tree_dofs
-
-
-def _acts_on_tree_dof(dof: Dof) -> bool:
-    """Whether a line's effort can be that of the one coordinate that its length depends on: springs and dampers."""
-    return (has_effort(dof) or _passive(dof)) and drive_mode(dof) < DriveMode.PRESCRIBED_POSITION
 
 
 def collect_tables(builder: Specification) -> tuple[list[Table], IntArray]:
@@ -250,11 +198,6 @@ def collect_tables(builder: Specification) -> tuple[list[Table], IntArray]:
             tables.append((places, [len(tables) + 1.0 + place for place in range(len(places))]))
             tables += columns
     return tables, index
-
-
-def _passive(dof: Dof) -> bool:
-    tables = (dof.spring_table, dof.damper_table, dof.damper_map)
-    return any(table is not None for table in tables) or dof.stiffness > 0 or dof.damping > 0
 
 
 def _dof_starts(builder: Specification) -> list[int]:
@@ -341,19 +284,3 @@ def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_sta
                     f"coupling '{coupling.name}': joint '{spec.name}' closes a loop of coupled joints; "
                     "couple another joint of that loop"
                 )
-
-
-def _box_constraints(builder: Specification, dof_start: list[int]) -> list[tuple[int, BoxKind]]:
-    rows = []
-    for joint, spec in enumerate(builder.joints):
-        for local, dof in enumerate(spec.dofs):
-            index = dof_start[joint] + local
-            if dof.limit is not None:
-                rows.append((index, BoxKind.LIMIT))
-            if dof.friction > 0.0:
-                rows.append((index, BoxKind.FRICTION))
-            if isinstance(dof.drive, VelocityMotor):
-                rows.append((index, BoxKind.MOTOR))
-            if isinstance(dof.drive, PositionDrive) and np.isfinite(dof.drive.effort_limit):
-                rows.append((index, BoxKind.DRIVE))
-    return rows

@@ -180,7 +180,7 @@ def beside(
         count: of the things.
         seed: of sides, distances and yaws.
         distance: least and greatest, from the middle of the path [m].
-        clear: what all other parts of the path are kept away by as well [m]; the greatest distance is the most that is
+        clear: least distance from all other parts of the path [m]; the greatest `distance` is the most that is
             tried.
     """
     near, far = (positive_number("beside", "distance", value, "m", "pass metres") for value in distance)

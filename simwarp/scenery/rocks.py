@@ -83,7 +83,7 @@ def _bumpy(directions: Array, bumps: float, rng: np.random.Generator) -> Array:
 
 
 def _cut(points: Array, style: _Style, rng: np.random.Generator) -> Array:
-    """What is beyond a plane moves onto it; the first plane is the foot."""
+    """Moves points beyond random planes onto them; the first plane is the foot."""
     normals = rng.normal(size=(style.cuts, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     depths = rng.uniform(0.25, 1.0, style.cuts) * style.depth

@@ -52,21 +52,11 @@ def between(low: npt.ArrayLike, high: npt.ArrayLike, share: npt.ArrayLike) -> Ar
     return (1.0 - t) * np.asarray(low) + t * np.asarray(high)
 
 
-def face_centers(mesh: VisualMesh) -> Array:
-    """(T, 3) middles of the triangles."""
-    return np.asarray(mesh.vertices[mesh.triangles].mean(axis=1))
-
-
 def face_normals(vertices: Array, triangles: Indices) -> Array:
     """(T, 3) unit outward normals."""
     p = vertices[triangles]
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))
-
-
-def recolored(mesh: VisualMesh, colors: npt.ArrayLike) -> VisualMesh:
-    """The same triangles in other colours: (3,) or (T, 3)."""
-    return dataclasses.replace(solid(mesh.vertices, mesh.triangles, colors), uv=mesh.uv)
 
 
 def moved(
@@ -220,7 +210,7 @@ def ribbon(lines: npt.ArrayLike, colors: npt.ArrayLike, height: float = 0.0, *, 
         lines: (m, n, 2) points of m lines, from right to left seen along them [m].
         colors: (3,), or one per cell (m-1, n-1, 3).
         height: of the strip [m].
-        upwards: which side is outside.
+        upwards: side that is outside.
     """
     points = np.asarray(lines, dtype=np.float64)
     m, n = points.shape[:2]
@@ -249,6 +239,6 @@ def hull_corners(points: Array, count: int = 32) -> Array:
 
 
 def volume(mesh: VisualMesh) -> float:
-    """What the triangles enclose [m³]; negative where they are inside out."""
+    """Volume that the triangles enclose [m³]; negative where they are inside out."""
     p = mesh.vertices[mesh.triangles]
     return float(np.linalg.det(p).sum() / 6.0)

@@ -217,7 +217,7 @@ def _sedan(main: Array) -> list[VisualMesh]:
 
 @dataclasses.dataclass(frozen=True)
 class BodyStyle:
-    """How a vehicle looks and how its visual lies in its frame of reference.
+    """Appearance of a vehicle, and the placement of its visual in its frame of reference.
 
     Attributes:
         parts: the body in the colour of its paint.

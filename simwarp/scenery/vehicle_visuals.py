@@ -1,9 +1,9 @@
-"""What the shipped vehicles look like: a body in the vehicle's frame of reference, and wheels of their own."""
+"""Visuals of the shipped vehicles: a body in the vehicle's frame of reference, and wheels of their own."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final, Unpack
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from simwarp.scenery.visual import Label, Proxy, Visual
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
 if TYPE_CHECKING:
-    from simwarp.sensors.scene import Visuals
+    from simwarp.sensors.scene import PlainAppearanceOptions, Visuals
     from simwarp.vehicle.construction import VehicleParts
     from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
@@ -86,7 +86,7 @@ def vehicle_visual(name: str, *, color: Vec3 | None = None) -> Visual:
 
 def add_vehicle_visual(
     visuals: Visuals, parts: VehicleParts, *, like: str | None = None, color: Vec3 | None = None, prefix: str = "",
-    **appearance: Any,
+    **appearance: Unpack[PlainAppearanceOptions],
 ) -> list[int]:  # fmt: skip
     """The body on the chassis and a wheel on every spindle, so that wheels spin and steer; returns the instances.
 
@@ -99,7 +99,8 @@ def add_vehicle_visual(
         appearance: fields of `Appearance`; label and reflectance are those of vehicles unless given.
     """
     name = parts.spec.name if like is None else like
-    appearance = {"label": int(Label.VEHICLE), "reflectance": 0.6, **appearance}
+    own: PlainAppearanceOptions = {"label": int(Label.VEHICLE), "reflectance": 0.6}
+    appearance = own | appearance
     body = vehicle_visuals_of(name, color=color).body
     instances = [visuals.add_mesh(parts.chassis, body, name=f"{prefix}body", pose=pose(parts.reference), **appearance)]
     for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(_style(name), parts.spec), strict=True)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,8 @@ from simwarp.scenery.solids import icosphere, moved
 
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder
-    from simwarp.sensors.scene import Visuals
+    from simwarp.model.options import SurfaceOptions
+    from simwarp.sensors.scene import AppearanceOptions, Visuals
 
 Array = npt.NDArray[np.float64]
 
@@ -82,9 +83,9 @@ class Visual:
     """A thing of the scenery, in its own frame: Z up, origin in the middle of its foot.
 
     Attributes:
-        name: what it is.
+        name: of the kind of thing.
         mesh: its visual.
-        proxies: what contact sees; the first one is what stands in a vehicle's way.
+        proxies: collision shapes; the first one is what stands in a vehicle's way.
         label: semantic class.
         reflectance: of a lidar's or radar's beam, 0 to 1.
     """
@@ -120,7 +121,7 @@ def arranged(visual: Visual, places: npt.ArrayLike) -> Visual:
     """Copies of a visual as one: a row of cones costs a camera one instance, not one for each.
 
     Args:
-        visual: what is copied.
+        visual: original of the copy.
         places: (n, 3) x, y [m] and yaw [rad] on level ground, as `Track.marks`, `beside` and `scattered` give them.
     """
     rows = np.asarray(places, dtype=np.float64).reshape(-1, 3)
@@ -152,13 +153,13 @@ def yaw_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Pose:
 
 def add_collision(
     builder: ModelBuilder, visual: Visual, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
-    **options: Any,
+    **options: Unpack[SurfaceOptions],
 ) -> list[int]:  # fmt: skip
     """The proxies of a visual as shapes; returns them.
 
     Args:
         builder: of the world.
-        visual: what to add.
+        visual: visual to add.
         name: of the shapes, with a number after it where there are several.
         at: frame of the visual on the body (from its centre of mass), or in the world.
         body: index, or WORLD.
@@ -197,13 +198,13 @@ def _add_shape(builder: ModelBuilder, proxy: Proxy, body: int, scale: float, opt
 
 def add_visual(
     visuals: Visuals, visual: Visual, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
-    shapes: list[int] | tuple[int, ...] = (), **appearance: Any,
+    shapes: list[int] | tuple[int, ...] = (), **appearance: Unpack[AppearanceOptions],
 ) -> int:  # fmt: skip
     """The picture of a visual; returns the instance, whose number later calls of `Visuals.hide` change.
 
     Args:
         visuals: of the world.
-        visual: what to add.
+        visual: visual to add.
         name: of the instance.
         at: as in `add_collision`.
         body: index, or WORLD.
@@ -212,7 +213,7 @@ def add_visual(
         appearance: fields of `Appearance`; label and reflectance are the visual's unless given.
     """
     visuals.hide(*shapes)
+    own: AppearanceOptions = {"label": int(visual.label), "reflectance": visual.reflectance}
     return visuals.add_mesh(
-        body, visual.mesh, name=name, pose=at, scale=(scale,) * 3,
-        **{"label": int(visual.label), "reflectance": visual.reflectance, **appearance},
+        body, visual.mesh, name=name, pose=at, scale=(scale,) * 3, **(own | appearance)
     )  # fmt: skip

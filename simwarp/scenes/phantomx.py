@@ -33,7 +33,7 @@ _FRICTION = 0.5
 
 @dataclasses.dataclass(frozen=True)
 class _Placement:
-    """Where the source has one body: its reference frame, and its inertia about the centre of mass in body axes."""
+    """Placement of a body in the source: its reference frame, and its inertia about the centre of mass in body axes."""
 
     position: Vec3
     rotation: Quat
@@ -183,7 +183,7 @@ class _Solid:
     rotation: Array
     inertia: Array
     origin: Array
-    """Where the reference frame is, in the world [m]."""
+    """Origin of the reference frame, in the world [m]."""
 
     def local(self, point: Vec3) -> Array:
         """A point of the source's reference frame, from the centre of mass in body axes [m]."""
@@ -236,7 +236,7 @@ def hexapod(*, ground: bool = True, drive: PositionDrive | None = None) -> Model
     through each other.
 
     Args:
-        ground: whether there is a floor.
+        ground: True if there is a floor.
         drive: of every joint, towards `joint_target_q`; without, torques alone (`joint_force`) move it.
     """
     builder = ModelBuilder()

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 THREADS = 128
 """Threads that copy one world's frame on a GPU."""
 MOST_BYTES = 2**31 - 1
-"""Of one world's frame: kernels tell places in it by 32 bits."""
+"""Largest frame of one world [bytes]: kernels index it with 32 bits."""
 MOST_WAITING = 2**20
 """Frames of a world that wait to be published."""
 
@@ -67,7 +67,7 @@ def check_frames(sensor: str, fields: Mapping[str, Field], worlds: int, device: 
 
 
 def stream_of(seed: int, name: str) -> int:
-    """64 bits that tell the randomness of one sensor from all others; different names give unrelated numbers.
+    """64-bit key of the random numbers of one sensor; different names give unrelated numbers.
 
     Raises:
         ModelError: the seed is no integer.
@@ -135,7 +135,7 @@ class Frames:
 
     Args:
         sensor: its name.
-        schedule: when it measures.
+        schedule: times of the measurements.
         model: whose worlds it measures.
         fields: outputs by name: shape of one world's part, dtype.
         seed: of its randomness, together with its name.
@@ -146,7 +146,7 @@ class Frames:
         ring: (W·slots, ...) frames in waiting; without a lag the same memory as `data`.
         timestamp: (W,) float64, the world's time when the published frame was complete [s].
         valid: (W,) bool, false in frozen worlds.
-        tick: what happens in this sub-step.
+        tick: actions in this sub-step.
         clock: numbers of the clock, in sub-steps, once recorded.
         steps: the schedule in sub-steps of `dt` seconds, once recorded.
         dt: of a sub-step [s], once recorded.
@@ -198,7 +198,7 @@ class Frames:
 
     @property
     def memory(self) -> dict[str, wp.array]:
-        """What a snapshot keeps, complete once recorded; names have two words, so that sensors add theirs freely."""
+        """State that a snapshot keeps, complete once recorded; names have two words, so that sensors can add theirs."""
         kept = {f"clock {name}": getattr(self._state, name) for name in _members(ClockState)}
         kept |= {f"data {name}": array for name, array in self.data.items()}
         kept |= {f"ring {name}": array for name, array in self.ring.items() if array is not self.data[name]}
@@ -271,7 +271,7 @@ class Frames:
         return [advance, *self._samples]
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """Forgets the worlds of the mask and publishes a frame of their present state."""
+        """Resets the worlds of the mask and publishes a frame of their present state."""
         wp.launch(
             begin_clock, dim=self.model.world_count, device=self.model.device,
             inputs=[mask, self.clock, simulation.state.arrays], outputs=[self._state, self.tick],

@@ -1,4 +1,4 @@
-"""What all sensors share: when they measure, where they sit, and what a Simulation asks of them.
+"""Shared by all sensors: schedule, mount, and the interface to a Simulation.
 
 A sensor is made from a model, a `Mount` and a frozen configuration with a `schedule`, and is handed to a Simulation:
 `Simulation(model, dt, sensors=[sensor])`. Its results are `data`, `timestamp` and `valid`.
@@ -58,14 +58,14 @@ class Steps(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Schedule(Configuration):
-    """When a sensor measures. Times are rounded to the nearest whole number of sub-steps.
+    """Schedule of a sensor's measurements. Times are rounded to the nearest whole number of sub-steps.
 
     Frame k begins at s = phase + k / rate, collects over (s, s + window], is complete at its end and is published `lag`
     later. Time counts from the moment at which the world's state was set.
 
     Attributes:
         rate: frames per second [Hz]; at most one per sub-step.
-        window: how long a frame collects, at most 1 / rate [s]; 0: one instant.
+        window: time over which a frame collects, at most 1 / rate [s]; 0: one instant.
         lag: from completion to publication [s].
         phase: "zero", or "random": a whole number of sub-steps within a period, per world and episode.
 
@@ -98,7 +98,7 @@ class Schedule(Configuration):
 
 @dataclasses.dataclass(frozen=True)
 class Mount:
-    """Where a sensor sits: X forward, Y left, Z up in its own frame.
+    """Mounting of a sensor: X forward, Y left, Z up in its own frame.
 
     Attributes:
         body: name or index of a body; `WORLD` for a fixed place.

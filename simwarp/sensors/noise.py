@@ -1,4 +1,4 @@
-"""What sensors get wrong, as stages that act one after the other; any sensor of a few numbers takes a sequence of them.
+"""Sensor noise, as stages that act one after the other; any sensor of a few numbers takes a sequence of them.
 
     (NormalNoise(std=0.02), BoundedDrift(std=0.05, time=300.0), Quantisation(step=0.001), Saturation(upper=40.0))
 
@@ -127,7 +127,7 @@ _STAGES: Final[dict[type, tuple[int, tuple[str, ...]]]] = {
     Quantisation: (QUANTISATION, ("step",)),
     Saturation: (SATURATION, ("lower", "upper")),
 }
-"""How the kernel calls a stage, and the names of its (one or two) numbers in order."""
+"""Kernel code of each stage, and the names of its (one or two) numbers in order."""
 
 
 class NoiseChain:
@@ -168,12 +168,12 @@ class NoiseChain:
 
     @property
     def draws(self) -> int:
-        """How many random numbers a frame takes."""
+        """Random numbers drawn per frame."""
         return len(self.stages) * self.channels
 
     @property
     def memory(self) -> dict[str, wp.array]:
-        """What a snapshot keeps."""
+        """State that a snapshot keeps."""
         kept: dict[str, wp.array] = {"noise bias": self.arrays.bias, "noise time": self.arrays.time}
         return {name: array for name, array in kept.items() if array.size}
 

@@ -172,7 +172,7 @@ def _read_object(path: Path) -> dict[str, Any]:
 
 
 def _is_of_chrono(path: Path) -> bool:
-    """Whether a file has the keys of Chrono's."""
+    """True if a file has the keys of Chrono's sensor files."""
     try:
         text = read_text(path)
     except FileError:

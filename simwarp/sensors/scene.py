@@ -1,11 +1,11 @@
-"""What cameras, lidars and radars see: instances of shapes and meshes on bodies, over geometry shared by all worlds."""
+"""Scene of cameras, lidars and radars: instances of shapes and meshes on bodies, over geometry shared by all worlds."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +39,7 @@ class Appearance:
 
     Attributes:
         color: linear albedo, 0 to 1.
-        texture: what `Visuals.texture` returned; -1: none, or that of the mesh's file.
+        texture: index that `Visuals.texture` returned; -1: none, or that of the mesh's file.
         label: semantic class.
         reflectance: of a lidar's or radar's beam, 0 to 1.
         group: bits; a sensor sees instances of the groups in its mask.
@@ -50,6 +50,21 @@ class Appearance:
     label: int = 0
     reflectance: float = 0.5
     group: int = 1
+
+
+class PlainAppearanceOptions(TypedDict, total=False):
+    """Fields of `Appearance` without its colour, with its defaults."""
+
+    texture: int
+    label: int
+    reflectance: float
+    group: int
+
+
+class AppearanceOptions(PlainAppearanceOptions, total=False):
+    """Fields of `Appearance`, with its defaults."""
+
+    color: Vec3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +103,7 @@ class Visuals:
         """The number of a texture, for `Appearance.texture` and `Scene.texture`."""
         return self.textures.add(texture)
 
-    def show(self, shape: int, **appearance: Any) -> None:
+    def show(self, shape: int, **appearance: Unpack[AppearanceOptions]) -> None:
         """Changes the appearance of a shape: fields of `Appearance`."""
         index = self.index_of(shape)
         instance = self.instances[index]
@@ -104,7 +119,8 @@ class Visuals:
 
     def add_mesh(
         self, body: int, vertices: npt.ArrayLike | str | Path | VisualMesh, triangles: npt.ArrayLike | None = None, *,
-        name: str | None = None, pose: Pose | None = None, scale: Vec3 = (1.0, 1.0, 1.0), **appearance: Any,
+        name: str | None = None, pose: Pose | None = None, scale: Vec3 = (1.0, 1.0, 1.0),
+        **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
         """Triangles (V, 3), (T, 3), or a file of them with its colours and textures, or a `VisualMesh`, on a body or
         WORLD; returns the instance. An appearance's colour multiplies the mesh's own, and is white unless given.
@@ -136,7 +152,8 @@ class Visuals:
 
     def add_mesh_instance(
         self, body: int, asset: int, *, name: str | None = None, pose: Pose | None = None,
-        scale: Vec3 = (1.0, 1.0, 1.0), **appearance: Any,
+        scale: Vec3 = (1.0, 1.0, 1.0),
+        **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
         """One more thing that shows a mesh of `add_mesh_asset`; returns the instance."""
         if isinstance(asset, bool) or not 0 <= asset < len(self.meshes):
@@ -148,45 +165,50 @@ class Visuals:
         return self._add(ShapeType.MESH, body, scale, name, pose, appearance, asset)
 
     def add_box(
-        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **appearance: Any
+        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None,
+        **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
         """A box of half lengths `half` [m]."""
         return self._add(ShapeType.BOX, body, half, name, pose, appearance)
 
     def add_sphere(
-        self, body: int, *, radius: float, name: str | None = None, pose: Pose | None = None, **appearance: Any
+        self, body: int, *, radius: float, name: str | None = None, pose: Pose | None = None,
+        **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
         """A ball."""
         return self._add(ShapeType.SPHERE, body, (radius,) * 3, name, pose, appearance)
 
     def add_ellipsoid(
-        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None, **appearance: Any
+        self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None,
+        **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
         """An ellipsoid of half axes `half` [m]."""
         return self._add(ShapeType.ELLIPSOID, body, half, name, pose, appearance)
 
     def add_cylinder(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
-        **appearance: Any,
+        **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
         """A cylinder about z."""
         return self._add(ShapeType.CYLINDER, body, (radius, half_length, radius), name, pose, appearance)
 
     def add_capsule(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
-        **appearance: Any,
+        **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
         """A segment of z from -half_length to half_length, thickened by radius."""
         return self._add(ShapeType.CAPSULE, body, (radius, half_length, radius), name, pose, appearance)
 
     def add_cone(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
-        **appearance: Any,
+        **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
         """A cone about z: its base at -half_length, its tip at half_length."""
         return self._add(ShapeType.CONE, body, (radius, half_length, radius), name, pose, appearance)
 
-    def add_plane(self, *, name: str | None = None, pose: Pose | None = None, **appearance: Any) -> int:
+    def add_plane(
+        self, *, name: str | None = None, pose: Pose | None = None, **appearance: Unpack[AppearanceOptions]
+    ) -> int:
         """The endless plane z = 0 of its frame."""
         return self._add(ShapeType.PLANE, WORLD, (0.0, 0.0, 0.0), name, pose, appearance)
 
@@ -242,8 +264,8 @@ class Visuals:
                     )
 
     def _add(
-        self, kind: ShapeType, body: int, size: Vec3, name: str | None, pose: Pose | None, appearance: dict[str, Any],
-        asset: int = -1,
+        self, kind: ShapeType, body: int, size: Vec3, name: str | None, pose: Pose | None,
+        appearance: Mapping[str, Any], asset: int = -1,
     ) -> int:  # fmt: skip
         self._follow()
         title = name if name is not None else f"{kind.name.lower()}_{len(self.instances)}"
@@ -263,7 +285,7 @@ class Visuals:
         return len(self.instances) - 1
 
 
-def _checked_appearance(name: str, values: dict[str, Any]) -> dict[str, Any]:
+def _checked_appearance(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     known = [field.name for field in dataclasses.fields(Appearance)]
     for key, value in values.items():
         if key not in known:
@@ -278,11 +300,11 @@ def _checked_appearance(name: str, values: dict[str, Any]) -> dict[str, Any]:
                                    1 if key == "reflectance" else 3)  # fmt: skip
             if number.min() < 0.0 or number.max() > 1.0:
                 raise ModelError(f"visual '{name}': {key} must be between 0 and 1, got {shown(value)}; scale it")
-    return values
+    return dict(values)
 
 
 class Scene:
-    """What rays can hit, in all worlds. Geometry is stored once; a world has only places, sizes and looks.
+    """Instances that rays can hit, in all worlds. Geometry is stored once; worlds have poses, sizes and appearance.
 
     Args:
         visuals: the instances.
@@ -408,7 +430,7 @@ def _instance_values(instances: list[Instance]) -> dict[str, tuple[npt.NDArray[A
 
 
 def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
-    """What `place_instances` writes."""
+    """Output arrays of `place_instances`."""
     nodes, level = 0, max(count, 1)
     while True:
         level = -(-level // WIDTH)

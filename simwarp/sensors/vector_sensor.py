@@ -22,12 +22,12 @@ class VectorSensor:
     Args:
         model: whose worlds it measures.
         name: of the sensor.
-        schedule: when it measures.
+        schedule: times of the measurements.
         channels: of a frame.
         noise: stages by option, each with the number of channels that it acts on; they follow one another.
         dtype: of data and truth.
         seed: of the randomness, together with the name.
-        randomised: whether every world has a row of its own in the parameters of the noise (and in the mount).
+        randomised: True if every world has a row of its own in the parameters of the noise (and in the mount).
         others: further outputs by name.
     """
 
@@ -72,7 +72,7 @@ class VectorSensor:
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a snapshot keeps."""
+        """State that a snapshot keeps."""
         kept = {**self.frames.memory, "window sums": self._sums}
         for option, chain in self._chains.items():
             kept |= {f"{option} {name}": array for name, array in chain.memory.items()}
@@ -87,7 +87,7 @@ class VectorSensor:
         return self.frames.record(simulation, dt, lambda: self._sample(simulation))
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """Forgets the worlds of the mask and publishes a frame of their present state."""
+        """Resets the worlds of the mask and publishes a frame of their present state."""
         self.frames.begin(simulation, mask)
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:

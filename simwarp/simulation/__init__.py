@@ -1,1 +1,1 @@
-"""What moves: state, control, contacts, steps, snapshots, diagnostics, and what may take part in a step."""
+"""Simulation: state, control, contacts, steps, snapshots, diagnostics, and interfaces of elements and sensors."""

@@ -41,7 +41,7 @@ ASYMMETRY = 1.0e-4
 
 @dataclasses.dataclass(frozen=True)
 class ConeSolution:
-    """What `solve_cone_problems` returns; float32 arrays of the kind that r was given in (NumPy, torch or Warp)."""
+    """Result of `solve_cone_problems`: float32 arrays of the kind that r was given in (NumPy, torch or Warp)."""
 
     impulse: Any
     """(problems, rows) [N·s or N·m·s], rows in the order of the problem."""
@@ -86,8 +86,8 @@ def solve_cone_problems(
         r: (problems, rows) velocities at zero impulse, D^T v_free + b [m/s or rad/s]. None when the mechanics are
             given: formed from them and `bias`.
         mu: (problems, contacts) or (contacts,) friction coefficients.
-        bilateral_count: how many of the rows are bilateral.
-        limit_count: how many are limits.
+        bilateral_count: number of bilateral rows.
+        limit_count: number of limits.
         jacobian: (problems, velocities, rows) D.
         inverse_mass: (problems, velocities, velocities), or (problems, velocities) its diagonal.
         free_velocity: (problems, velocities) v_free [m/s or rad/s].
@@ -100,7 +100,7 @@ def solve_cone_problems(
         max_iterations: per solver when None (`ITERATIONS`).
         warm_start: (problems, rows) impulses to start from [N·s or N·m·s].
         fallback: let the interior point solve what "apgd" leaves above the tolerance.
-        device: where to solve; Warp's default when None.
+        device: device of the solve; Warp's default when None.
 
     Raises:
         ValueError: an argument breaks a rule that the message names, with the value received and the remedy.
@@ -228,7 +228,7 @@ class _Given:
 
 
 def _kind(value: Any) -> str:
-    """Which library an array is of."""
+    """Name of the library that an array is of: "warp", "torch" or "numpy"."""
     if isinstance(value, wp.array):
         return "warp"
     return "torch" if hasattr(value, "data_ptr") else "numpy"

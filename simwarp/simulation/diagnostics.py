@@ -1,4 +1,4 @@
-"""What a step tells about itself, per world, readable at any time without stopping the run."""
+"""Diagnostics of a step, per world, readable at any time without stopping the run."""
 
 from __future__ import annotations
 

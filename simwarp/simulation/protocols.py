@@ -1,4 +1,4 @@
-"""What may take part in a step: force elements before it, sensors after it, and what both see of the Simulation.
+"""Interfaces of force elements, which act before a step, of sensors, which follow it, and their view of the Simulation.
 
 Force elements, such as tires and engines, act on bodies and joints every step, with states of their own: they read the
 state and write `Control.element_force`, `element_torque` and `element_joint_force`, each its own entries. Their states
@@ -19,7 +19,7 @@ from simwarp.simulation.state import Control, State
 
 
 class StepContext(Protocol):
-    """What a force element or sensor sees of the Simulation that it is part of.
+    """Interface of a Simulation to its force elements and sensors.
 
     Attributes:
         model, state, control, contacts, diagnostics: those of the Simulation.
@@ -37,8 +37,8 @@ class StepContext(Protocol):
 
 
 class ForceElement(Protocol):
-    """What a Simulation asks of a room that applies forces. One that also measures has `record_after`, like `record`,
-    for launches that follow each sub-step.
+    """Interface of a part of the Simulation that applies forces. One that also measures has `record_after`, like
+    `record`, for launches that follow each sub-step.
     """
 
     @property
@@ -93,5 +93,5 @@ class Sensor(Protocol):
         ...
 
     def begin(self, simulation: StepContext, mask: wp.array[wp.bool]) -> None:
-        """Forgets the worlds of the (W,) mask and publishes a frame of their present state at once."""
+        """Resets the worlds of the (W,) mask and publishes a frame of their present state at once."""
         ...

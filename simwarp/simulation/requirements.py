@@ -14,12 +14,12 @@ def scratch_slots_of(model: Model) -> int:
 
 
 def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> Sizes:
-    """What one world of a model needs room for in a step.
+    """Workspace sizes of one world of a model in a step.
 
     Args:
         model: the model.
         dense_rows: most rows for which the Schur complement is formed.
-        all_solvers: whether other solvers than accelerated gradient descent may run.
+        all_solvers: True if other solvers than accelerated gradient descent may run.
     """
     topology = model.topology
     rows = model.box_count + (6 if model.has_rolling_friction else 3) * model.contact_capacity

@@ -129,9 +129,9 @@ class Simulation(FixedAttributes):
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = [launch for sensor in self.sensors for launch in sensor.record(self, self._config.dt)]
         self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
-        """What force elements and sensors remember; `Snapshot.memory` holds a copy."""
+        """State of force elements and sensors; `Snapshot.memory` holds a copy."""
         self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
-        """What a snapshot must have in common with this Simulation."""
+        """Properties that a snapshot must have in common with this Simulation."""
         self._begin_sensors(self._all_worlds)
         self._fix()
 
@@ -337,7 +337,7 @@ class Simulation(FixedAttributes):
             sensor.begin(self, mask)
 
     def _arrays(self) -> list[wp.array]:
-        """What a snapshot holds, in its order."""
+        """Arrays of a snapshot, in its order."""
         groups = (self.state, self.control, self.contacts)
         return [*(getattr(part, name) for part in groups for name in part.NAMES), *self.memory]
 

@@ -34,7 +34,7 @@ OVERHEAD: Final = 4096
 
 @runtime_checkable
 class Restoring(Protocol):
-    """What takes snapshots and restores them: a Simulation."""
+    """Interface to take and restore snapshots: a Simulation."""
 
     def empty_snapshot(self) -> Snapshot:
         """A snapshot of zeros that fits."""

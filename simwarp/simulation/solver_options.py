@@ -39,7 +39,7 @@ class SolverOptions:
         max_iterations: of the solve of limits, friction and contacts, 1 to 10 000 000.
         tolerance: residual at which it stops, >= 0 [m/s or rad/s].
         row_tolerance: residual above which bilateral rows are solved a second time, >= 0 [m/s or rad/s].
-        gyroscopic: whether spinning bodies precess.
+        gyroscopic: True if spinning bodies precess.
         solver: of limits, friction and contacts: "apgd", "psor", "spg", "padmm" or "interior_point". The last two need
             a dense Schur complement: worlds with more rows than `dense_rows` are solved by "apgd" in their place.
         fallback: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;

@@ -29,7 +29,7 @@ MANUAL_UPSHIFT = 300.0
 
 @dataclasses.dataclass(frozen=True)
 class Rolling:
-    """How a vehicle starts."""
+    """Initial speeds of a rolling vehicle and its powertrain."""
 
     speed: float
     """Forwards [m/s]."""

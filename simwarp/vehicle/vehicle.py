@@ -19,7 +19,7 @@ from simwarp.vehicle.construction import VehicleParts
 from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.rigid_tires import RigidTires
-from simwarp.vehicle.tires.tires import Mount, Tires, tire_row
+from simwarp.vehicle.tires.tires import Mount, Tires, tire_vector
 
 PER_WORLD: Final = ("joint_friction", "coupling_coefficient")
 """Model arrays that a vehicle writes: each world needs its own (`ModelBuilder.finalize(per_world=PER_WORLD)`)."""
@@ -39,9 +39,9 @@ class Vehicle:
     Args:
         parts: from `add_vehicle`.
         model: made with `per_world=PER_WORLD` at least.
-        ground: what the tires stand on (`tires.ground`); the plane z = 0 when None.
+        ground: surface under the tires (`tires.ground`); the plane z = 0 when None.
         point: whose motion `position` to `acceleration_b` tell, in the vehicle's frame of reference [m].
-        randomised: whether every world has rows of its own in `tires.parameter` and an entry of its own in
+        randomised: True if every world has rows of its own in `tires.parameter` and an entry of its own in
             `tires.ground_friction`; otherwise all share one.
 
     Attributes:
@@ -134,7 +134,7 @@ class Vehicle:
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a reset brings back and a snapshot keeps."""
+        """State that a reset restores and a snapshot keeps."""
         state = self._powertrain_state
         arrays = {
             "input": self.input,
@@ -232,5 +232,5 @@ def _tires(parts: VehicleParts, model: Model, ground: TerrainTables | None, rand
 def _mounts(parts: VehicleParts) -> list[Mount]:
     """Tires on their spindles, whose centres of mass are the wheels' centres."""
     axles = parts.spec.axles
-    rows = [tire_row(axle.tire, f"{parts.spec.name}: axles[{index}].tire") for index, axle in enumerate(axles)]
+    rows = [tire_vector(axle.tire, f"{parts.spec.name}: axles[{index}].tire") for index, axle in enumerate(axles)]
     return [Mount(rows[side.axle], side.spindle, side="left" if side.side > 0.0 else "right") for side in parts.sides]

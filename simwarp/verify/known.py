@@ -31,7 +31,7 @@ KNOWN: Final = {
 
 
 class Verdict(enum.Enum):
-    """What becomes of a row."""
+    """Verdict on a row."""
 
     PASSED = "pass"
     KNOWN = "known"
@@ -40,18 +40,18 @@ class Verdict(enum.Enum):
 
     @property
     def good(self) -> bool:
-        """Whether the answer is within its tolerance."""
+        """True if the answer is within its tolerance."""
         return self in (Verdict.PASSED, Verdict.MENDED)
 
 
 def reason(row: Row) -> str | None:
-    """Why a quantity deviates, if that is known."""
+    """Known reason why a quantity deviates; None without one."""
     listed = KNOWN.get(_key(row))
     return None if listed is None else listed[1]
 
 
 def verdict(row: Row) -> Verdict:
-    """Whether a row passed, or misses its tolerance by no more than is known."""
+    """Verdict on a row: it passed, or misses its tolerance by no more than is known, or failed."""
     listed = KNOWN.get(_key(row))
     if row.passed:
         return Verdict.PASSED if listed is None else Verdict.MENDED

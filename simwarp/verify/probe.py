@@ -91,7 +91,7 @@ class Probe:
 
     @property
     def finite(self) -> bool:
-        """Whether the world still runs and everything that it publishes is a number."""
+        """True if the world still runs and everything that it publishes is finite."""
         status = int(self.sim.state.world_status.numpy()[0])
         return status == 0 and all(np.isfinite(a).all() for a in (self.x, self.v, self.omega, self.q, self.qd))
 

@@ -12,7 +12,7 @@ class Row:
 
     Attributes:
         scene: name of the scene.
-        quantity: what was measured, with its unit.
+        quantity: measured quantity, with its unit.
         expected: the known answer; 0 for an error.
         got: the engine's.
         tolerance: largest |got - expected| that passes.
@@ -26,7 +26,7 @@ class Row:
 
     @property
     def passed(self) -> bool:
-        """Whether the answer is within the tolerance; NaN is not."""
+        """True if the answer is within the tolerance; False for NaN."""
         return bool(abs(self.got - self.expected) <= self.tolerance)
 
     def as_dict(self) -> dict[str, Any]:

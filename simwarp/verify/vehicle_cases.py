@@ -27,7 +27,7 @@ LOADS: Final = ("Fz_FL_N", "Fz_FR_N", "Fz_RL_N", "Fz_RR_N")
 CUTOFF: Final = 10.0
 """Of the low-pass that loads are compared behind [Hz]."""
 COLUMNS: Final = ("t_s", "speed_mps", "yawrate_radps", "engine_radps", "gear", *LOADS)
-"""What is compared or drawn."""
+"""Columns that are compared or drawn."""
 
 _STEPS: Final = {"t_s": 1e-3, "speed_mps": 1e-4, "yawrate_radps": 1e-5, "engine_radps": 0.02, "gear": 1.0}
 """Resolution of the shipped columns; that of loads is the largest load / 30 000, at most 1 N."""
@@ -67,7 +67,7 @@ class Case:
 
 
 def case_of(name: str) -> Case | None:
-    """The run that a file's name (without suffix) tells; None where it is none that can be compared."""
+    """The run that a file's name (without suffix) denotes; None where it is none that can be compared."""
     match = _NAME.fullmatch(name)
     if match is None or match["tire"] == "RIGID":
         return None

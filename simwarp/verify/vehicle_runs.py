@@ -108,7 +108,7 @@ def compare(case: Case, known: Run, ours: Run) -> list[Row]:
 
 
 def shift_rows(scene: str, known: Array, ours: Array) -> list[Row]:
-    """How many gear changes there are, and when each is."""
+    """Rows for the number of gear changes, and for the time of each."""
     rows = [near(scene, "gear changes", len(known), len(ours), 0.0)] if len(known) + len(ours) else []
     if len(known) == len(ours):
         for index, (expected, got) in enumerate(zip(known, ours, strict=True)):

@@ -25,9 +25,9 @@ class FreeCamera:
     """Takes pictures at any time, outside the step; one view of each of some worlds.
 
     Args:
-        scene: what there is to see.
+        scene: instances that it sees.
         worlds: indices of the worlds that are seen; the same one may come twice.
-        config: what the camera is; its schedule does not matter.
+        config: configuration of the camera; its schedule does not matter.
         lights: of the scene.
 
     Attributes:

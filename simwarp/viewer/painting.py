@@ -1,4 +1,4 @@
-"""Colours for what nobody has painted, and rods for bodies that have no shape."""
+"""Colours for what nobody has painted, rods and balls for bodies that have no shape."""
 
 from __future__ import annotations
 
@@ -107,6 +107,15 @@ def add_skeleton(visuals: Visuals, radius: float, color: Vec3 | None = None) -> 
                     pose=pose(0.5 * (first + end), _turn_to((end - first) / length)),
                     color=colors[body] if color is None else color,
                 )  # fmt: skip
+
+
+def add_bodies(visuals: Visuals) -> None:
+    """Draws every body as a ball and its joints as rods: what is seen of a builder without shapes."""
+    places = np.array([body.pose.position for body in visuals.builder.bodies]).reshape(-1, 3)
+    radius = max(0.02 * float(np.ptp(places, axis=0).max(initial=0.0)), 0.02)
+    for body, color in enumerate(body_colors(visuals)):
+        visuals.add_sphere(body, radius=2.0 * radius, name=f"ball_{body}", color=color)
+    add_skeleton(visuals, radius)
 
 
 def _turn_to(axis: Array) -> Array:

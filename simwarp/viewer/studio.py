@@ -17,6 +17,7 @@ from simwarp.sensors.cameras.lights import Lighting
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.free_camera import FreeCamera
+from simwarp.viewer.lines import Polyline, draw_lines
 
 if TYPE_CHECKING:
     from simwarp.simulation.simulation import Simulation
@@ -24,18 +25,18 @@ if TYPE_CHECKING:
 FIELD: Final = 0.7
 """Of view [rad]."""
 SIDE: Final = np.array([-0.62, -1.0, 0.52])
-"""Where the camera is, seen from what it looks at, unless a shot says so."""
+"""Direction from the target to the camera, unless a shot gives one."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Shot:
-    """How to look at a world.
+    """View of a world.
 
     Attributes:
-        body: that the camera goes along with, by name or index; `WORLD`: it stands still.
-        target: what it looks at, from the body's place (from the origin for `WORLD`), world axes [m]; None: the middle
-            of what moves, as it is at the start.
-        eye: where it is, from the target [m]; None: so far away that all that moves is in sight at the start.
+        body: body that the camera follows, by name or index; `WORLD`: it stands still.
+        target: point that it looks at, from the body's position (the origin for `WORLD`), world axes [m]; None: the
+            middle of what moves, as it is at the start.
+        eye: its position, from the target [m]; None: so far away that all that moves is in sight at the start.
         fov: horizontal field of view [rad].
         calm: time in which it catches up with the body [s].
     """
@@ -48,12 +49,12 @@ class Shot:
 
 
 class Studio:
-    """Pictures of some worlds, the camera going along.
+    """Pictures of some worlds from a camera that follows a body.
 
     Args:
         simulation: whose state is seen.
         scene: of its model.
-        shot: how to look.
+        shot: the view.
         worlds: indices of those that are seen.
         width, height: of one world's picture [pixels].
         samples: s x s rays per pixel.
@@ -66,7 +67,10 @@ class Studio:
     ) -> None:  # fmt: skip
         self._simulation = simulation
         self._shot = Shot() if shot is None else shot
-        config = CameraConfig(width=width, height=height, samples=samples, lens=Pinhole(fov=self._shot.fov), far=2000.0)
+        config = CameraConfig(
+            width=width, height=height, samples=samples, lens=Pinhole(fov=self._shot.fov), far=2000.0,
+            outputs=("rgb", "depth"),
+        )  # fmt: skip
         self.camera = FreeCamera(scene, worlds, config, lighting)
         self._body = body_index("studio", self._shot.body, simulation.model) if simulation.model.body_count else WORLD
         extent = self.camera.extent(simulation.state)
@@ -79,8 +83,13 @@ class Studio:
         self._eye = away if self._shot.eye is None else finite_vector("Shot", "eye", self._shot.eye, 3)
         self._time: float | None = None
 
-    def take(self, time: float) -> npt.NDArray[np.uint8]:
-        """(worlds, height, width, 3) of the present state; `time` since the start [s], for how far the camera goes."""
+    def take(self, time: float, lines: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
+        """(worlds, height, width, 3) of the present state.
+
+        Args:
+            time: since the start [s], for how far the camera goes.
+            lines: of each of the worlds, drawn into its picture; empty: none.
+        """
         places = self._places()
         passed = math.inf if self._time is None else max(time - self._time, 0.0)
         share = 1.0 - math.exp(-passed / max(self._shot.calm, 1e-6))
@@ -90,7 +99,12 @@ class Studio:
         self._followed = self._followed + np.where(jumped, 1.0, share) * way
         self._time = time
         poses = [look_at(target + self._eye, target) for target in self._followed + self._target]
-        return self.camera.take(self._simulation.state, poses)
+        pictures: npt.NDArray[np.uint8] = self.camera.take(self._simulation.state, poses)
+        if any(lines):
+            depths = self.camera.outputs["depth"].numpy()[..., 0]
+            for picture, depth, pose, own in zip(pictures, depths, poses, lines, strict=True):
+                picture[:] = draw_lines(picture, depth, pose, self._shot.fov, own)
+        return pictures
 
     def _places(self) -> npt.NDArray[np.float64]:
         """(worlds, 3) what is followed [m]."""

@@ -42,9 +42,9 @@ class BarrierTrackConfig(LappingConfig):
     camera_fov: float = math.pi / 2.0
     """Horizontal field of view [rad]."""
     tracks: int = 16
-    """How many tracks there are, to the left and to the right; every episode is driven on one of them."""
+    """Number of tracks, to the left and to the right; every episode is driven on one of them."""
     start: Start = Start.ANYWHERE
-    """Where an episode begins."""
+    """Start position of an episode."""
     speed: float = 8.0
     """At which a lap is to be driven [m/s]."""
     progress_weight: float = 0.05
@@ -88,7 +88,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
 
     @property
     def lane_half(self) -> float:
-        """Where the side of the car touches a barrier it drives along."""
+        """Distance from the middle of the lane at which the side of the car touches a barrier parallel to it [m]."""
         return 0.5 * WIDTH - self.chassis_half[1]
 
     def make_track(self, number: int) -> Track:

@@ -1,4 +1,4 @@
-"""What all driving tasks share: a vehicle that the policy drives, where it is put, what it senses, what it hits."""
+"""Base of all driving tasks: a vehicle that the policy drives, its placement, its sensors, its collisions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CHASSIS_GROUP = 2
 
 
 class Observing(enum.Enum):
-    """What a policy sees: a camera's image beside a few numbers, or exact numbers alone."""
+    """Observations of a policy: a camera's image beside a few numbers, or exact numbers alone."""
 
     STATE = "state"
     CAMERA = "camera"
@@ -108,7 +108,7 @@ class DrivingTask(Task[DrivingT]):
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
     """In the vehicle's frame of reference [m]."""
     navigates: ClassVar[bool] = False
-    """Beside a camera there are a satellite receiver and a gyroscope, and the vehicle knows no more than they tell."""
+    """Beside a camera there are a satellite receiver and a gyroscope, the only other instruments of the vehicle."""
     view_distance: ClassVar[float] = 20.0
     """Of the camera that takes pictures for people [m]."""
 
@@ -141,14 +141,14 @@ class DrivingTask(Task[DrivingT]):
 
     @abstractmethod
     def measured(self) -> torch.Tensor:
-        """Return (W, N) float32, what the vehicle's instruments tell: the observations ``policy`` beside a camera."""
+        """Return (W, N) float32, measurements of the vehicle: the observations ``policy`` beside a camera."""
 
     @abstractmethod
     def exact_state(self) -> torch.Tensor:
         """Return (W, N) float32, exact relative positions and motion: the observations ``policy`` without a camera."""
 
     def end_step(self) -> None:
-        """Hear that the physics of a control step is done, before rewards. Optional."""
+        """Called after the physics of a control step, before rewards. Optional."""
 
     def seen_per_world(self) -> Sequence[str]:
         """Return the arrays of the scene that differ by world."""
@@ -216,7 +216,7 @@ class DrivingTask(Task[DrivingT]):
         return Attachments(elements=[*self.more_elements(model), self.vehicle], sensors=sensors)
 
     def scene(self) -> Scene:
-        """Return what the camera sees, and pictures show."""
+        """Return the scene of the camera and of pictures."""
         known = self._scene
         scene = self._scene_of(self.simulation.model)
         if known is None:
@@ -252,7 +252,7 @@ class DrivingTask(Task[DrivingT]):
         return VEHICLE_SOLVER
 
     def setup(self) -> None:
-        """Let the vehicle settle on its springs, make views, remember where its bodies are."""
+        """Let the vehicle settle on its springs, make views, store the positions of its bodies."""
         from simwarp import to_torch
 
         self.input = to_torch(self.vehicle.input)
@@ -306,7 +306,7 @@ class DrivingTask(Task[DrivingT]):
         return None if self.camera is None else self.exact_state()
 
     def begin_step(self) -> None:
-        """Forget the touches of the step before."""
+        """Clear the touches of the step before."""
         self._hit.zero_()
         self._substep = 0
 

@@ -17,7 +17,7 @@ import torch
 from simwarp.core.constraints import Ge, Gt, Le, Positive
 
 from ..config import require
-from ..drawing import Drawing, Line, View
+from ..drawing import Drawing, Line
 from ..frames import heading_quaternion, to_heading
 from ..registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, corners, outline
@@ -253,14 +253,14 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             self._show_leaders(self._time() + (self._substep + 1) * self.config.dt)
 
     def end_step(self) -> None:
-        """Remember how far from the path the truck is."""
+        """Store the truck's distance from the path."""
         point, _ = self.pose()
         deviation = self.routes.distance(self.route, point[:, :2])
         steps = self.episode_steps + 1
         self._deviation += (deviation - self._deviation) / steps
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return how far from the path the truck was, too."""
+        """Return the truck's distance from the path, too."""
         return super().extra_state() | {"deviation": self._deviation}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
@@ -369,7 +369,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             lines.append(Line(outline(leader.double(), leader[:, 2], LEADER_HALF), "tab:red", 1.5))
         point, heading = self.pose()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
-        return Drawing(tuple(lines), View.TOP, ((-110.0, 110.0), (-110.0, 110.0)), panel=4.0)
+        return Drawing(tuple(lines), ((-110.0, 110.0), (-110.0, 110.0)))
 
 
 def corners_inside(

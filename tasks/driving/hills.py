@@ -18,7 +18,7 @@ class Hills:
     """Ground of fields whose heights are at most 1 m above or below 0, times the amplitude of each world.
 
     Args:
-        count: how many fields there are.
+        count: number of fields.
         side: length of their sides [m].
         seed: of their form.
     """

@@ -1,4 +1,4 @@
-"""What tasks on closed tracks share: a lane, where a vehicle is on it, and laps."""
+"""Base of tasks on closed tracks: a lane, the vehicle's position on it, and laps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import torch
 
 from simwarp.core.constraints import Ge, Gt, Le, Positive, Whole
 
-from ..drawing import Drawing, Line, View
+from ..drawing import Drawing, Line
 from ..frames import to_heading
 from .base import DrivingConfig, DrivingTask, outline
 from .routes import Routes
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from simwarp.sensors import Scene, Visuals
 
 PREVIEW = 5
-"""Points of the lane ahead that exact observations tell."""
+"""Number of points of the lane ahead in exact observations."""
 
 
 class Start(enum.Enum):
-    """Where on a track an episode begins."""
+    """Start position of an episode on a track."""
 
     TURN = "turn"
     STRAIGHT = "straight"
@@ -39,11 +39,11 @@ class LappingConfig(DrivingConfig):
     """Fields of tasks on closed tracks."""
 
     tracks: Annotated[int, Ge(1), Le(64)] = 1
-    """How many tracks there are; every episode is driven on one of them."""
+    """Number of tracks; every episode is driven on one of them."""
     first_track: Whole = 0
     """Number of the first one: others than those of training show what a policy makes of a new one."""
     start: Start = Start.TURN
-    """Where an episode begins. On a straight, going straight on looks good for too long."""
+    """Start position of an episode. On a straight, going straight on looks good for too long."""
     speed: Positive = 1.0
     """At which a lap is driven: held by a controller, or aimed at [m/s]."""
     patience: Annotated[float, Gt(1.0)] = 1.5
@@ -70,7 +70,7 @@ class LappingTask(DrivingTask[LappingT]):
     course_label: ClassVar[int] = 0
     """Semantic class of what is beside the lane."""
     preview: ClassVar[float] = 1.0
-    """Distance of the points ahead that exact observations tell [m]."""
+    """Distance of the points ahead in exact observations [m]."""
 
     _shown: torch.Tensor | None = None
 
@@ -81,11 +81,11 @@ class LappingTask(DrivingTask[LappingT]):
     @property
     @abstractmethod
     def lane_half(self) -> float:
-        """How far from the middle of the lane the vehicle's reference point may be [m]."""
+        """Largest distance of the vehicle's reference point from the middle of the lane [m]."""
 
     @abstractmethod
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
-        """Return what is seen of a track: what is on both sides of it, its ground."""
+        """Return the visual of a track: both of its sides, and its ground."""
 
     def make_tracks(self) -> list[Track]:
         """Return all tracks of the configuration."""
@@ -159,7 +159,7 @@ class LappingTask(DrivingTask[LappingT]):
         self._arc.copy_(arc)
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return how far the vehicles have come."""
+        """Return the progress of the vehicles."""
         return super().extra_state() | {"progress": self.progress, "arc": self._arc}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
@@ -171,7 +171,7 @@ class LappingTask(DrivingTask[LappingT]):
     # ---- what a policy sees and is paid for ----------------------------------------------------------------------
 
     def lane(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Return where the vehicle is in the lane: (W,) aside of its middle [m] and heading off it [rad]; and (W, 5, 2)
+        """Return the vehicle's pose in the lane: (W,) aside of its middle [m] and heading off it [rad]; and (W, 5, 2)
         points of the middle ahead, in axes of the vehicle [m].
         """
         point, heading = self.pose()
@@ -255,4 +255,4 @@ class LappingTask(DrivingTask[LappingT]):
         point, heading = self.pose()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
         reach = max(float(abs(track.points).max()) for track in self.tracks) + 2.0 * self.lane_half
-        return Drawing(tuple(lines), View.TOP, ((-reach, reach), (-reach, reach)), panel=4.0)
+        return Drawing(tuple(lines), ((-reach, reach), (-reach, reach)))

@@ -1,4 +1,4 @@
-"""Where a vehicle thinks it is: place and speed by a satellite receiver, heading by a gyroscope."""
+"""Estimate of a vehicle's pose: place and speed by a satellite receiver, heading by a gyroscope."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Navigation:
         self.heading = torch.zeros_like(self._rate)
 
     def begin(self, world_mask: torch.Tensor, heading: torch.Tensor) -> None:
-        """Know the heading (W,) [rad] where an episode begins."""
+        """Set the heading (W,) [rad] at the beginning of an episode."""
         self.heading.copy_(torch.where(world_mask, heading.float(), self.heading))
 
     def advance(self) -> None:

@@ -15,7 +15,7 @@ import torch
 
 from simwarp.core.constraints import Ge, Le, Positive
 
-from ..drawing import Drawing, Line, View
+from ..drawing import Drawing, Line
 from ..frames import to_heading
 from ..registry import register
 from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
@@ -122,7 +122,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         self._far = torch.tensor([2.0 * _LENGTHS, 0.0], device=self.device)
 
     def begin_step(self) -> None:
-        """Remember the distance to the end."""
+        """Store the distance to the end."""
         super().begin_step()
         self._before.copy_(self._distance())
 
@@ -213,4 +213,4 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
             foot = self._pillar_x[:, pillar, :2].float().unsqueeze(1) + corner
             lines.append(Line(torch.nn.functional.pad(foot, (0, 1)), "tab:blue", 2.0))
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
-        return Drawing(tuple(lines), View.TOP, ((-5.0, self.config.end + 5.0), (-9.0, 9.0)), panel=6.0)
+        return Drawing(tuple(lines), ((-5.0, self.config.end + 5.0), (-9.0, 9.0)))

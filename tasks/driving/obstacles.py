@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..randomness import WorldRandom
 
 UNDERGROUND = -100.0
-"""Where obstacles are that do not take part [m]."""
+"""Height of obstacles that do not take part [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Obstacles:
         self._visual = torch.tensor(self._visuals, dtype=torch.int32, device=self._seen["asset"].device)
 
     def draw_kinds(self, random: WorldRandom) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return which thing each slot shows (W, N) int64, and its scale (W, N)."""
+        """Return the index of the thing in each slot (W, N) int64, and its scale (W, N)."""
         kind = random.uniform("obstacle kinds", 0.0, len(self.kinds), self.count).to(torch.int64)
         low, high = self._scale[kind].unbind(dim=2)
         return kind, low + (high - low) * random.uniform("obstacle scales", size=self.count)

@@ -15,7 +15,7 @@ import torch
 from simwarp.core.constraints import Ge, Gt, Le, NotNegative
 
 from ..config import require
-from ..drawing import Drawing, Line, View
+from ..drawing import Drawing, Line
 from ..frames import to_heading
 from ..registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
@@ -144,11 +144,13 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self._textures = [
             visuals.texture(ImageTexture(image=ground_texture(kind), metres=(6.0, 6.0))) for kind in GROUND_TEXTURES
         ]
-        appearance = {"color": (1.0, 1.0, 1.0), "texture": self._textures[0], "label": 1}
+        white = (1.0, 1.0, 1.0)
         if self.hills is None:
-            self._ground = visuals.add_plane(name="ground", pose=sw.pose(), **appearance)
+            self._ground = visuals.add_plane(
+                name="ground", pose=sw.pose(), color=white, texture=self._textures[0], label=1
+            )
         else:
-            visuals.show(self.hills.shape, **appearance)
+            visuals.show(self.hills.shape, color=white, texture=self._textures[0], label=1)
             self._ground = visuals.index_of(self.hills.shape)
 
     def seen_per_world(self) -> Sequence[str]:
@@ -231,7 +233,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         self.obstacles.fill(world_mask, place, height - sunk, heading, kind, scale, present)
 
     def begin_step(self) -> None:
-        """Remember the distance to the goal and the action before."""
+        """Store the distance to the goal and the previous action."""
         super().begin_step()
         self._before.copy_(self._distance())
         self._last_action.copy_(self.action)
@@ -306,13 +308,18 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     # ---- pictures ------------------------------------------------------------------------------------------------
 
     def drawing(self) -> Drawing:
-        """Draw obstacles, goal and vehicle from above."""
+        """Draw obstacles, goal, vehicle and the straight way to the goal, on the ground."""
         point, heading = self.pose()
         angle = torch.linspace(0.0, 2.0 * math.pi, 13, device=self.device)
         ring = torch.stack([angle.cos(), angle.sin()], dim=1)
         goal = self.goal.float().unsqueeze(1) + self.config.goal_radius * ring
-        lines = [Line(torch.nn.functional.pad(goal, (0, 1)), "tab:green", 1.5)]
+        share = torch.linspace(0.0, 1.0, 50, device=self.device).unsqueeze(1)
+        way = point[:, None, :2] + share * (self.goal - point[:, :2]).unsqueeze(1)
+        lines = [Line(torch.nn.functional.pad(row.float(), (0, 1)), "tab:green") for row in (goal, way)]
         lines += self.obstacles.rings()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
+        if self.hills is not None:
+            for line in lines:
+                line.points[..., 2] = self.hills.height(line.points[..., :2].double()).float()
         side = self.config.border
-        return Drawing(tuple(lines), View.TOP, ((-side, side), (-side, side)), panel=4.0)
+        return Drawing(tuple(lines), ((-side, side), (-side, side)))

@@ -1,4 +1,4 @@
-"""Distances to round obstacles in a fan of directions: what a planar laser scanner would tell, exactly."""
+"""Distances to round obstacles in a fan of directions: an ideal planar laser scanner."""
 
 from __future__ import annotations
 

@@ -72,8 +72,8 @@ class Routes:
         return ((away * away).sum(dim=2) + self._beyond[route]).amin(dim=1).sqrt()
 
     def locate(self, route: torch.Tensor, place: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return how far along the routes (W,) the points of them nearest to places (W, 2) are, and how far to the
-        left of them the places lie; both (W,) [m].
+        """Return the arc lengths on the routes (W,) of the points nearest to places (W, 2), and the lateral offsets
+        of the places, positive to the left; both (W,) [m].
         """
         points = self._points[route]
         away = place.float().unsqueeze(1) - points[..., :2]

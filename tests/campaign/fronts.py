@@ -13,7 +13,7 @@ from tests.campaign import strategies_builder, strategies_commands, strategies_f
 from tests.campaign.oracle import Attack, CallAttack, CommandAttack, Outcome, attack_call, attack_command
 from tests.campaign.sandbox import Sandbox
 
-CHRONO_SENSORS = Path(__file__).parents[1] / "unit" / "chrono_sensor_files.json"
+CHRONO_SENSORS = Path(__file__).parents[1] / "unit" / "importers" / "chrono_sensor_files.json"
 
 
 class Place(NamedTuple):

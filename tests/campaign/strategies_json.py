@@ -214,7 +214,7 @@ def sensor_documents(data: Path) -> list[Document]:
 
 
 def chrono_documents(folder: Path, values: Path) -> list[Document]:
-    """Chrono's sensors and vehicles, as tests/unit keeps them."""
+    """Chrono's sensors and vehicles, as tests/unit/importers keeps them."""
     from simwarp.importers.chrono_sensors import load_chrono_sensor
 
     found = []

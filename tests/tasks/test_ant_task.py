@@ -235,15 +235,3 @@ def test_wrong_settings_are_named():
         make("ant", torque=0.0)
     with pytest.raises(InputError, match=r"start-angle must be in \[0, 0.5\]"):
         make("ant", start_angle=1.0)
-
-
-def test_the_drawing_connects_hip_knee_and_foot():
-    task = make("ant", 2, start_angle=0.0, start_rate=0.0)
-    _, torso, *legs = (line.points for line in task.drawing().lines)
-    assert torso.shape == (2, 25, 3)
-    assert len(legs) == 4
-    hip, knee, foot = legs[0][0].tolist()
-    side = math.sqrt(0.5)
-    assert hip == pytest.approx([0.25 * side, 0.25 * side, 0.4], abs=1e-5)
-    assert knee == pytest.approx([0.55 * side, 0.55 * side, 0.4], abs=1e-5)
-    assert foot == pytest.approx([0.75 * side, 0.75 * side, 0.4 - 0.4 * math.sin(math.pi / 3)], abs=1e-5)

@@ -13,6 +13,7 @@ from simwarp.train import policies
 from simwarp.train.checkpoint import load_checkpoint, save_checkpoint, slim
 from simwarp.train.config import default_config
 from simwarp.train.evaluation import evaluate, evaluate_with_baselines, wilson_interval
+from simwarp.train.filming import Film
 from simwarp.train.play import check_video_path, record, write_picture, write_video
 from simwarp.train.policies import find_policy, network_policy, random_policy, zero_policy
 from simwarp.train.training import train
@@ -121,17 +122,17 @@ def test_a_network_for_other_observations_is_refused(trained):
 
 def test_picture_and_video_show_every_moment(tmp_path):
     task = make("fast", 3)
-    frames, drawing, total = record(task, zero_policy(task), seconds=0.6, seed=1)
+    frames, total = record(task, zero_policy(task), seconds=0.6, seed=1, film=Film(task, video=False))
     assert len(frames) == 1 + 60 // 4
     assert frames[-1].time == pytest.approx(0.6)
     expected = (1.0 - task.restart(seed=1)["policy"].norm(dim=1)).mean() * 60
     assert total == pytest.approx(float(expected), rel=1e-4)
-    write_picture(tmp_path / "a.png", task, drawing, frames, "fast")
+    write_picture(tmp_path / "a.png", frames, "fast")
     with Image.open(tmp_path / "a.png") as image:
         assert image.format == "PNG"
         assert len(image.getcolors(maxcolors=1 << 20) or []) > 10
-    moving, drawing, _ = record(task, random_policy(task), seconds=0.2, seed=1)
-    write_video(tmp_path / "a.gif", task, drawing, moving, "fast")
+    moving, _ = record(task, random_policy(task), seconds=0.2, seed=1, film=Film(task, video=True))
+    write_video(tmp_path / "a.gif", moving, "fast")
     with Image.open(tmp_path / "a.gif") as image:
         assert getattr(image, "n_frames", 1) == len(moving)
 

@@ -1,15 +1,17 @@
-"""`simwarp play` renders tasks that have something to see: frames, motion, layout; others stay line drawings."""
+"""`simwarp play` renders tasks: frames, motion, layout, lines; and what has no shape, no body."""
 
 import dataclasses
 import json
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from simwarp import cli
-from simwarp.tasks import make
-from simwarp.train.filming import film_of, film_still, film_strip
+from simwarp.tasks import InputError, Task, make
+from simwarp.train.filming import Film, film_still, film_strip
 from simwarp.train.play import record, write_picture, write_video
 from simwarp.train.policies import zero_policy
 from simwarp.viewer import Studio
@@ -32,10 +34,8 @@ def played(tmp_path_factory):
     task = make("pendulum", 2)
     shown = {}
     for name, write in (("a.gif", write_video), ("a.png", write_picture)):
-        film = film_of(task, video=name == "a.gif")
-        assert film is not None
-        frames, drawing, _ = record(task, zero_policy(task), 0.6, 1, film)
-        write(folder / name, task, drawing, frames, "pendulum")
+        frames, _ = record(task, zero_policy(task), 0.6, 1, Film(task, video=name == "a.gif"))
+        write(folder / name, frames, "pendulum")
         shown[name] = frames
     return folder, shown
 
@@ -83,11 +83,6 @@ def test_one_world_fills_two_rows_and_a_still_names_its_worlds():
     assert (still > 150).all(axis=-1).sum() > 100  # words and paper
 
 
-@pytest.mark.parametrize("video", [False, True])
-def test_a_task_without_shapes_has_no_film(video):
-    assert film_of(make("fast", 2), video) is None
-
-
 def colors(path):
     """How many colours a picture has."""
     with Image.open(path) as image:
@@ -101,23 +96,66 @@ def test_play_renders_what_can_be_seen(tmp_path, monkeypatch, capfd):
     assert colors(tmp_path / "b.png") > 1000  # sky, shades and soft edges
 
 
-def test_a_task_without_shapes_is_drawn_in_lines(tmp_path):
+def blue(images):
+    """(H, W) bool where a picture is blue."""
+    return images[..., 2].astype(int) - images[..., 0] > 100
+
+
+def test_a_task_without_bodies_is_drawn_in_lines_on_the_ground():
+    task: Any = make("fast", 1)
+    film: Any = Film(task, video=True)
+    task.position.copy_(torch.tensor([1.0, 1.0]))
+    right_above = blue(film.take(0, 2, 0.0)[0])
+    task.position.copy_(torch.tensor([-1.0, -1.0]))
+    left_below = blue(film.take(1, 2, 1.0)[0])
+    rows, columns = np.nonzero(right_above)
+    height, width = right_above.shape
+    assert len(rows) > 20
+    assert rows.max() < 0.6 * height
+    assert columns.min() > 0.4 * width
+    rows, columns = np.nonzero(left_below)
+    assert rows.min() > 0.4 * height
+    assert columns.max() < 0.6 * width
+
+
+def test_a_task_with_neither_bodies_nor_lines_is_refused(monkeypatch):
     task = make("fast", 1)
-    frames, drawing, _ = record(task, zero_policy(task), 0.2, 1, film_of(task, False))
-    assert all(frame.images is None for frame in frames)
-    write_picture(tmp_path / "c.png", task, drawing, frames, "fast")
-    assert colors(tmp_path / "c.png") < 400  # a few lines on white
+    monkeypatch.setattr(type(task), "drawing", Task.drawing)
+    with pytest.raises(InputError, match="'fast' has nothing to draw; build bodies, or return lines from drawing"):
+        Film(task, video=False)
+
+
+def test_bodies_without_shapes_are_seen(monkeypatch):
+    task = make("pendulum", 1)
+    monkeypatch.setattr(type(task), "visuals", Task.visuals)
+    scene = task.scene()
+    assert scene is not None
+    assert sorted(set(scene.body.tolist())) == [0, 1]
+
+
+def test_the_lines_of_a_drawing_are_in_the_picture(monkeypatch):
+    task = make("pendulum", 1)
+    task.restart(seed=1)
+    film: Any = Film(task, video=True)
+    marked = film.take(0, 1, 0.0)
+    monkeypatch.setattr(type(task), "drawing", Task.drawing)
+    plain = film.take(0, 1, 0.0)
+    changed = (marked != plain).any(axis=(0, -1))
+    columns = np.nonzero(changed.any(axis=0))[0]
+    half = changed.shape[1] // 2
+    # an upright mark at either end of the rail
+    assert 0 < (columns < half).sum() < 10
+    assert 0 < (columns > half).sum() < 10
+    assert changed.any(axis=1).sum() > 8
 
 
 def test_what_comes_into_sight_later_keeps_its_colour(played, tmp_path):
     _, shown = played
-    task = make("pendulum", 2)
-    _, drawing, _ = record(task, zero_policy(task), 0.1, 1, None)
     frames = [dataclasses.replace(frame, images=np.full_like(frame.images, 128)) for frame in shown["a.gif"]]
     blue = np.array([20, 60, 220])
     for frame in frames[-3:]:
         frame.images[:, 20:40, 20:40] = blue
-    write_video(tmp_path / "late.gif", task, drawing, frames, "pendulum")
+    write_video(tmp_path / "late.gif", frames, "pendulum")
     last = images_of(tmp_path / "late.gif")[-1].astype(int)
     # a palette of 256 for a few colours
     assert (np.abs(last - blue).max(axis=-1) < 12).sum() >= 2 * 19 * 19
@@ -125,8 +163,7 @@ def test_what_comes_into_sight_later_keeps_its_colour(played, tmp_path):
 
 def test_films_are_lit_as_the_task_says():
     task = make("hallway", 1, obs="state")
-    film, scene = film_of(task, video=True), task.scene()
-    assert film is not None
+    film, scene = Film(task, video=True), task.scene()
     assert scene is not None
     lit = film.take(0, 1, 0.0)
     assert lit is not None

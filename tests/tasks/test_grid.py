@@ -11,7 +11,7 @@ import torch
 from PIL import Image
 from rich.console import Console
 
-from simwarp.tasks import Drawing, Line, View, make, task_class
+from simwarp.tasks import Drawing, Line, make, task_class
 from simwarp.train import grid_plot, maps, progress
 from simwarp.train.driven_paths import PathRecorder
 from simwarp.train.evaluation import Evaluation, evaluate, evaluate_policies
@@ -112,9 +112,8 @@ def test_a_path_of_a_body_begins_where_the_body_is():
     result = evaluate(task, zero_policy(task), 3, seed=1, watcher=recorder)
     np.testing.assert_array_equal([path[0] for path in recorder.paths_driven.paths], start)
     assert sum(len(path) - 1 for path in recorder.paths_driven.paths) == pytest.approx(3 * result.mean_episode_length)
-    # A cart on a rail draws no map, and the rail is seen from the side
+    # A cart on a rail draws no map
     assert recorder.paths_driven.flat
-    assert recorder.paths_driven.surroundings == ()
 
 
 def test_a_task_that_is_nowhere_has_no_paths():
@@ -252,7 +251,7 @@ def test_maps_show_paths_in_the_colour_of_their_end_and_what_is_the_same_everywh
     def drawing(self):
         own = torch.nn.functional.pad(self.position, (0, 1)).unsqueeze(1).expand(-1, 2, -1)
         lines = (Line(road.expand(self.num_worlds, 2, 3), "0.5"), Line(own, "tab:orange"))
-        return Drawing(lines, View.TOP, ((-2.0, 2.0), (-2.0, 2.0)))
+        return Drawing(lines, ((-2.0, 2.0), (-2.0, 2.0)))
 
     monkeypatch.setattr(task_class("fast"), "drawing", drawing)
     results = run(points_of("fast", bound=[1.5, 20.0]), episodes=30)

@@ -410,17 +410,6 @@ def test_wrong_settings_are_named():
         make("hexapod", start_angle=1.0)
 
 
-def test_the_drawing_has_a_ring_and_six_legs():
-    task = still(2)
-    drawing = task.drawing()
-    legs = [line.points for line in drawing.lines if line.points.shape[1] == 4]
-    assert len(legs) == 6
-    assert [line.points.shape[1] for line in drawing.lines].count(7) == 1
-    # The near ones are legs 1 to 3, from front to back; they end at their feet, sheared along Y
-    foot = legs[3][0, 3]
-    assert foot.tolist() == pytest.approx([0.22439 - 0.4 * 0.16321, -0.16321, 0.0054 - 0.3 * 0.16321], abs=2e-4)
-
-
 # ---- walking ---------------------------------------------------------------------------------------------------
 
 

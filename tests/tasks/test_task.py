@@ -58,7 +58,7 @@ def test_rewards_are_the_sum_of_named_terms_and_statistics_add_up():
         task.step(idle(task))
     summary = task.drain_statistics()
     assert summary.episodes == 3
-    assert summary.mean_length == 5.0
+    assert summary.length_sum / summary.episodes == 5.0
     assert summary.terms == {"one": 15.0, "count": 45.0}
     assert summary.mean_return == 20.0
     assert summary.end_reasons == {"non_finite": 0, "failed": 0, "time_limit": 3}

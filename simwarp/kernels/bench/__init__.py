@@ -1,1 +1,1 @@
-"""What benchmarks run on the device beside the engine."""
+"""Kernels that only benchmarks launch."""

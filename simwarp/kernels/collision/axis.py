@@ -41,7 +41,7 @@ class Axis:
     normal: wp.vec3
     separation: float  # of the cores [m]
     at: wp.vec3  # a point of core a near the contact, relative to its origin
-    pointed: int  # whether `at` is set
+    pointed: int  # 1: `at` is set
     size: float  # radius of the smaller shape [m]
 
 

@@ -1,7 +1,7 @@
-"""Which shapes a shape may touch: from the list of pairs, or, in worlds of many shapes, from a uniform grid.
+"""Broad phase: shapes that a shape may touch, from the list of pairs or, in worlds of many shapes, a uniform grid.
 
 The grid is sorted by counting, so that it is deterministic; candidates come in the order of their index. Shapes much
-larger than the average (the ground) would spoil the cells: they are candidates of everybody.
+larger than the average (the ground) would spoil the cells: they are candidates of every shape.
 """
 
 import warp as wp
@@ -93,7 +93,7 @@ def fill_grid(
 
 @wp.func
 def allowed(shape0: int, shape1: int, topology: Topology) -> bool:
-    """Whether bodies, groups and exclusions let two shapes meet."""
+    """True if bodies, groups and exclusions allow contact between two shapes."""
     body0 = topology.shape_body[shape0]
     body1 = topology.shape_body[shape1]
     if body0 == body1:

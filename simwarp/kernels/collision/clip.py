@@ -250,7 +250,7 @@ def write_contact(k: int, n: wp.vec3, point: wp.vec3, gap: float, feature: int, 
 
 @wp.func
 def between(taken: int, at: wp.vec3, slack: float, flip: int, out: Manifold) -> bool:
-    """Whether a point lies on the line between two contacts that are taken, up to sqrt(slack)."""
+    """True if a point lies on the line between two contacts already taken, within sqrt(slack)."""
     for i in range(taken):
         p = out.point[i]
         if flip == 1:
@@ -309,7 +309,7 @@ def write_kept(count: int, n: wp.vec3, flip: int, out: Manifold) -> int:
 
 @wp.func
 def is_flat(a: Shape) -> bool:
-    """Whether the shape has flat faces only."""
+    """True if the shape has flat faces only."""
     return a.kind == BOX or a.kind == HULL or a.kind == TRIANGLE
 
 

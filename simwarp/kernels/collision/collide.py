@@ -11,15 +11,15 @@ import warp as wp
 
 from simwarp.core.types import ArrayLayout, ShapeType, WorldStatus
 from simwarp.kernels.collision.broad import Grid, GridRooms, candidates, fill_grid
+from simwarp.kernels.collision.pair import pair_contacts
 from simwarp.kernels.collision.shape import Assets, Manifold, ManifoldRooms, Shape
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
 from simwarp.kernels.collision.surfaces import Ground, ground_bounds, ground_of, is_ground
-from simwarp.kernels.collision.triangles import RawContactRooms, RawContacts, pair_contacts
+from simwarp.kernels.collision.triangles import RawContactRooms, RawContacts
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, room, slot_function
-from simwarp.kernels.core.spatial import matrix_to_float, to_float
+from simwarp.kernels.core.spatial import contact_frame, matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
-from simwarp.kernels.dynamics.contact_rows import contact_frame
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -275,7 +275,7 @@ def keep_pair(
 
 @wp.func
 def may_touch(scratch_slot: int, shape0: int, shape1: int, reach: float, scratch: CollisionScratch) -> bool:
-    """Whether the bounds of two shapes come within reach."""
+    """True if the bounds of two shapes come within reach."""
     d = to_float(scratch.x[scratch_slot, shape1] - scratch.x[scratch_slot, shape0])
     lower = d + scratch.lower[scratch_slot, shape1] - scratch.upper[scratch_slot, shape0]
     upper = scratch.lower[scratch_slot, shape0] - d - scratch.upper[scratch_slot, shape1]

@@ -28,7 +28,7 @@ ORDER = wp.constant(wp.vec3(0.4714, 0.2718, 0.8389))  # a direction along which 
 
 @wp.func
 def swapped(a: Shape, b: Shape) -> int:
-    """Whether the pair is worked on as (b, a): an order that does not depend on the arguments' order."""
+    """1 if the pair is processed as (b, a), else 0: an order that does not depend on the arguments' order."""
     if a.kind != b.kind:
         return wp.where(a.kind > b.kind, 1, 0)
     d = wp.dot(ORDER, b.x) - wp.dot(ORDER, a.x)

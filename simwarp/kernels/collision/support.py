@@ -1,4 +1,4 @@
-"""What the narrow phase asks of a convex shape: farthest points, faces, edges, bounds.
+"""Queries of the narrow phase on a convex shape: support points, faces, edges, bounds.
 
 A shape is a core thickened by `rounding`: a sphere's core is its centre, a capsule's its segment.
 """
@@ -154,7 +154,7 @@ def hull_face_normal(a: Shape, face: int, assets: Assets) -> wp.vec3:
 
 @wp.func
 def is_flat(a: Shape, face: int) -> bool:
-    """Whether `face_normal` is that of a flat face."""
+    """True if `face_normal` is that of a flat face."""
     if a.kind == CYLINDER:
         return face < 2
     if a.kind == CONE:
@@ -221,7 +221,7 @@ def edge_direction(a: Shape, edge: int, assets: Assets) -> wp.vec3:
 
 @wp.func
 def is_polyhedron(a: Shape, assets: Assets) -> bool:
-    """Whether `face_normal` and `edge_direction` tell all faces and edges."""
+    """True if `face_normal` and `edge_direction` cover all faces and edges."""
     if a.kind == HULL:
         return face_count(a, assets) > 0 and edge_count(a, assets) > 0
     return a.kind == BOX or a.kind == TRIANGLE

@@ -1,4 +1,4 @@
-"""What contact, tires and ray sensors ask of height fields and meshes: heights, rays, triangles near a shape.
+"""Queries of contact, tires and ray sensors on height fields and meshes: heights, rays, triangles near a shape.
 
 Unless a docstring says otherwise everything is in the shape's frame, scaled; its positions are float64, because terrain
 may be kilometres wide. Edge k of a triangle goes from corner k to corner k + 1; corners are counter-clockwise seen from
@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, MESH, Assets, Shape
 from simwarp.kernels.collision.support import Bounds, safe_direction
-from simwarp.kernels.core.spatial import to_double, to_float
+from simwarp.kernels.core.spatial import to_double, to_float, turned_extent
 from simwarp.kernels.rays.wide_tree import tree_ray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -33,7 +33,7 @@ class Ground:
     margin: float  # [m]
     x: wp.vec3d  # origin relative to the pair's, world axes [m]
     rot: wp.mat33  # its axes to world axes
-    lower: wp.vec3d  # where the other shape is, in the shape's own frame [m]
+    lower: wp.vec3d  # bounds of the other shape, in the shape's own frame [m]
     upper: wp.vec3d
 
 
@@ -48,7 +48,7 @@ class SurfacePoint:
 
 @wp.struct
 class SurfaceHit:
-    """Where a ray hits."""
+    """Hit of a ray on a surface."""
 
     t: float  # in lengths of the ray's direction; -1: nowhere
     normal: wp.vec3  # unit, on the outer side of the triangle
@@ -179,7 +179,7 @@ def height_field_height(
 
 @wp.func
 def triangle_ray(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, direction: wp.vec3) -> float:
-    """Where a ray from the origin hits a triangle from either side (Möller and Trumbore 1997); NEVER if it misses."""
+    """Parameter of a ray from the origin at a triangle, from either side (Möller and Trumbore 1997); NEVER: miss."""
     e = p1 - p0
     f = p2 - p0
     h = wp.cross(direction, f)
@@ -331,15 +331,6 @@ def mesh_vertex(asset: int, scale: wp.vec3, triangle: int, corner: int, assets: 
 
 
 @wp.func
-def mesh_normal(asset: int, scale: wp.vec3, triangle: int, assets: Assets) -> wp.vec3:
-    """Outward unit normal of a triangle of a mesh."""
-    p = mesh_vertex(asset, scale, triangle, 0, assets)
-    e = to_float(mesh_vertex(asset, scale, triangle, 1, assets) - p)
-    f = to_float(mesh_vertex(asset, scale, triangle, 2, assets) - p)
-    return wp.normalize(wp.cross(e, f))
-
-
-@wp.func
 def times(rot: wp.mat33, v: wp.vec3d) -> wp.vec3d:
     """The product rot v in float64."""
     return wp.vec3d(
@@ -351,7 +342,7 @@ def times(rot: wp.mat33, v: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def is_ground(kind: int) -> bool:
-    """Whether a shape consists of triangles."""
+    """True if a shape consists of triangles."""
     return kind == HEIGHT_FIELD or kind == MESH
 
 
@@ -371,10 +362,7 @@ def ground_bounds(a: Shape, assets: Assets) -> Bounds:
         lower = wp.vec3(corner[0], corner[1], z[0] + wp.min(corner[0], corner[1]))
         upper = wp.vec3(-corner[0], -corner[1], z[1])
     middle = a.rot * (0.5 * (lower + upper))
-    half = 0.5 * (upper - lower)
-    reach = wp.vec3()
-    for k in range(3):
-        reach[k] = wp.dot(wp.abs(wp.vec3(a.rot[k, 0], a.rot[k, 1], a.rot[k, 2])), half)
+    reach = turned_extent(a.rot, 0.5 * (upper - lower))
     slack = a.margin + 2.0e-6 * wp.max(reach)
     b = Bounds()
     b.lower = middle - reach - wp.vec3(slack, slack, slack)
@@ -394,9 +382,7 @@ def ground_of(a: Shape, x: wp.vec3d, lower: wp.vec3, upper: wp.vec3, reach: floa
     g.rot = a.rot
     middle = times(wp.transpose(a.rot), to_double(0.5 * (lower + upper)) - x)
     half = 0.5 * (upper - lower) + wp.vec3(reach + a.margin, reach + a.margin, reach + a.margin)
-    size = wp.vec3d()
-    for k in range(3):
-        size[k] = wp.float64(wp.dot(wp.abs(wp.vec3(a.rot[0, k], a.rot[1, k], a.rot[2, k])), half))
+    size = to_double(turned_extent(wp.transpose(a.rot), half))
     size += wp.vec3d(wp.float64(1.0), wp.float64(1.0), wp.float64(1.0)) * (wp.float64(1.0e-6) * wp.length(middle))
     g.lower = middle - size
     g.upper = middle + size

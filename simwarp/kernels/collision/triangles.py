@@ -1,4 +1,4 @@
-"""Contacts of a convex shape with the triangles of a height field or mesh, and the walk over a pair's pieces.
+"""Contacts of a convex shape with the triangles of a height field or mesh, one triangle at a time, and their reduction.
 
 Triangles have one outer side; what lies behind them is solid. Their contacts are kept only where the whole surface
 would have them: along the face normal, or, over an edge that bends away, between the normals of its two faces
@@ -7,18 +7,14 @@ would have them: along the face normal, or, over an edge that bends away, betwee
 
 import warp as wp
 
-from simwarp.kernels.collision.narrow import collide
 from simwarp.kernels.collision.shape import (
-    HEIGHT_FIELD,
     MANIFOLD_CONTACTS,
-    MESH,
     SPHERE,
     Assets,
     Manifold,
     Shape,
-    triangle_shape,
 )
-from simwarp.kernels.collision.support import core_radius, inner_point, rounding, safe_direction, support
+from simwarp.kernels.collision.support import rounding, safe_direction, support
 from simwarp.kernels.collision.surfaces import (
     NEVER,
     TRIANGLE_BATCH,
@@ -32,7 +28,7 @@ from simwarp.kernels.core.scratch import ScratchGroup, room
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 RAW_CONTACTS = wp.constant(64)  # of all triangles before the reduction
-THINNED = wp.constant(24)  # what is left of them when they become too many on the way
+THINNED = wp.constant(24)  # kept when they become too many on the way
 SAME_NORMAL = wp.constant(2.0e-3)  # [rad] normals this close to a face's are that; edges that bend less are flat
 MERGED_NORMAL = wp.constant(1.0e-4)  # squared difference of normals, and
 MERGED = wp.constant(2.0e-3)  # distance in radii of the shape, below which two contacts are one
@@ -107,7 +103,7 @@ def corner_of(t: Triangle, k: int) -> wp.vec3:
 
 @wp.func
 def covers(t: Triangle, along: wp.vec3, p: wp.vec3) -> bool:
-    """Whether a line through p along a direction on the outer side meets the triangle."""
+    """True if a line through p along a direction on the outer side meets the triangle."""
     inside = bool(True)
     for k in range(3):
         a = corner_of(t, k)
@@ -165,7 +161,7 @@ def triangle_sphere(t: Triangle, margin: float, b: Shape, reach: float, out: Man
 
 @wp.func
 def fits_surface(g: Ground, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets) -> bool:
-    """Whether a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
+    """True if a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
     every edge near p that n leans over the surface bends away by at least as much.
     """
     if wp.dot(n, t.normal) < -SAME_NORMAL:
@@ -414,65 +410,3 @@ def write_raw(found: Found, flip: int, size: float, raw: RawContacts, out: Manif
             out.normal[i] = -n
             out.point[i] = point + gap * n
     return count + found.sunk
-
-
-@wp.func
-def pair_contacts(
-    a: Shape, b: Shape, g: Ground, flip: int, reach: float, assets: Assets, manifold: Manifold, raw: RawContacts
-) -> int:
-    """Contacts of two shapes within `reach` [m], at most MANIFOLD_CONTACTS, to `manifold`; returns how many.
-
-    If `g` is a ground, it stands for `a`, and with `flip` the two change places in the result.
-    """
-    found = Found()
-    middle = inner_point(b, assets)
-    size = core_radius(b, assets) + rounding(b)
-    up = wp.vec3(g.rot[0, 2], g.rot[1, 2], g.rot[2, 2])
-    contacts = int(0)
-    count = gather(g, 0, raw.triangle, assets)
-    while count > 0:
-        for k in range(count):
-            first = a
-            t = Triangle()
-            low = wp.vec3()
-            gap = float(0.0)
-            height = float(1.0)
-            sunk = int(0)
-            wanted = int(1)
-            if g.kind >= 0:
-                t = ground_triangle(g, raw.triangle[k], assets)
-                first = triangle_shape(t.p0, t.p1, t.p2, g.margin)
-                low = b.x + support(b, -t.normal, assets) - rounding(b) * t.normal
-                gap = wp.dot(t.normal, low - t.p0) - g.margin
-                top = wp.dot(t.normal, b.x + support(b, t.normal, assets) - t.p0) + rounding(b) + g.margin
-                height = wp.dot(t.normal, middle - t.p0)
-                if height < 0.0 and covers(t, wp.where(g.kind == MESH, t.normal, up), middle):
-                    sunk = 1
-                if gap >= reach or top < 0.0:
-                    wanted = 0
-                if sunk == 1 and g.kind == HEIGHT_FIELD:
-                    found = add_sunk(found, t, low, gap)
-                    wanted = 0
-            if wanted == 1:
-                if g.kind >= 0 and b.kind == SPHERE:
-                    contacts = triangle_sphere(t, g.margin, b, reach, manifold)
-                else:
-                    contacts = collide(first, b, reach, assets, manifold)
-                if g.kind >= 0:
-                    if sunk == 1:
-                        overlap = float(NEVER)
-                        for i in range(contacts):
-                            overlap = wp.min(overlap, manifold.gap[i])
-                        if overlap < 0.0:
-                            found = add_sunk(found, t, low, gap)
-                    else:
-                        ahead = wp.where(height >= 0.0, 1, 0)
-                        found = add_contacts(found, contacts, g, t, b, ahead, size, assets, manifold, raw)
-        if g.kind >= 0 and count == TRIANGLE_BATCH:
-            count = gather(g, raw.triangle[count - 1] + 1, raw.triangle, assets)
-        else:
-            count = 0
-    if g.kind < 0:
-        return contacts
-    found.count = drop_voided(found.count, g, size, assets, raw)
-    return write_raw(found, flip, size, raw, manifold)

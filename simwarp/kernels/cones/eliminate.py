@@ -12,7 +12,7 @@ from simwarp.kernels.cones.dense import add_to_row, cholesky, cholesky_solve, do
 wp.set_module_options({"enable_backward": False})
 
 NOISE = wp.constant(3.0e-6)
-"""What is left of a diagonal below this part of it is rounding: the joints hold that row."""
+"""Relative rounding error: a diagonal entry reduced below this share of itself is zero, the joints hold its row."""
 
 
 @wp.struct

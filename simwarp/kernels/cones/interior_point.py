@@ -241,7 +241,7 @@ def solve_convex(problem: ConeProblem, config: ConeConfig, friction_law: int) ->
 
 @wp.func
 def can_factorise(problem: ConeProblem) -> bool:
-    """Whether the problem is dense, without rolling friction, and has the room."""
+    """True if the problem is dense, has no rolling friction, and the workspace is allocated."""
     if problem.dense == 0 or problem.wide.shape[0] == 0:
         return False
     for block in range(problem.block_count):

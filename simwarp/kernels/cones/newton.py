@@ -29,7 +29,7 @@ DU = wp.constant(10)
 RHS = wp.constant(11)
 W = wp.constant(12)  # scaling points of the cones
 ETA = wp.constant(13)  # on the first row of a cone; 0 in all rows that are no cone's
-H = wp.constant(14)  # what the scaling adds to the diagonal of rows that are no cone's
+H = wp.constant(14)  # addition of the scaling to the diagonal of rows that are no cone's
 PX = wp.constant(15)  # predictor: dx, dz, du
 PZ = wp.constant(16)
 PU = wp.constant(17)
@@ -65,7 +65,7 @@ def put(problem: ConeProblem, vector: int, row: int, value: wp.vec3d):
 
 @wp.func
 def is_cone(problem: ConeProblem, block: int) -> bool:
-    """Whether the block is treated as a second-order cone: without friction a contact is a bound and two zeros."""
+    """True if the block is treated as a second-order cone; without friction a contact is a bound and two zeros."""
     row = problem.block_row[block]
     return problem.block_kind[block] == CONTACT and problem.friction[block] > 0.0 and problem.scale[row] > 0.0
 

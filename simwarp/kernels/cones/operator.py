@@ -1,4 +1,4 @@
-"""What every solver asks of a problem: products with S, block scales, the residual, De Saxcé's shift.
+"""Operations on a problem shared by all solvers: products with S, block scales, the residual, De Saxcé's shift.
 
 The residual of a block is that of the natural map, g |gamma - Pi(gamma - u / g)| with g the mean diagonal of the block:
 a velocity [m/s or rad/s]. Blocks that nothing moves (zero diagonal) keep the projection of zero and have no residual.

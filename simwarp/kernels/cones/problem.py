@@ -31,7 +31,7 @@ SOLVER_VECTORS = 12
 WIDE_VECTORS = 24
 
 
-class ConeRooms(ScratchGroup):
+class ConeRooms(ScratchGroup, prefix="cone_"):
     """One world's problem. Arrays are as long as the capacity; only the first `row_count`, `block_count` count.
 
     S is either dense (`dense` = 1: array `s`) or applied through the degrees of freedom of the tree (`dense` = 0):
@@ -82,7 +82,7 @@ AX = wp.constant(1)  # S x
 BEST = wp.constant(2)  # the iterate of the least residual
 R_EFF = wp.constant(3)  # r, with De Saxcé's term on the normal rows
 WEIGHT = wp.constant(4)  # greatest diagonal of the row's block; 0 where nothing moves
-LOW = wp.constant(5)  # what the impulses returned have beyond float32
+LOW = wp.constant(5)  # part of the returned impulses beyond float32
 OWN = wp.constant(6)
 
 

@@ -18,7 +18,7 @@ AN_EFFORT = Domain(least=0.0, remedy="1e30 stands for no limit")
 
 
 class ParameterFields(FieldGroup):
-    """What may differ per world: shared by all of them, or one each."""
+    """Parameters that may differ per world: one row for all worlds, or one each."""
 
     gravity: WritableArray = parameter(wp.vec3, text="acceleration [m/s²], world frame")
     body_mass: WritableArray = parameter(wp.float32, Size.BODIES, text="[kg]", domain=POSITIVE)
@@ -124,7 +124,7 @@ class ParameterFields(FieldGroup):
 
 
 class StateFields(FieldGroup):
-    """What a step changes. Angular and linear parts are separate arrays; everything is in the world frame."""
+    """State that a step advances. Angular and linear parts are separate arrays; everything is in the world frame."""
 
     NAMES_IN_FILES: ClassVar = {"box_impulse": "bounded_impulse"}
 
@@ -258,7 +258,7 @@ class ContactFields(FieldGroup):
 
 
 class ReportFields(FieldGroup):
-    """What the last sub-step tells about itself."""
+    """Diagnostics of the last sub-step."""
 
     row_residual: wp.array = field(
         wp.float32, Size.WORLDS, text="largest speed error of the loop and coupling rows [m/s or rad/s]"

@@ -102,11 +102,24 @@ class ScratchGroup:
         return wp.struct(type(name, (), {"__annotations__": kinds, "__module__": module, "__doc__": cls.__doc__}))
 
 
+def memory_blocks(groups: Sequence[type[ScratchGroup]]) -> dict[str, Block]:
+    """Return the arrays of some groups.
+
+    Raises:
+        ValueError: two groups have an array of one name; give one of them a prefix.
+    """
+    found: dict[str, Block] = {}
+    for group in groups:
+        for name, block in group.blocks().items():
+            if name in found:
+                raise ValueError(f"{group.__name__}: another group has an array '{name}'; give one of them a prefix")
+            found[name] = block
+    return found
+
+
 def memory_struct(name: str, module: str, groups: Sequence[type[ScratchGroup]]) -> Any:
     """Return the Warp struct of the memory of some groups: first axis the slot."""
-    kinds = {
-        key: wp.array(dtype=block.dtype, ndim=block.axes) for group in groups for key, block in group.blocks().items()
-    }
+    kinds = {key: wp.array(dtype=block.dtype, ndim=block.axes) for key, block in memory_blocks(groups).items()}
     text = f"Memory of {', '.join(group.__name__ for group in groups)}; first axis the slot."
     return wp.struct(type(name, (), {"__annotations__": kinds, "__module__": module, "__doc__": text}))
 
@@ -119,11 +132,8 @@ def memory_layouts(groups: Sequence[type[ScratchGroup]], slots: int, sizes: Any)
         slots: how many worlds use it at a time.
         sizes: its attributes are the lengths that rooms name.
     """
-    return {
-        name: ArrayLayout((slots, *block.shape(sizes)), block.dtype)
-        for group in groups
-        for name, block in group.blocks().items()
-    }
+    blocks = memory_blocks(groups)
+    return {name: ArrayLayout((slots, *block.shape(sizes)), block.dtype) for name, block in blocks.items()}
 
 
 def make_memory(struct: Any, layouts: dict[str, ArrayLayout], device: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Small vector functions: outer products, clamping, the exponential map."""
+"""Small vector functions: frames, boxes, outer products, clamping, the exponential map."""
 
 import warp as wp
 
@@ -30,6 +30,28 @@ def matrix_to_float(m: wp.mat33d) -> wp.mat33:
         float(m[0, 0]), float(m[0, 1]), float(m[0, 2]),
         float(m[1, 0]), float(m[1, 1]), float(m[1, 2]),
         float(m[2, 0]), float(m[2, 1]), float(m[2, 2]),
+    )  # fmt: skip
+
+
+@wp.func
+def turned_extent(m: wp.mat33, half: wp.vec3) -> wp.vec3:
+    """Half lengths, along the axes that `m` leads to, of the smallest box around a box of half lengths `half`."""
+    reach = wp.vec3()
+    for k in range(3):
+        reach[k] = wp.dot(wp.abs(wp.vec3(m[k, 0], m[k, 1], m[k, 2])), half)
+    return reach
+
+
+@wp.func
+def contact_frame(normal: wp.vec3) -> wp.mat33:
+    """Rows: the normal and two tangents (Duff et al. 2017, continuous but at one pole)."""
+    sign = wp.where(normal[2] >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + normal[2])
+    b = normal[0] * normal[1] * a
+    return wp.mat33(
+        normal[0], normal[1], normal[2],
+        1.0 + sign * normal[0] * normal[0] * a, sign * b, -sign * normal[0],
+        b, sign + normal[1] * normal[1] * a, -normal[1],
     )  # fmt: skip
 
 

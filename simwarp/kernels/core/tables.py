@@ -132,7 +132,7 @@ class WorkRooms(ScratchGroup):
     v_lin = room(wp.vec3, "links")
     o_ang = room(wp.vec3, "links")  # velocity at its start
     o_lin = room(wp.vec3, "links")
-    l_ang = room(wp.vec3, "links")  # what rounding kept back from it so far
+    l_ang = room(wp.vec3, "links")  # accumulated rounding error of it
     l_lin = room(wp.vec3, "links")
     t_ang = room(wp.vec3, "links")  # their sum
     t_lin = room(wp.vec3, "links")

@@ -10,9 +10,8 @@ from simwarp.core.types import BoxKind
 from simwarp.kernels.cones.problem import BOX, ConeProblem
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.bilateral_rows import apply_rows, dof_rate, link_of, row_geometry
+from simwarp.kernels.dynamics.bilateral_rows import dof_rate, link_of, row_geometry
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_tree_dof
-from simwarp.kernels.dynamics.dense_rows import solve_rows_backward
 from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort
 from simwarp.kernels.dynamics.joints import DISTANCE, POINT_AXIS0, joint_frames
 
@@ -144,23 +143,3 @@ def collect_boxes(
                 cone.gamma[count] = wp.clamp(row.sign * state.box_impulse[world, index], row.lower, row.upper)
                 count += 1
     return count
-
-
-@wp.func
-def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
-    """Impulses of the blocks and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
-    for block in range(blocks):
-        entries = cone.block_entries[block]
-        for r in range(cone.block_row[block], cone.block_row[block + 1]):
-            gamma = cone.gamma[r]
-            for e in range(entries):
-                tree_dof = cone.block_tree_dof[block, e]
-                work.xi[tree_dof] = work.xi[tree_dof] + cone.y[r, e] * gamma
-    if topology.row_count > 0:
-        for row in range(topology.row_count):
-            total = float(0.0)
-            for r in range(cone.block_row[blocks]):
-                total += cone.w[r, row] * cone.gamma[r]
-            work.row_r[row] = total
-        solve_rows_backward(topology, work)
-        apply_rows(topology, work)

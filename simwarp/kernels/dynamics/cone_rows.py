@@ -6,7 +6,8 @@ import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
 from simwarp.kernels.core.tables import Topology, Work
-from simwarp.kernels.dynamics.dense_rows import solve_rows_forward
+from simwarp.kernels.dynamics.bilateral_rows import apply_rows
+from simwarp.kernels.dynamics.dense_rows import solve_rows_backward, solve_rows_forward
 from simwarp.kernels.dynamics.joints import FREE
 
 wp.set_module_options({"enable_backward": False})
@@ -220,3 +221,23 @@ def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
                 cone.s[r, c] = cone.s[r, c] - total2
                 cone.s[c, r] = cone.s[r, c]
         cone.s[r, r] = cone.s[r, r] + cone.compliance[r]
+
+
+@wp.func
+def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
+    """Impulses of the blocks and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
+    for block in range(blocks):
+        entries = cone.block_entries[block]
+        for r in range(cone.block_row[block], cone.block_row[block + 1]):
+            gamma = cone.gamma[r]
+            for e in range(entries):
+                tree_dof = cone.block_tree_dof[block, e]
+                work.xi[tree_dof] = work.xi[tree_dof] + cone.y[r, e] * gamma
+    if topology.row_count > 0:
+        for row in range(topology.row_count):
+            total = float(0.0)
+            for r in range(cone.block_row[blocks]):
+                total += cone.w[r, row] * cone.gamma[r]
+            work.row_r[row] = total
+        solve_rows_backward(topology, work)
+        apply_rows(topology, work)

@@ -9,6 +9,7 @@ import warp as wp
 from simwarp.core.types import FrictionLaw
 from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, Parameters
+from simwarp.kernels.core.spatial import contact_frame
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
@@ -23,7 +24,7 @@ UNBOUNDED = wp.constant(1.0e30)
 
 @wp.struct
 class Surface:
-    """What two materials make of a contact (`Material`)."""
+    """Parameters of a contact, combined from two materials (`Material`)."""
 
     friction: float
     rolling: float
@@ -56,19 +57,6 @@ def combined_surface(world: int, shape0: int, shape1: int, parameters: Parameter
 
 
 @wp.func
-def contact_frame(normal: wp.vec3) -> wp.mat33:
-    """Rows: the normal and two tangents (Duff et al. 2017, continuous but at one pole)."""
-    sign = wp.where(normal[2] >= 0.0, 1.0, -1.0)
-    a = -1.0 / (sign + normal[2])
-    b = normal[0] * normal[1] * a
-    return wp.mat33(
-        normal[0], normal[1], normal[2],
-        1.0 + sign * normal[0] * normal[0] * a, sign * b, -sign * normal[0],
-        b, sign + normal[1] * normal[1] * a, -normal[1],
-    )  # fmt: skip
-
-
-@wp.func
 def crossed(arm: wp.vec3, frame: wp.mat33) -> wp.mat33:
     """Rows: arm x row of the frame."""
     return -frame * wp.skew(arm)
@@ -85,7 +73,7 @@ def point_velocity(link: int, arm: wp.vec3, ang: wp.array[wp.vec3], lin: wp.arra
 
 @wp.func
 def bounces(dt: float, gap: float, incoming: float, free: float, surface: Surface, config: StepConfig) -> bool:
-    """Whether Newton's law of impact acts: the rebound is fast enough, and the step would close the gap.
+    """True if Newton's law of impact acts: the rebound is fast enough, and the step would close the gap.
 
     `incoming` is the normal velocity before the step, `free` that without contacts [m/s], negative when approaching.
     """

@@ -9,6 +9,7 @@ import warp as wp
 
 from simwarp.core.types import DriveMode
 from simwarp.kernels.core.fields import ControlArrays, Parameters
+from simwarp.kernels.core.piecewise_linear import segment_of
 from simwarp.kernels.core.tables import Topology, world_row
 
 wp.set_module_options({"enable_backward": False})
@@ -30,15 +31,8 @@ class ImplicitEffort:
 @wp.func
 def table_segment(table: int, x: wp.float64, topology: Topology) -> int:
     """Index of the first point of the segment that holds `x` (the end segments extrapolate)."""
-    low = topology.table_start[table]
-    high = topology.table_start[table + 1] - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if topology.table_x[middle] <= x:
-            low = middle
-        else:
-            high = middle
-    return low
+    start = topology.table_start[table]
+    return start + segment_of(topology.table_x, start, topology.table_start[table + 1] - start, 1, x)
 
 
 @wp.func

@@ -4,11 +4,10 @@ import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float, to_float
+from simwarp.kernels.core.spatial import contact_frame, matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry
 from simwarp.kernels.dynamics.bodies import applied_force, applied_torque, distance_dof, gyroscopic_torque
-from simwarp.kernels.dynamics.contact_rows import contact_frame
 from simwarp.kernels.dynamics.efforts import applied_effort, dof_effort
 from simwarp.kernels.dynamics.joints import FREE, joint_frames
 
@@ -127,7 +126,7 @@ def record_reactions(
     control: ControlArrays, contacts: ContactArrays, config: StepConfig, work: Work, cone: ConeProblem,
     reports: Reports,
 ):  # fmt: skip
-    """What each joint applies to its second body, at anchor 1, world axes: drives and limits included."""
+    """Reaction of each joint on its second body, at anchor 1, world axes: drives and limits included."""
     unexplained_impulses(world, dt, topology, parameters, state, control, config, work)
     for joint in range(topology.joint_count):
         reports.joint_reaction_force[world, joint] = wp.vec3()

@@ -17,8 +17,8 @@ from simwarp.kernels.dynamics.bodies import (
     publish,
     total_velocities,
 )
-from simwarp.kernels.dynamics.box_constraints import apply_cones, collect_boxes
-from simwarp.kernels.dynamics.cone_rows import assemble_dense
+from simwarp.kernels.dynamics.box_constraints import collect_boxes
+from simwarp.kernels.dynamics.cone_rows import apply_cones, assemble_dense
 from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
 from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
@@ -116,7 +116,7 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
 
 @wp.struct
 class Progress:
-    """What the first part of a step leaves to the second: blocks of the cone problem, and measures."""
+    """Results that the first part of a step passes to the second: blocks of the cone problem, and residuals."""
 
     limits: int  # blocks on coordinates, in front
     blocks: int  # all

@@ -42,7 +42,7 @@ wp.set_module_options(MODULE_OPTIONS)
 
 
 class Operation(IntEnum):
-    """What a launch does."""
+    """Operation that a launch performs."""
 
     STEP = 0
     ASSEMBLE = 1
@@ -55,7 +55,7 @@ OP_ASSEMBLE = wp.constant(int(Operation.ASSEMBLE))
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """What a model needs room for, per world.
+    """Workspace sizes of a model, per world.
 
     `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of its factor. `kept_rows` are
     all cone rows where another solver may follow the first, whatever is dense: both solutions are compared.

@@ -23,7 +23,7 @@ Candidates: Any = wp.types.vector(length=2 * NEAR_COUNT + 1, dtype=wp.float32)
 
 @wp.struct
 class RayHit:
-    """Where a ray meets a scene."""
+    """Hit of a ray in a scene."""
 
     t: float  # distance along the unit direction [m]; -1: nothing
     normal: wp.vec3  # unit, world axes, on the outer side of the surface

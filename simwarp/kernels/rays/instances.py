@@ -1,4 +1,4 @@
-"""What rays of a world can hit: instances of shared geometry, placed per world, and the tree over their bounds.
+"""Instances that rays of a world can hit: shared geometry, placed per world, and the tree over their bounds.
 
 The tree is built anew for every frame, by one thread per world: instances in Morton order, eight to a node, eight nodes
 to a node of the next level, so that no link is stored. A refit would keep the topology of the first frame, which says
@@ -20,7 +20,7 @@ from simwarp.kernels.collision.shape import (
     Assets,
 )
 from simwarp.kernels.core.fields import Parameters, StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float
+from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float, turned_extent
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.rays.wide_tree import Trees
 
@@ -203,9 +203,8 @@ def instance_bounds(instance: int, world: int, scene: RayScene, assets: Assets):
         half = half_extent(kind, size)
     rot = scene.place_rot[world, instance]
     centre = scene.place_x[world, instance] + rot * middle
-    reach = wp.vec3()
+    reach = turned_extent(rot, half) * 1.000001
     for k in range(3):
-        reach[k] = wp.dot(wp.abs(wp.vec3(rot[k, 0], rot[k, 1], rot[k, 2])), half) * 1.000001
         reach[k] += 1.0e-6 * wp.abs(centre[k]) + 1.0e-7
     scene.lower[world, instance] = centre - reach
     scene.upper[world, instance] = centre + reach

@@ -1,4 +1,4 @@
-"""Where a ray first meets the surface of a primitive shape, in the shape's frame, from outside or from within."""
+"""First hit of a ray on the surface of a primitive shape, in the shape's frame, from outside or from inside."""
 
 import warp as wp
 
@@ -200,7 +200,7 @@ def cone_ray(start: wp.vec3, direction: wp.vec3, radius: float, half_length: flo
 
 @wp.func
 def primitive_ray(kind: int, size: wp.vec3, start: wp.vec3, direction: wp.vec3) -> SurfaceHit:
-    """Any of the shapes above; `size` as `ShapeType` tells."""
+    """First hit of a ray on any of the shapes above; `size` as in `ShapeType`."""
     if kind == BOX:
         return box_ray(start, direction, size)
     if kind == SPHERE or kind == ELLIPSOID:

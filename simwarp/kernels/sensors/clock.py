@@ -39,10 +39,10 @@ class ClockSettings:
 
 @wp.struct
 class ClockState:
-    """What a clock remembers, per world."""
+    """State of a clock, per world."""
 
     count: wp.array[int]  # sub-steps since the world's state was set
-    episode: wp.array[int]  # how often it was set
+    episode: wp.array[int]  # number of times that it was set
     phase: wp.array[int]
     ring_time: wp.array[wp.float64]  # (W·slots,) world time at completion [s]
     timestamp: wp.array[wp.float64]  # of the published frame [s]
@@ -51,7 +51,7 @@ class ClockState:
 
 @wp.struct
 class Tick:
-    """What happens in this sub-step, per world; written by the clock, read by the kernels of its sensor."""
+    """Actions of a sensor in this sub-step, per world; written by the clock, read by the kernels of its sensor."""
 
     mode: wp.array[int]  # IDLE, STEP or BEGIN
     collecting: wp.array[int]  # 1: this sub-step lies in the window of a frame that somebody will see
@@ -68,7 +68,7 @@ class Tick:
 
 @wp.func
 def is_seen(published: int, clock: ClockSettings) -> bool:
-    """Whether a reader looks between the publication of a frame, at this count, and that of the next."""
+    """True if data are read between the publication of a frame, at this count, and that of the next."""
     look = ((published + clock.every - 1) / clock.every) * clock.every
     return look < published + clock.period
 
@@ -144,7 +144,7 @@ def begin_clock(
     memory: ClockState,
     tick: Tick,
 ):
-    """Where the state of a world was set: frames in waiting are forgotten, and one of the new state is published."""
+    """Restarts clocks of worlds whose state was set: pending frames are dropped, one of the new state is published."""
     world = wp.tid()
     if not mask[world]:
         nothing_due(world, IDLE, tick)

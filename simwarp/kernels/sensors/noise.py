@@ -1,4 +1,4 @@
-"""What sensors get wrong: stages that act one after the other on each channel of a frame (simwarp/sensors/noise.py)."""
+"""Sensor noise: stages that act one after the other on each channel of a frame (simwarp/sensors/noise.py)."""
 
 import warp as wp
 

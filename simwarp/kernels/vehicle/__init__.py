@@ -1,1 +1,1 @@
-"""What drives a vehicle: inputs, powertrain, drivers along paths."""
+"""Kernels of vehicle driving: inputs, powertrain, path followers."""

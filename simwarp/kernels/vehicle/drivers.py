@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.piecewise_linear import bounded_value
 
 wp.set_module_options({"enable_backward": False})
 
@@ -24,25 +25,6 @@ class Script:
     proportional: float  # pedal per m/s
     integral: float  # pedal per m
     brake_share: float  # braking per pedal below zero
-
-
-@wp.func
-def script_value(channel: int, time: float, script: Script) -> float:
-    """A function of the script; of two points at one time the later one counts from then on."""
-    low = int(script.start[channel])
-    high = int(script.start[channel + 1] - 1)
-    if time < script.time[low]:
-        return script.value[low]
-    if time >= script.time[high]:
-        return script.value[high]
-    while high - low > 1:
-        middle = (low + high) // 2
-        if script.time[middle] <= time:
-            low = middle
-        else:
-            high = middle
-    part = (time - script.time[low]) / (script.time[high] - script.time[low])
-    return script.value[low] + part * (script.value[high] - script.value[low])
 
 
 @wp.func
@@ -70,11 +52,11 @@ def run_script(
     """A script's inputs at this time; the speed controller is a PI whose integral rests while a pedal is at its end."""
     world = wp.tid()
     time = float(state.world_time[world])
-    vehicle_input[world, 0] = script_value(STEERING, time, script)
-    target = script_value(SPEED, time, script)
+    vehicle_input[world, 0] = bounded_value(STEERING, time, script.start, script.time, script.value)
+    target = bounded_value(SPEED, time, script.start, script.time, script.value)
     if target < 0.0:
-        vehicle_input[world, 1] = script_value(THROTTLE, time, script)
-        vehicle_input[world, 2] = script_value(BRAKING, time, script)
+        vehicle_input[world, 1] = bounded_value(THROTTLE, time, script.start, script.time, script.value)
+        vehicle_input[world, 2] = bounded_value(BRAKING, time, script.start, script.time, script.value)
         return
     error = target - forward_speed(world, chassis, reference, state)
     pedal = script.proportional * error + script.integral * error_sum[world]

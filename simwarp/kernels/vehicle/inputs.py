@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class VehicleTables:
-    """Where a vehicle's inputs act, shared by all worlds."""
+    """Degrees of freedom that a vehicle's inputs act on, and their scales; shared by all worlds."""
 
     chassis: int
     point: wp.vec3  # whose motion is reported, from the chassis' centre of mass, body axes [m]
@@ -22,12 +22,12 @@ class VehicleTables:
     brake_torque: wp.array[float]  # at full braking [N·m]
     lock_dof: wp.array[int]  # slip of the differentials' clutches
     lock_held: wp.array[float]  # torque of the open clutch [N·m]
-    lock_torque: wp.array[float]  # what closing it adds [N·m]
+    lock_torque: wp.array[float]  # torque added when it closes [N·m]
 
 
 @wp.struct
 class VehicleMotion:
-    """How the vehicles move, per world, at a point of the chassis."""
+    """Motion of the vehicles, per world, at a point of the chassis."""
 
     position: wp.array[wp.vec3d]  # world [m]
     angles: wp.array[wp.vec3]  # roll, pitch (nose down positive), yaw [rad]

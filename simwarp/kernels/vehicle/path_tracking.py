@@ -13,7 +13,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
 class SteeringLaw(IntEnum):
-    """How a follower steers."""
+    """Steering law of a path follower."""
 
     LOOK_AHEAD = 0
     STANLEY = 1
@@ -51,7 +51,7 @@ class Follower:
 
 @wp.struct
 class FollowerState:
-    """What a follower remembers and reports, per world."""
+    """State and outputs of a path follower, per world."""
 
     segment: wp.array[int]  # of the path; -1: not looked for yet
     started: wp.array[int]  # 1: the controllers have errors of one step ago

@@ -37,14 +37,14 @@ def segment_part(first: int, x: wp.vec2d, paths: PathTables) -> float:
 
 @wp.func
 def segment_distance(first: int, x: wp.vec2d, paths: PathTables) -> float:
-    """Of a place from a segment, ends included [m]."""
+    """Distance of a point from a segment, ends included [m]."""
     part = wp.float64(wp.clamp(segment_part(first, x, paths), 0.0, 1.0))
     return float(wp.length(x - paths.x[first] - part * (paths.x[first + 1] - paths.x[first])))
 
 
 @wp.func
 def nearest_segment(path: int, hint: int, x: wp.vec2d, paths: PathTables) -> int:
-    """Downhill in distance from the segment `hint`, so that a path may cross itself; over all of them if it is -1."""
+    """Nearest segment downhill from `hint`, so that a path may cross itself; of all segments if it is -1."""
     first = paths.start[path]
     count = paths.start[path + 1] - first - 1
     best = wp.clamp(hint, 0, count - 1)
@@ -78,7 +78,7 @@ def nearest_segment(path: int, hint: int, x: wp.vec2d, paths: PathTables) -> int
 
 @wp.func
 def nearest_on_path(path: int, hint: int, x: wp.vec2d, paths: PathTables) -> PathPoint:
-    """Where a place is along a path and beside it. Open paths go on straight beyond their ends."""
+    """Nearest point of a path, and the offset from it. Open paths go on straight beyond their ends."""
     found = PathPoint()
     first = paths.start[path]
     count = paths.start[path + 1] - first - 1

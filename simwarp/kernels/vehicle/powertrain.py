@@ -5,12 +5,13 @@ from enum import IntEnum
 import warp as wp
 
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
+from simwarp.kernels.core.piecewise_linear import bounded_value
 
 wp.set_module_options({"enable_backward": False})
 
 
 class EngineKind(IntEnum):
-    """Which law gives the engine's torque."""
+    """Torque law of the engine."""
 
     NONE = 0
     SIMPLE = 1
@@ -19,7 +20,7 @@ class EngineKind(IntEnum):
 
 
 class TransmissionKind(IntEnum):
-    """What lies between the engine and the drive shaft."""
+    """Transmission between the engine and the drive shaft."""
 
     NONE = 0
     AUTOMATIC_MAP = 1
@@ -87,7 +88,7 @@ class Powertrain:
 
 @wp.struct
 class PowertrainState:
-    """What a powertrain remembers and reports, per world."""
+    """State and outputs of a powertrain, per world."""
 
     gear: wp.array[int]  # -1 reverse, 0 neutral
     shift_time: wp.array[wp.float64]  # of the last gear change [s]
@@ -101,21 +102,8 @@ class PowertrainState:
 
 @wp.func
 def curve_value(curve: int, x: float, powertrain: Powertrain) -> float:
-    """Piecewise linear, constant beyond its ends."""
-    low = int(powertrain.curve_start[curve])
-    high = int(powertrain.curve_start[curve + 1] - 1)
-    if x <= powertrain.curve_x[low]:
-        return powertrain.curve_y[low]
-    if x >= powertrain.curve_x[high]:
-        return powertrain.curve_y[high]
-    while high - low > 1:
-        middle = (low + high) // 2
-        if powertrain.curve_x[middle] <= x:
-            low = middle
-        else:
-            high = middle
-    part = (x - powertrain.curve_x[low]) / (powertrain.curve_x[high] - powertrain.curve_x[low])
-    return powertrain.curve_y[low] + part * (powertrain.curve_y[high] - powertrain.curve_y[low])
+    """One of the curves, constant beyond its ends."""
+    return bounded_value(curve, x, powertrain.curve_start, powertrain.curve_x, powertrain.curve_y)
 
 
 @wp.func

@@ -25,7 +25,7 @@ class ImageTexture:
 
     Attributes:
         image: (height, width, 3) uint8 sRGB with the top row first, or the path of an image file.
-        metres: what one repeat covers along x and y of the instance's frame, seen along its z: for grounds, height
+        metres: extent of one repeat along x and y of the instance's frame, seen along its z: for grounds, height
             fields and boxes. None: the picture goes by the texture coordinates of the mesh.
     """
 
@@ -97,7 +97,7 @@ class AppearanceList:
         return self._given[texture]
 
     def check(self, thing: str, texture: int, visual: VisualMesh | None) -> None:
-        """An instance's texture has to exist, and to know where it lies on the surface.
+        """An instance's texture has to exist, and to have a mapping onto the surface.
 
         Raises:
             ModelError: there is no such texture, or it is an image and neither it nor the mesh says where.

@@ -51,10 +51,10 @@ OutputNames: TypeAlias = Annotated[tuple[Output, ...], MinLen(1), Different]
 @renamed_fields(reach="far")
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraConfig(Configuration):
-    """What a camera is. It looks along X of its mount; Y is to the left, Z up.
+    """Configuration of a camera. It looks along X of its mount; Y is to the left, Z up.
 
     Attributes:
-        schedule: when it takes pictures. With a window `rgb` and `grey` are means over it (motion blur); depth, normals
+        schedule: times of the frames. With a window `rgb` and `grey` are means over it (motion blur); depth, normals
             and labels are those at its end.
         width, height: of the image [pixels].
         lens: `Pinhole`, `FishEye` or `Radial`.
@@ -63,8 +63,8 @@ class CameraConfig(Configuration):
             `far`, zeros, -1. The first one is `Camera.data`.
         samples: s: s x s rays for each pixel of `rgb` and `grey`, one at random in each of as many squares. With a
             window there is at least one ray per sub-step.
-        near: what is nearer is not seen, such as the housing [m].
-        far: what is farther is not seen [m].
+        near: near distance: anything nearer, such as the housing, is not seen [m].
+        far: far distance: anything farther is not seen [m].
         imaging: exposure, response, vignetting and noise.
         grey_weights: of red, green and blue in `grey`.
         groups: bits of the groups of instances that are seen.
@@ -95,9 +95,9 @@ class Camera:
     """A camera on a body, or fixed in the world, in every world.
 
     Args:
-        scene: what there is to see.
-        mount: where it sits.
-        config: what it is.
+        scene: instances that it sees.
+        mount: body and pose.
+        config: configuration of the camera.
         lights: of the scene; several cameras may share one `Lights`.
         name: unique in the Simulation.
         seed: of its noise, with the name.

@@ -1,4 +1,4 @@
-"""What a camera does to light before it becomes pixel values: vignetting, exposure, response curve, noise."""
+"""Image processing of a camera, from light to pixel values: vignetting, exposure, response curve, noise."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ImageProcessing:
     """An `Imaging` on a device: arrays to write into between steps.
 
     Args:
-        imaging: what holds at first.
+        imaging: initial values.
         world_count: W.
         device: Warp device.
         per_world: names of the arrays below that get a row per world.

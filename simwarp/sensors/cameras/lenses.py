@@ -28,7 +28,7 @@ _FULL_TURN = 2.0 * math.pi
 
 
 class Lens(Protocol):
-    """What a camera asks of a lens."""
+    """Interface of a lens."""
 
     def numbers(self, aspect: float) -> LensNumbers:
         """For the kernels; `aspect` is height / width of the image."""
@@ -194,7 +194,7 @@ def directions(lens: Lens, width: int, height: int) -> Array:
 
 
 def _undistorted(target: Array, k: Array, limit: float) -> Array:
-    """What the kernel of the same name does, in float64: bisection, then Newton's method."""
+    """Inverse of the distortion in float64, as the kernel of the same name: bisection, then Newton's method."""
     low, high = np.zeros_like(target), np.full_like(target, limit)
     for _ in range(40):
         middle = 0.5 * (low + high)

@@ -33,7 +33,7 @@ class Sun:
 
     Attributes:
         direction: from the scene towards the sun, world axes; any length.
-        color: what a white surface that faces it sends back; one number is a grey.
+        color: radiance that a white surface facing it reflects; one number is a grey.
     """
 
     direction: Vec3 = (0.4, -0.3, 1.0)
@@ -46,7 +46,7 @@ class Lamp:
 
     Attributes:
         position: in the world [m].
-        color: what a white surface that faces it sends back at a distance of 1 m.
+        color: radiance that a white surface facing it reflects at a distance of 1 m.
     """
 
     position: Vec3
@@ -60,8 +60,8 @@ class Lighting:
     Attributes:
         suns: parallel lights.
         lamps: point lights.
-        shadows: whether things stand in the way of suns and lamps.
-        shadow_reach: how far towards a sun something is looked for [m].
+        shadows: True if things stand in the way of suns and lamps.
+        shadow_reach: distance towards a sun within which occluders count [m].
         ambient: light of the sky on surfaces that look up; they need no view of it.
         ambient_below: light from the ground on surfaces that look down; those in between get their share of both.
         sky: colour of the zenith.
@@ -95,7 +95,7 @@ class Lights:
     """The lighting of all worlds on a device: arrays to write into between steps.
 
     Args:
-        lighting: what holds at first.
+        lighting: initial values.
         world_count: W.
         device: Warp device.
         per_world: names of the arrays below that get a row per world.

@@ -45,7 +45,7 @@ class EncoderConfig(Configuration):
     turns: positions go on beyond one.
 
     Attributes:
-        schedule: when it measures; a frame holds the latest position or count of its window.
+        schedule: times of the measurements; a frame holds the latest position or count of its window.
         reading: "position" [rad or m]; "counts" since the beginning of the episode; or "speed" [rad/s or m/s], the
             change of the position over the window (without a window the coordinate's rate, which is not counted).
         counts_per_turn: of a rotation; one number, or one per coordinate. None: not counted.
@@ -81,7 +81,7 @@ class Encoder(VectorSensor):
         config: schedule, reading, counts and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in the noise's parameters, `step` and `ratio`.
+        randomised: True if every world has rows of its own in the noise's parameters, `step` and `ratio`.
 
     Attributes:
         data: (W, n) float32, see `EncoderConfig.reading`; counts are exact up to 2^24.
@@ -135,7 +135,7 @@ class Encoder(VectorSensor):
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a snapshot keeps."""
+        """State that a snapshot keeps."""
         return {**super().memory, **{f"shaft {name}": getattr(self._encoder, name) for name in MEMORY}}
 
     def _steps(self, model: Model) -> Any:
@@ -168,7 +168,7 @@ class TachometerConfig(Configuration):
     """A tachometer.
 
     Attributes:
-        schedule: when it measures; frames are means over the window.
+        schedule: times of the measurements; frames are means over the window.
         unit: "rpm" or "rad/s".
         axis: about which a body turns, in axes of the mount; without meaning on a joint.
         noise: of the reading, in its unit.
@@ -185,7 +185,7 @@ class SpeedometerConfig(Configuration):
     """A speedometer.
 
     Attributes:
-        schedule: when it measures; frames are means over the window.
+        schedule: times of the measurements; frames are means over the window.
         noise: [m/s].
     """
 
@@ -194,7 +194,7 @@ class SpeedometerConfig(Configuration):
 
 
 class Tachometer(VectorSensor):
-    """How fast a body turns about an axis of its own, or a joint's coordinate changes.
+    """Angular speed of a body about an axis of its own, or rate of a joint's coordinate.
 
     Args:
         model: whose worlds it measures.
@@ -203,7 +203,7 @@ class Tachometer(VectorSensor):
         config: schedule, unit, axis and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in noise parameters and mount.
+        randomised: True if every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 1) float32 [rpm or rad/s].
@@ -247,7 +247,7 @@ class Speedometer(VectorSensor):
         config: schedule and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in noise parameters and mount.
+        randomised: True if every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 1) float32 [m/s].
@@ -337,7 +337,7 @@ def _joint_of(dof: int, model: Model) -> int:
 
 
 def _turns(dof: int, model: Model) -> bool:
-    """Whether a coordinate is an angle."""
+    """True if a coordinate is an angle."""
     joint = _joint_of(dof, model)
     kind = JointType(int(model.topology.joint_type.numpy()[joint]))
     row = ELEMENTS[kind].dofs[dof - model.joint_dof_start[joint]]

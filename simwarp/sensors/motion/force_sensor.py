@@ -26,7 +26,7 @@ class ContactSensorConfig(Configuration):
     """A sensor of contact forces.
 
     Attributes:
-        schedule: when it measures; frames are means over the window.
+        schedule: times of the measurements; frames are means over the window.
         threshold: of the measured force from which on `touch` is true [N]; 0: any force.
         noise: of the force [N], per axis or for all.
     """
@@ -41,7 +41,7 @@ class LoadCellConfig(Configuration):
     """A sensor of what a joint transmits.
 
     Attributes:
-        schedule: when it measures; frames are means over the window.
+        schedule: times of the measurements; frames are means over the window.
         noise: of the force [N], per axis or for all.
         torque_noise: of the torque [N·m], per axis or for all.
     """
@@ -62,7 +62,7 @@ class ContactSensor(VectorSensor):
         config: schedule, threshold and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in noise parameters and mount.
+        randomised: True if every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 3) float32 [N]; zero until the first step after a state was set.
@@ -124,7 +124,7 @@ class LoadCell(VectorSensor):
         name: unique in a Simulation.
         rotation: xyzw, of the sensor's axes on the joint's second body.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in noise parameters and mount.
+        randomised: True if every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 6) float32: force [N], then torque about anchor 1 [N·m], in axes of the sensor; zero until the first

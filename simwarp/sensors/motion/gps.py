@@ -30,7 +30,7 @@ ECCENTRICITY2 = (2.0 - 1.0 / 298.257223563) / 298.257223563
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GeoOrigin(Configuration):
-    """Where on the Earth the world's origin is. The world's z is the normal of the ellipsoid there.
+    """Geodetic position and heading of the world's origin. The world's z is the normal of the ellipsoid there.
 
     Attributes:
         latitude: geodetic, -90 to 90 [deg].
@@ -53,8 +53,8 @@ class GpsConfig(Configuration):
     """A satellite receiver.
 
     Attributes:
-        schedule: when it measures; a frame holds the latest sample of its window.
-        origin: where the world is.
+        schedule: times of the measurements; a frame holds the latest sample of its window.
+        origin: geodetic position of the world.
         earth: "wgs84", or "sphere" of 6371 km, on which metres north and east are turned into angles one by one.
         noise: of the position east, north and up [m], per axis or for all.
         velocity_noise: of the velocity east, north and up [m/s].
@@ -107,17 +107,17 @@ def to_local(origin: GeoOrigin, latitude: Any, longitude: Any, altitude: Any) ->
 
 
 class Gps(VectorSensor):
-    """Where a point of a body is on the Earth, and how it moves.
+    """Satellite receiver: position on the Earth, and velocity, of a point of a body.
 
     The world is a plane that touches the ellipsoid at `config.origin`: one kilometre away, z = 0 lies 8 cm above it.
 
     Args:
         model: whose worlds it measures.
-        mount: place on a body; its axes do not matter.
+        mount: body and pose; its axes do not matter.
         config: schedule, origin and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in noise parameters and mount.
+        randomised: True if every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 3) float64: latitude, longitude [deg], altitude above the ellipsoid [m].

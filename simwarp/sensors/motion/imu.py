@@ -29,7 +29,7 @@ class ImuConfig(Configuration):
     """An inertial unit.
 
     Attributes:
-        schedule: when it measures; frames are means over the window.
+        schedule: times of the measurements; frames are means over the window.
         outputs: "accelerometer", "gyroscope" or both.
         accelerometer_noise: of the specific force [m/s²], per axis or for all.
         gyroscope_noise: of the angular velocity [rad/s].
@@ -53,7 +53,7 @@ class Imu(VectorSensor):
         config: schedule, parts and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in noise parameters and mount.
+        randomised: True if every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 3 or 6) float32: specific force [m/s²], angular velocity [rad/s], in the order of `config.outputs`.
@@ -97,7 +97,7 @@ class Imu(VectorSensor):
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """What a snapshot keeps."""
+        """State that a snapshot keeps."""
         return {**super().memory, "point velocity": self._inertial.velocity}
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:

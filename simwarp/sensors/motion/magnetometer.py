@@ -26,8 +26,8 @@ class MagnetometerConfig(Configuration):
     """A magnetometer.
 
     Attributes:
-        schedule: when it measures; frames are means over the window.
-        origin: where the world is.
+        schedule: times of the measurements; frames are means over the window.
+        origin: geodetic position of the world.
         noise: [T], per axis or for all; a constant bias (hard iron) is the mean of a `NormalNoise`.
         strength: of the field at the magnetic equator [T].
         pole_latitude, pole_longitude: of the geomagnetic north pole [deg].
@@ -53,7 +53,7 @@ class Magnetometer(VectorSensor):
         config: schedule, origin, field and noise.
         name: unique in a Simulation.
         seed: of the noise, together with the name.
-        randomised: whether every world has rows of its own in noise parameters and mount.
+        randomised: True if every world has rows of its own in noise parameters and mount.
 
     Attributes:
         data: (W, 3) float32 [T].

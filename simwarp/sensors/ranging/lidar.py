@@ -41,7 +41,7 @@ OUTPUTS: Final = get_args(Output)
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LidarNoise(Configuration):
-    """What a lidar gets wrong: a number, or one per world.
+    """Noise of a lidar: each a number, or one per world.
 
     Attributes:
         range: standard deviation of ranges [m].
@@ -68,13 +68,13 @@ class LidarConfig(Configuration):
 
     Attributes:
         schedule: the window is the time of one sweep: column c of C fires at window · c / C; 0: all fire at once.
-        beams: where they point.
-        beam: how wide one is.
+        beams: directions of the beams.
+        beam: width of a beam.
         mode: "strongest", "first", "last", "mean", or "dual" (strongest and first: twice the channels).
         near, far: ranges between which surfaces are seen [m]. Rays begin at `near`: a housing inside it hides nothing.
         noise: see `LidarNoise`.
         outputs: "points", "ranges" or both; the first is `data`.
-        miss: what the range image shows where nothing returns: "zero", "inf" or "far". Intensities are 0 there, and
+        miss: value of the range image without a return: "zero", "inf" or "far". Intensities are 0 there, and
             only there; points are zero in all their components.
         sweep: columns fire from where the sensor is at their own time, to first order between sub-steps; else from
             where it is at the end of the sub-step in which their time falls.
@@ -109,8 +109,8 @@ class Lidar:
     where they are at its end.
 
     Args:
-        scene: what it sees (`Visuals.finalize`).
-        mount: where it sits.
+        scene: instances that it sees (`Visuals.finalize`).
+        mount: body and pose.
         config: see `LidarConfig`; there is no default.
         name: unique in a Simulation; part of its randomness.
         seed: of its randomness.

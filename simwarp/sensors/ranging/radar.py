@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RadarNoise(Configuration):
-    """What a radar gets wrong: a number, or one per world.
+    """Noise of a radar: each a number, or one per world.
 
     Attributes:
         range: standard deviation of ranges [m].
@@ -61,7 +61,7 @@ class RadarNoise(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Clusters(Configuration):
-    """How returns are gathered: DBSCAN in which every return counts (least 1), by distance in space alone.
+    """Clustering of returns: DBSCAN in which every return counts (least 1), by distance in space alone.
 
     Attributes:
         distance: returns at most this far apart belong together [m].
@@ -83,11 +83,11 @@ class RadarConfig(Configuration):
 
     Attributes:
         schedule: column c of C is measured at window · c / C; with window 0 all are measured at once.
-        rays: where it looks.
+        rays: directions of the rays.
         near, far: ranges between which surfaces are seen [m].
         noise: see `RadarNoise`.
         falloff: k of the amplitude's law r^-k with r in metres: 0 none, 4 the radar equation.
-        clusters: how returns are gathered; None: not at all.
+        clusters: clustering of returns; None: none.
         sweep: see `LidarConfig`.
         groups: bits of the groups of instances that it sees (`Appearance.group`).
 
@@ -117,8 +117,8 @@ class Radar:
     what stands beside the road comes closer.
 
     Args:
-        scene: what it sees (`Visuals.finalize`).
-        mount: where it sits; x ahead, y left, z up.
+        scene: instances that it sees (`Visuals.finalize`).
+        mount: body and pose; x ahead, y left, z up.
         config: see `RadarConfig`; there is no default.
         name: unique in a Simulation; part of its randomness.
         seed: of its randomness.

@@ -1,4 +1,4 @@
-"""What lidar and radar share: checks of their numbers, noise per world, beams on a mount."""
+"""Shared by lidar and radar: checks of their numbers, noise per world, beams on a mount."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def scan_tables(mount: MountArrays, beams: BeamTable, near: float, far: float, d
 
 
 def set_sweep(scan: Scan, frames: Frames, sweep: bool) -> None:
-    """The time over which columns fire, once the clock knows its sub-steps."""
+    """The time over which columns fire, once the clock has its sub-steps."""
     scan.span = frames.steps.window * frames.dt if sweep else 0.0
 
 

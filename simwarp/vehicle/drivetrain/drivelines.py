@@ -32,12 +32,12 @@ class Lock:
     held: float
     """Torque of the open clutch, of a limited-slip differential [N·m]."""
     locking: float
-    """What closing it adds [N·m]."""
+    """Torque added when it closes [N·m]."""
 
 
 @dataclasses.dataclass(frozen=True)
 class DrivelineParts:
-    """Where the transmission acts: a shaft, or straight on the axles of a simple driveline.
+    """Parts of a driveline that the transmission acts on: a shaft, or directly the axles of a simple driveline.
 
     `split` lists (left turn, right turn, share of the torque x gear ratio, gear ratio, largest bias).
     """

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from simwarp.core.piecewise_linear import function_arrays
 from simwarp.kernels.vehicle.powertrain import EngineKind, Powertrain, PowertrainState, TransmissionKind
 from simwarp.model.model import Model
 from simwarp.vehicle.construction import VehicleParts
@@ -51,9 +52,7 @@ def powertrain_tables(parts: VehicleParts, model: Model) -> Powertrain:
     table.split_ratio = _array([entry[3] for entry in split] or [1.0], float, model)
     table.split_bias = _array([entry[4] for entry in split] or [1.0], float, model)
     curves = [*_engine(table, parts.spec.engine), *_transmission(table, parts.spec.transmission, model)]
-    table.curve_start = _array(np.cumsum([0] + [len(curve) for curve in curves]), int, model)
-    table.curve_x = _array([x for curve in curves for x, _ in curve], float, model)
-    table.curve_y = _array([y for curve in curves for _, y in curve], float, model)
+    table.curve_start, table.curve_x, table.curve_y = function_arrays(curves, float, model.device)
     return table
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.types import shown
 from simwarp.core.wording import nearest
 from simwarp.kernels.vehicle.drivers import Script, run_script
@@ -130,7 +131,7 @@ class ScriptedDriver:
 
     Args:
         vehicle: whose `input` it writes.
-        script: what to do when.
+        script: inputs over time.
     """
 
     def __init__(self, vehicle: Vehicle, script: ScriptSpec) -> None:
@@ -139,9 +140,7 @@ class ScriptedDriver:
         self.script = script
         channels = [script.steering, script.throttle, script.braking, script.speed]
         self._script = Script()
-        self._script.start = wp.array(np.cumsum([0] + [len(c) for c in channels]), dtype=int, device=device)
-        self._script.time = wp.array([t for c in channels for t, _ in c], dtype=float, device=device)
-        self._script.value = wp.array([v for c in channels for _, v in c], dtype=float, device=device)
+        self._script.start, self._script.time, self._script.value = function_arrays(channels, float, device)
         self._script.proportional = script.proportional
         self._script.integral = script.integral
         self._script.brake_share = script.brake_share

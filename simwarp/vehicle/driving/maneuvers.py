@@ -33,7 +33,7 @@ class Maneuver:
     duration: float
     start: float = SETTLING
     follow: FollowSpec | None = None
-    """Where given, a path follower drives in place of the script."""
+    """If given, a path follower that drives in place of the script."""
     slope: float = 0.0
     """Of the ground, rise per run; the vehicle faces uphill."""
 
@@ -83,7 +83,7 @@ def _usual_speed(spec: VehicleSpec) -> float:
 
 
 STEP: Final = 15.0
-"""When the steering of step-steer and sine-sweep begins [s]: by then the speed is held."""
+"""Start time of the steering of step-steer and sine-sweep [s]: by then the speed is held."""
 
 
 def step_steer(
@@ -217,7 +217,7 @@ MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
 
 
 def maneuver_options(name: str) -> list[str]:
-    """What of a manoeuvre may be chosen."""
+    """Names of the options of a manoeuvre."""
     return [key for key in inspect.signature(MANEUVERS[name]).parameters if key != "spec"]
 
 

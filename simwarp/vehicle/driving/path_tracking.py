@@ -70,7 +70,7 @@ class Stanley:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FollowSpec:
-    """What a path follower does: paths, a speed to hold, and how.
+    """Configuration of a path follower: paths, target speed and controllers.
 
     Too slow: throttle; too fast with the throttle open by more than `throttle_threshold`: the throttle closes; else
     brakes.
@@ -116,11 +116,6 @@ def look_ahead_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) 
     size = wheelbase(spec) / 3.3
     distance = max(5.0 * size, seconds * speed)
     return LookAhead(distance=distance, gains=PIDGains(proportional=2.5 / distance))
-
-
-def stanley_for(spec: VehicleSpec) -> Stanley:
-    """Stanley's law for a vehicle's front axle."""
-    return Stanley(axle=spec.axles[0].location[0])
 
 
 class PathFollower:

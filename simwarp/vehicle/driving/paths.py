@@ -38,7 +38,7 @@ class Path:
 
     Attributes:
         points: (n, 2) [m]; a closed path has its first point again at the end.
-        closed: whether it goes on at its start.
+        closed: True if it goes on at its start.
     """
 
     points: Array

@@ -1,4 +1,4 @@
-"""What a run of a vehicle records: the columns that analysts expect, from the arrays of a Simulation."""
+"""Recorded channels of a vehicle's run: the columns that analysts expect, from the arrays of a Simulation."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Recorder:
     Args:
         simulation: with the vehicle among its elements.
         vehicle: whose run it is.
-        worlds: which worlds; the first alone by default.
+        worlds: indices of the worlds; the first alone by default.
         start: time of the simulation that counts as zero [s].
     """
 

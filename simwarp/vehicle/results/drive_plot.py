@@ -28,7 +28,7 @@ def draw_run(run: Run, target: FilePath, title: str, results: Iterable[Result] =
     """Writes a picture in the format of the file's suffix.
 
     Args:
-        run: what was recorded.
+        run: recorded channels.
         target: .png, .pdf or .svg.
         title: the heading.
         results: numbers told below it.

@@ -1,4 +1,4 @@
-"""What a recorded manoeuvre amounts to: a few numbers, such as times to a speed or the distance to a stop."""
+"""Results of a recorded manoeuvre: a few numbers, such as times to a speed or the distance to a stop."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from simwarp.vehicle.results.channels import Run
 Array = npt.NDArray[np.float64]
 
 MARKS: Final = (5.0, 10.0, 15.0, 20.0, 25.0)
-"""Speeds whose times are told [m/s]."""
+"""Speeds whose times are reported [m/s]."""
 STANDSTILL: Final = 0.05
 """[m/s]."""
 STEADY: Final = 3.0
@@ -33,7 +33,7 @@ class Result:
     value: float
     unit: str = ""
     missing: str = "not reached"
-    """What NaN means."""
+    """Text in place of NaN."""
 
     @property
     def told_unit(self) -> str:
@@ -60,7 +60,7 @@ def results(run: Run, maneuver: Maneuver) -> list[Result]:
 
 
 def _missed_speed(run: Run, maneuver: Maneuver) -> list[Result]:
-    """Says so where the driver never got to the speed that he was to hold."""
+    """A result that reports a driver who never reached the speed to hold; otherwise none."""
     follow = maneuver.follow
     wanted = max(speed for _, speed in maneuver.script.speed) if follow is None else follow.speed
     top = float(run["speed_mps"].max())
@@ -175,7 +175,7 @@ def deviation(run: Run, path: Path) -> Array:
 
 
 def followed(run: Run, maneuver: Maneuver) -> list[Result]:
-    """How near a follower stays to its path."""
+    """Deviation of a path follower from its path, and the peaks of its yaw rate and of speed x yaw rate."""
     if maneuver.follow is None:
         return []
     off = deviation(run, maneuver.follow.paths[0])
@@ -222,7 +222,7 @@ def frequency_response(run: Run, maneuver: Maneuver) -> list[Result]:
 
 
 def held(run: Run, maneuver: Maneuver) -> list[Result]:
-    """How far a standing vehicle has moved, from the beginning and after five seconds, when the springs are calm."""
+    """Displacement of a standing vehicle, from the beginning and after five seconds, when the springs are calm."""
     t = run["t_s"]
     place = np.stack([run["x_m"], run["y_m"], run["z_m"]], axis=1)
     found = [Result("moved", "moved since t = 0", 1e3 * float(np.linalg.norm(place[-1] - place[0])), "mm")]

@@ -31,7 +31,7 @@ FRICTION = (1.0e-4, 10.0)
 REFERENCE_DT = 1.0e-3
 
 Progress = Callable[[float], None]
-"""Told the time of the manoeuvre [s] after every row."""
+"""Called with the time of the manoeuvre [s] after every row."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,8 +59,8 @@ def set_up(
     Args:
         spec: of the vehicle.
         maneuver: of `simwarp.vehicle.driving.maneuvers`.
-        worlds: how many.
-        device: where they run.
+        worlds: number of worlds.
+        device: device of the run.
         dt: time step [s].
         friction: of the ground.
         randomised: model arrays of which every world needs its own, beside those that a vehicle writes.
@@ -100,7 +100,7 @@ class Drive:
 
     Args:
         setup: of `set_up`.
-        worlds: which ones are recorded; the first alone by default.
+        worlds: indices of those that are recorded; the first alone by default.
     """
 
     def __init__(self, setup: Setup, worlds: slice = slice(0, 1)) -> None:
@@ -133,12 +133,12 @@ class Drive:
         return self.result()
 
     def broken(self) -> bool:
-        """Whether the first recorded world is not finite any more."""
+        """True if the first recorded world is not finite any more."""
         world = self.recorder.worlds.start or 0
         return bool(self.setup.simulation.state.world_status.numpy()[world] & WorldStatus.NON_FINITE)
 
     def result(self, world: int = 0) -> Run:
-        """What was recorded of one of the recorder's worlds, at multiples of 10 ms."""
+        """Recorded run of one of the recorder's worlds, at multiples of 10 ms."""
         run = Run.of(self.recorder, world)
         if self._every:
             return run

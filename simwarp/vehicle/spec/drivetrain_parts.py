@@ -83,7 +83,7 @@ class ShaftsDriveline2WD(Spec):
     locking_limit: NotNegative = 0.0
     """Largest torque of the locked clutch [N·m]."""
     lockable: bool = False
-    """Whether `Vehicle.lock` can close that clutch; without it none is built."""
+    """If true, a clutch is built that `Vehicle.lock` can close."""
     slip_torque: NotNegative = 0.0
     """Torque that a limited-slip differential always holds between its wheels [N·m]."""
     reaction: float = 0.0
@@ -106,7 +106,7 @@ class ShaftsDriveline4WD(Spec):
     axle_locking_limit: NotNegative = 0.0
     central_locking_limit: NotNegative = 0.0
     lockable: bool = False
-    """Whether `Vehicle.lock` can close those clutches; without it none is built."""
+    """If true, clutches are built that `Vehicle.lock` can close."""
     axle_slip_torque: NotNegative = 0.0
     """Torque that limited-slip differentials of the axles always hold between their wheels [N·m]."""
     central_slip_torque: NotNegative = 0.0

@@ -28,7 +28,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
 )
 
 ASYMMETRIC_TIRES = ("pacejka89", "pacejka2002")
-"""Templates whose parameters tell left from right."""
+"""Templates whose parameters differ between left and right."""
 
 
 def mirrored(spec: VehicleSpec) -> VehicleSpec:

@@ -1,4 +1,4 @@
-"""Whether a described vehicle makes sense as a whole: lengths of one scale, wheels near the ground, axles that exist.
+"""Plausibility of a vehicle as a whole: lengths of one scale, wheels near the ground, axles that exist.
 
 Every number may be right by itself and wrong beside the others, as millimetres are. What is refused here would
 otherwise end in a simulation that breaks down, far from its cause.
@@ -27,10 +27,10 @@ REACH: Final = 2.0
 BODY_REACH: Final = 5.0
 """The same for the box of the chassis, which may overhang."""
 TIRE_REACH: Final = 20.0
-"""What stands for two wheelbases of a vehicle with one axle, in radii of its tires."""
+"""Substitute for two wheelbases of a vehicle with one axle, in radii of its tires."""
 SUNK: Final = 0.5
 LIFTED: Final = 5.0
-"""How deep in the ground and how high above it the lowest wheel may start, in radii of its tire."""
+"""Depth in the ground and height above it at which the lowest wheel may start, in radii of its tire."""
 
 LENGTHS: Final = frozenset(
     {

@@ -28,7 +28,7 @@ class Powertrain(Spec):
 
 
 def folder_of(name: str, kind: str) -> Path:
-    """Where the options of a kind lie."""
+    """Folder of the options of a kind."""
     return DATA / name.partition("-")[0] / f"{kind}s"
 
 

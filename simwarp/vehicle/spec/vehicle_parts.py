@@ -85,7 +85,7 @@ class Axle(Spec):
     tire: Tire
     brake: Brake | None = None
     steering: int | None = None
-    """Which of the vehicle's steerings holds the tie rods; None: the chassis."""
+    """Index of the vehicle's steering that holds the tie rods; None: the chassis."""
     antiroll_bar: AntirollBar | None = None
 
 

@@ -1,4 +1,4 @@
-"""What a wheeled vehicle is made of: typed, validated descriptions, one dataclass per template.
+"""Specification of a wheeled vehicle: typed, validated descriptions, one dataclass per template.
 
 Units are SI. Points and centres of mass of a suspension are those of its LEFT side, in the frame of the axle, which is
 parallel to the chassis frame (X forward, Y left, Z up); the right side mirrors y. Moments and products of inertia are

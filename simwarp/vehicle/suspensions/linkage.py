@@ -1,4 +1,4 @@
-"""What the suspension templates share: rods, hinges of arms with or without bushings, and their common result."""
+"""Shared by the suspension templates: rods, hinges of arms with or without bushings, and their common result."""
 
 from __future__ import annotations
 

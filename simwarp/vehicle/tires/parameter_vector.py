@@ -1,4 +1,4 @@
-"""From `spec.Tire` to the rows of numbers that the kernels read (kernels/vehicle/tires/parameter_vector.py)."""
+"""From `spec.Tire` to the vectors that the kernels read (kernels/vehicle/tires/parameter_vector.py)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from simwarp.vehicle.spec.parts import SPECS, Spec, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
 from simwarp.vehicle.tires.rigid_tires import rigid_parameters
-from simwarp.vehicle.tires.tire_common import THIRD, Row, common_row, missing
+from simwarp.vehicle.tires.tire_common import THIRD, Vector, common_vector, missing
 from simwarp.vehicle.tires.tire_files import PropertyFileError, TirValues
 from simwarp.vehicle.tires.tire_parameters import (
     CommonParameters,
@@ -58,17 +58,17 @@ CONTACTS = {
     "envelope": TireContact.ENVELOPE,
 }
 RIM_CLEARANCE = 0.01
-"""How far above the rim the tire touches it [m]."""
+"""Height above the rim at which the tire touches it [m]."""
 TYPICAL_RESISTANCE = 0.015
 
 
 @dataclasses.dataclass(frozen=True)
-class TireRow:
+class ParameterVector:
     """A tire as the kernels take it."""
 
     model: TireModel
     contact: TireContact
-    values: Row
+    values: Vector
     state_size: int
     measured_side: str | None
 
@@ -111,108 +111,108 @@ def rated_values(tire: Tire, rated: RatedParameters, horizontal: Spec, patterns:
     return values
 
 
-def rated_row(tire: Tire, common: CommonParameters, values: dict[str, Any], size: int) -> Row:
-    """A row with the vertical law of TMeasy and TMsimple."""
-    row = common_row(tire, common, size, camber=4.0, share=THIRD)
-    row[Common.LOAD_LIMIT] = values["load_limit"]
-    row[Common.STIFFNESS] = values["vertical_stiffness"]
-    row[Common.STIFFNESS_SQUARE] = values["vertical_stiffness_square"]
-    row[Common.DAMPING] = values["vertical_damping"]
+def rated_vector(tire: Tire, common: CommonParameters, values: dict[str, Any], size: int) -> Vector:
+    """A vector with the vertical law of TMeasy and TMsimple."""
+    vector = common_vector(tire, common, size, camber=4.0, share=THIRD)
+    vector[Common.LOAD_LIMIT] = values["load_limit"]
+    vector[Common.STIFFNESS] = values["vertical_stiffness"]
+    vector[Common.STIFFNESS_SQUARE] = values["vertical_stiffness_square"]
+    vector[Common.DAMPING] = values["vertical_damping"]
     rim = tire.radius - values["rim_radius"] - RIM_CLEARANCE
-    row[Common.BOTTOM_DEFLECTION] = values.get("bottom_deflection", max(rim, 0.0))
-    row[Common.BOTTOM_STIFFNESS] = values.get("bottom_stiffness", 5.0 * values["vertical_stiffness"])
-    row[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius
-    return row
+    vector[Common.BOTTOM_DEFLECTION] = values.get("bottom_deflection", max(rim, 0.0))
+    vector[Common.BOTTOM_STIFFNESS] = values.get("bottom_stiffness", 5.0 * values["vertical_stiffness"])
+    vector[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius
+    return vector
 
 
-def fill_tmeasy(tire: Tire, common: CommonParameters, rated: RatedParameters, curve: TmeasyParameters) -> Row:
-    """Row of a TMeasy tire."""
+def fill_tmeasy(tire: Tire, common: CommonParameters, rated: RatedParameters, curve: TmeasyParameters) -> Vector:
+    """Vector of a TMeasy tire."""
     values = rated_values(tire, rated, curve, TMEASY_PATTERNS)
-    row = rated_row(tire, common, values, TMEASY_SIZE)
-    row[Tmeasy.NOMINAL_LOAD] = values["nominal_load"]
+    vector = rated_vector(tire, common, values, TMEASY_SIZE)
+    vector[Tmeasy.NOMINAL_LOAD] = values["nominal_load"]
     for entry in list(Tmeasy)[1:]:
-        row[entry : entry + 2] = values[entry.name.lower()]
-    return row
+        vector[entry : entry + 2] = values[entry.name.lower()]
+    return vector
 
 
-def fill_tmsimple(tire: Tire, common: CommonParameters, rated: RatedParameters, curve: TmsimpleParameters) -> Row:
-    """Row of a TMsimple tire."""
+def fill_tmsimple(tire: Tire, common: CommonParameters, rated: RatedParameters, curve: TmsimpleParameters) -> Vector:
+    """Vector of a TMsimple tire."""
     values = rated_values(tire, rated, curve, TMSIMPLE_PATTERNS)
-    row = rated_row(tire, common, values, TMSIMPLE_SIZE)
-    row[Tmsimple.NOMINAL_LOAD] = values["nominal_load"]
+    vector = rated_vector(tire, common, values, TMSIMPLE_SIZE)
+    vector[Tmsimple.NOMINAL_LOAD] = values["nominal_load"]
     for entry in list(Tmsimple)[1:]:
-        row[entry : entry + 2] = values[entry.name.lower()]
-    return row
+        vector[entry : entry + 2] = values[entry.name.lower()]
+    return vector
 
 
 # ---- the others ------------------------------------------------------------------------------------------------------
 
 
-def with_vertical(row: Row, vertical: VerticalParameters) -> Row:
-    """The row with its vertical law; a table follows its end."""
-    row[Common.STIFFNESS] = vertical.vertical_stiffness or 0.0
-    row[Common.DAMPING] = vertical.vertical_damping
+def with_vertical(vector: Vector, vertical: VerticalParameters) -> Vector:
+    """The vector with its vertical law; a table follows its end."""
+    vector[Common.STIFFNESS] = vertical.vertical_stiffness or 0.0
+    vector[Common.DAMPING] = vertical.vertical_damping
     if vertical.load_limit is not None:
-        row[Common.LOAD_LIMIT] = vertical.load_limit
+        vector[Common.LOAD_LIMIT] = vertical.load_limit
     if vertical.vertical_curve is None:
-        return row
-    row[Common.CURVE_START] = len(row)
-    row[Common.CURVE_POINTS] = len(vertical.vertical_curve)
-    return np.concatenate([row, np.ravel(vertical.vertical_curve)])
+        return vector
+    vector[Common.CURVE_START] = len(vector)
+    vector[Common.CURVE_POINTS] = len(vertical.vertical_curve)
+    return np.concatenate([vector, np.ravel(vertical.vertical_curve)])
 
 
-def fill_fiala(tire: Tire, common: CommonParameters, vertical: VerticalParameters, brush: FialaParameters) -> Row:
-    """Row of a Fiala tire."""
-    row = common_row(tire, common, FIALA_SIZE, camber=3.0, share=1.0)
-    row[Common.ROLLING_RESISTANCE] = resistance(common)
+def fill_fiala(tire: Tire, common: CommonParameters, vertical: VerticalParameters, brush: FialaParameters) -> Vector:
+    """Vector of a Fiala tire."""
+    vector = common_vector(tire, common, FIALA_SIZE, camber=3.0, share=1.0)
+    vector[Common.ROLLING_RESISTANCE] = resistance(common)
     for entry in Fiala:
-        row[entry] = getattr(brush, entry.name.lower())
-    return with_vertical(row, vertical)
+        vector[entry] = getattr(brush, entry.name.lower())
+    return with_vertical(vector, vertical)
 
 
 def fill_pacejka89(
     tire: Tire, common: CommonParameters, vertical: VerticalParameters, coefficients: Pacejka89Parameters
-) -> Row:
-    """Row of a Pacejka 89 tire."""
-    row = common_row(tire, common, PAC89_SIZE, camber=3.0, share=1.0)
-    row[Common.ROLLING_RESISTANCE] = resistance(common)
-    row[Pac89.LATERAL_STIFFNESS] = coefficients.lateral_stiffness
-    row[Pac89.A : Pac89.A + 14] = coefficients.lateral
-    row[Pac89.B : Pac89.B + 11] = coefficients.longitudinal
-    row[Pac89.C : Pac89.C + 18] = coefficients.aligning
+) -> Vector:
+    """Vector of a Pacejka 89 tire."""
+    vector = common_vector(tire, common, PAC89_SIZE, camber=3.0, share=1.0)
+    vector[Common.ROLLING_RESISTANCE] = resistance(common)
+    vector[Pac89.LATERAL_STIFFNESS] = coefficients.lateral_stiffness
+    vector[Pac89.A : Pac89.A + 14] = coefficients.lateral
+    vector[Pac89.B : Pac89.B + 11] = coefficients.longitudinal
+    vector[Pac89.C : Pac89.C + 18] = coefficients.aligning
     # the largest forces are parabolas of the load that turn down and become negative
     for square, slope in (coefficients.lateral[1:3], coefficients.longitudinal[1:3]):
         if square < 0.0:
-            row[Common.LOAD_LIMIT] = min(row[Common.LOAD_LIMIT], -500.0 * slope / square)
-    return with_vertical(row, vertical)
+            vector[Common.LOAD_LIMIT] = min(vector[Common.LOAD_LIMIT], -500.0 * slope / square)
+    return with_vertical(vector, vertical)
 
 
-def fill_lugre(tire: Tire, common: CommonParameters, vertical: VerticalParameters, lugre: LugreParameters) -> Row:
-    """Row of a LuGre tire."""
-    row = common_row(tire, common, LUGRE_SIZE, camber=3.0, share=1.0)
-    row[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius
-    row[Lugre.BRISTLE_STIFFNESS : Lugre.BRISTLE_STIFFNESS + 2] = lugre.bristle_rate
-    row[Lugre.BRISTLE_DAMPING : Lugre.BRISTLE_DAMPING + 2] = lugre.bristle_viscosity
-    row[Lugre.VISCOSITY : Lugre.VISCOSITY + 2] = lugre.viscosity
-    row[Lugre.KINETIC_FRICTION] = lugre.kinetic_friction
-    row[Lugre.STATIC_FRICTION] = lugre.static_friction
-    row[Lugre.STRIBECK_SPEED] = lugre.stribeck_speed
-    row[Lugre.CARRY_OFF] = lugre.carry_off
-    row[Lugre.DISC_COUNT] = lugre.disc_count
+def fill_lugre(tire: Tire, common: CommonParameters, vertical: VerticalParameters, lugre: LugreParameters) -> Vector:
+    """Vector of a LuGre tire."""
+    vector = common_vector(tire, common, LUGRE_SIZE, camber=3.0, share=1.0)
+    vector[Common.ROLLING_RESISTANCE] = resistance(common) * tire.radius
+    vector[Lugre.BRISTLE_STIFFNESS : Lugre.BRISTLE_STIFFNESS + 2] = lugre.bristle_rate
+    vector[Lugre.BRISTLE_DAMPING : Lugre.BRISTLE_DAMPING + 2] = lugre.bristle_viscosity
+    vector[Lugre.VISCOSITY : Lugre.VISCOSITY + 2] = lugre.viscosity
+    vector[Lugre.KINETIC_FRICTION] = lugre.kinetic_friction
+    vector[Lugre.STATIC_FRICTION] = lugre.static_friction
+    vector[Lugre.STRIBECK_SPEED] = lugre.stribeck_speed
+    vector[Lugre.CARRY_OFF] = lugre.carry_off
+    vector[Lugre.DISC_COUNT] = lugre.disc_count
     apart = 0.8 * tire.width / max(lugre.disc_count - 1, 1)
-    row[Lugre.DISC_SPACING] = apart if lugre.disc_spacing is None else lugre.disc_spacing
-    return with_vertical(row, vertical)
+    vector[Lugre.DISC_SPACING] = apart if lugre.disc_spacing is None else lugre.disc_spacing
+    return with_vertical(vector, vertical)
 
 
 # ---- all of them -----------------------------------------------------------------------------------------------------
 
 
 class Model(NamedTuple):
-    """A template: its law, the classes of its parameters beside the common ones, and what makes a row of them."""
+    """A template: its law, the classes of its parameters beside the common ones, and what makes a vector of them."""
 
     law: TireModel
     parts: tuple[type[Spec], ...]
-    fill: Callable[..., Row]
+    fill: Callable[..., Vector]
 
 
 MODELS: dict[str, Model] = {
@@ -235,28 +235,28 @@ def check_tire(tire: Tire) -> None:
     if tire.template == RIGID:
         rigid_parameters(tire)
     else:
-        _row(tire)
+        _vector(tire)
 
 
-def tire_row(tire: Tire, place: str = "tire") -> TireRow:
-    """The row of a tire.
+def tire_vector(tire: Tire, place: str = "tire") -> ParameterVector:
+    """The vector of a tire.
 
     Args:
         tire: its description.
-        place: what errors call it.
+        place: name in errors.
 
     Raises:
         SpecError: unknown template or key, or a value that breaks a rule.
     """
     try:
-        return _row(tire)
+        return _vector(tire)
     except PropertyFileError:
         raise
     except SpecError as error:
         raise SpecError(f"{place}.{error}") from None
 
 
-def _row(tire: Tire) -> TireRow:
+def _vector(tire: Tire) -> ParameterVector:
     if tire.template not in MODELS:
         names = (*MODELS, RIGID)
         near = nearest(tire.template, names)
@@ -281,4 +281,4 @@ def _row(tire: Tire) -> TireRow:
             raise tir.error(key.removeprefix("tir."), rule) from None
         raise SpecError(f"parameters.{error}") from None
     states = 2 * int(values[Lugre.DISC_COUNT]) if model.law is TireModel.LUGRE else BRISTLE_STATES
-    return TireRow(model.law, CONTACTS[built[0].contact], values, states, built[0].measured_side)
+    return ParameterVector(model.law, CONTACTS[built[0].contact], values, states, built[0].measured_side)

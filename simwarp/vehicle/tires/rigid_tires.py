@@ -48,7 +48,7 @@ def add_rigid_tire(builder: ModelBuilder, name: str, body: int, tire: Tire, key:
 
 
 class RigidTires:
-    """The wheels of a vehicle on rigid tires: what `Tires` tells, as far as contact knows it.
+    """The wheels of a vehicle on rigid tires: the outputs of `Tires`, as far as contact yields them.
 
     Args:
         shapes: of the wheels' cylinders, in the order of the reports.

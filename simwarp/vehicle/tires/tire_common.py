@@ -1,4 +1,4 @@
-"""A row of a tire's parameters: the part that all models share."""
+"""A vector of a tire's parameters: the part that all models share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simwarp.kernels.vehicle.tires.parameter_vector import Common
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
 from simwarp.vehicle.tires.tire_parameters import CommonParameters
 
-Row: TypeAlias = npt.NDArray[np.float64]
+Vector: TypeAlias = npt.NDArray[np.float64]
 
 THIRD = 1.0 / 3.0
 """Rill's estimate: the effective radius is the unloaded one less a third of the deflection."""
@@ -24,21 +24,21 @@ def missing(key: str, what: str) -> SpecError:
     return SpecError(f"{key}: missing; give {what}")
 
 
-def common_row(tire: Tire, common: CommonParameters, size: int, *, camber: float, share: float) -> Row:
-    """A row with the values of every model; `camber` is the usual limit [°], `share` see `Common.RADIUS_SHARE`."""
-    row = np.zeros(size)
-    row[Common.RADIUS] = tire.radius
-    row[Common.WIDTH] = tire.width
-    row[Common.RADIUS_SHARE] = share
-    row[Common.REFERENCE_FRICTION] = common.reference_friction
-    row[[Common.FRICTION_LOWER, Common.FRICTION_UPPER]] = common.friction_limits
-    row[Common.CAMBER_LIMIT] = np.deg2rad(camber) if common.camber_limit is None else common.camber_limit
-    row[Common.LOAD_LIMIT] = np.finfo(np.float32).max
-    row[Common.BOTTOM_DEFLECTION] = NO_BOTTOM
-    row[Common.BRISTLE_STIFFNESS] = common.bristle_stiffness
-    row[Common.BRISTLE_DAMPING] = common.bristle_damping
+def common_vector(tire: Tire, common: CommonParameters, size: int, *, camber: float, share: float) -> Vector:
+    """A vector with the values of every model; `camber` is the usual limit [°], `share` see `Common.RADIUS_SHARE`."""
+    vector = np.zeros(size)
+    vector[Common.RADIUS] = tire.radius
+    vector[Common.WIDTH] = tire.width
+    vector[Common.RADIUS_SHARE] = share
+    vector[Common.REFERENCE_FRICTION] = common.reference_friction
+    vector[[Common.FRICTION_LOWER, Common.FRICTION_UPPER]] = common.friction_limits
+    vector[Common.CAMBER_LIMIT] = np.deg2rad(camber) if common.camber_limit is None else common.camber_limit
+    vector[Common.LOAD_LIMIT] = np.finfo(np.float32).max
+    vector[Common.BOTTOM_DEFLECTION] = NO_BOTTOM
+    vector[Common.BRISTLE_STIFFNESS] = common.bristle_stiffness
+    vector[Common.BRISTLE_DAMPING] = common.bristle_damping
     # what a patch moves at least: the tire alone, turning or carried along
-    row[Common.PATCH_MASS_X] = tire.inertia[1] / tire.radius**2
-    row[Common.PATCH_MASS_Y] = tire.mass
-    row[[Common.BLEND_BEGIN, Common.BLEND_END]] = common.blend
-    return row
+    vector[Common.PATCH_MASS_X] = tire.inertia[1] / tire.radius**2
+    vector[Common.PATCH_MASS_Y] = tire.mass
+    vector[[Common.BLEND_BEGIN, Common.BLEND_END]] = common.blend
+    return vector

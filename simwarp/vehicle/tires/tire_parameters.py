@@ -38,10 +38,10 @@ class RigidParameters(Spec):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CommonParameters(Spec):
-    """What every model takes."""
+    """Parameters of every model."""
 
     contact: Literal["single-point", "four-point", "envelope"] = "single-point"
-    """How the ground is sampled (kernels/vehicle/tires/patch.py)."""
+    """Method by which the ground is sampled (kernels/vehicle/tires/patch.py)."""
     reference_friction: Positive = 0.8
     """Friction of the road on which the parameters were measured."""
     friction_limits: PositivePair = (0.1, 1.0)
@@ -107,7 +107,7 @@ class RatedParameters(Spec):
     """[N/m²]."""
     vertical_damping: NotNegative | None = None
     bottom_deflection: Positive | None = None
-    """Where the rim touches [m]; None: 10 mm before the rim."""
+    """Deflection at which the rim touches [m]; None: 10 mm before the rim."""
     bottom_stiffness: NotNegative | None = None
     """None: five times the vertical stiffness [N/m]."""
 
@@ -213,7 +213,7 @@ class LugreParameters(Spec):
     stribeck_speed: Positive = 0.035
     """[m/s]."""
     carry_off: NotNegative = 1.2
-    """How fast bristles leave the rolling patch, in |omega r| over its length; 0: they do not."""
+    """Rate at which bristles leave the rolling patch, in |omega r| over its length; 0: they do not."""
     disc_count: Annotated[int, Ge(1), Le(16)] = 3
     disc_spacing: NotNegative | None = None
     """[m]; None: the outer discs are 0.4 width from the middle."""

@@ -7,7 +7,7 @@ import numpy as np
 from simwarp.core.types import shown
 from simwarp.kernels.vehicle.tires.parameter_vector import PAC02_SIZE, Common, Pac02
 from simwarp.vehicle.spec.vehicle_spec import SpecError, Tire
-from simwarp.vehicle.tires.tire_common import THIRD, Row, common_row
+from simwarp.vehicle.tires.tire_common import THIRD, Vector, common_vector
 from simwarp.vehicle.tires.tire_parameters import CommonParameters, Pacejka2002Parameters
 
 UNITS = {"LENGTH": ("meter", "m"), "FORCE": ("newton", "n"), "ANGLE": ("radian", "radians", "rad"), "TIME": ("second",)}
@@ -74,45 +74,45 @@ def pressure_factors(tir: dict[str, float | str]) -> dict[str, float]:
     }
 
 
-def fill_pacejka2002(tire: Tire, common: CommonParameters, given: Pacejka2002Parameters) -> Row:
-    """Row of a Pacejka 2002 tire.
+def fill_pacejka2002(tire: Tire, common: CommonParameters, given: Pacejka2002Parameters) -> Vector:
+    """Vector of a Pacejka 2002 tire.
 
     Raises:
         SpecError: a key that is missing or no number, units that are not SI, another radius.
     """
     tir = given.tir
     check_file(tire, tir)
-    row = common_row(tire, common, PAC02_SIZE, camber=3.0, share=THIRD)
+    vector = common_vector(tire, common, PAC02_SIZE, camber=3.0, share=THIRD)
     factors = pressure_factors(tir)
     for entry in Pac02:
         name = entry.name
         if name.startswith("AT_PRESSURE_"):
-            row[entry] = factors[name.removeprefix("AT_PRESSURE_")]
+            vector[entry] = factors[name.removeprefix("AT_PRESSURE_")]
         else:
-            row[entry] = number(tir, name, default_of(name))
+            vector[entry] = number(tir, name, default_of(name))
     if "LKYG" not in tir:
-        row[Pac02.LKYG] = number(tir, "LKG", 1.0)
+        vector[Pac02.LKYG] = number(tir, "LKG", 1.0)
     if common.rolling_resistance is not None:
-        row[Pac02.QSY1] = common.rolling_resistance
+        vector[Pac02.QSY1] = common.rolling_resistance
     mode = number(tir, "USE_MODE", 4.0) if given.mode is None else float(given.mode)
     if mode not in MODES:
         raise SpecError(f"mode: must be one of {', '.join(map(str, MODES))}, got {mode:g}")
-    row[Pac02.MODE] = mode
-    row[Pac02.ELLIPSE] = float(given.combined == "friction-ellipse")
-    row[Pac02.ARGUMENT_LIMIT] = FREE if given.argument_limit is None else given.argument_limit
-    fill_vertical(row, tire, tir, factors["STIFFNESS"])
-    return row
+    vector[Pac02.MODE] = mode
+    vector[Pac02.ELLIPSE] = float(given.combined == "friction-ellipse")
+    vector[Pac02.ARGUMENT_LIMIT] = FREE if given.argument_limit is None else given.argument_limit
+    fill_vertical(vector, tire, tir, factors["STIFFNESS"])
+    return vector
 
 
-def fill_vertical(row: Row, tire: Tire, tir: dict[str, float | str], pressure: float) -> None:
+def fill_vertical(vector: Vector, tire: Tire, tir: dict[str, float | str], pressure: float) -> None:
     """The vertical law: QFZ1 to QFZ3 where the file has them, or the stiffness; and the load to which it is valid."""
     scale = number(tir, "LCZ", 1.0) * pressure
-    nominal = row[Pac02.FNOMIN]
-    row[Common.STIFFNESS] = number(tir, "VERTICAL_STIFFNESS", 0.0) * scale
+    nominal = vector[Pac02.FNOMIN]
+    vector[Common.STIFFNESS] = number(tir, "VERTICAL_STIFFNESS", 0.0) * scale
     if "QFZ1" in tir:
-        row[Common.STIFFNESS] = number(tir, "QFZ1", 0.0) * nominal / tire.radius * scale
-        row[Common.STIFFNESS_SQUARE] = number(tir, "QFZ2", 0.0) * nominal / tire.radius**2 * scale
-        row[Common.STIFFNESS_CAMBER] = number(tir, "QFZ3", 0.0) * nominal / tire.radius * scale
-    row[Common.DAMPING] = number(tir, "VERTICAL_DAMPING", 0.0)
+        vector[Common.STIFFNESS] = number(tir, "QFZ1", 0.0) * nominal / tire.radius * scale
+        vector[Common.STIFFNESS_SQUARE] = number(tir, "QFZ2", 0.0) * nominal / tire.radius**2 * scale
+        vector[Common.STIFFNESS_CAMBER] = number(tir, "QFZ3", 0.0) * nominal / tire.radius * scale
+    vector[Common.DAMPING] = number(tir, "VERTICAL_DAMPING", 0.0)
     largest = number(tir, "FZMAX", 0.0)
-    row[Common.LOAD_LIMIT] = largest if largest > 0.0 else np.finfo(np.float32).max
+    vector[Common.LOAD_LIMIT] = largest if largest > 0.0 else np.finfo(np.float32).max

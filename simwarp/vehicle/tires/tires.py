@@ -1,7 +1,7 @@
 """The tires of a vehicle: the arrays that the tire kernel works on, and its launch.
 
-    row = tire_row(axle.tire)                             # checked parameters; SpecError names the key
-    tires = Tires([Mount(row, body, (0.0, offset, 0.0), "left"), ...], world_count, body_count, device)
+    vector = tire_vector(axle.tire)                          # checked parameters; SpecError names the key
+    tires = Tires([Mount(vector, body, (0.0, offset, 0.0), "left"), ...], world_count, body_count, device)
     tires.apply(dt, state.arrays, model.assets)           # before each step: fills tires.force, tires.torque
 
 What it holds may be read and written between steps: `parameter` (1 or W, wheels, P), `ground_friction` (1 or W,),
@@ -27,22 +27,22 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import TireReports, TireTables, apply_tires, reset_tires
 from simwarp.vehicle.spec.vehicle_spec import SpecError
-from simwarp.vehicle.tires.parameter_vector import TireRow, tire_row
+from simwarp.vehicle.tires.parameter_vector import ParameterVector, tire_vector
 
-__all__ = ["Mount", "TireRow", "Tires", "ground", "tire_row"]
+__all__ = ["Mount", "ParameterVector", "Tires", "ground", "tire_vector"]
 
 
 class Mount(NamedTuple):
     """A tire on its spindle, whose own y axis is the wheel's.
 
     Attributes:
-        row: of `tire_row`.
+        vector: of `tire_vector`.
         body: the spindle.
         offset: of the wheel's centre from the body's centre of mass, body axes [m].
         side: of the vehicle; matters to asymmetric tires only.
     """
 
-    row: TireRow
+    vector: ParameterVector
     body: int
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     side: Literal["left", "right"] = "left"
@@ -103,7 +103,7 @@ class Tires:
         device: of the arrays.
         friction: of the road, for all worlds until `ground_friction` is written.
         terrain: of `ground`; None: the plane z = 0.
-        randomised: whether every world has rows of its own in `parameter` and an entry in `ground_friction`.
+        randomised: True if every world has vectors of its own in `parameter` and an entry in `ground_friction`.
     """
 
     def __init__(
@@ -123,14 +123,14 @@ class Tires:
         self.mounts = tuple(mounts)
         self.device = wp.get_device(device)
         self.shape = (world_count, len(mounts))
-        rows = np.zeros((world_count if randomised else 1, len(mounts), max(len(m.row.values) for m in mounts)))
+        vectors = np.zeros((world_count if randomised else 1, len(mounts), max(len(m.vector.values) for m in mounts)))
         for wheel, mount in enumerate(mounts):
-            rows[:, wheel, : len(mount.row.values)] = mount.row.values
-        self.parameter = writable_from(rows, wp.float32, self.device)
-        self.ground_friction = writable_from(np.full(len(rows), friction), wp.float32, self.device)
+            vectors[:, wheel, : len(mount.vector.values)] = mount.vector.values
+        self.parameter = writable_from(vectors, wp.float32, self.device)
+        self.ground_friction = writable_from(np.full(len(vectors), friction), wp.float32, self.device)
         self.terrain = ground(self.device) if terrain is None else terrain
         self.tables = self._make_tables()
-        self.state = writable((*self.shape, max(m.row.state_size for m in mounts)), wp.float32, self.device)
+        self.state = writable((*self.shape, max(m.vector.state_size for m in mounts)), wp.float32, self.device)
         self.load = self._report(wp.float32)
         self.slip_ratio = self._report(wp.float32)
         self.slip_angle = self._report(wp.float32)
@@ -151,9 +151,9 @@ class Tires:
         mounts = self.mounts
         tables = TireTables()
         tables.body = wp.array([m.body for m in mounts], dtype=int, device=self.device)
-        tables.model = wp.array([int(m.row.model) for m in mounts], dtype=int, device=self.device)
-        tables.contact = wp.array([int(m.row.contact) for m in mounts], dtype=int, device=self.device)
-        mirrored = [int(m.row.measured_side not in (None, m.side)) for m in mounts]
+        tables.model = wp.array([int(m.vector.model) for m in mounts], dtype=int, device=self.device)
+        tables.contact = wp.array([int(m.vector.contact) for m in mounts], dtype=int, device=self.device)
+        mirrored = [int(m.vector.measured_side not in (None, m.side)) for m in mounts]
         tables.mirrored = wp.array(mirrored, dtype=int, device=self.device)
         tables.offset_b = wp.array(np.array([m.offset for m in mounts]), dtype=wp.vec3, device=self.device)
         return tables

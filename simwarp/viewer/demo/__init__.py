@@ -1,4 +1,4 @@
-"""The contact sheet of `simwarp sensor-demo`: a truck on a trail, and what all its sensors tell of one drive."""
+"""The contact sheet of `simwarp sensor-demo`: a truck on a trail, and the measurements of all its sensors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_PANEL = 2048
 
 @dataclasses.dataclass(frozen=True)
 class Demo:
-    """What `sensor_demo` made.
+    """Result of `sensor_demo`.
 
     Attributes:
         sheet: the contact sheet.
@@ -51,7 +51,7 @@ class Demo:
 
 
 def sensor_demo(*, seed: int = 0, device: str | None = None, panel: int = 320, tell: Progress | None = None) -> Demo:
-    """Drives a truck along a trail, looks with all its sensors, and puts what they tell on one sheet.
+    """Drives a truck along a trail, measures with all its sensors, and puts the results on one sheet.
 
     Args:
         seed: of the landscape and of all noise.
@@ -140,7 +140,7 @@ def _data(rig: Rig, found: Traces) -> dict[str, npt.NDArray[Any]]:
 
 
 def _summary(world: DemoWorld, rig: Rig, found: Traces) -> dict[str, Any]:
-    """How far measurements are from the truth."""
+    """Errors of measurements against the true values, and counts."""
     error = found["imu"]["data"] - found["imu"]["truth"]
     gps = found["gps"]["position"] - to_local(GeoOrigin(), *found["gps"]["truth"].T)
     return {

@@ -30,7 +30,7 @@ from simwarp.viewer.demo.landscape import ROOF, DemoWorld
 
 Array = npt.NDArray[Any]
 Progress = Callable[[str, float], None]
-"""Told what is being done, and which share of it is done."""
+"""Called with the present stage, and the share of it that is done."""
 
 DT: Final = 0.002
 BLUR: Final = 0.06
@@ -49,12 +49,12 @@ CHASE: Final = ((-7.2, 3.0, 2.6), (6.0, -0.9, 0.3))
 FRONT: Final = ((0.85, 0.0, 1.25), (10.0, 0.0, 0.4))
 DOWN: Final = ((0.85, 0.0, 1.25), (10.0, 0.0, -3.2))
 ASIDE: Final = ((0.6, 0.8, 1.3), (6.0, 6.2, 0.1))
-"""Where cameras are and what they look at, in the truck's frame of reference [m]."""
+"""Position of each camera and the point that it looks at, in the truck's frame of reference [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Rig:
-    """All sensors: what looks (`cameras`, `lidar`, `radar`) and what is recorded all the way (`traced`)."""
+    """All sensors: imaging ones (`cameras`, `lidar`, `radar`) and those recorded during the whole drive (`traced`)."""
 
     cameras: Mapping[str, Camera]
     lidar: Lidar
@@ -125,7 +125,7 @@ def _radar(world: DemoWorld, once: Schedule, seed: int) -> Radar:
 
 
 def _traced(world: DemoWorld, seed: int) -> dict[str, Sensor]:
-    """What is recorded all the way, by name."""
+    """Sensors that are recorded during the whole drive, by name."""
     model, parts = world.model, world.parts
     middle = _mount(world, ((0.0, 0.0, 0.3), (1.0, 0.0, 0.3)))
     imu = ImuConfig(

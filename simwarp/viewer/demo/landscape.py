@@ -23,7 +23,7 @@ from simwarp.scenery.textures import TEXTURES, ground_texture
 from simwarp.scenery.vehicle_visuals import add_vehicle_visual, vehicle_visual
 from simwarp.scenery.visual import Label, Visual, add_visual
 from simwarp.sensors.cameras.appearance import ImageTexture
-from simwarp.sensors.scene import Scene, Visuals
+from simwarp.sensors.scene import PlainAppearanceOptions, Scene, Visuals
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.path_tracking import FollowSpec, PathFollower, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, smooth
@@ -48,7 +48,7 @@ TRAIL: Final = ((-84.0, -34.0), (-66.0, -34.0), (-49.0, -22.0), (-32.0, -1.0), (
 
 @dataclasses.dataclass(frozen=True)
 class DemoWorld:
-    """What is simulated and seen.
+    """World of the demonstration, as it is simulated and rendered.
 
     Attributes:
         model: one world.
@@ -133,7 +133,7 @@ def _add_sedan(builder: ModelBuilder, heights: Any, moment: float) -> int:
 
 def _add_lidar(visuals: Visuals, parts: VehicleParts) -> None:
     """The housing of the lidar, which it does not see itself, and its mast."""
-    appearance = {"label": int(Label.VEHICLE), "reflectance": 0.3}
+    appearance: PlainAppearanceOptions = {"label": int(Label.VEHICLE), "reflectance": 0.3}
     for name, radius, half, below, color in (
         ("lidar", 0.1, 0.08, 0.0, (0.03, 0.03, 0.035)), ("mast", 0.03, 0.22, 0.28, (0.45, 0.45, 0.45)),
     ):  # fmt: skip
@@ -159,7 +159,7 @@ def _trail(path: Path, heights: Any) -> VisualMesh:
 
 
 def _add_things(visuals: Visuals, heights: Any, path: Path, seed: int) -> None:
-    """What stands beside the trail at the moment, then woods and rocks all around."""
+    """Adds obstacles beside the trail near the truck when pictures are taken, then woods and rocks all around."""
     count = 0
 
     def put(visual: Visual, x: float, y: float, yaw: float = 0.0, scale: float = 1.0, sink: float = 0.0) -> None:

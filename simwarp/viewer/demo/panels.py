@@ -1,4 +1,4 @@
-"""What the sensors of `simwarp sensor-demo` measured, as pictures."""
+"""Pictures of the measurements of `simwarp sensor-demo`."""
 
 from __future__ import annotations
 

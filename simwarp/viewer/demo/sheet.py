@@ -24,7 +24,7 @@ PAPER: Final = (250, 250, 249)
 INK: Final = (31, 41, 51)
 GREY: Final = (110, 120, 131)
 BLANK: Final = (24, 27, 32)
-"""Where nothing is seen."""
+"""Colour of pixels without a measurement."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Panel:
     """A picture in the sheet.
 
     Attributes:
-        title: what it shows; in bold.
+        title: of the content; in bold.
         note: units, numbers; in grey behind the title.
         image: (height, width, 3).
         bar: of its colours, at the right end of the caption.

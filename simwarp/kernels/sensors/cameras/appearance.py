@@ -8,7 +8,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
 class TextureKind(IntEnum):
-    """What a texture is made of."""
+    """Kind of a texture."""
 
     IMAGE = 0
     CHECKER = 1

@@ -52,7 +52,7 @@ class Camera:
 
 @wp.struct
 class Views:
-    """What every view does in this launch."""
+    """Poses and sample ranges of all views in this launch."""
 
     world: wp.array[int]
     start: wp.array[wp.vec3]  # of its rays, as rays have it [m]
@@ -144,7 +144,7 @@ def aim_freely(
 
 @wp.func
 def sample_place(sample: int, pixel: int, key: wp.uint64, camera: Camera) -> wp.vec2:
-    """Where in its pixel a ray goes, 0 to 1: at random in its stratum; the middle where there is but one."""
+    """Position of a ray in its pixel, 0 to 1: at random in its stratum; the middle where there is but one."""
     if camera.side == 1:
         return wp.vec2(0.5, 0.5)
     strata = camera.side * camera.side
@@ -169,7 +169,7 @@ def pixel_direction(column: float, row: float, camera: Camera) -> wp.vec3:
 def eye_ray(
     world: int, eye: wp.vec3, direction: wp.vec3, camera: Camera, scene: RayScene, assets: Assets
 ) -> RayHit:  # fmt: skip
-    """What a ray from the camera meets between near and far; its t counts from the camera."""
+    """Hit of a ray from the camera between near and far; its t counts from the camera."""
     hit = closest_hit(world, eye + camera.near * direction, direction, camera.far - camera.near, scene, assets)
     if hit.t >= 0.0:
         hit.t += camera.near

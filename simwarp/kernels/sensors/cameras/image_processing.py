@@ -13,7 +13,7 @@ NOISE_PURPOSE = wp.constant(1)
 
 @wp.struct
 class ImagingArrays:
-    """What happens to light between lens and pixel value; arrays have leading dimension 1 or W."""
+    """Image processing between lens and pixel value; arrays have leading dimension 1 or W."""
 
     response: wp.array[float]  # (RESPONSE_STEPS + 1,) value of light s² at s = i / RESPONSE_STEPS
     exposure: wp.array[float]  # factor of light

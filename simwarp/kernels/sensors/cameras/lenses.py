@@ -35,13 +35,6 @@ class Lens:
 
 
 @wp.func
-def distorted(r: float, k: wp.vec3) -> float:
-    """Distance from the axis that a radial lens makes of `r`, both in focal lengths (Brown 1966)."""
-    s = r * r
-    return r * (1.0 + s * (k[0] + s * (k[1] + s * k[2])))
-
-
-@wp.func
 def undistorted(target: float, k: wp.vec3, limit: float) -> float:
     """The distance that a radial lens moves to `target`: Newton's method, kept in a bracket by bisection."""
     low = float(0.0)

@@ -22,7 +22,7 @@ class LightArrays:
     """Lights of all worlds; leading dimension 1 or W."""
 
     shadows: int
-    shadow_reach: float  # how far suns look for what is in their way [m]
+    shadow_reach: float  # distance towards a sun within which occluders count [m]
     sun_direction: wp.array2d[wp.vec3]  # (1 or W, suns) unit, towards the sun
     sun_color: wp.array2d[wp.vec3]
     lamp_position: wp.array2d[wp.vec3d]  # (1 or W, lamps) world [m]
@@ -38,7 +38,7 @@ class LightArrays:
 
 @wp.func
 def sky_color(world: int, direction: wp.vec3, lights: LightArrays) -> wp.vec3:
-    """What is seen where nothing is: from the horizon to the zenith with the square root of the sine of the height."""
+    """Colour of the sky: from the horizon to the zenith with the square root of the sine of the elevation."""
     horizon = lights.sky_horizon[world_row(world, lights.sky_horizon.shape[0])]
     if direction[2] <= 0.0:
         return lights.sky_below[world_row(world, lights.sky_below.shape[0])]
@@ -68,7 +68,7 @@ def light_on(
         normal: unit, on the side that is looked at.
         travelled: length of the ray that found the point [m], for its error.
         lights: of all worlds.
-        scene: what casts shadows.
+        scene: instances that cast shadows.
         assets: its geometry.
     """
     up = 0.5 + 0.5 * normal[2]
@@ -143,7 +143,7 @@ def light_along(
         hit: its nearest hit.
         reach: distance of what it does not hit [m].
         spread: width of a sample at a distance of 1 m [m].
-        lights, scene, assets, appearance: what there is to see.
+        lights, scene, assets, appearance: the scene and its lighting.
     """
     if hit.t < 0.0:
         return fogged(world, sky_color(world, direction, lights), reach, lights)

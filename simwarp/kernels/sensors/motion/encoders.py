@@ -18,7 +18,7 @@ SPEED = wp.constant(2)
 
 @wp.struct
 class EncoderArrays:
-    """What an encoder is and remembers; n coordinates."""
+    """Parameters and state of an encoder; n coordinates."""
 
     reading: int  # POSITION, COUNTS or SPEED
     dof: wp.array[int]  # (n,) columns of joint_x
@@ -37,7 +37,7 @@ def counted(shaft: wp.float64, step: wp.float64) -> wp.float64:
 
 @wp.func
 def on_a_step(shaft: wp.float64, step: wp.float64) -> wp.float64:
-    """A position as its count tells it."""
+    """Position quantised to counts."""
     if step > wp.float64(0.0):
         return counted(shaft, step) * step
     return shaft

@@ -66,7 +66,7 @@ def sample_touch(
     # outputs
     touch: wp.array[wp.uint8],
 ):
-    """Whether the measured force is at least the threshold."""
+    """Touch signal: 1 if the measured force is at least the threshold."""
     world = wp.tid()
     if tick.complete[world] == 1:
         row = tick.row[world]

@@ -17,7 +17,7 @@ DEGREE = wp.constant(wp.float64(0.017453292519943295))
 
 @wp.struct
 class GeoFrame:
-    """Where the world's origin is."""
+    """Geodetic position and axes of the world's origin."""
 
     spherical: int  # 1: latitude and longitude by the radius of a sphere
     latitude: wp.float64  # [rad]

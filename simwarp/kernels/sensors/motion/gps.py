@@ -16,7 +16,7 @@ FIELD_RADIUS = wp.constant(wp.float64(6371200.0))  # reference radius of geomagn
 
 @wp.struct
 class GpsRings:
-    """Where a receiver writes: measured and true."""
+    """Output buffers of a receiver: measured and true values."""
 
     data: wp.array2d[wp.float64]  # latitude, longitude [deg], altitude [m]
     truth: wp.array2d[wp.float64]

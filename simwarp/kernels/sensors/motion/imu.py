@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 @wp.struct
 class InertialArrays:
-    """What an inertial sensor remembers and where it writes."""
+    """Channels and state of an inertial sensor."""
 
     accelerometer: int  # first channel of the specific force, -1: none
     gyroscope: int  # of the angular velocity

@@ -1,4 +1,4 @@
-"""Where a sensor is and how it moves, in float64: positions are kilometres, differences of velocities micrometres."""
+"""Pose and motion of a sensor in float64: positions are kilometres, differences of velocities micrometres/s."""
 
 import warp as wp
 

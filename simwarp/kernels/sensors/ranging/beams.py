@@ -61,7 +61,7 @@ def column_at(fraction: float, columns: int) -> int:
 
 @wp.func
 def is_swept(world: int, scan: Scan, tick: Tick) -> bool:
-    """Whether the sensor moves while columns of one sub-step fire."""
+    """True if the sensor moves while columns of one sub-step fire."""
     return scan.span > 0.0 and tick.mode[world] != BEGIN
 
 

@@ -47,7 +47,7 @@ class ClusterFrames:
 
 @wp.func
 def slot_of(world: int, place: wp.vec3i, scratch: ClusterScratch) -> int:
-    """Where a cell is in the table, or would be."""
+    """Slot of a cell in the hash table, or the free slot in which it belongs."""
     mask = scratch.table.shape[1] - 1
     h = wp.uint32(place[0]) * wp.uint32(73856093)
     h = h ^ (wp.uint32(place[1]) * wp.uint32(19349663))
@@ -114,7 +114,7 @@ def fill_cells(world: int, row: int, distance: float, returns: wp.array2d[float]
 
 @wp.func
 def cells_touch(world: int, cell0: int, cell1: int, square: float, scratch: ClusterScratch) -> bool:
-    """Whether a return of one is near enough to one of the other."""
+    """True if a return of one cell is near enough to one of the other."""
     ray0 = int(scratch.head[world, cell0])
     while ray0 >= 0:
         p = scratch.point[world, ray0]

@@ -1,4 +1,4 @@
-"""Lidar: casts the beams whose time has come, reduces their rays to returns, and adds what the detector gets wrong."""
+"""Lidar: casts the beams whose time has come, reduces their rays to returns, and adds the noise of the detector."""
 
 import warp as wp
 
@@ -32,7 +32,7 @@ FAINT = wp.constant(1.0e-6)
 
 @wp.struct
 class LidarSettings:
-    """How beams become returns."""
+    """Settings by which beams become returns."""
 
     mode: int  # ReturnMode
     miss: float  # range that the image shows where nothing returns [m]

@@ -55,7 +55,7 @@ class RadarNoiseArrays:
 
 @wp.struct
 class RadarReturn:
-    """What one ray finds."""
+    """Return of one ray."""
 
     range: float  # [m]
     velocity: float  # range rate, positive: going away [m/s]
@@ -68,7 +68,7 @@ class RadarReturn:
 def range_rate(
     world: int, hit: RayHit, point: wp.vec3d, d: wp.vec3, motion: SensorMotion, state: StateArrays, scene: RayScene
 ) -> float:
-    """How fast the surface recedes from the sensor [m/s]."""
+    """Speed at which the surface recedes from the sensor [m/s]."""
     body = scene.body[hit.instance]
     v = body_velocity(world, body, state)
     if body >= 0:

@@ -26,7 +26,7 @@ LEAST_INTENSITY = wp.constant(1.0e-6)
 
 
 class ReturnMode(IntEnum):
-    """What a detector reports of a beam that hits several surfaces."""
+    """Return that a detector reports of a beam that hits several surfaces."""
 
     STRONGEST = 0
     FIRST = 1

@@ -1,4 +1,4 @@
-"""What the models share: the vertical force, the bristle that holds a standing wheel, blending, rolling resistance.
+"""Shared by all models (p: parameter vector): vertical force, standstill bristle, blending, rolling resistance.
 
 A law of slip has no answer at standstill, where slip is 0/0. Below `BLEND_BEGIN` a bristle takes its place (Dahl 1968,
 with damping): deflection z, stiffness s0, damping s1, Coulomb force Fc,
@@ -16,6 +16,7 @@ therefore held below m / h² and m / h, which changes nothing where steps are sh
 
 import warp as wp
 
+from simwarp.kernels.core.piecewise_linear import segment_of
 from simwarp.kernels.vehicle.tires.parameter_vector import BRISTLE_X, BRISTLE_Y, Common
 from simwarp.kernels.vehicle.tires.patch import Patch
 
@@ -34,48 +35,44 @@ def sine_step(x: float, begin: float, end: float) -> float:
 
 
 @wp.func
-def slip_share(patch: Patch, row: wp.array[float]) -> float:
+def slip_share(patch: Patch, p: wp.array[float]) -> float:
     """Share of the law of slip; the rest is the bristle's."""
-    return sine_step(wp.abs(patch.v[0]), row[Common.BLEND_BEGIN], row[Common.BLEND_END])
+    return sine_step(wp.abs(patch.v[0]), p[Common.BLEND_BEGIN], p[Common.BLEND_END])
 
 
 @wp.func
-def curve_force(row: wp.array[float], deflection: float) -> wp.vec2:
+def curve_force(p: wp.array[float], deflection: float) -> wp.vec2:
     """Vertical force [N] of a tire's table, and its slope [N/m]; the end segments continue."""
-    start = int(row[Common.CURVE_START])
-    last = int(row[Common.CURVE_POINTS]) - 2
-    segment = int(0)
-    while segment < last and row[start + 2 * segment + 2] < deflection:
-        segment += 1
-    at = start + 2 * segment
-    slope = (row[at + 3] - row[at + 1]) / (row[at + 2] - row[at])
-    return wp.vec2(row[at + 1] + slope * (deflection - row[at]), slope)
+    start = int(p[Common.CURVE_START])
+    at = start + 2 * segment_of(p, start, int(p[Common.CURVE_POINTS]), 2, deflection)
+    slope = (p[at + 3] - p[at + 1]) / (p[at + 2] - p[at])
+    return wp.vec2(p[at + 1] + slope * (deflection - p[at]), slope)
 
 
 @wp.func
-def stiffness_force(row: wp.array[float], deflection: float, camber: float) -> float:
+def stiffness_force(p: wp.array[float], deflection: float, camber: float) -> float:
     """Vertical force of the deflection [N]."""
     force = float(0.0)
-    if row[Common.CURVE_POINTS] > 1.0:
-        force = curve_force(row, deflection)[0]
+    if p[Common.CURVE_POINTS] > 1.0:
+        force = curve_force(p, deflection)[0]
     else:
-        k = row[Common.STIFFNESS] + row[Common.STIFFNESS_CAMBER] * camber * camber
-        force = (k + row[Common.STIFFNESS_SQUARE] * deflection) * deflection
-    return force + row[Common.BOTTOM_STIFFNESS] * wp.max(deflection - row[Common.BOTTOM_DEFLECTION], 0.0)
+        k = p[Common.STIFFNESS] + p[Common.STIFFNESS_CAMBER] * camber * camber
+        force = (k + p[Common.STIFFNESS_SQUARE] * deflection) * deflection
+    return force + p[Common.BOTTOM_STIFFNESS] * wp.max(deflection - p[Common.BOTTOM_DEFLECTION], 0.0)
 
 
 @wp.func
-def vertical_load(patch: Patch, row: wp.array[float]) -> float:
+def vertical_load(patch: Patch, p: wp.array[float]) -> float:
     """Normal force of spring and damper; the ground does not pull [N]."""
-    camber = wp.clamp(patch.camber, -row[Common.CAMBER_LIMIT], row[Common.CAMBER_LIMIT])
-    force = stiffness_force(row, patch.deflection, camber) - row[Common.DAMPING] * patch.v[2]
+    camber = wp.clamp(patch.camber, -p[Common.CAMBER_LIMIT], p[Common.CAMBER_LIMIT])
+    force = stiffness_force(p, patch.deflection, camber) - p[Common.DAMPING] * patch.v[2]
     return wp.max(force, 0.0)
 
 
 @wp.func
-def friction_scale(patch: Patch, row: wp.array[float]) -> float:
+def friction_scale(patch: Patch, p: wp.array[float]) -> float:
     """Friction of the road over that of the measurement."""
-    return patch.friction / row[Common.REFERENCE_FRICTION]
+    return patch.friction / p[Common.REFERENCE_FRICTION]
 
 
 @wp.func
@@ -92,11 +89,11 @@ def advance_bristle(z: float, v: float, rate: float, dt: float) -> float:
 
 @wp.func
 def bristle_force(
-    z: wp.array[float], slot: int, v: float, mass: float, coulomb: float, row: wp.array[float], dt: float
+    z: wp.array[float], slot: int, v: float, mass: float, coulomb: float, p: wp.array[float], dt: float
 ) -> float:  # fmt: skip
     """Advances one bristle and returns its force, not yet limited."""
-    s0 = row[Common.BRISTLE_STIFFNESS]
-    s1 = row[Common.BRISTLE_DAMPING]
+    s0 = p[Common.BRISTLE_STIFFNESS]
+    s1 = p[Common.BRISTLE_DAMPING]
     s0 = wp.min(s0, mass / (dt * dt))
     s1 = wp.min(s1, mass / dt)
     rate = s0 * wp.abs(v) / wp.max(coulomb, 1.0e-6)
@@ -106,12 +103,12 @@ def bristle_force(
 
 
 @wp.func
-def standstill_force(patch: Patch, load: float, row: wp.array[float], z: wp.array[float], dt: float) -> wp.vec2:
+def standstill_force(patch: Patch, load: float, p: wp.array[float], z: wp.array[float], dt: float) -> wp.vec2:
     """Force of the bristles along x and y, within the circle of friction [N]."""
-    coulomb = friction_scale(patch, row) * load
+    coulomb = friction_scale(patch, p) * load
     force = wp.vec2(
-        bristle_force(z, BRISTLE_X, patch.slide[0], row[Common.PATCH_MASS_X], coulomb, row, dt),
-        bristle_force(z, BRISTLE_Y, patch.slide[1], row[Common.PATCH_MASS_Y], coulomb, row, dt),
+        bristle_force(z, BRISTLE_X, patch.slide[0], p[Common.PATCH_MASS_X], coulomb, p, dt),
+        bristle_force(z, BRISTLE_Y, patch.slide[1], p[Common.PATCH_MASS_Y], coulomb, p, dt),
     )
     size = wp.length(force)
     if size > coulomb:
@@ -120,23 +117,23 @@ def standstill_force(patch: Patch, load: float, row: wp.array[float], z: wp.arra
 
 
 @wp.func
-def limited_load(patch: Patch, row: wp.array[float]) -> float:
+def limited_load(patch: Patch, p: wp.array[float]) -> float:
     """The load that horizontal forces grow with [N]."""
-    return wp.min(patch.load, row[Common.LOAD_LIMIT])
+    return wp.min(patch.load, p[Common.LOAD_LIMIT])
 
 
 @wp.func
-def limited_camber(patch: Patch, row: wp.array[float]) -> float:
+def limited_camber(patch: Patch, p: wp.array[float]) -> float:
     """Camber within the range of the measurement [rad]."""
-    return wp.clamp(patch.camber, -row[Common.CAMBER_LIMIT], row[Common.CAMBER_LIMIT])
+    return wp.clamp(patch.camber, -p[Common.CAMBER_LIMIT], p[Common.CAMBER_LIMIT])
 
 
 @wp.func
-def overturning_torque(patch: Patch, row: wp.array[float]) -> float:
+def overturning_torque(patch: Patch, p: wp.array[float]) -> float:
     """Torque about x of a patch whose deflection varies across its width with the camber [N·m]."""
-    slope = row[Common.STIFFNESS] + 2.0 * row[Common.STIFFNESS_SQUARE] * patch.deflection
-    width = row[Common.WIDTH]
-    return -width * width * slope / 12.0 * limited_camber(patch, row)
+    slope = p[Common.STIFFNESS] + 2.0 * p[Common.STIFFNESS_SQUARE] * patch.deflection
+    width = p[Common.WIDTH]
+    return -width * width * slope / 12.0 * limited_camber(patch, p)
 
 
 @wp.func

@@ -28,39 +28,39 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
 @wp.func
-def fiala_slip_force(k: float, tan_a: float, load: float, scale: float, row: wp.array[float]) -> wp.vec3:
+def fiala_slip_force(k: float, tan_a: float, load: float, scale: float, p: wp.array[float]) -> wp.vec3:
     """(F_x, F_y, M_z) of the slip [N, N, N·m]."""
-    c_s = row[Fiala.SLIP_STIFFNESS]
-    static = row[Fiala.FRICTION_STATIC]
+    c_s = p[Fiala.SLIP_STIFFNESS]
+    static = p[Fiala.FRICTION_STATIC]
     slip = wp.min(wp.sqrt(k * k + tan_a * tan_a), 1.0)
-    q = scale * (static - (static - row[Fiala.FRICTION_SLIDING]) * slip) * load
+    q = scale * (static - (static - p[Fiala.FRICTION_SLIDING]) * slip) * load
     force = wp.vec3()
     if q <= 0.0:
         return force
     force[0] = c_s * k
     if wp.abs(k) > 0.5 * q / c_s:
         force[0] = wp.sign(k) * (q - q * q / (4.0 * wp.abs(k) * c_s))
-    h = wp.max(1.0 - row[Fiala.CORNERING_STIFFNESS] * wp.abs(tan_a) / (3.0 * q), 0.0)
+    h = wp.max(1.0 - p[Fiala.CORNERING_STIFFNESS] * wp.abs(tan_a) / (3.0 * q), 0.0)
     force[1] = -q * (1.0 - h * h * h) * wp.sign(tan_a)
-    force[2] = q * row[Common.WIDTH] * (1.0 - h) * h * h * h * wp.sign(tan_a)
+    force[2] = q * p[Common.WIDTH] * (1.0 - h) * h * h * h * wp.sign(tan_a)
     return force
 
 
 @wp.func
-def fiala_force(patch: Patch, row: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
+def fiala_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
     """Force and torque of a Fiala tire."""
-    load = limited_load(patch, row)
-    share = slip_share(patch, row)
-    held = standstill_force(patch, load, row, z, dt)
+    load = limited_load(patch, p)
+    share = slip_share(patch, p)
+    held = standstill_force(patch, load, p, z, dt)
     tan_a = patch.v[1] / wp.max(wp.abs(patch.v[0]), SLOWEST)
-    slipping = fiala_slip_force(slip_ratio(patch), tan_a, load, friction_scale(patch, row), row)
+    slipping = fiala_slip_force(slip_ratio(patch), tan_a, load, friction_scale(patch, p), p)
     result = TireForce()
     result.force = wp.vec3(
         (1.0 - share) * held[0] + share * slipping[0], (1.0 - share) * held[1] + share * slipping[1], patch.load
     )
     result.torque = wp.vec3(
         0.0,
-        row[Common.ROLLING_RESISTANCE] * patch.load * resistance_share(patch),
+        p[Common.ROLLING_RESISTANCE] * patch.load * resistance_share(patch),
         share * wp.sign(patch.v[0]) * slipping[2],
     )
     return result

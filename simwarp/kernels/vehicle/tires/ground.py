@@ -12,7 +12,7 @@ from simwarp.kernels.core.tables import world_row
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
-LONGEST_DROP = wp.constant(1.0e4)  # how far below a wheel a mesh is looked for [m]
+LONGEST_DROP = wp.constant(1.0e4)  # distance below a wheel within which a mesh is looked for [m]
 STEEPEST = wp.constant(1.0e-3)  # least vertical part of a normal that counts as ground
 
 

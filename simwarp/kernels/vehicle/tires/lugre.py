@@ -35,57 +35,57 @@ class DiscSum:
 
 
 @wp.func
-def sliding_friction(v: float, scale: float, row: wp.array[float]) -> float:
+def sliding_friction(v: float, scale: float, p: wp.array[float]) -> float:
     """g: friction of steady sliding."""
-    kinetic = row[Lugre.KINETIC_FRICTION]
-    stribeck = wp.exp(-wp.sqrt(v / row[Lugre.STRIBECK_SPEED]))
-    return scale * (kinetic + (row[Lugre.STATIC_FRICTION] - kinetic) * stribeck)
+    kinetic = p[Lugre.KINETIC_FRICTION]
+    stribeck = wp.exp(-wp.sqrt(v / p[Lugre.STRIBECK_SPEED]))
+    return scale * (kinetic + (p[Lugre.STATIC_FRICTION] - kinetic) * stribeck)
 
 
 @wp.func
-def disc_force(patch: Patch, row: wp.array[float], z: wp.array[float], disc: int, dt: float) -> wp.vec2:
+def disc_force(patch: Patch, p: wp.array[float], z: wp.array[float], disc: int, dt: float) -> wp.vec2:
     """Advances the bristle of a disc and returns its force along x and y [N]."""
     v = wp.length(patch.slide)
-    g = sliding_friction(v, friction_scale(patch, row), row)
-    length = 2.0 * wp.sqrt(row[Common.RADIUS] * patch.deflection)
-    carried = row[Lugre.CARRY_OFF] * wp.abs(patch.spin) * patch.effective_radius / length
+    g = sliding_friction(v, friction_scale(patch, p), p)
+    length = 2.0 * wp.sqrt(p[Common.RADIUS] * patch.deflection)
+    carried = p[Lugre.CARRY_OFF] * wp.abs(patch.spin) * patch.effective_radius / length
     force = wp.vec2()
     for i in range(2):
-        s0 = row[Lugre.BRISTLE_STIFFNESS + i]
-        s1 = row[Lugre.BRISTLE_DAMPING + i]
-        mass = row[Common.PATCH_MASS_X + i]
+        s0 = p[Lugre.BRISTLE_STIFFNESS + i]
+        s1 = p[Lugre.BRISTLE_DAMPING + i]
+        mass = p[Common.PATCH_MASS_X + i]
         s1 = s1 / (1.0 + dt * s1 * patch.load / mass)
         rate = s0 * v / g + carried
         end = advance_bristle(z[2 * disc + i], patch.slide[i], rate, dt)
         z[2 * disc + i] = end
-        f = s0 * end + s1 * (patch.slide[i] - rate * end) + row[Lugre.VISCOSITY + i] * patch.slide[i]
+        f = s0 * end + s1 * (patch.slide[i] - rate * end) + p[Lugre.VISCOSITY + i] * patch.slide[i]
         force[i] = -f * patch.load
     return force
 
 
 @wp.func
 def lugre_force(
-    world: int, wheel: Wheel, method: int, row: wp.array[float], z: wp.array[float], ground_friction: wp.array[float],
+    world: int, wheel: Wheel, method: int, p: wp.array[float], z: wp.array[float], ground_friction: wp.array[float],
     terrain: TerrainTables, assets: Assets, dt: float,
 ) -> DiscSum:  # fmt: skip
     """Forces of all discs."""
     total = DiscSum()
-    count = int(row[Lugre.DISC_COUNT])
+    count = int(p[Lugre.DISC_COUNT])
     load = float(0.0)
     for disc in range(count):
-        aside = (float(disc) - 0.5 * float(count - 1)) * row[Lugre.DISC_SPACING] * wheel.axis
+        aside = (float(disc) - 0.5 * float(count - 1)) * p[Lugre.DISC_SPACING] * wheel.axis
         moved = wheel
         moved.x = wheel.x + wp.vec3d(wp.float64(aside[0]), wp.float64(aside[1]), wp.float64(aside[2]))
         moved.v = wheel.v + wp.cross(wheel.omega_w, aside)
-        patch = find_patch(world, moved, method, row, terrain, assets)
+        patch = find_patch(world, moved, method, p, terrain, assets)
         if patch.touching == 1:
-            patch.load = vertical_load(patch, row) / float(count)
+            patch.load = vertical_load(patch, p) / float(count)
         if patch.load > 0.0:
             friction = friction_at(world, contact_point(moved, patch), ground_friction, terrain)
-            patch.friction = wp.clamp(friction, row[Common.FRICTION_LOWER], row[Common.FRICTION_UPPER])
-            f = disc_force(patch, row, z, disc, dt)
+            patch.friction = wp.clamp(friction, p[Common.FRICTION_LOWER], p[Common.FRICTION_UPPER])
+            f = disc_force(patch, p, z, disc, dt)
             force = f[0] * patch.forward + f[1] * patch.left + patch.load * patch.normal
-            resistance = row[Common.ROLLING_RESISTANCE] * patch.load * resistance_share(patch)
+            resistance = p[Common.ROLLING_RESISTANCE] * patch.load * resistance_share(patch)
             total.force += force
             total.torque += wp.cross(aside + patch.arm, force) + resistance * patch.left
             load += patch.load

@@ -36,64 +36,64 @@ LARGEST_ANGLE = wp.constant(89.5)
 
 
 @wp.func
-def pac89_longitudinal(k: float, fz: float, scale: float, row: wp.array[float]) -> float:
+def pac89_longitudinal(k: float, fz: float, scale: float, p: wp.array[float]) -> float:
     """F_x [N] of slip in %, load in kN."""
     b = int(Pac89.B)
-    d = (row[b + 1] * fz + row[b + 2]) * fz
-    bcd = (row[b + 3] * fz + row[b + 4]) * fz * wp.exp(-row[b + 5] * fz)
-    e = (row[b + 6] * fz + row[b + 7]) * fz + row[b + 8]
-    x = k + row[b + 9] * fz + row[b + 10]
-    return scale * d * magic_sine(bcd / (row[b] * d) * x, row[b], e)
+    d = (p[b + 1] * fz + p[b + 2]) * fz
+    bcd = (p[b + 3] * fz + p[b + 4]) * fz * wp.exp(-p[b + 5] * fz)
+    e = (p[b + 6] * fz + p[b + 7]) * fz + p[b + 8]
+    x = k + p[b + 9] * fz + p[b + 10]
+    return scale * d * magic_sine(bcd / (p[b] * d) * x, p[b], e)
 
 
 @wp.func
-def pac89_lateral(alpha: float, camber: float, fz: float, scale: float, row: wp.array[float]) -> float:
+def pac89_lateral(alpha: float, camber: float, fz: float, scale: float, p: wp.array[float]) -> float:
     """F_y [N] in SAE axes; angles in degrees."""
     a = int(Pac89.A)
-    d = (row[a + 1] * fz + row[a + 2]) * fz
-    bcd = row[a + 3] * wp.sin(2.0 * wp.atan(fz / row[a + 4])) * (1.0 - row[a + 5] * wp.abs(camber))
-    x = wp.clamp(alpha + row[a + 8] * camber + row[a + 9] * fz + row[a + 10], -LARGEST_ANGLE, LARGEST_ANGLE)
-    shift = row[a + 11] * fz * camber + row[a + 12] * fz + row[a + 13]
-    return scale * d * magic_sine(bcd / (row[a] * d) * x, row[a], row[a + 6] * fz + row[a + 7]) + shift
+    d = (p[a + 1] * fz + p[a + 2]) * fz
+    bcd = p[a + 3] * wp.sin(2.0 * wp.atan(fz / p[a + 4])) * (1.0 - p[a + 5] * wp.abs(camber))
+    x = wp.clamp(alpha + p[a + 8] * camber + p[a + 9] * fz + p[a + 10], -LARGEST_ANGLE, LARGEST_ANGLE)
+    shift = p[a + 11] * fz * camber + p[a + 12] * fz + p[a + 13]
+    return scale * d * magic_sine(bcd / (p[a] * d) * x, p[a], p[a + 6] * fz + p[a + 7]) + shift
 
 
 @wp.func
-def pac89_aligning(alpha: float, camber: float, fz: float, scale: float, row: wp.array[float]) -> float:
+def pac89_aligning(alpha: float, camber: float, fz: float, scale: float, p: wp.array[float]) -> float:
     """M_z [N·m] in SAE axes; angles in degrees."""
     c = int(Pac89.C)
-    d = (row[c + 1] * fz + row[c + 2]) * fz
+    d = (p[c + 1] * fz + p[c + 2]) * fz
     lean = wp.abs(camber)
-    bcd = (row[c + 3] * fz + row[c + 4]) * fz * (1.0 - row[c + 6] * lean) * wp.exp(-row[c + 5] * fz)
-    e = ((row[c + 7] * fz + row[c + 8]) * fz + row[c + 9]) * (1.0 - row[c + 10] * lean)
-    x = wp.clamp(alpha + row[c + 11] * camber + row[c + 12] * fz + row[c + 13], -LARGEST_ANGLE, LARGEST_ANGLE)
-    shift = (row[c + 14] * fz + row[c + 15]) * fz * camber + row[c + 16] * fz + row[c + 17]
-    if row[c] * d == 0.0:
+    bcd = (p[c + 3] * fz + p[c + 4]) * fz * (1.0 - p[c + 6] * lean) * wp.exp(-p[c + 5] * fz)
+    e = ((p[c + 7] * fz + p[c + 8]) * fz + p[c + 9]) * (1.0 - p[c + 10] * lean)
+    x = wp.clamp(alpha + p[c + 11] * camber + p[c + 12] * fz + p[c + 13], -LARGEST_ANGLE, LARGEST_ANGLE)
+    shift = (p[c + 14] * fz + p[c + 15]) * fz * camber + p[c + 16] * fz + p[c + 17]
+    if p[c] * d == 0.0:
         return shift
-    return scale * d * magic_sine(bcd / (row[c] * d) * x, row[c], e) + shift
+    return scale * d * magic_sine(bcd / (p[c] * d) * x, p[c], e) + shift
 
 
 @wp.func
-def pac89_force(patch: Patch, mirror: float, row: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
+def pac89_force(patch: Patch, mirror: float, p: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
     """Force and torque of a Pacejka 89 tire; `mirror` is -1 for one measured on the other side."""
-    load = limited_load(patch, row)
-    share = slip_share(patch, row)
-    held = standstill_force(patch, load, row, z, dt)
-    scale = friction_scale(patch, row)
+    load = limited_load(patch, p)
+    share = slip_share(patch, p)
+    held = standstill_force(patch, load, p, z, dt)
+    scale = friction_scale(patch, p)
     fz = 1.0e-3 * load
     k = 100.0 * wp.clamp(slip_ratio(patch), -1.0, 1.0)
     alpha = mirror * DEGREES * slip_angle(patch)
-    camber = mirror * DEGREES * limited_camber(patch, row)
-    f_x = pac89_longitudinal(k, fz, scale, row)
-    f_y = -mirror * pac89_lateral(alpha, camber, fz, scale, row)
-    m_z = -mirror * pac89_aligning(alpha, camber, fz, scale, row)
+    camber = mirror * DEGREES * limited_camber(patch, p)
+    f_x = pac89_longitudinal(k, fz, scale, p)
+    f_y = -mirror * pac89_lateral(alpha, camber, fz, scale, p)
+    m_z = -mirror * pac89_aligning(alpha, camber, fz, scale, p)
     force = (1.0 - share) * held + share * wp.vec2(f_x, f_y)
-    aside = force[1] / row[Pac89.LATERAL_STIFFNESS]
-    radius = row[Common.RADIUS] - patch.deflection
+    aside = force[1] / p[Pac89.LATERAL_STIFFNESS]
+    radius = p[Common.RADIUS] - patch.deflection
     result = TireForce()
     result.force = wp.vec3(force[0], force[1], patch.load)
     result.torque = wp.vec3(
         patch.load * aside,
-        row[Common.ROLLING_RESISTANCE] * patch.load * radius * resistance_share(patch),
+        p[Common.ROLLING_RESISTANCE] * patch.load * radius * resistance_share(patch),
         share * wp.sign(patch.v[0]) * m_z - force[0] * aside,
     )
     return result

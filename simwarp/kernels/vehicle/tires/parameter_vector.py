@@ -1,7 +1,7 @@
-"""What a tire's row of parameters and its row of state hold, by name.
+"""A tire's parameter vector and its state, by name.
 
-A row starts with `Common`; the entries of the model follow at `COMMON_SIZE`; a table of (deflection [m], force [N])
-pairs may follow at `Common.CURVE_START`. `simwarp.vehicle.tires.tires` fills rows; to randomise a tire, scale its
+A vector starts with `Common`; the entries of the model follow at `COMMON_SIZE`; a table of (deflection [m], force [N])
+pairs may follow at `Common.CURVE_START`. `simwarp.vehicle.tires.tires` fills vectors; to randomise a tire, scale its
 entries. SI units throughout; forces of a model are those at its reference friction.
 """
 
@@ -11,7 +11,7 @@ import warp as wp
 
 
 class TireModel(IntEnum):
-    """The force laws."""
+    """Force models."""
 
     TMEASY = 0
     TMSIMPLE = 1
@@ -22,7 +22,7 @@ class TireModel(IntEnum):
 
 
 class TireContact(IntEnum):
-    """How the patch of contact is found (patch.py)."""
+    """Method that finds the contact patch (patch.py)."""
 
     SINGLE_POINT = 0
     FOUR_POINT = 1
@@ -30,7 +30,7 @@ class TireContact(IntEnum):
 
 
 class Common(IntEnum):
-    """What every model has."""
+    """Entries of every model."""
 
     RADIUS = 0
     """Unloaded [m]."""
@@ -53,7 +53,7 @@ class Common(IntEnum):
     DAMPING = 11
     """Vertical [N·s/m]."""
     BOTTOM_DEFLECTION = 12
-    """Where the rim begins to touch [m]."""
+    """Deflection at which the rim begins to touch [m]."""
     BOTTOM_STIFFNESS = 13
     CURVE_START = 14
     """Index of the table in the row."""
@@ -181,7 +181,7 @@ class Lugre(IntEnum):
     STRIBECK_SPEED = COMMON_SIZE + 8
     """[m/s]."""
     CARRY_OFF = COMMON_SIZE + 9
-    """How fast bristles leave a rolling patch: times |omega r| / patch length."""
+    """Rate at which bristles leave a rolling patch: times |omega r| / patch length."""
     DISC_COUNT = COMMON_SIZE + 10
     DISC_SPACING = COMMON_SIZE + 11
     """Between the discs across the width [m]."""

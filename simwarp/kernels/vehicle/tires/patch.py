@@ -1,6 +1,6 @@
-"""Where and how a wheel, taken as a disc, touches the ground.
+"""Contact of a wheel, taken as a disc, with the ground.
 
-The frame of contact has x forward, y to the left and z along the ground's normal. The wheel's centre is float64;
+The contact frame has x forward, y to the left and z along the ground's normal. The wheel's centre is float64;
 everything else is relative to it and float32.
 
 - Single point: a plane through the ground below the disc's lowest point, with the ground's normal turned into the plane
@@ -57,7 +57,7 @@ class Patch:
 
 @wp.struct
 class TireForce:
-    """What a tire does to its wheel; frame of contact, about the point of contact."""
+    """Force and torque of a tire on its wheel; contact frame, about the point of contact."""
 
     force: wp.vec3  # [N]
     torque: wp.vec3  # [N·m]
@@ -182,21 +182,21 @@ def envelope(world: int, wheel: Wheel, radius: float, terrain: TerrainTables, as
 
 @wp.func
 def find_patch(
-    world: int, wheel: Wheel, method: int, row: wp.array[float], terrain: TerrainTables, assets: Assets
+    world: int, wheel: Wheel, method: int, p: wp.array[float], terrain: TerrainTables, assets: Assets
 ) -> Patch:  # fmt: skip
     """Contact of a wheel with the ground; neither load nor friction yet."""
-    radius = row[Common.RADIUS]
+    radius = p[Common.RADIUS]
     patch = Patch()
     upright = wp.cross(wheel.axis, wp.vec3(0.0, 0.0, 1.0))
     if wp.length_sq(upright) < FLATTEST:
         return patch
     if method == TireContact.FOUR_POINT:
-        patch = four_point(world, wheel, radius, row[Common.WIDTH], terrain, assets)
+        patch = four_point(world, wheel, radius, p[Common.WIDTH], terrain, assets)
     elif method == TireContact.ENVELOPE:
         patch = envelope(world, wheel, radius, terrain, assets)
     else:
         patch = single_point(world, wheel, radius, terrain, assets)
-    patch.effective_radius = radius - row[Common.RADIUS_SHARE] * patch.deflection
+    patch.effective_radius = radius - p[Common.RADIUS_SHARE] * patch.deflection
     patch.slide = wp.vec2(patch.v[0] - patch.spin * patch.effective_radius, patch.v[1])
     return patch
 

@@ -49,7 +49,7 @@ class TireTables:
 
 @wp.struct
 class TireReports:
-    """What tires tell, (W, wheels); zero for a wheel off the ground."""
+    """Outputs of tires, (W, wheels); zero for a wheel off the ground."""
 
     load: wp.array2d[float]  # normal force [N]
     slip_ratio: wp.array2d[float]  # positive when driving
@@ -77,19 +77,19 @@ def wheel_state(world: int, wheel: int, tables: TireTables, state: StateArrays) 
 
 @wp.func
 def model_force(
-    model: int, patch: Patch, mirrored: int, row: wp.array[float], z: wp.array[float], dt: float
+    model: int, patch: Patch, mirrored: int, p: wp.array[float], z: wp.array[float], dt: float
 ) -> TireForce:  # fmt: skip
     """Force of a model that acts on one patch: all but LuGre."""
     mirror = float(1 - 2 * mirrored)
     if model == TireModel.TMSIMPLE:
-        return tmsimple_force(patch, row, z, dt)
+        return tmsimple_force(patch, p, z, dt)
     if model == TireModel.FIALA:
-        return fiala_force(patch, row, z, dt)
+        return fiala_force(patch, p, z, dt)
     if model == TireModel.PAC89:
-        return pac89_force(patch, mirror, row, z, dt)
+        return pac89_force(patch, mirror, p, z, dt)
     if model == TireModel.PAC02:
-        return pac02_force(patch, mirror, row, z, dt)
-    return tmeasy_force(patch, row, z, dt)
+        return pac02_force(patch, mirror, p, z, dt)
+    return tmeasy_force(patch, p, z, dt)
 
 
 @wp.kernel
@@ -122,7 +122,7 @@ def apply_tires(
         applied_torque: (W, B) out [N·m].
     """
     world, wheel = wp.tid()
-    row = tire_parameter[world_row(world, tire_parameter.shape[0]), wheel]
+    p = tire_parameter[world_row(world, tire_parameter.shape[0]), wheel]
     z = tire_state[world, wheel]
     moving = wheel_state(world, wheel, tables, state)
     patch = Patch()
@@ -130,19 +130,19 @@ def apply_tires(
     torque = wp.vec3()
     if tables.model[wheel] == TireModel.LUGRE:
         discs = lugre_force(
-            world, moving, tables.contact[wheel], row, z, ground_friction, terrain, assets, dt
+            world, moving, tables.contact[wheel], p, z, ground_friction, terrain, assets, dt
         )  # fmt: skip
         patch = discs.patch
         force = discs.force
         torque = discs.torque
     else:
-        patch = find_patch(world, moving, tables.contact[wheel], row, terrain, assets)
+        patch = find_patch(world, moving, tables.contact[wheel], p, terrain, assets)
         if patch.touching == 1:
-            patch.load = vertical_load(patch, row)
+            patch.load = vertical_load(patch, p)
         if patch.load > 0.0:
             friction = friction_at(world, contact_point(moving, patch), ground_friction, terrain)
-            patch.friction = wp.clamp(friction, row[Common.FRICTION_LOWER], row[Common.FRICTION_UPPER])
-            local = model_force(tables.model[wheel], patch, tables.mirrored[wheel], row, z, dt)
+            patch.friction = wp.clamp(friction, p[Common.FRICTION_LOWER], p[Common.FRICTION_UPPER])
+            local = model_force(tables.model[wheel], patch, tables.mirrored[wheel], p, z, dt)
             axes = wp.matrix_from_cols(patch.forward, patch.left, patch.normal)
             force = axes * local.force
             torque = axes * local.torque + wp.cross(patch.arm, force)

@@ -33,17 +33,17 @@ LEAST_TRANSPORT = wp.constant(0.01)  # [m/s]
 
 
 @wp.func
-def quadratic(row: wp.array[float], entry: int, q: float) -> float:
+def quadratic(p: wp.array[float], entry: int, q: float) -> float:
     """The parabola through the origin and the two values of an entry."""
-    a = row[entry]
-    b = row[entry + 1]
+    a = p[entry]
+    b = p[entry + 1]
     return q * (2.0 * a - 0.5 * b + (0.5 * b - a) * q)
 
 
 @wp.func
-def linear(row: wp.array[float], entry: int, q: float) -> float:
+def linear(p: wp.array[float], entry: int, q: float) -> float:
     """The line through the two values of an entry."""
-    return row[entry] + (row[entry + 1] - row[entry]) * (q - 1.0)
+    return p[entry] + (p[entry + 1] - p[entry]) * (q - 1.0)
 
 
 @wp.func
@@ -91,40 +91,40 @@ def slip_velocity_ratio(patch: Patch) -> wp.vec2:
 
 
 @wp.func
-def tmeasy_slip_force(s: wp.vec2, q: float, scale: float, row: wp.array[float]) -> wp.vec2:
+def tmeasy_slip_force(s: wp.vec2, q: float, scale: float, p: wp.array[float]) -> wp.vec2:
     """Force of the slip [N]."""
     size = wp.length(s)
     if size < 1.0e-9 or q <= 0.0:
         return wp.vec2()
     c = s / size
-    slope = wp.length(wp.vec2(quadratic(row, Tmeasy.SLOPE_X, q) * c[0], quadratic(row, Tmeasy.SLOPE_Y, q) * c[1]))
-    f_m = wp.length(wp.vec2(quadratic(row, Tmeasy.MAX_X, q) * c[0], quadratic(row, Tmeasy.MAX_Y, q) * c[1]))
-    f_s = wp.length(wp.vec2(quadratic(row, Tmeasy.SLIDE_X, q) * c[0], quadratic(row, Tmeasy.SLIDE_Y, q) * c[1]))
-    s_m = wp.length(wp.vec2(linear(row, Tmeasy.MAX_SLIP_X, q) * c[0], linear(row, Tmeasy.MAX_SLIP_Y, q) * c[1]))
-    s_s = wp.length(wp.vec2(linear(row, Tmeasy.SLIDE_SLIP_X, q) * c[0], linear(row, Tmeasy.SLIDE_SLIP_Y, q) * c[1]))
+    slope = wp.length(wp.vec2(quadratic(p, Tmeasy.SLOPE_X, q) * c[0], quadratic(p, Tmeasy.SLOPE_Y, q) * c[1]))
+    f_m = wp.length(wp.vec2(quadratic(p, Tmeasy.MAX_X, q) * c[0], quadratic(p, Tmeasy.MAX_Y, q) * c[1]))
+    f_s = wp.length(wp.vec2(quadratic(p, Tmeasy.SLIDE_X, q) * c[0], quadratic(p, Tmeasy.SLIDE_Y, q) * c[1]))
+    s_m = wp.length(wp.vec2(linear(p, Tmeasy.MAX_SLIP_X, q) * c[0], linear(p, Tmeasy.MAX_SLIP_Y, q) * c[1]))
+    s_s = wp.length(wp.vec2(linear(p, Tmeasy.SLIDE_SLIP_X, q) * c[0], linear(p, Tmeasy.SLIDE_SLIP_Y, q) * c[1]))
     return c * slip_curve(size, slope, scale * s_m, scale * f_m, scale * s_s, scale * f_s)
 
 
 @wp.func
-def tmeasy_force(patch: Patch, row: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
+def tmeasy_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
     """Force and torque of a TMeasy tire."""
-    load = limited_load(patch, row)
-    q = load / row[Tmeasy.NOMINAL_LOAD]
-    scale = friction_scale(patch, row)
+    load = limited_load(patch, p)
+    q = load / p[Tmeasy.NOMINAL_LOAD]
+    scale = friction_scale(patch, p)
     s = slip_velocity_ratio(patch)
-    share = slip_share(patch, row)
-    held = standstill_force(patch, load, row, z, dt)
-    force = (1.0 - share) * held + share * tmeasy_slip_force(s, q, scale, row)
-    n_0 = linear(row, Tmeasy.TRAIL, q)
-    s_0 = linear(row, Tmeasy.TRAIL_ZERO_SLIP, q)
-    trail = pneumatic_trail(s[1], n_0, s_0, linear(row, Tmeasy.TRAIL_END_SLIP, q))
-    length = 2.0 * wp.sqrt(row[Common.RADIUS] * patch.deflection)
+    share = slip_share(patch, p)
+    held = standstill_force(patch, load, p, z, dt)
+    force = (1.0 - share) * held + share * tmeasy_slip_force(s, q, scale, p)
+    n_0 = linear(p, Tmeasy.TRAIL, q)
+    s_0 = linear(p, Tmeasy.TRAIL_ZERO_SLIP, q)
+    trail = pneumatic_trail(s[1], n_0, s_0, linear(p, Tmeasy.TRAIL_END_SLIP, q))
+    length = 2.0 * wp.sqrt(p[Common.RADIUS] * patch.deflection)
     result = TireForce()
     result.force = wp.vec3(force[0], force[1], patch.load)
     # in reverse the trail lies on the other side
     result.torque = wp.vec3(
-        overturning_torque(patch, row),
-        -row[Common.ROLLING_RESISTANCE] * patch.load * wp.tanh(patch.spin),
+        overturning_torque(patch, p),
+        -p[Common.ROLLING_RESISTANCE] * patch.load * wp.tanh(patch.spin),
         -share * wp.sign(patch.v[0]) * force[1] * length * trail,
     )
     return result

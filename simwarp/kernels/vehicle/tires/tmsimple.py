@@ -27,31 +27,31 @@ PI = wp.constant(3.14159265)
 
 
 @wp.func
-def tmsimple_slip_force(s: wp.vec2, q: float, row: wp.array[float]) -> wp.vec2:
+def tmsimple_slip_force(s: wp.vec2, q: float, p: wp.array[float]) -> wp.vec2:
     """Force of the slip at the reference friction [N]."""
     size = wp.length(s)
     if size < 1.0e-9 or q <= 0.0:
         return wp.vec2()
     c = s / size
-    slope = wp.length(wp.vec2(quadratic(row, Tmsimple.SLOPE_X, q) * c[0], quadratic(row, Tmsimple.SLOPE_Y, q) * c[1]))
-    f_m = wp.length(wp.vec2(quadratic(row, Tmsimple.MAX_X, q) * c[0], quadratic(row, Tmsimple.MAX_Y, q) * c[1]))
-    f_s = wp.length(wp.vec2(quadratic(row, Tmsimple.SLIDE_X, q) * c[0], quadratic(row, Tmsimple.SLIDE_Y, q) * c[1]))
+    slope = wp.length(wp.vec2(quadratic(p, Tmsimple.SLOPE_X, q) * c[0], quadratic(p, Tmsimple.SLOPE_Y, q) * c[1]))
+    f_m = wp.length(wp.vec2(quadratic(p, Tmsimple.MAX_X, q) * c[0], quadratic(p, Tmsimple.MAX_Y, q) * c[1]))
+    f_s = wp.length(wp.vec2(quadratic(p, Tmsimple.SLIDE_X, q) * c[0], quadratic(p, Tmsimple.SLIDE_Y, q) * c[1]))
     b = PI - wp.asin(wp.min(f_s / f_m, 1.0))
     a = f_m * b / slope
     return c * (f_m * wp.sin(b * (1.0 - wp.exp(-size / a))))
 
 
 @wp.func
-def tmsimple_force(patch: Patch, row: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
+def tmsimple_force(patch: Patch, p: wp.array[float], z: wp.array[float], dt: float) -> TireForce:
     """Force and torque of a TMsimple tire."""
-    load = limited_load(patch, row)
-    share = slip_share(patch, row)
-    held = standstill_force(patch, load, row, z, dt)
-    slipping = tmsimple_slip_force(slip_velocity_ratio(patch), load / row[Tmsimple.NOMINAL_LOAD], row)
-    force = (1.0 - share) * held + share * friction_scale(patch, row) * slipping
+    load = limited_load(patch, p)
+    share = slip_share(patch, p)
+    held = standstill_force(patch, load, p, z, dt)
+    slipping = tmsimple_slip_force(slip_velocity_ratio(patch), load / p[Tmsimple.NOMINAL_LOAD], p)
+    force = (1.0 - share) * held + share * friction_scale(patch, p) * slipping
     result = TireForce()
     result.force = wp.vec3(force[0], force[1], patch.load)
     result.torque = wp.vec3(
-        overturning_torque(patch, row), -row[Common.ROLLING_RESISTANCE] * patch.load * wp.tanh(patch.spin), 0.0
+        overturning_torque(patch, p), -p[Common.ROLLING_RESISTANCE] * patch.load * wp.tanh(patch.spin), 0.0
     )
     return result

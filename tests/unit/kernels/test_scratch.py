@@ -1,0 +1,73 @@
+"""Scratch that is declared once: its layout, its structs, and the function that finds a slot's arrays."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import warp as wp
+
+from simwarp.kernels.core.scratch import (
+    ScratchGroup,
+    make_memory,
+    memory_layouts,
+    memory_struct,
+    number,
+    room,
+    slot_function,
+)
+
+
+class PairRooms(ScratchGroup, prefix="pair_"):
+    """Two rooms that share an array, one alone, and a number."""
+
+    count = number(int)
+    first = room(wp.float32, "things")
+    second = room(wp.float32, "things")
+    table = room(wp.vec3, 2, "things")
+
+
+Pair = PairRooms.struct("Pair", __name__)
+Memory = memory_struct("Memory", __name__, (PairRooms,))
+pack_pair = slot_function("pack_pair", __name__, PairRooms, Pair, Memory)
+
+
+@dataclasses.dataclass(frozen=True)
+class Things:
+    things: int
+
+
+@wp.kernel(enable_backward=False)
+def fill(memory: Memory):
+    slot = wp.tid()
+    pair = pack_pair(memory, slot)
+    for k in range(pair.first.shape[0]):
+        pair.first[k] = float(100 * slot + k)
+        pair.second[k] = float(100 * slot + k) + 0.5
+        pair.table[1, k] = wp.vec3(float(slot), float(k), 1.0)
+
+
+def test_a_slot_has_arrays_of_its_own() -> None:
+    layouts = memory_layouts((PairRooms,), 3, Things(4))
+    assert {name: layout.shape for name, layout in layouts.items()} == {
+        "pair_things_float32": (3, 2, 4), "pair_table": (3, 2, 4),
+    }  # fmt: skip
+    memory = make_memory(Memory, layouts, "cpu")
+    wp.launch(fill, dim=3, inputs=[memory], device="cpu")
+    numbers = 100.0 * np.arange(3)[:, None] + np.arange(4)
+    np.testing.assert_array_equal(memory.pair_things_float32.numpy(), np.stack([numbers, numbers + 0.5], axis=1))
+    table = memory.pair_table.numpy()
+    assert not table[:, 0].any()
+    np.testing.assert_array_equal(table[2, 1, :, 0], [2.0] * 4)
+
+
+def test_rooms_without_length_keep_an_element_per_axis() -> None:
+    layouts = memory_layouts((PairRooms,), 1, Things(0))
+    assert layouts["pair_table"].shape == (1, 2, 1)
+
+
+def test_arrays_of_one_name_are_refused() -> None:
+    class Again(ScratchGroup, prefix="pair_"):
+        table = room(wp.float32, "things")
+
+    with pytest.raises(ValueError, match="Again: another group has an array 'pair_table'; give one of them a prefix"):
+        memory_struct("Both", __name__, (PairRooms, Again))
