@@ -55,7 +55,7 @@ def listed_keys(cell: str) -> dict[str, bool]:
 
 
 UNIONS = (specs.Suspension, specs.Steering, specs.Driveline, specs.Engine, specs.Transmission)
-TEMPLATES = [(union, cls) for union in UNIONS for cls in typing.get_args(union)]
+TEMPLATES = [(union, cls) for union in UNIONS for cls in typing.get_args(typing.get_args(union)[0])]
 
 
 def name_of(cls: type[Spec]) -> str:

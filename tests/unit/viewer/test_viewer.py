@@ -95,7 +95,7 @@ def test_what_a_free_camera_refuses():
     for worlds in ([], [2], [-1]):
         with pytest.raises(ModelError, match="free camera: worlds must be indices below 2"):
             FreeCamera(scene, worlds, CameraConfig())
-    with pytest.raises(ModelError, match="CameraConfig: width must be an integer >= 1, got 0"):
+    with pytest.raises(ModelError, match="CameraConfig: width must be at least 1, got 0"):
         FreeCamera(scene, [0], CameraConfig(width=0))
     free = FreeCamera(scene, [0, 1], CameraConfig(width=4, height=4))
     with pytest.raises(ModelError, match="there must be 2 poses, got 1; one per view"):
@@ -213,7 +213,7 @@ def test_what_a_studio_refuses():
         Studio(sim, scene, Shot(target=(0.0, math.nan, 0.0)))
     with pytest.raises(ModelError, match="Shot: eye"):
         Studio(sim, scene, Shot(eye=(0.0, 1.0)))
-    with pytest.raises(ModelError, match="Pinhole lens: fov"):
+    with pytest.raises(ModelError, match="Pinhole: fov"):
         Studio(sim, scene, Shot(fov=40.0))
 
 
