@@ -1,3 +1,4 @@
+# mypy: disable-error-code="operator, arg-type, no-untyped-def"
 """Scratch that is declared once: its layout, its structs, and the function that finds a slot's arrays."""
 
 import dataclasses
