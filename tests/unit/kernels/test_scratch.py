@@ -38,7 +38,7 @@ class Things:
 
 
 @wp.kernel(enable_backward=False)
-def fill(memory: Memory):
+def fill(memory: Memory):  # type: ignore[valid-type]
     slot = wp.tid()
     pair = pack_pair(memory, slot)
     for k in range(pair.first.shape[0]):
