@@ -45,10 +45,10 @@ class Configuration:
         """Rules between the fields."""
 
 
-__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index", "checked_config", "checked_model"]
+__all__ = ["Mount", "Schedule", "ScheduleSteps", "Sensor", "body_index", "checked_config", "checked_model"]
 
 
-class Steps(NamedTuple):
+class ScheduleSteps(NamedTuple):
     """A schedule in whole sub-steps."""
 
     period: int
@@ -86,14 +86,14 @@ class Schedule(Configuration):
                 f"got {shown(self.window)} s; shorten it or lower the rate"
             )
 
-    def steps(self, dt: float) -> Steps:
+    def steps(self, dt: float) -> ScheduleSteps:
         """The schedule in sub-steps of `dt` seconds: the nearest whole numbers (halves up), a period of at least 1."""
 
         def nearest(time: float) -> int:
             # the quotient of two decimals is off by its rounding: 0.025 / 0.01 is meant to be a half
             return math.floor(time / dt + 0.5 + 1.0e-9)
 
-        return Steps(max(nearest(1.0 / self.rate), 1), nearest(self.window), nearest(self.lag))
+        return ScheduleSteps(max(nearest(1.0 / self.rate), 1), nearest(self.window), nearest(self.lag))
 
 
 @dataclasses.dataclass(frozen=True)

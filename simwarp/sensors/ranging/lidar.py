@@ -14,7 +14,7 @@ from simwarp.core.constraints import As, Different, Meaning, MinLen, NotNegative
 from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.lidar import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
 from simwarp.kernels.sensors.ranging.returns import ReturnMode
-from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beam, Beams
 from simwarp.sensors.ranging.scanning import (
@@ -139,7 +139,7 @@ class Lidar:
         fields: dict[str, Field] = {
             output: Field((rows, columns, widths[output]), wp.float32) for output in config.outputs
         }
-        self.frames = Frames(
+        self.frames = FrameBuffer(
             name, config.schedule, model, {**fields, "count": Field((), wp.int32)}, seed=seed, gradual=True
         )  # fmt: skip
         self.noise = noise_arrays(thing, config.noise, model, wanted)

@@ -14,7 +14,7 @@ from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarNoiseArrays, scan_radar
-from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beams
 from simwarp.sensors.ranging.scanning import (
@@ -148,7 +148,7 @@ class Radar:
         if config.clusters is not None:
             fields["clusters"] = Field((config.clusters.capacity, CLUSTER_CHANNELS), wp.float32)
             fields["cluster_count"] = fields["cluster_overflow"] = Field((), wp.int32)
-        self.frames = Frames(name, config.schedule, model, fields, seed=seed, gradual=True)
+        self.frames = FrameBuffer(name, config.schedule, model, fields, seed=seed, gradual=True)
         self.noise = noise_arrays(thing, config.noise, model, wanted)
         values = scene.reflectance.numpy()
         copies = model.world_count if "backscatter" in wanted and len(values) == 1 else 1
