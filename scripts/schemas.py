@@ -24,7 +24,14 @@ TAGS = ("template", "kind")
 def schemas() -> dict[Path, str]:
     """Text of every schema by its file."""
     made = {"vehicle": vehicle_schema(), "sensor": sensor_schema()}
-    return {DATA / f"{name}.schema.json": json.dumps(schema, indent=1) + "\n" for name, schema in made.items()}
+    return {DATA / f"{name}.schema.json": _text(schema) for name, schema in made.items()}
+
+
+def _text(schema: dict[str, Any]) -> str:
+    """JSON with one line for each definition."""
+    classes = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in schema["$defs"].items())
+    head = ",\n".join(f" {json.dumps(key)}: {json.dumps(value)}" for key, value in schema.items() if key != "$defs")
+    return f'{{\n{head},\n "$defs": {{\n{classes}\n }}\n}}\n'
 
 
 def vehicle_schema() -> dict[str, Any]:

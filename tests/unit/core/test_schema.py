@@ -4,7 +4,7 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pytest
@@ -62,7 +62,7 @@ class Heavy(Thing):
     mass: float = 100.0
 
 
-MISTAKES = [
+MISTAKES: list[tuple[Any, str]] = [
     ({"mass": 0}, "mass: must be positive, got 0"),
     ({"mass": 1e-9}, "mass: must be at least 1e-06 (float32), got 1e-09"),
     ({"mass": True}, "mass: must be a number [kg], got True"),
