@@ -127,6 +127,7 @@ def main() -> int:
     if options.against is None:
         return 0
     before = json.loads(options.against.read_text())
+    before = before.get("hashes", before)
     differing = sorted(name for name in before.keys() | found.keys() if before.get(name) != found.get(name))
     print(f"{len(before)} hashes before, {len(differing)} differ" + "".join(f"\n  {name}" for name in differing))
     return 1 if differing else 0

@@ -14,7 +14,7 @@ from .randomness import WorldRandom
 from .uncertainty import Mode, Range, When
 
 if TYPE_CHECKING:
-    from simwarp.model.effects import Effect
+    from simwarp.model.active_entries import ActiveEntries
 
 
 class _Parameter:
@@ -120,7 +120,7 @@ def _spread(mask: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
     return mask.to(view.device).view(1, -1, *(1,) * (view.dim() - 2))
 
 
-def _check_acts(parameter: _Parameter, effect: Effect, model: Any, owner: str) -> None:
+def _check_acts(parameter: _Parameter, effect: ActiveEntries, model: Any, owner: str) -> None:
     """Refuse a range that changes nothing, on the whole or on a part that ``only`` names.
 
     Raises:
@@ -155,7 +155,7 @@ class Randomiser:
     """
 
     def __init__(self, ranges: Mapping[str, Range], simulation: Any, owner: str) -> None:
-        from simwarp.model.effects import effect_of
+        from simwarp.model.active_entries import active_entries
 
         model = simulation.model
         self._parameters = [_Parameter(name, spec, model) for name, spec in ranges.items()]
@@ -163,7 +163,7 @@ class Randomiser:
         self._inertias = [_Inertia(item, model) for item in self._parameters if _takes_inertia(item.name, ranges)]
         for item in self._parameters:
             contact_model = simulation.solver.contact_model
-            effect = effect_of(model, item.name, contact_model=contact_model, also=ranges.keys())
+            effect = active_entries(model, item.name, contact_model=contact_model, also=ranges.keys())
             _check_acts(item, effect, model, owner)
 
     def begin_episodes(self, random: WorldRandom, mask: torch.Tensor, level: torch.Tensor) -> None:

@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from simwarp import WORLD, ModelBuilder, Simulation
 from simwarp.sensors import Scene, Visuals
 from simwarp.tasks import InputError, Task
-from simwarp.viewer import Polyline, Shot, Studio, caption, grid, paint
+from simwarp.viewer import FollowCamera, Polyline, Shot, caption, grid, paint
 from simwarp.viewer.sheets import label
 
 Images = npt.NDArray[np.uint8]
@@ -44,7 +44,7 @@ class Film:
         width = 2 * round(0.5 * min(640.0, max(96.0, math.sqrt(1.5 * pixels))))
         scene = task.scene()
         simulation, scene, shot = _stage(task) if scene is None else (task.simulation, scene, task.shot())
-        self._studio = Studio(
+        self._studio = FollowCamera(
             simulation, scene, shot, worlds=range(task.num_worlds),
             width=width, height=2 * round(width / 3.0), samples=2 if video else 3, lighting=task.lighting(),
         )  # fmt: skip

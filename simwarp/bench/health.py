@@ -49,7 +49,7 @@ class Health:
         return Health(tuple(dict.fromkeys(self.problems + other.problems)), *numbers)  # type: ignore[arg-type]
 
 
-class Judge(Protocol):
+class HealthCheck(Protocol):
     """Interface of a health check."""
 
     def examine(self) -> Health:
@@ -57,7 +57,7 @@ class Judge(Protocol):
         ...
 
 
-class Examiner:
+class MotionHealthCheck:
     """Health check of a motion's final state against its start."""
 
     def __init__(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from simwarp.bench.health import Examiner, Health, Judge
+from simwarp.bench.health import Health, HealthCheck, MotionHealthCheck
 from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.bench.workloads import BenchScene
 from simwarp.core.memory import check_fits
@@ -105,7 +105,7 @@ class TimedRun:
         self.steps_per_call = 1
         self.horizon_steps = max(_MIN_HORIZON_STEPS, round(horizon / sim.dt))
         self.motion_command: Any = None
-        self.examiner: Judge
+        self.examiner: HealthCheck
         self._call = self.single_step
 
     def set_motion(self) -> None:
@@ -118,7 +118,7 @@ class TimedRun:
             self.motion_command.launch()
         self.sim.step()
 
-    def _start_here(self, examiner: Judge) -> None:
+    def _start_here(self, examiner: HealthCheck) -> None:
         self._start = self.sim.snapshot()
         self.examiner = examiner
 
@@ -187,7 +187,7 @@ class SceneRun(TimedRun):
     def _start_with_examiner(self) -> None:
         scene = self.scene
         self._start_here(
-            Examiner(
+            MotionHealthCheck(
                 self.sim, energy_gain=scene.energy_gain, position_error=scene.position_error,
                 penetration=scene.penetration,
             )

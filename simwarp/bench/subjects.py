@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from simwarp.bench.measure import Row, measure_scene
 from simwarp.bench.peers import peer_measures, peer_notes
-from simwarp.bench.workloads import SENSOR_SCENES, bench_scenes, explain_unknown, task_of
+from simwarp.bench.workloads import SENSOR_SCENES, bench_scenes, task_of, unknown_name_message
 from simwarp.cli import UsageError
 from simwarp.cli.options import check_obs
 from simwarp.vehicle.spec.vehicle_files import vehicle_names
@@ -62,7 +62,7 @@ def find_subject(name: str, tasks: Callable[[], list[str]], obs: str | None = No
     known = tasks()
     task = task_of(name, known)
     if task is None:
-        raise UsageError(explain_unknown(name, known))
+        raise UsageError(unknown_name_message(name, known))
     from simwarp.bench.task_rows import measure_task, task_device
     from simwarp.tasks import task_class
 

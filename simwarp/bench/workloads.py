@@ -164,15 +164,15 @@ def task_of(name: str, tasks: Iterable[str]) -> str | None:
     return bare if bare in known else None
 
 
-def names_for_people(tasks: Iterable[str]) -> list[str]:
+def display_names(tasks: Iterable[str]) -> list[str]:
     """All names: scenes, vehicles, sensors, and tasks, with `-task` behind where another has the name already."""
     scene_names = [*bench_scenes(), *vehicle_names(), *SENSOR_SCENES]
     return scene_names + [task + TASK_SUFFIX if task in scene_names else task for task in sorted(tasks)]
 
 
-def explain_unknown(name: str, tasks: Iterable[str]) -> str:
+def unknown_name_message(name: str, tasks: Iterable[str]) -> str:
     """One line about a name that is no scene, vehicle or task."""
-    known = names_for_people(tasks)
+    known = display_names(tasks)
     close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else f"there are: {', '.join(known)}"
     return f"unknown scene '{shortened(name)}'; {hint}"

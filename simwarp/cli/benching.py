@@ -16,7 +16,7 @@ from simwarp.bench.compiling import cold_and_warm
 from simwarp.bench.machine import describe
 from simwarp.bench.measure import Row
 from simwarp.bench.subjects import find_subject
-from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, names_for_people
+from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, display_names
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import CommonOptions, option_value, parse_options
 from simwarp.cli.values import LARGEST_COUNT
@@ -112,7 +112,7 @@ def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
     """Split the SCENE off the arguments: the first one, or the first that names something known."""
     if arguments and not arguments[0].startswith("-"):
         return arguments[0], arguments[1:]
-    names = names_for_people(_task_names())
+    names = display_names(_task_names())
     for index, argument in enumerate(arguments):
         if argument in names or argument.endswith(TASK_SUFFIX):
             return argument, arguments[:index] + arguments[index + 1 :]

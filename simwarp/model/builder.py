@@ -39,8 +39,8 @@ from simwarp.model.checks import (
 )
 from simwarp.model.couplings import CouplingList
 from simwarp.model.joint_types import ELEMENTS
+from simwarp.model.keyword_options import DofOptions
 from simwarp.model.model import Model
-from simwarp.model.options import DofOptions
 from simwarp.model.shapes import ShapeList
 from simwarp.model.specifications import BodySpec, Frame, JointSpec
 

@@ -23,7 +23,7 @@ from simwarp.geometry.assets import (
     triangle_mesh,
 )
 from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
-from simwarp.model.options import ShapeOptions, SurfaceOptions
+from simwarp.model.keyword_options import ShapeOptions, SurfaceOptions
 from simwarp.model.specifications import ShapeSpec
 
 Array = npt.NDArray[np.float64]

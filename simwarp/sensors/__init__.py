@@ -12,7 +12,7 @@ from simwarp.sensors.cameras.camera import Camera, CameraConfig, look_at
 from simwarp.sensors.cameras.image_processing import Imaging
 from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial
 from simwarp.sensors.cameras.lights import Lamp, Lighting, Lights, Sun
-from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, Sensor
 from simwarp.sensors.motion.encoders import (
     Encoder,
@@ -50,7 +50,7 @@ __all__ = [
     "EncoderConfig",
     "Field",
     "FishEye",
-    "Frames",
+    "FrameBuffer",
     "GeoOrigin",
     "Gps",
     "GpsConfig",
@@ -96,4 +96,4 @@ __all__ = [
     "sensor_names",
 ]
 
-__getattr__ = renamed_names(__name__, Look="Appearance")
+__getattr__ = renamed_names(__name__, Frames="FrameBuffer", Look="Appearance")

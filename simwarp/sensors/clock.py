@@ -16,7 +16,7 @@ from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.clock import (
     ClockSettings,
     ClockState,
-    Tick,
+    SampleEvents,
     advance_clock,
     begin_clock,
     publish_bytes,
@@ -24,7 +24,7 @@ from simwarp.kernels.sensors.clock import (
 )
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays
 from simwarp.model.model import Model
-from simwarp.sensors.interface import Mount, Schedule, Steps, body_index, checked_model
+from simwarp.sensors.interface import Mount, Schedule, ScheduleSteps, body_index, checked_model
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
@@ -93,7 +93,7 @@ def mount_arrays(sensor: str, mount: Mount, model: Model, copies: int = 1) -> Mo
     return arrays
 
 
-class Frames:
+class FrameBuffer:
     """A clock, the frames in waiting, and the one that is published. Every sensor owns one and is recorded through it.
 
     The kernels of a sensor take `frames.tick` (kernels/sensors/clock.py), work where `tick.collecting` is 1, and write
@@ -171,13 +171,13 @@ class Frames:
             for name, field in fields.items()
         }
         self.ring: dict[str, wp.array] = {}
-        self.tick = Tick()
+        self.tick = SampleEvents()
         self._state = ClockState()
-        for struct, instance in ((Tick, self.tick), (ClockState, self._state)):
+        for struct, instance in ((SampleEvents, self.tick), (ClockState, self._state)):
             for name, dtype in _members(struct).items():
                 setattr(instance, name, wp.zeros(model.world_count, dtype=dtype, device=model.device))
         self.clock = ClockSettings()
-        self.steps = Steps(0, 0, 0)
+        self.steps = ScheduleSteps(0, 0, 0)
         self.dt = 0.0
         self._samples: list[Any] = []
 
@@ -251,7 +251,7 @@ class Frames:
         remedy = "shorten the lag, take fewer worlds, or make its frames smaller"
         check_fits(what, waiting + more, self.model.device, remedy)
 
-    def _slots(self, steps: Steps) -> int:
+    def _slots(self, steps: ScheduleSteps) -> int:
         """Frames of a world that may be in waiting; 0: they are written where they are published.
 
         A row is taken from the first write of a frame to its publication, which comes after the writes of a sub-step.

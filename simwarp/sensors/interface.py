@@ -20,10 +20,12 @@ from simwarp.simulation.protocols import Sensor
 
 Config = TypeVar("Config")
 
-__all__ = ["Mount", "Schedule", "Sensor", "Steps", "body_index", "checked_config", "checked_model", "checked_outputs"]
+__all__ = [
+    "Mount", "Schedule", "ScheduleSteps", "Sensor", "body_index", "checked_config", "checked_model", "checked_outputs",
+]  # fmt: skip
 
 
-class Steps(NamedTuple):
+class ScheduleSteps(NamedTuple):
     """A schedule in whole sub-steps."""
 
     period: int
@@ -66,14 +68,14 @@ class Schedule:
         if not isinstance(self.phase, str) or self.phase not in ("zero", "random"):
             raise ModelError(f"Schedule: phase must be 'zero' or 'random', got {shown(self.phase)}; choose one of them")
 
-    def steps(self, dt: float) -> Steps:
+    def steps(self, dt: float) -> ScheduleSteps:
         """The schedule in sub-steps of `dt` seconds: the nearest whole numbers (halves up), a period of at least 1."""
 
         def nearest(time: float) -> int:
             # the quotient of two decimals is off by its rounding: 0.025 / 0.01 is meant to be a half
             return math.floor(time / dt + 0.5 + 1.0e-9)
 
-        return Steps(max(nearest(1.0 / self.rate), 1), nearest(self.window), nearest(self.lag))
+        return ScheduleSteps(max(nearest(1.0 / self.rate), 1), nearest(self.window), nearest(self.lag))
 
 
 @dataclasses.dataclass(frozen=True)

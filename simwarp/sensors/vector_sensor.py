@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import warp as wp
 
 from simwarp.model.model import Model
-from simwarp.sensors.clock import Field, Frames
+from simwarp.sensors.clock import Field, FrameBuffer
 from simwarp.sensors.interface import Schedule, checked_model
 from simwarp.sensors.noise import Noise, NoiseChain
 
@@ -39,7 +39,7 @@ class VectorSensor:
         self.name = name
         checked_model(name, model)
         fields = {"data": Field((channels,), dtype), "truth": Field((channels,), dtype), **(others or {})}
-        self.frames = Frames(name, schedule, model, fields, seed=seed)
+        self.frames = FrameBuffer(name, schedule, model, fields, seed=seed)
         self.copies = model.world_count if randomised else 1
         self._sums = wp.zeros((model.world_count, channels), dtype=wp.float64, device=model.device)
         self._chains: dict[str, NoiseChain] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.collide import CollisionSizes, collision_layouts
-from simwarp.kernels.dynamics.world import Sizes, scratch_layouts
+from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
 from simwarp.model.model import Model
 
 
@@ -13,7 +13,7 @@ def scratch_slots_of(model: Model) -> int:
     return model.world_count if model.device.is_cuda else 1
 
 
-def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> Sizes:
+def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes:
     """Workspace sizes of one world of a model in a step.
 
     Args:
@@ -24,7 +24,7 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> Sizes:
     topology = model.topology
     rows = model.box_count + (6 if model.has_rolling_friction else 3) * model.contact_capacity
     dense = min(rows, dense_rows)
-    return Sizes(
+    return ScratchSizes(
         links=topology.link_count, tree_dofs=topology.tree_dof_count, rows=topology.row_count,
         relative_rotations=model.relative_rotation_count, blocks=model.box_count + model.contact_capacity,
         cone_rows=rows, dense_rows=dense, factor_rows=dense if all_solvers else 0,
@@ -39,7 +39,7 @@ def collision_sizes(model: Model) -> CollisionSizes:
     )
 
 
-def step_layouts(model: Model, sizes: Sizes) -> dict[str, ArrayLayout]:
+def step_layouts(model: Model, sizes: ScratchSizes) -> dict[str, ArrayLayout]:
     """Scratch of a step and of collision."""
     slots = scratch_slots_of(model)
     groups = {

@@ -33,7 +33,7 @@ OVERHEAD: Final = 4096
 
 
 @runtime_checkable
-class Restoring(Protocol):
+class SnapshotTarget(Protocol):
     """Interface to take and restore snapshots: a Simulation."""
 
     def empty_snapshot(self) -> Snapshot:
@@ -94,7 +94,7 @@ class Snapshot:
             np.savez(file, **{HEADER: text, **values})
 
     @classmethod
-    def load(cls, path: str | Path, target: Restoring | Model) -> Snapshot:
+    def load(cls, path: str | Path, target: SnapshotTarget | Model) -> Snapshot:
         """Reads what `save` wrote.
 
         Args:
@@ -105,7 +105,7 @@ class Snapshot:
             FileError: there is no such file, or it is no whole snapshot.
             ModelError: it is of another simulation; says what differs.
         """
-        if isinstance(target, Restoring):
+        if isinstance(target, SnapshotTarget):
             snapshot = target.empty_snapshot()
         elif isinstance(target, Model):
             bare = target.identity.extended(run_parts((), (), 0.0))

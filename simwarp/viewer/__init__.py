@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from simwarp.core.renames import renamed_names
 from simwarp.viewer.free_camera import FreeCamera
 from simwarp.viewer.lines import Polyline, draw_lines
 from simwarp.viewer.painting import add_bodies, add_skeleton, paint
 from simwarp.viewer.sheets import caption, grid
-from simwarp.viewer.studio import Shot, Studio
+from simwarp.viewer.studio import FollowCamera, Shot
 
 __all__ = [
-    "FreeCamera", "Polyline", "Shot", "Studio", "add_bodies", "add_skeleton", "caption", "draw_lines", "grid", "paint",
+    "FollowCamera", "FreeCamera", "Polyline", "Shot", "add_bodies", "add_skeleton", "caption", "draw_lines", "grid",
+    "paint",
 ]  # fmt: skip
+
+__getattr__ = renamed_names(__name__, Studio="FollowCamera")

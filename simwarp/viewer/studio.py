@@ -48,7 +48,7 @@ class Shot:
     calm: float = 0.25
 
 
-class Studio:
+class FollowCamera:
     """Pictures of some worlds from a camera that follows a body.
 
     Args:

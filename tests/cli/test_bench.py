@@ -236,14 +236,14 @@ def test_one_bad_world_among_many_is_enough():
 
 def test_an_explosion_that_only_the_timing_reaches_is_refused(monkeypatch):
     # The rehearsal is sound; a later check, between the timed parts, is not
-    examine, calls = health.Examiner.examine, []
+    examine, calls = health.MotionHealthCheck.examine, []
 
     def later(self):
         calls.append(self)
         found = examine(self)
         return dataclasses.replace(found, problems=("exploded",)) if len(calls) == 3 else found
 
-    monkeypatch.setattr(health.Examiner, "examine", later)
+    monkeypatch.setattr(health.MotionHealthCheck, "examine", later)
     row = measure.measure_scene(bench_scenes()["pendulum"], 1, "cpu", None, 0.02)
     assert len(calls) > 3
     assert (row.valid, row.problems) == (False, ("exploded",))

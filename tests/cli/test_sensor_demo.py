@@ -97,7 +97,7 @@ def test_the_same_seed_gives_the_same_drive(made, tmp_path, monkeypatch):
     from simwarp.viewer.demo import devices
 
     _, data, _ = made
-    monkeypatch.setattr(devices.Rig, "sensors", property(lambda rig: list(rig.traced.values())))
+    monkeypatch.setattr(devices.SensorSuite, "sensors", property(lambda rig: list(rig.traced.values())))
     world = devices_world()
     rig = devices.make_rig(world, 0, PANEL)
     found, _ = devices.drive(world, rig, lambda what, share: None)

@@ -14,7 +14,7 @@ from simwarp.tasks import InputError, Task, make
 from simwarp.train.filming import Film, film_still, film_strip
 from simwarp.train.play import record, write_picture, write_video
 from simwarp.train.policies import zero_policy
-from simwarp.viewer import Studio
+from simwarp.viewer import FollowCamera
 
 
 def images_of(path):
@@ -168,6 +168,6 @@ def test_films_are_lit_as_the_task_says():
     lit = film.take(0, 1, 0.0)
     assert lit is not None
     height, width = lit.shape[1:3]
-    under_the_sun = Studio(task.simulation, scene, task.shot(), width=width, height=height).take(0.0)
+    under_the_sun = FollowCamera(task.simulation, scene, task.shot(), width=width, height=height).take(0.0)
     # below a ceiling there is no sun
     assert lit.mean() > 1.5 * under_the_sun.mean()

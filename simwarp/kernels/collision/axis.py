@@ -46,7 +46,7 @@ class Axis:
 
 
 @wp.struct
-class Trial:
+class BestAxis:
     """Best of a set of trial normals, and the best face among them."""
 
     normal: wp.vec3
@@ -84,9 +84,9 @@ def sample_normal(k: int) -> wp.vec3:
 @wp.func
 def try_normals(
     a: Shape, b: Shape, offset: wp.vec3, centre: wp.vec3, small: float, stop: float, assets: Assets
-) -> Trial:
+) -> BestAxis:
     """The best trial normal; ends early once a separation exceeds `stop`. `centre`: between inner points [m]."""
-    trial = Trial()
+    trial = BestAxis()
     trial.separation = -3.0e38
     trial.face_separation = -3.0e38
     faces_a = face_count(a, assets)
@@ -137,7 +137,7 @@ def aligned_face(a: Shape, n: wp.vec3, assets: Assets) -> wp.vec3:
 
 
 @wp.func
-def improve(
+def refine_axis(
     a: Shape, b: Shape, offset: wp.vec3, start: Axis, small: float, large: float, stop: float, assets: Assets
 ) -> Axis:
     """Ascends s(n) from a trial normal; a direction must gain `FACE_BIAS` to replace it."""
@@ -186,7 +186,7 @@ def separation_axis(a: Shape, b: Shape, reach: float, assets: Assets) -> Axis:
     starts = int(1)
     k = int(0)
     while k < starts:
-        found = improve(a, b, offset, start, small, large, stop, assets)
+        found = refine_axis(a, b, offset, start, small, large, stop, assets)
         if k == 0 or found.separation > axis.separation + bias:
             axis = found
         if k == 0 and axis.separation < -SHALLOW * small:

@@ -6,7 +6,7 @@ larger than the average (the ground) would spoil the cells: they are candidates 
 
 import warp as wp
 
-from simwarp.kernels.core.scratch import ScratchGroup, room
+from simwarp.kernels.core.scratch import ScratchGroup, scratch_array
 from simwarp.kernels.core.tables import Topology
 
 wp.set_module_options({"enable_backward": False})
@@ -15,17 +15,17 @@ LARGE = wp.constant(4.0)  # times the average edge
 ENDLESS = wp.constant(1.0e9)  # [m] planes have bounds beyond this
 
 
-class GridRooms(ScratchGroup, packed=False):
+class GridScratch(ScratchGroup, packed=False):
     """Uniform grid of one world."""
 
-    cell = room(wp.vec3i, "in_grid")  # per shape: cell of its centre
-    home = room(wp.int32, "in_grid")  # per shape: bucket, -1: large
-    start = room(wp.int32, "bucket_ends")
-    member = room(wp.int32, "in_grid")  # shapes by bucket, then the large ones
-    candidate = room(wp.int32, "shapes")
+    cell = scratch_array(wp.vec3i, "in_grid")  # per shape: cell of its centre
+    home = scratch_array(wp.int32, "in_grid")  # per shape: bucket, -1: large
+    start = scratch_array(wp.int32, "bucket_ends")
+    member = scratch_array(wp.int32, "in_grid")  # shapes by bucket, then the large ones
+    candidate = scratch_array(wp.int32, "shapes")
 
 
-Grid = GridRooms.struct("Grid", __name__)
+Grid = GridScratch.struct("Grid", __name__)
 
 
 @wp.func

@@ -10,14 +10,26 @@ from typing import Any
 import warp as wp
 
 from simwarp.core.types import ArrayLayout, ShapeType, WorldStatus
-from simwarp.kernels.collision.broad import Grid, GridRooms, candidates, fill_grid
+from simwarp.kernels.collision.broad import Grid, GridScratch, candidates, fill_grid
 from simwarp.kernels.collision.pair import pair_contacts
-from simwarp.kernels.collision.shape import Assets, Manifold, ManifoldRooms, Shape
+from simwarp.kernels.collision.shape import Assets, Manifold, ManifoldScratch, Shape
 from simwarp.kernels.collision.support import Bounds, core_radius, inner_point, shape_bounds
-from simwarp.kernels.collision.surfaces import Ground, ground_bounds, ground_of, is_ground
-from simwarp.kernels.collision.triangles import RawContactRooms, RawContacts
+from simwarp.kernels.collision.surfaces import (
+    TriangleSurface,
+    is_triangle_surface,
+    triangle_surface_bounds,
+    triangle_surface_of,
+)
+from simwarp.kernels.collision.triangles import RawContacts, RawContactScratch
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
-from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, room, slot_function
+from simwarp.kernels.core.scratch import (
+    ScratchGroup,
+    make_memory,
+    memory_layouts,
+    memory_struct,
+    scratch_array,
+    slot_function,
+)
 from simwarp.kernels.core.spatial import contact_frame, matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
 
@@ -28,29 +40,29 @@ PLANE = wp.constant(int(ShapeType.PLANE))
 NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 
 
-class WorldRooms(ScratchGroup, packed=False):
+class ShapeScratch(ScratchGroup, packed=False):
     """Placed shapes and the last step's contacts of one world."""
 
-    x = room(wp.vec3d, "shapes")
-    rot = room(wp.mat33, "shapes")
-    lower = room(wp.vec3, "shapes")  # bounds relative to x, world axes
-    upper = room(wp.vec3, "shapes")
-    velocity = room(wp.vec3, "shapes")
-    sweep = room(wp.float32, "shapes")  # speed that rotation adds to the surface [m/s]
+    x = scratch_array(wp.vec3d, "shapes")
+    rot = scratch_array(wp.mat33, "shapes")
+    lower = scratch_array(wp.vec3, "shapes")  # bounds relative to x, world axes
+    upper = scratch_array(wp.vec3, "shapes")
+    velocity = scratch_array(wp.vec3, "shapes")
+    sweep = scratch_array(wp.float32, "shapes")  # speed that rotation adds to the surface [m/s]
 
-    shape0 = room(wp.int32, "contacts")  # of the last step
-    shape1 = room(wp.int32, "contacts")
-    feature = room(wp.int32, "contacts")
-    arm1 = room(wp.vec3, "contacts")
-    impulse_w = room(wp.vec3, "contacts")
-    moment_w = room(wp.vec3, "contacts")
+    shape0 = scratch_array(wp.int32, "contacts")  # of the last step
+    shape1 = scratch_array(wp.int32, "contacts")
+    feature = scratch_array(wp.int32, "contacts")
+    arm1 = scratch_array(wp.vec3, "contacts")
+    impulse_w = scratch_array(wp.vec3, "contacts")
+    moment_w = scratch_array(wp.vec3, "contacts")
 
 
-GROUPS = (WorldRooms, GridRooms, ManifoldRooms, RawContactRooms)
+GROUPS = (ShapeScratch, GridScratch, ManifoldScratch, RawContactScratch)
 CollisionScratch = memory_struct("CollisionScratch", __name__, GROUPS)
-pack_grid = slot_function("pack_grid", __name__, GridRooms, Grid, CollisionScratch)
-pack_manifold = slot_function("pack_manifold", __name__, ManifoldRooms, Manifold, CollisionScratch)
-pack_raw = slot_function("pack_raw", __name__, RawContactRooms, RawContacts, CollisionScratch)
+pack_grid = slot_function("pack_grid", __name__, GridScratch, Grid, CollisionScratch)
+pack_manifold = slot_function("pack_manifold", __name__, ManifoldScratch, Manifold, CollisionScratch)
+pack_raw = slot_function("pack_raw", __name__, RawContactScratch, RawContacts, CollisionScratch)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -106,8 +118,8 @@ def placed(
 def bounds_of(s: Shape, assets: Assets) -> Bounds:
     """Bounds of any shape."""
     b = Bounds()
-    if is_ground(s.kind):
-        b = ground_bounds(s, assets)
+    if is_triangle_surface(s.kind):
+        b = triangle_surface_bounds(s, assets)
     else:
         b = shape_bounds(s, assets)
     return b
@@ -283,7 +295,7 @@ def may_touch(scratch_slot: int, shape0: int, shape1: int, reach: float, scratch
 
 
 @wp.struct
-class Progress:
+class ContactProgress:
     """Slots in use, cached contacts passed, and the deepest penetration so far [m]."""
 
     count: int
@@ -293,10 +305,10 @@ class Progress:
 
 @wp.func
 def collide_pair(
-    world: int, scratch_slot: int, shape0: int, shape1: int, reach: float, cached: int, progress: Progress,
+    world: int, scratch_slot: int, shape0: int, shape1: int, reach: float, cached: int, progress: ContactProgress,
     topology: Topology, parameters: Parameters, assets: Assets, state: StateArrays, contacts: ContactArrays,
     scratch: CollisionScratch,
-) -> Progress:  # fmt: skip
+) -> ContactProgress:  # fmt: skip
     """The contacts of one pair of shapes."""
     now = progress
     ground = int(-1)
@@ -304,10 +316,10 @@ def collide_pair(
     origin = scratch.x[scratch_slot, shape0]
     if topology.shape_body[shape0] < 0:
         origin = scratch.x[scratch_slot, shape1]
-    if is_ground(topology.shape_type[shape0]):
+    if is_triangle_surface(topology.shape_type[shape0]):
         ground = shape0
         convex = shape1
-    elif is_ground(topology.shape_type[shape1]):
+    elif is_triangle_surface(topology.shape_type[shape1]):
         ground = shape1
         convex = shape0
     if ground >= 0:
@@ -320,11 +332,13 @@ def collide_pair(
         a = b
         b = swap
         flip = 1
-    g = Ground()
+    g = TriangleSurface()
     g.kind = -1
     if ground >= 0:
         offset = scratch.x[scratch_slot, ground] - origin
-        g = ground_of(a, offset, scratch.lower[scratch_slot, convex], scratch.upper[scratch_slot, convex], reach)
+        g = triangle_surface_of(
+            a, offset, scratch.lower[scratch_slot, convex], scratch.upper[scratch_slot, convex], reach
+        )
     found = pair_contacts(
         a, b, g, flip, reach, assets, pack_manifold(scratch, scratch_slot), pack_raw(scratch, scratch_slot)
     )
@@ -371,7 +385,7 @@ def collide_world(
             scratch.upper[scratch_slot],
             grid,
         )
-    progress = Progress()
+    progress = ContactProgress()
     for shape0 in range(topology.shape_count):
         for index in range(candidates(shape0, topology, grid)):
             shape1 = grid.candidate[index]

@@ -13,13 +13,13 @@ from simwarp.kernels.collision.shape import (
     triangle_shape,
 )
 from simwarp.kernels.collision.support import core_radius, inner_point, rounding, support
-from simwarp.kernels.collision.surfaces import NEVER, TRIANGLE_BATCH, Ground, gather
+from simwarp.kernels.collision.surfaces import NEVER, TRIANGLE_BATCH, TriangleSurface, gather
 from simwarp.kernels.collision.triangles import (
-    Found,
+    ContactAccumulator,
     RawContacts,
     Triangle,
     add_contacts,
-    add_sunk,
+    add_penetrating,
     covers,
     drop_voided,
     ground_triangle,
@@ -32,13 +32,20 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 @wp.func
 def pair_contacts(
-    a: Shape, b: Shape, g: Ground, flip: int, reach: float, assets: Assets, manifold: Manifold, raw: RawContacts
+    a: Shape,
+    b: Shape,
+    g: TriangleSurface,
+    flip: int,
+    reach: float,
+    assets: Assets,
+    manifold: Manifold,
+    raw: RawContacts,
 ) -> int:
     """Contacts of two shapes within `reach` [m], at most MANIFOLD_CONTACTS, to `manifold`; returns how many.
 
     If `g` is a ground, it stands for `a`, and with `flip` the two change places in the result.
     """
-    found = Found()
+    found = ContactAccumulator()
     middle = inner_point(b, assets)
     size = core_radius(b, assets) + rounding(b)
     up = wp.vec3(g.rot[0, 2], g.rot[1, 2], g.rot[2, 2])
@@ -65,7 +72,7 @@ def pair_contacts(
                 if gap >= reach or top < 0.0:
                     wanted = 0
                 if sunk == 1 and g.kind == HEIGHT_FIELD:
-                    found = add_sunk(found, t, low, gap)
+                    found = add_penetrating(found, t, low, gap)
                     wanted = 0
             if wanted == 1:
                 if g.kind >= 0 and b.kind == SPHERE:
@@ -78,7 +85,7 @@ def pair_contacts(
                         for i in range(contacts):
                             overlap = wp.min(overlap, manifold.gap[i])
                         if overlap < 0.0:
-                            found = add_sunk(found, t, low, gap)
+                            found = add_penetrating(found, t, low, gap)
                     else:
                         ahead = wp.where(height >= 0.0, 1, 0)
                         found = add_contacts(found, contacts, g, t, b, ahead, size, assets, manifold, raw)

@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.core.types import ShapeType
-from simwarp.kernels.core.scratch import ScratchGroup, room
+from simwarp.kernels.core.scratch import ScratchGroup, scratch_array
 from simwarp.kernels.rays.wide_tree import Trees
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -70,17 +70,19 @@ class Assets:
     mesh_upper: wp.array[wp.vec3]
 
 
-class ManifoldRooms(ScratchGroup, packed=False, prefix="pair_"):
+class ManifoldScratch(ScratchGroup, packed=False, prefix="pair_"):
     """Scratch that receives the contacts of one pair, all in the pair's frame."""
 
-    normal = room(wp.vec3, MANIFOLD_CONTACTS)  # from shape 0 to shape 1
-    point = room(wp.vec3, MANIFOLD_CONTACTS)  # on the surface of shape 0; that of shape 1: point + gap * normal
-    gap = room(wp.float32, MANIFOLD_CONTACTS)  # negative: penetration [m]
-    feature = room(wp.int32, MANIFOLD_CONTACTS)  # equal for the same geometric contact in the next step
-    polygon = room(wp.vec3, 4, POLYGON_CAPACITY)  # of the clipping
+    normal = scratch_array(wp.vec3, MANIFOLD_CONTACTS)  # from shape 0 to shape 1
+    point = scratch_array(
+        wp.vec3, MANIFOLD_CONTACTS
+    )  # on the surface of shape 0; that of shape 1: point + gap * normal
+    gap = scratch_array(wp.float32, MANIFOLD_CONTACTS)  # negative: penetration [m]
+    feature = scratch_array(wp.int32, MANIFOLD_CONTACTS)  # equal for the same geometric contact in the next step
+    polygon = scratch_array(wp.vec3, 4, POLYGON_CAPACITY)  # of the clipping
 
 
-Manifold = ManifoldRooms.struct("Manifold", __name__)
+Manifold = ManifoldScratch.struct("Manifold", __name__)
 
 
 @wp.func

@@ -24,7 +24,7 @@ TRIANGLE_BATCH = wp.constant(64)  # triangles gathered at a time
 
 
 @wp.struct
-class Ground:
+class TriangleSurface:
     """A height field or mesh as one pair sees it."""
 
     kind: int  # ShapeType; -1: the pair has none
@@ -341,13 +341,13 @@ def times(rot: wp.mat33, v: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def is_ground(kind: int) -> bool:
+def is_triangle_surface(kind: int) -> bool:
     """True if a shape consists of triangles."""
     return kind == HEIGHT_FIELD or kind == MESH
 
 
 @wp.func
-def ground_bounds(a: Shape, assets: Assets) -> Bounds:
+def triangle_surface_bounds(a: Shape, assets: Assets) -> Bounds:
     """Bounds about the shape's origin, world axes; a height field is solid down to half its width below its lowest
     point, so that sunk shapes are found.
     """
@@ -371,9 +371,9 @@ def ground_bounds(a: Shape, assets: Assets) -> Bounds:
 
 
 @wp.func
-def ground_of(a: Shape, x: wp.vec3d, lower: wp.vec3, upper: wp.vec3, reach: float) -> Ground:
+def triangle_surface_of(a: Shape, x: wp.vec3d, lower: wp.vec3, upper: wp.vec3, reach: float) -> TriangleSurface:
     """Ground `a` with its origin at x, and the part of it near bounds of the other shape; pair's frame [m]."""
-    g = Ground()
+    g = TriangleSurface()
     g.kind = a.kind
     g.asset = a.asset
     g.scale = a.size
@@ -390,7 +390,7 @@ def ground_of(a: Shape, x: wp.vec3d, lower: wp.vec3, upper: wp.vec3, reach: floa
 
 
 @wp.func
-def gather_field(g: Ground, first: int, listed: wp.array[int], assets: Assets) -> int:
+def gather_field(g: TriangleSurface, first: int, listed: wp.array[int], assets: Assets) -> int:
     """Triangles of a height field from number `first` on that the other shape may touch, or has sunk below."""
     nodes = assets.field_nodes[g.asset]
     start = assets.field_start[g.asset]
@@ -427,7 +427,7 @@ def gather_field(g: Ground, first: int, listed: wp.array[int], assets: Assets) -
 
 
 @wp.func
-def gather_mesh(g: Ground, first: int, listed: wp.array[int], assets: Assets) -> int:
+def gather_mesh(g: TriangleSurface, first: int, listed: wp.array[int], assets: Assets) -> int:
     """The lowest triangles of a mesh from number `first` on that are near, in order."""
     count = int(0)
     face = int(0)
@@ -453,7 +453,7 @@ def gather_mesh(g: Ground, first: int, listed: wp.array[int], assets: Assets) ->
 
 
 @wp.func
-def gather(g: Ground, first: int, listed: wp.array[int], assets: Assets) -> int:
+def gather(g: TriangleSurface, first: int, listed: wp.array[int], assets: Assets) -> int:
     """The next triangles, at most TRIANGLE_BATCH; a pair without ground has one piece."""
     if g.kind == HEIGHT_FIELD:
         return gather_field(g, first, listed, assets)
@@ -463,7 +463,7 @@ def gather(g: Ground, first: int, listed: wp.array[int], assets: Assets) -> int:
 
 
 @wp.func
-def ground_vertex(g: Ground, triangle: int, corner: int, assets: Assets) -> wp.vec3:
+def ground_vertex(g: TriangleSurface, triangle: int, corner: int, assets: Assets) -> wp.vec3:
     """Corner of a triangle in the pair's frame: float32 only after it is near the origin."""
     v = wp.vec3d()
     if g.kind == MESH:
@@ -474,7 +474,7 @@ def ground_vertex(g: Ground, triangle: int, corner: int, assets: Assets) -> wp.v
 
 
 @wp.func
-def neighbour_normal(g: Ground, triangle: int, edge: int, assets: Assets) -> wp.vec3:
+def neighbour_normal(g: TriangleSurface, triangle: int, edge: int, assets: Assets) -> wp.vec3:
     """Outward normal of the triangle across an edge, world axes; zero at a border."""
     if g.kind == MESH:
         n = assets.mesh_neighbour[3 * (assets.mesh_neighbour_start[g.asset] + triangle) + edge]

@@ -18,12 +18,12 @@ from simwarp.kernels.collision.support import rounding, safe_direction, support
 from simwarp.kernels.collision.surfaces import (
     NEVER,
     TRIANGLE_BATCH,
-    Ground,
+    TriangleSurface,
     gather,
     ground_vertex,
     neighbour_normal,
 )
-from simwarp.kernels.core.scratch import ScratchGroup, room
+from simwarp.kernels.core.scratch import ScratchGroup, scratch_array
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -53,22 +53,22 @@ class Triangle:
     normal: wp.vec3
 
 
-class RawContactRooms(ScratchGroup, packed=False, prefix="raw_"):
+class RawContactScratch(ScratchGroup, packed=False, prefix="raw_"):
     """Contacts of all triangles, from the triangle to the convex shape; points on the triangle's surface."""
 
-    triangle = room(wp.int32, TRIANGLE_BATCH)
-    normal = room(wp.vec3, RAW_CONTACTS)
-    point = room(wp.vec3, RAW_CONTACTS)
-    gap = room(wp.float32, RAW_CONTACTS)
-    feature = room(wp.int32, RAW_CONTACTS)
-    spread = room(wp.float32, RAW_CONTACTS)
+    triangle = scratch_array(wp.int32, TRIANGLE_BATCH)
+    normal = scratch_array(wp.vec3, RAW_CONTACTS)
+    point = scratch_array(wp.vec3, RAW_CONTACTS)
+    gap = scratch_array(wp.float32, RAW_CONTACTS)
+    feature = scratch_array(wp.int32, RAW_CONTACTS)
+    spread = scratch_array(wp.float32, RAW_CONTACTS)
 
 
-RawContacts = RawContactRooms.struct("RawContacts", __name__)
+RawContacts = RawContactScratch.struct("RawContacts", __name__)
 
 
 @wp.struct
-class Found:
+class ContactAccumulator:
     """Raw contacts so far, and the shallowest of those that lift a sunk shape out."""
 
     count: int
@@ -80,7 +80,7 @@ class Found:
 
 
 @wp.func
-def ground_triangle(g: Ground, index: int, assets: Assets) -> Triangle:
+def ground_triangle(g: TriangleSurface, index: int, assets: Assets) -> Triangle:
     """A triangle in the pair's frame."""
     t = Triangle()
     t.index = index
@@ -160,7 +160,7 @@ def triangle_sphere(t: Triangle, margin: float, b: Shape, reach: float, out: Man
 
 
 @wp.func
-def fits_surface(g: Ground, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets) -> bool:
+def fits_surface(g: TriangleSurface, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets) -> bool:
     """True if a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
     every edge near p that n leans over the surface bends away by at least as much.
     """
@@ -218,7 +218,7 @@ def exchange(i: int, j: int, raw: RawContacts):
 
 
 @wp.func
-def thin_out(count: int, left: int, size: float, raw: RawContacts) -> int:
+def reduce_contacts(count: int, left: int, size: float, raw: RawContacts) -> int:
     """Keeps at most `left` contacts: the deepest; those farthest out around it, which hold the shape's edge; then
     always the one farthest, in place and normal, from those kept. Shallow ones count less. Returns how many.
     """
@@ -277,7 +277,7 @@ def add_raw(
             return count
     last = int(count)
     if last == RAW_CONTACTS:
-        last = thin_out(count, THINNED, size, raw)
+        last = reduce_contacts(count, THINNED, size, raw)
     raw.normal[last] = n
     raw.point[last] = point
     raw.gap[last] = gap
@@ -286,7 +286,7 @@ def add_raw(
 
 
 @wp.func
-def add_sunk(found: Found, t: Triangle, low: wp.vec3, gap: float) -> Found:
+def add_penetrating(found: ContactAccumulator, t: Triangle, low: wp.vec3, gap: float) -> ContactAccumulator:
     """A sunk shape leaves along the face normal; of several ways the shortest."""
     now = found
     if now.sunk == 0 or gap > now.gap:
@@ -300,7 +300,7 @@ def add_sunk(found: Found, t: Triangle, low: wp.vec3, gap: float) -> Found:
 
 @wp.func
 def add_lowest(
-    count: int, deepest: float, g: Ground, t: Triangle, b: Shape, size: float, assets: Assets, raw: RawContacts
+    count: int, deepest: float, g: TriangleSurface, t: Triangle, b: Shape, size: float, assets: Assets, raw: RawContacts
 ) -> int:
     """Contacts along the face normal at the shape's lowest points (corners, the ends of an edge) behind a triangle.
 
@@ -323,9 +323,10 @@ def add_lowest(
 
 @wp.func
 def add_contacts(
-    found: Found, contacts: int, g: Ground, t: Triangle, b: Shape, ahead: int, size: float, assets: Assets,
+    found: ContactAccumulator, contacts: int, g: TriangleSurface, t: Triangle, b: Shape, ahead: int, size: float,
+    assets: Assets,
     manifold: Manifold, raw: RawContacts,
-) -> Found:  # fmt: skip
+) -> ContactAccumulator:  # fmt: skip
     """Those of the contacts with one triangle that the surface as a whole has. `ahead`: the shape's middle is on the
     triangle's outer side.
     """
@@ -350,7 +351,7 @@ def add_contacts(
 
 
 @wp.func
-def drop_voided(count: int, g: Ground, size: float, assets: Assets, raw: RawContacts) -> int:
+def drop_voided(count: int, g: TriangleSurface, size: float, assets: Assets, raw: RawContacts) -> int:
     """Drops contacts on edges and corners where a triangle around them reaches farther along the normal: the shape is
     nearer to another point of that triangle. Returns how many are left.
     """
@@ -388,10 +389,10 @@ def drop_voided(count: int, g: Ground, size: float, assets: Assets, raw: RawCont
 
 
 @wp.func
-def write_raw(found: Found, flip: int, size: float, raw: RawContacts, out: Manifold) -> int:
+def write_raw(found: ContactAccumulator, flip: int, size: float, raw: RawContacts, out: Manifold) -> int:
     """The pair's contacts; with `flip` the ground is its shape 1."""
     left = MANIFOLD_CONTACTS - found.sunk
-    count = thin_out(found.count, left, size, raw)
+    count = reduce_contacts(found.count, left, size, raw)
     for i in range(count + found.sunk):
         n = found.normal
         point = found.point

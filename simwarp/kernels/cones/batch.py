@@ -20,7 +20,7 @@ from simwarp.kernels.cones.eliminate import (
 from simwarp.kernels.cones.operator import refresh
 from simwarp.kernels.cones.problem import AX, LOW, SOLVER_VECTORS, WIDE_VECTORS, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.solve import solve_with_fallback
-from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, room
+from simwarp.kernels.core.scratch import ScratchGroup, make_memory, memory_layouts, memory_struct, scratch_array
 from simwarp.kernels.dynamics.world import CPU_FLAGS
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS})
@@ -56,26 +56,26 @@ class BatchInput:
     zeros: wp.array[float]
 
 
-class BatchRooms(ScratchGroup, packed=False):
+class ProblemScratch(ScratchGroup, packed=False):
     """Room for one problem of a batch."""
 
-    s = room(wp.float32, "cones", "cones")
-    factor = room(wp.float32, "cones", "cones")
-    cone_rows = room(wp.float32, 5, "cones")  # r, diagonal, gamma, scale, gamma kept
-    vectors = room(wp.float32, SOLVER_VECTORS, "cones")
-    wide = room(wp.float64, WIDE_VECTORS, "cones")
-    n_bb = room(wp.float32, "bilateral", "bilateral")
-    c = room(wp.float32, "cones", "bilateral")
-    root = room(wp.float32, "velocities", "velocities")
-    a = room(wp.float32, "rows", "velocities")
-    y = room(wp.float32, "cones", "velocities")
-    change = room(wp.float32, 1, "velocities")
-    compliance = room(wp.float32, "rows")
-    work = room(wp.float32, 2, "rows")
-    gamma = room(wp.float32, 2, "rows")
+    s = scratch_array(wp.float32, "cones", "cones")
+    factor = scratch_array(wp.float32, "cones", "cones")
+    cone_rows = scratch_array(wp.float32, 5, "cones")  # r, diagonal, gamma, scale, gamma kept
+    vectors = scratch_array(wp.float32, SOLVER_VECTORS, "cones")
+    wide = scratch_array(wp.float64, WIDE_VECTORS, "cones")
+    n_bb = scratch_array(wp.float32, "bilateral", "bilateral")
+    c = scratch_array(wp.float32, "cones", "bilateral")
+    root = scratch_array(wp.float32, "velocities", "velocities")
+    a = scratch_array(wp.float32, "rows", "velocities")
+    y = scratch_array(wp.float32, "cones", "velocities")
+    change = scratch_array(wp.float32, 1, "velocities")
+    compliance = scratch_array(wp.float32, "rows")
+    work = scratch_array(wp.float32, 2, "rows")
+    gamma = scratch_array(wp.float32, 2, "rows")
 
 
-GROUPS = (BatchRooms,)
+GROUPS = (ProblemScratch,)
 BatchScratch = memory_struct("BatchScratch", __name__, GROUPS)
 
 

@@ -82,11 +82,11 @@ def reduce_delassus(system: DenseSystem, s: wp.array2d[float], r: wp.array[float
             value -= 0.5 * taken
             s[row, col] = value
             s[col, row] = value
-        diagonal[row] = held_to_zero(s[row, row], system.n[nb + row, nb + row])
+        diagonal[row] = pivot_or_zero(s[row, row], system.n[nb + row, nb + row])
 
 
 @wp.func
-def held_to_zero(value: float, before: float) -> float:
+def pivot_or_zero(value: float, before: float) -> float:
     """The diagonal left after elimination, zero where it is rounding."""
     if value > NOISE * before:
         return value
@@ -182,7 +182,7 @@ def reduce_mechanics(system: DenseSystem, s: wp.array2d[float], r: wp.array[floa
                 value += system.compliance[nb + row]
             s[row, col] = value
             s[col, row] = value
-        diagonal[row] = held_to_zero(s[row, row], system.n[nb + row, nb + row])
+        diagonal[row] = pivot_or_zero(s[row, row], system.n[nb + row, nb + row])
 
 
 @wp.func

@@ -46,7 +46,7 @@ from simwarp.kernels.cones.newton import (
 )
 from simwarp.kernels.cones.operator import multiply_wide, natural_residual, set_scales
 from simwarp.kernels.cones.problem import AX, BEST, EXACT, LOW, ROLLING, ConeConfig, ConeProblem, SolveReport, X
-from simwarp.kernels.cones.socp import lifted, longest_step
+from simwarp.kernels.cones.socp import longest_step, moved_inside_cone
 
 wp.set_module_options({"enable_backward": False})
 
@@ -199,8 +199,8 @@ def newton_step(problem: ConeProblem):
     for block in range(problem.block_count):
         if is_cone(problem, block):
             row = problem.block_row[block]
-            put(problem, XI, row, lifted(at(problem, XI, row)))
-            put(problem, ZI, row, lifted(at(problem, ZI, row)))
+            put(problem, XI, row, moved_inside_cone(at(problem, XI, row)))
+            put(problem, ZI, row, moved_inside_cone(at(problem, ZI, row)))
 
 
 @wp.func

@@ -10,7 +10,7 @@ import warp as wp
 from simwarp.kernels.cones.dense import cholesky, cholesky_solve
 from simwarp.kernels.cones.operator import multiply_wide
 from simwarp.kernels.cones.problem import BOX, CONTACT, OWN, R_EFF, ConeProblem, X
-from simwarp.kernels.cones.socp import FAR, jordan, jordan_divide, mirrored, scaled, scaling_point, scaling_size
+from simwarp.kernels.cones.socp import FAR, jordan, jordan_divide, reflected, scaled, scaling_point, scaling_size
 
 wp.set_module_options({"enable_backward": False})
 
@@ -147,8 +147,8 @@ def start_bounds(problem: ConeProblem, row: int, size: wp.float64):
         problem.wide[XI, row] = low
         return
     if below and above:
-        room = wp.float64(0.5) * (high - low)
-        problem.wide[XI, row] = wp.clamp(ZERO, low + wp.min(size, room), high - wp.min(size, room))
+        scratch_array = wp.float64(0.5) * (high - low)
+        problem.wide[XI, row] = wp.clamp(ZERO, low + wp.min(size, scratch_array), high - wp.min(size, scratch_array))
     elif below:
         problem.wide[XI, row] = low + size
     elif above:
@@ -175,7 +175,7 @@ def set_scalings(problem: ConeProblem):
             eta = scaling_size(x, z)
             put(problem, W, row, w)
             problem.wide[ETA, row] = eta
-            m = mirrored(w)
+            m = reflected(w)
             f = ONE / (eta * eta)
             for i in range(3):
                 for j in range(i + 1):
@@ -223,10 +223,10 @@ def apply_newton(problem: ConeProblem, source: int, target: int):
     for block in range(problem.block_count):
         row = problem.block_row[block]
         if is_cone(problem, block):
-            m = mirrored(at(problem, W, row))
+            m = reflected(at(problem, W, row))
             v = at(problem, source, row)
             eta = problem.wide[ETA, row]
-            added = (wp.float64(2.0) * wp.dot(m, v) * m - mirrored(v)) / (eta * eta)
+            added = (wp.float64(2.0) * wp.dot(m, v) * m - reflected(v)) / (eta * eta)
             for i in range(3):
                 problem.wide[target, row + i] = problem.wide[UNIT, row + i] * problem.wide[PROD, row + i] + added[i]
         else:
@@ -291,10 +291,10 @@ def set_right_side(problem: ConeProblem, aim: wp.float64, correct: int):
             lam = eta * scaled(w, at(problem, ZI, row))
             target = wp.vec3d(aim, ZERO, ZERO) - jordan(lam, lam)
             if correct == 1:
-                dx = scaled(mirrored(w), at(problem, PX, row))
+                dx = scaled(reflected(w), at(problem, PX, row))
                 dz = scaled(w, at(problem, PZ, row))
                 target -= jordan(dx, dz)
-            v = scaled(mirrored(w), jordan_divide(lam, target)) / eta
+            v = scaled(reflected(w), jordan_divide(lam, target)) / eta
             put(problem, RHS, row, v - at(problem, RD, row))
         else:
             for i in range(row, problem.block_row[block + 1]):

@@ -14,7 +14,7 @@ from simwarp.kernels.cones.problem import (
     WEIGHT,
     ConeProblem,
 )
-from simwarp.kernels.cones.projection import project_contact, share_normal, shortened, slopes_of
+from simwarp.kernels.cones.projection import joint_projection_normal, project_contact, shortened, slopes_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -286,7 +286,7 @@ def rolling_residual(
     m5 = g5 - u5 / mean
     start = problem.vectors[x, row] + cohesion
     lengths = wp.vec3(wp.sqrt(m1 * m1 + m2 * m2), wp.sqrt(m3 * m3 + m4 * m4), wp.abs(m5))
-    normal = wp.max(share_normal(start - u0 / mean, lengths, slopes), 0.0)
+    normal = wp.max(joint_projection_normal(start - u0 / mean, lengths, slopes), 0.0)
     f1 = shortened(lengths[0], slopes[0] * normal)
     f2 = shortened(lengths[1], slopes[1] * normal)
     f3 = shortened(lengths[2], slopes[2] * normal)

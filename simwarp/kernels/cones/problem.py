@@ -7,7 +7,7 @@ with u = S gamma + r the velocities [m/s or rad/s] and gamma the impulses [N·s 
 import warp as wp
 
 from simwarp.core.types import BlockKind, FrictionLaw
-from simwarp.kernels.core.scratch import ScratchGroup, number, room
+from simwarp.kernels.core.scratch import ScratchGroup, scratch_array, scratch_number
 
 wp.set_module_options({"enable_backward": False})
 
@@ -31,7 +31,7 @@ SOLVER_VECTORS = 12
 WIDE_VECTORS = 24
 
 
-class ConeRooms(ScratchGroup, prefix="cone_"):
+class ConeScratch(ScratchGroup, prefix="cone_"):
     """One world's problem. Arrays are as long as the capacity; only the first `row_count`, `block_count` count.
 
     S is either dense (`dense` = 1: array `s`) or applied through the degrees of freedom of the tree (`dense` = 0):
@@ -39,41 +39,41 @@ class ConeRooms(ScratchGroup, prefix="cone_"):
     degrees of freedom block_tree_dof[b, e], e < block_entries[b], and W has `loop_count` columns.
     """
 
-    row_count = number(int)
-    block_count = number(int)
-    dense = number(int)
-    tree_dof_count = number(int)
-    loop_count = number(int)
+    row_count = scratch_number(int)
+    block_count = scratch_number(int)
+    dense = scratch_number(int)
+    tree_dof_count = scratch_number(int)
+    loop_count = scratch_number(int)
 
-    block_row = room(wp.int32, "block_ends")  # first row of each block, and the total at the end
-    block_kind = room(wp.int32, "block_ends")  # BlockKind
-    block_entries = room(wp.int32, "block_ends")
-    friction = room(wp.float32, "blocks")
-    rolling = room(wp.float32, "blocks")  # [m]
-    spinning = room(wp.float32, "blocks")  # [m]
-    cohesion = room(wp.float32, "blocks")  # the cone's apex is at n = -cohesion [N·s]
+    block_row = scratch_array(wp.int32, "block_ends")  # first row of each block, and the total at the end
+    block_kind = scratch_array(wp.int32, "block_ends")  # BlockKind
+    block_entries = scratch_array(wp.int32, "block_ends")
+    friction = scratch_array(wp.float32, "blocks")
+    rolling = scratch_array(wp.float32, "blocks")  # [m]
+    spinning = scratch_array(wp.float32, "blocks")  # [m]
+    cohesion = scratch_array(wp.float32, "blocks")  # the cone's apex is at n = -cohesion [N·s]
 
-    lower = room(wp.float32, "cone_rows")  # of BOX blocks
-    upper = room(wp.float32, "cone_rows")
-    r = room(wp.float32, "cone_rows")
-    diagonal = room(wp.float32, "cone_rows")  # S_ii, positive
-    gamma = room(wp.float32, "cone_rows")  # warm start in, solution out
-    compliance = room(wp.float32, "cone_rows")
-    scale = room(wp.float32, "cone_rows")
+    lower = scratch_array(wp.float32, "cone_rows")  # of BOX blocks
+    upper = scratch_array(wp.float32, "cone_rows")
+    r = scratch_array(wp.float32, "cone_rows")
+    diagonal = scratch_array(wp.float32, "cone_rows")  # S_ii, positive
+    gamma = scratch_array(wp.float32, "cone_rows")  # warm start in, solution out
+    compliance = scratch_array(wp.float32, "cone_rows")
+    scale = scratch_array(wp.float32, "cone_rows")
 
-    s = room(wp.float32, "dense_rows", "dense_rows")  # symmetric, compliance on its diagonal
-    y = room(wp.float32, "cone_rows", "entries")
-    block_tree_dof = room(wp.int32, "blocks", "entries")
-    w = room(wp.float32, "cone_rows", "rows")  # columns: loop rows
+    s = scratch_array(wp.float32, "dense_rows", "dense_rows")  # symmetric, compliance on its diagonal
+    y = scratch_array(wp.float32, "cone_rows", "entries")
+    block_tree_dof = scratch_array(wp.int32, "blocks", "entries")
+    w = scratch_array(wp.float32, "cone_rows", "rows")  # columns: loop rows
 
-    tree_dof_sum = room(wp.float32, "tree_dofs")
-    loop_sum = room(wp.float32, "rows")
-    vectors = room(wp.float32, SOLVER_VECTORS, "cone_rows")
-    factor = room(wp.float32, "factor_rows", "factor_rows")  # of solvers that factorise
-    wide = room(wp.float64, WIDE_VECTORS, "factor_rows")  # of the interior point
+    tree_dof_sum = scratch_array(wp.float32, "tree_dofs")
+    loop_sum = scratch_array(wp.float32, "rows")
+    vectors = scratch_array(wp.float32, SOLVER_VECTORS, "cone_rows")
+    factor = scratch_array(wp.float32, "factor_rows", "factor_rows")  # of solvers that factorise
+    wide = scratch_array(wp.float64, WIDE_VECTORS, "factor_rows")  # of the interior point
 
 
-ConeProblem = ConeRooms.struct("ConeProblem", __name__)
+ConeProblem = ConeScratch.struct("ConeProblem", __name__)
 
 
 # Rows of `vectors`. All solvers keep these and number their own from OWN on.

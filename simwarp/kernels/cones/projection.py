@@ -27,7 +27,7 @@ def project_contact(p: wp.vec3, friction: float, cohesion: float) -> wp.vec3:
 
 
 @wp.func
-def share_normal(n: float, lengths: wp.vec3, slopes: wp.vec3) -> float:
+def joint_projection_normal(n: float, lengths: wp.vec3, slopes: wp.vec3) -> float:
     """Normal impulse of the joint projection onto lengths[i] <= slopes[i] n, i = 0, 1, 2.
 
     Groups enter in the order of their ratio length / slope; each that is still outside pulls n up.
@@ -67,7 +67,7 @@ def project_rolling(values: wp.array[float], row: int, slopes: wp.vec3, cohesion
     t = wp.sqrt(values[row + 1] * values[row + 1] + values[row + 2] * values[row + 2])
     r = wp.sqrt(values[row + 3] * values[row + 3] + values[row + 4] * values[row + 4])
     s = wp.abs(values[row + 5])
-    normal = wp.max(share_normal(values[row] + cohesion, wp.vec3(t, r, s), slopes), 0.0)
+    normal = wp.max(joint_projection_normal(values[row] + cohesion, wp.vec3(t, r, s), slopes), 0.0)
     shrink_t = shortened(t, slopes[0] * normal)
     shrink_r = shortened(r, slopes[1] * normal)
     values[row] = normal - cohesion

@@ -19,7 +19,7 @@ def determinant(x: wp.vec3d) -> wp.float64:
 
 
 @wp.func
-def mirrored(x: wp.vec3d) -> wp.vec3d:
+def reflected(x: wp.vec3d) -> wp.vec3d:
     """(x0, -x1, -x2)."""
     return wp.vec3d(x[0], -x[1], -x[2])
 
@@ -30,7 +30,7 @@ def scaling_point(x: wp.vec3d, z: wp.vec3d) -> wp.vec3d:
     a = x / wp.sqrt(determinant(x))
     b = z / wp.sqrt(determinant(z))
     half = wp.sqrt(wp.float64(0.5) * (wp.float64(1.0) + wp.dot(a, b)))
-    return (a + mirrored(b)) / (wp.float64(2.0) * half)
+    return (a + reflected(b)) / (wp.float64(2.0) * half)
 
 
 @wp.func
@@ -85,7 +85,7 @@ def longest_step(x: wp.vec3d, d: wp.vec3d) -> wp.float64:
 
 
 @wp.func
-def lifted(x: wp.vec3d) -> wp.vec3d:
+def moved_inside_cone(x: wp.vec3d) -> wp.vec3d:
     """x, at least a hair inside the cone: rounding must not put it on the boundary."""
     t = wp.sqrt(x[1] * x[1] + x[2] * x[2])
     return wp.vec3d(wp.max(x[0], t * wp.float64(1.0 + 1.0e-14) + wp.float64(1.0e-60)), x[1], x[2])

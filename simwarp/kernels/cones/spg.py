@@ -50,12 +50,12 @@ def set_direction(problem: ConeProblem, alpha: float) -> wp.vec3:
 
 
 @wp.func
-def search(slope: float, curvature: float, room: float) -> float:
-    """Step along D that satisfies Armijo's condition with `room` above the present value."""
+def search(slope: float, curvature: float, scratch_array: float) -> float:
+    """Step along D that satisfies Armijo's condition with `scratch_array` above the present value."""
     step = float(1.0)
     for _ in range(20):
         change = step * slope + 0.5 * step * step * curvature
-        if change <= room + ARMIJO * step * slope:
+        if change <= scratch_array + ARMIJO * step * slope:
             return step
         # Least of the parabola through the value, its slope and this trial, kept within [0.1, 0.9] of the step.
         least = -0.5 * step * step * slope / wp.max(change - step * slope, 1.0e-30)

@@ -19,7 +19,7 @@ from simwarp.core.types import ArrayLayout
 
 
 @dataclasses.dataclass(frozen=True)
-class Room:
+class ScratchArray:
     """One array of a slot, or one number of its struct.
 
     Attributes:
@@ -31,14 +31,14 @@ class Room:
     lengths: tuple[str | int, ...]
 
 
-def room(dtype: Any, *lengths: str | int) -> Any:
-    """Declare an array of a slot as an attribute of a `ScratchGroup`; see `Room`."""
-    return Room(dtype, lengths)
+def scratch_array(dtype: Any, *lengths: str | int) -> Any:
+    """Declare an array of a slot as an attribute of a `ScratchGroup`; see `ScratchArray`."""
+    return ScratchArray(dtype, lengths)
 
 
-def number(dtype: Any) -> Any:
+def scratch_number(dtype: Any) -> Any:
     """Declare a number of a slot's struct."""
-    return Room(dtype, ())
+    return ScratchArray(dtype, ())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,17 +47,17 @@ class Block:
 
     dtype: Any
     lengths: tuple[str | int, ...]
-    rooms: tuple[str, ...]
+    arrays: tuple[str, ...]
 
     @property
     def axes(self) -> int:
         """Number of axes of the array."""
-        return 1 + (len(self.rooms) > 1) + len(self.lengths)
+        return 1 + (len(self.arrays) > 1) + len(self.lengths)
 
     def shape(self, sizes: Any) -> tuple[int, ...]:
         """Return the shape of one slot; kernels take views, which need an element per axis."""
         lengths = [getattr(sizes, each) if isinstance(each, str) else each for each in self.lengths]
-        return (*([len(self.rooms)] if len(self.rooms) > 1 else []), *(max(length, 1) for length in lengths))
+        return (*([len(self.arrays)] if len(self.arrays) > 1 else []), *(max(length, 1) for length in lengths))
 
 
 class ScratchGroup:
@@ -71,19 +71,19 @@ class ScratchGroup:
         ROOMS: by name, in the order of declaration.
     """
 
-    ROOMS: ClassVar[dict[str, Room]] = {}
+    ARRAYS: ClassVar[dict[str, ScratchArray]] = {}
     PACKED: ClassVar[bool] = True
     PREFIX: ClassVar[str] = ""
 
     def __init_subclass__(cls, *, packed: bool = True, prefix: str = "") -> None:
         cls.PACKED, cls.PREFIX = packed, prefix
-        cls.ROOMS = {name: value for name, value in vars(cls).items() if isinstance(value, Room)}
+        cls.ARRAYS = {name: value for name, value in vars(cls).items() if isinstance(value, ScratchArray)}
 
     @classmethod
     def blocks(cls) -> dict[str, Block]:
         """Return the arrays in which the rooms lie."""
         alike: dict[tuple[Any, ...], list[str]] = {}
-        for name, each in cls.ROOMS.items():
+        for name, each in cls.ARRAYS.items():
             if each.lengths:
                 alike.setdefault((each.dtype, each.lengths, "" if cls.PACKED else name), []).append(name)
         found = {}
@@ -97,7 +97,7 @@ class ScratchGroup:
         """Return the Warp struct of one slot's arrays and numbers."""
         kinds = {
             key: wp.array(dtype=each.dtype, ndim=len(each.lengths)) if each.lengths else each.dtype
-            for key, each in cls.ROOMS.items()
+            for key, each in cls.ARRAYS.items()
         }
         return wp.struct(type(name, (), {"__annotations__": kinds, "__module__": module, "__doc__": cls.__doc__}))
 
@@ -158,8 +158,8 @@ def slot_function(name: str, module: str, group: type[ScratchGroup], struct: Any
     """
     lines = [f"def {name}(scratch: Memory, slot: int) -> Slot:", "    found = Slot()"]
     for key, block in group.blocks().items():
-        for index, each in enumerate(block.rooms):
-            place = "slot" if len(block.rooms) == 1 else f"slot, {index}"
+        for index, each in enumerate(block.arrays):
+            place = "slot" if len(block.arrays) == 1 else f"slot, {index}"
             lines.append(f"    found.{each} = scratch.{key}[{place}]")
     source = "\n".join([*lines, "    return found", ""])
     file = f"<{module}.{name}>"

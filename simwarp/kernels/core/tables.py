@@ -6,7 +6,7 @@
 
 import warp as wp
 
-from simwarp.kernels.core.scratch import ScratchGroup, room
+from simwarp.kernels.core.scratch import ScratchGroup, scratch_array
 
 
 @wp.func
@@ -113,63 +113,65 @@ class StepConfig:
     dense_rows: int  # most rows of a dense Schur complement
 
 
-class WorkRooms(ScratchGroup):
+class WorkScratch(ScratchGroup):
     """Scratch of a step of one world. `ang`, `lin` are about a link's centre of mass, world axes."""
 
-    x = room(wp.vec3d, "links")  # per body
-    quat = room(wp.quatd, "links")
-    rot = room(wp.mat33d, "links")
+    x = scratch_array(wp.vec3d, "links")  # per body
+    quat = scratch_array(wp.quatd, "links")
+    rot = scratch_array(wp.mat33d, "links")
 
-    inertia = room(wp.mat33, "links")  # per link: articulated inertia [[inertia, coupling], [coupling^T, mass]]
-    coupling = room(wp.mat33, "links")
-    mass = room(wp.mat33, "links")
-    shift = room(wp.vec3, "links")  # parent's centre to child's, through the joint
-    stabilisation_ang = room(wp.vec3, "links")
-    stabilisation_lin = room(wp.vec3, "links")
-    p_ang = room(wp.vec3, "links")
-    p_lin = room(wp.vec3, "links")
-    v_ang = room(wp.vec3, "links")  # change of velocity in this step
-    v_lin = room(wp.vec3, "links")
-    o_ang = room(wp.vec3, "links")  # velocity at its start
-    o_lin = room(wp.vec3, "links")
-    l_ang = room(wp.vec3, "links")  # accumulated rounding error of it
-    l_lin = room(wp.vec3, "links")
-    t_ang = room(wp.vec3, "links")  # their sum
-    t_lin = room(wp.vec3, "links")
+    inertia = scratch_array(
+        wp.mat33, "links"
+    )  # per link: articulated inertia [[inertia, coupling], [coupling^T, mass]]
+    coupling = scratch_array(wp.mat33, "links")
+    mass = scratch_array(wp.mat33, "links")
+    shift = scratch_array(wp.vec3, "links")  # parent's centre to child's, through the joint
+    stabilisation_ang = scratch_array(wp.vec3, "links")
+    stabilisation_lin = scratch_array(wp.vec3, "links")
+    p_ang = scratch_array(wp.vec3, "links")
+    p_lin = scratch_array(wp.vec3, "links")
+    v_ang = scratch_array(wp.vec3, "links")  # change of velocity in this step
+    v_lin = scratch_array(wp.vec3, "links")
+    o_ang = scratch_array(wp.vec3, "links")  # velocity at its start
+    o_lin = scratch_array(wp.vec3, "links")
+    l_ang = scratch_array(wp.vec3, "links")  # accumulated rounding error of it
+    l_lin = scratch_array(wp.vec3, "links")
+    t_ang = scratch_array(wp.vec3, "links")  # their sum
+    t_lin = scratch_array(wp.vec3, "links")
 
-    f_ang = room(wp.vec3, "links")  # impulse balance of the reactions
-    f_lin = room(wp.vec3, "links")
+    f_ang = scratch_array(wp.vec3, "links")  # impulse balance of the reactions
+    f_lin = scratch_array(wp.vec3, "links")
 
-    s_ang = room(wp.vec3, "tree_dofs")  # per tree degree of freedom
-    s_lin = room(wp.vec3, "tree_dofs")
-    u_ang = room(wp.vec3, "tree_dofs")
-    u_lin = room(wp.vec3, "tree_dofs")
-    inv_sqrt_d = room(wp.float32, "tree_dofs")
-    gain = room(wp.float32, "tree_dofs")
-    effort = room(wp.float32, "tree_dofs")
-    rate = room(wp.float32, "tree_dofs")  # prescribed
-    xi = room(wp.float32, "tree_dofs")
-    qd = room(wp.float32, "tree_dofs")
-    k_qd = room(wp.float32, "tree_dofs")  # kept while a correction is computed
-    k_effort = room(wp.float32, "tree_dofs")
+    s_ang = scratch_array(wp.vec3, "tree_dofs")  # per tree degree of freedom
+    s_lin = scratch_array(wp.vec3, "tree_dofs")
+    u_ang = scratch_array(wp.vec3, "tree_dofs")
+    u_lin = scratch_array(wp.vec3, "tree_dofs")
+    inv_sqrt_d = scratch_array(wp.float32, "tree_dofs")
+    gain = scratch_array(wp.float32, "tree_dofs")
+    effort = scratch_array(wp.float32, "tree_dofs")
+    rate = scratch_array(wp.float32, "tree_dofs")  # prescribed
+    xi = scratch_array(wp.float32, "tree_dofs")
+    qd = scratch_array(wp.float32, "tree_dofs")
+    k_qd = scratch_array(wp.float32, "tree_dofs")  # kept while a correction is computed
+    k_effort = scratch_array(wp.float32, "tree_dofs")
 
-    j0_ang = room(wp.vec3, "wrench_rows")  # per row, then per relative rotation of a coupling
-    j0_lin = room(wp.vec3, "wrench_rows")
-    j1_ang = room(wp.vec3, "wrench_rows")
-    j1_lin = room(wp.vec3, "wrench_rows")
-    row_b = room(wp.float32, "padded_rows")
-    row_compliance = room(wp.float32, "padded_rows")
-    row_impulse = room(wp.float32, "padded_rows")
-    row_r = room(wp.float32, "padded_rows")
-    row_t = room(wp.float32, "padded_rows")
-    row_scale = room(wp.float32, "padded_rows")
-    y = room(wp.float32, "rows", "tree_dofs")
-    y_t = room(wp.float32, "tree_dofs", "padded_rows")  # zero where a row does not reach
-    n = room(wp.float32, "rows", "padded_rows")
-    inv_pivot = room(wp.float32, "padded_rows")
+    j0_ang = scratch_array(wp.vec3, "wrench_rows")  # per row, then per relative rotation of a coupling
+    j0_lin = scratch_array(wp.vec3, "wrench_rows")
+    j1_ang = scratch_array(wp.vec3, "wrench_rows")
+    j1_lin = scratch_array(wp.vec3, "wrench_rows")
+    row_b = scratch_array(wp.float32, "padded_rows")
+    row_compliance = scratch_array(wp.float32, "padded_rows")
+    row_impulse = scratch_array(wp.float32, "padded_rows")
+    row_r = scratch_array(wp.float32, "padded_rows")
+    row_t = scratch_array(wp.float32, "padded_rows")
+    row_scale = scratch_array(wp.float32, "padded_rows")
+    y = scratch_array(wp.float32, "rows", "tree_dofs")
+    y_t = scratch_array(wp.float32, "tree_dofs", "padded_rows")  # zero where a row does not reach
+    n = scratch_array(wp.float32, "rows", "padded_rows")
+    inv_pivot = scratch_array(wp.float32, "padded_rows")
 
-    active = room(wp.int32, "blocks")  # box constraint, or the number of box constraints plus the contact
-    b_sign = room(wp.float32, "blocks")
+    active = scratch_array(wp.int32, "blocks")  # box constraint, or the number of box constraints plus the contact
+    b_sign = scratch_array(wp.float32, "blocks")
 
 
-Work = WorkRooms.struct("Work", __name__)
+Work = WorkScratch.struct("Work", __name__)

@@ -29,7 +29,7 @@ from simwarp.kernels.dynamics.joints import (
     link_geometry,
 )
 from simwarp.kernels.dynamics.position_projection import residual_rows, residual_stabilisation
-from simwarp.kernels.dynamics.tree import factor_tree, impulses_up, velocities_down
+from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
 
 wp.set_module_options({"enable_backward": False})
 
@@ -187,15 +187,15 @@ def close_loops(
         iteration += 1
         factor_at_poses(world, topology, parameters, state, control, config, work)
         error = residual_stabilisation(world, 1.0, topology, parameters, work)
-        impulses_up(1.0, topology, work)
-        velocities_down(topology, work)
+        backward_pass(1.0, topology, work)
+        forward_pass(topology, work)
         error = wp.max(error, residual_rows(world, 1.0, topology, parameters, work))
         solve_rows(topology, work)
         for row in range(topology.row_count):
             for index in range(topology.row_path[row], topology.row_path[row + 1]):
                 tree_dof = topology.path_tree_dof[index]
                 work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
-        velocities_down(topology, work)
+        forward_pass(topology, work)
         for link in range(topology.link_count):
             body = topology.link_body[link]
             if body >= 0:
@@ -314,7 +314,7 @@ def assemble_velocities(
         for link in range(topology.link_count):
             work.stabilisation_ang[link] = wp.vec3()
             work.stabilisation_lin[link] = wp.vec3()
-        velocities_down(topology, work)
+        forward_pass(topology, work)
         for link in range(topology.link_count):
             work.t_ang[link] = work.t_ang[link] + work.v_ang[link]
             work.t_lin[link] = work.t_lin[link] + work.v_lin[link]

@@ -235,7 +235,7 @@ def load_distances(
 
 
 @wp.func
-def push(link: int, wrench: Wrench, impulse: float, work: Work):
+def apply_force(link: int, wrench: Wrench, impulse: float, work: Work):
     """Adds an applied impulse to a link."""
     if link >= 0:
         work.p_ang[link] = work.p_ang[link] + wrench.ang * impulse
@@ -255,8 +255,8 @@ def apply_row_forces(
             frames = joint_frames(joint, world, topology, parameters, work)
             axis = topology.dof_axis[dof]
             row = row_geometry(topology.joint_type[joint], topology.dof_kind[dof], axis, axis, wp.float64(0.0), frames)
-            push(link_of(topology.joint_body0[joint], topology), row.w0, dt * force, work)
-            push(link_of(topology.joint_body1[joint], topology), row.w1, dt * force, work)
+            apply_force(link_of(topology.joint_body0[joint], topology), row.w0, dt * force, work)
+            apply_force(link_of(topology.joint_body1[joint], topology), row.w1, dt * force, work)
 
 
 @wp.func

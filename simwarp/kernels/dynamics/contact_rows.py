@@ -23,7 +23,7 @@ UNBOUNDED = wp.constant(1.0e30)
 
 
 @wp.struct
-class Surface:
+class ContactParameters:
     """Parameters of a contact, combined from two materials (`Material`)."""
 
     friction: float
@@ -36,9 +36,9 @@ class Surface:
 
 
 @wp.func
-def combined_surface(world: int, shape0: int, shape1: int, parameters: Parameters) -> Surface:
+def combined_surface(world: int, shape0: int, shape1: int, parameters: Parameters) -> ContactParameters:
     """The smaller friction, restitution, cohesion and damping of the two; compliances add up."""
-    s = Surface()
+    s = ContactParameters()
     w = world_row(world, parameters.shape_friction.shape[0])
     s.friction = wp.min(parameters.shape_friction[w, shape0], parameters.shape_friction[w, shape1])
     w = world_row(world, parameters.shape_rolling_friction.shape[0])
@@ -57,7 +57,7 @@ def combined_surface(world: int, shape0: int, shape1: int, parameters: Parameter
 
 
 @wp.func
-def crossed(arm: wp.vec3, frame: wp.mat33) -> wp.mat33:
+def cross_matrix(arm: wp.vec3, frame: wp.mat33) -> wp.mat33:
     """Rows: arm x row of the frame."""
     return -frame * wp.skew(arm)
 
@@ -72,7 +72,9 @@ def point_velocity(link: int, arm: wp.vec3, ang: wp.array[wp.vec3], lin: wp.arra
 
 
 @wp.func
-def bounces(dt: float, gap: float, incoming: float, free: float, surface: Surface, config: StepConfig) -> bool:
+def impact_acts(
+    dt: float, gap: float, incoming: float, free: float, surface: ContactParameters, config: StepConfig
+) -> bool:
     """True if Newton's law of impact acts: the rebound is fast enough, and the step would close the gap.
 
     `incoming` is the normal velocity before the step, `free` that without contacts [m/s], negative when approaching.
@@ -82,7 +84,7 @@ def bounces(dt: float, gap: float, incoming: float, free: float, surface: Surfac
 
 
 @wp.func
-def normal_bias(dt: float, gap: float, surface: Surface, config: StepConfig) -> float:
+def normal_bias(dt: float, gap: float, surface: ContactParameters, config: StepConfig) -> float:
     """Right-hand side of the normal row of a contact that does not bounce [m/s]."""
     if surface.compliance > 0.0:
         return gap / (dt + surface.damping)
@@ -90,7 +92,7 @@ def normal_bias(dt: float, gap: float, surface: Surface, config: StepConfig) -> 
 
 
 @wp.func
-def set_block(block: int, row: int, dt: float, surface: Surface, cone: ConeProblem) -> int:
+def set_block(block: int, row: int, dt: float, surface: ContactParameters, cone: ConeProblem) -> int:
     """Kind, coefficients, bounds and compliance of a contact block; returns its number of rows."""
     cone.block_row[block] = row
     cone.friction[block] = surface.friction
@@ -123,9 +125,9 @@ def contact_response(
     w0 = Wrenches()
     w1 = Wrenches()
     w0.lin = -frame
-    w0.ang = -crossed(arm0, frame)
+    w0.ang = -cross_matrix(arm0, frame)
     w1.lin = frame
-    w1.ang = crossed(arm1, frame)
+    w1.ang = cross_matrix(arm1, frame)
     entries = walk_rows(block, row, wp.min(count, 3), 0, link0, w0, link1, w1, topology, work, cone)
     if count == 6:
         turn0 = Wrenches()
@@ -182,7 +184,7 @@ def collect_contacts(
                     before = frame * (point_velocity(link1, arm1, work.o_ang, work.o_lin)
                                       - point_velocity(link0, arm0, work.o_ang, work.o_lin))  # fmt: skip
                     incoming = before[0]
-                if surface.restitution > 0.0 and bounces(dt, gap, incoming, u[0], surface, config):
+                if surface.restitution > 0.0 and impact_acts(dt, gap, incoming, u[0], surface, config):
                     cone.compliance[row] = 0.0
                     cone.r[row] = u[0] + surface.restitution * incoming
                 else:

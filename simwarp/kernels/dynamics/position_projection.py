@@ -15,7 +15,7 @@ from simwarp.kernels.dynamics.joints import (
     legal_translation,
     misalignment,
 )
-from simwarp.kernels.dynamics.tree import impulses_up, velocities_down
+from simwarp.kernels.dynamics.tree import backward_pass, forward_pass
 
 wp.set_module_options({"enable_backward": False})
 
@@ -85,8 +85,8 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
         work.f_ang[link] = work.v_ang[link]
         work.f_lin[link] = work.v_lin[link]
     worst = residual_stabilisation(world, 1.0 / dt, topology, parameters, work)
-    impulses_up(1.0, topology, work)
-    velocities_down(topology, work)
+    backward_pass(1.0, topology, work)
+    forward_pass(topology, work)
     if topology.row_count > 0:
         worst = wp.max(worst, residual_rows(world, 1.0 / dt, topology, parameters, work))
         solve_rows(topology, work)
@@ -95,7 +95,7 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
             for index in range(topology.row_path[row], topology.row_path[row + 1]):
                 tree_dof = topology.path_tree_dof[index]
                 work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
-        velocities_down(topology, work)
+        forward_pass(topology, work)
     for link in range(topology.link_count):
         work.v_ang[link] = work.f_ang[link] + work.v_ang[link]
         work.v_lin[link] = work.f_lin[link] + work.v_lin[link]

@@ -11,7 +11,7 @@ from simwarp.kernels.core.fields import ContactArrays, Parameters
 from simwarp.kernels.core.spatial import contact_frame
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
-from simwarp.kernels.dynamics.contact_rows import Surface, combined_surface, point_velocity
+from simwarp.kernels.dynamics.contact_rows import ContactParameters, combined_surface, point_velocity
 
 wp.set_module_options({"enable_backward": False})
 
@@ -96,7 +96,7 @@ def stiffness_of(
 
 
 @wp.func
-def push_at(link: int, arm: wp.vec3, impulse: wp.vec3, work: Work):
+def apply_force_at(link: int, arm: wp.vec3, impulse: wp.vec3, work: Work):
     """Adds an applied impulse [N·s] at a point of a link."""
     if link >= 0:
         work.p_ang[link] = work.p_ang[link] + wp.cross(arm, impulse)
@@ -105,7 +105,7 @@ def push_at(link: int, arm: wp.vec3, impulse: wp.vec3, work: Work):
 
 @wp.func
 def contact_force(
-    u: wp.vec3, depth: float, dt: float, slip: wp.vec3, s: Stiffness, surface: Surface
+    u: wp.vec3, depth: float, dt: float, slip: wp.vec3, s: Stiffness, surface: ContactParameters
 ) -> wp.mat33:  # fmt: skip
     """Rows: force (n, t1, t2) [N] on shape 1, and the displacement (0, s1, s2) [m] that the tangential spring keeps."""
     normal = wp.max(s.kn * depth - s.gn * u[0], 0.0) - surface.cohesion
@@ -153,5 +153,5 @@ def apply_smooth_contacts(
             contacts.contact_impulse[world, contact] = local
             contacts.contact_moment[world, contact] = wp.vec3(force[1, 1], force[1, 2], 0.0)
             impulse = local * frame
-            push_at(link0, arm0, -impulse, work)
-            push_at(link1, arm1, impulse, work)
+            apply_force_at(link0, arm0, -impulse, work)
+            apply_force_at(link1, arm1, impulse, work)

@@ -25,7 +25,7 @@ from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
 from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
-from simwarp.kernels.dynamics.tree import factor_tree, impulses_up, velocities_down
+from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
 
 wp.set_module_options({"enable_backward": False})
 
@@ -80,7 +80,7 @@ def enforce_rows(
     while done < passes and (done == 0 or residual > config.row_tolerance):
         solve_rows(topology, work)
         apply_rows(topology, work)
-        velocities_down(topology, work)
+        forward_pass(topology, work)
         residual = rows_residual(topology, parameters, world, work)
         done += 1
     return residual
@@ -107,15 +107,15 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
             work.effort[tree_dof] = work.effort[tree_dof] - work.gain[tree_dof] * (
                 work.qd[tree_dof] - work.rate[tree_dof]
             )
-    impulses_up(0.0, topology, work)
+    backward_pass(0.0, topology, work)
     for tree_dof in range(topology.tree_dof_count):
         work.xi[tree_dof] = work.xi[tree_dof] + work.k_qd[tree_dof]
         work.effort[tree_dof] = work.k_effort[tree_dof]
-    velocities_down(topology, work)
+    forward_pass(topology, work)
 
 
 @wp.struct
-class Progress:
+class StepProgress:
     """Results that the first part of a step passes to the second: blocks of the cone problem, and residuals."""
 
     limits: int  # blocks on coordinates, in front
@@ -154,11 +154,11 @@ def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: Cone
 def begin_step(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
     state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
-) -> Progress:  # fmt: skip
+) -> StepProgress:  # fmt: skip
     """Free motion with all joints in force, and the rows that the cone problem has to decide on."""
     dt = config.dt
     time = state.world_time[world]
-    progress = Progress()
+    progress = StepProgress()
     load_poses(world, topology, state, work)
     load_bodies(world, dt, topology, parameters, state, control, config, work)
     apply_row_forces(world, dt, topology, parameters, control, work)
@@ -172,8 +172,8 @@ def begin_step(
     for link in range(topology.link_count):
         work.f_ang[link] = work.p_ang[link]
         work.f_lin[link] = work.p_lin[link]
-    impulses_up(1.0, topology, work)
-    velocities_down(topology, work)
+    backward_pass(1.0, topology, work)
+    forward_pass(topology, work)
     for _ in range(config.refinement):
         refine_free_motion(world, topology, parameters, work)
     if topology.row_count > 0:
@@ -200,12 +200,12 @@ def begin_step(
 
 @wp.func
 def take_impulses(
-    world: int, progress: Progress, config: StepConfig, topology: Topology, parameters: Parameters,
+    world: int, progress: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
     state: StateArrays, work: Work, cone: ConeProblem,
 ) -> float:  # fmt: skip
     """Velocities after the impulses of the cone problem; returns the residual of the bilateral rows."""
     apply_cones(cone, progress.blocks, topology, work)
-    velocities_down(topology, work)
+    forward_pass(topology, work)
     residual = progress.row_residual
     if topology.row_count > 0:
         residual = enforce_rows(world, 1, topology, parameters, config, work)
@@ -216,7 +216,7 @@ def take_impulses(
 
 @wp.func
 def finish_step(
-    world: int, progress: Progress, solution: SolveReport, config: StepConfig, topology: Topology,
+    world: int, progress: StepProgress, solution: SolveReport, config: StepConfig, topology: Topology,
     parameters: Parameters, control: ControlArrays, state: StateArrays, contacts: ContactArrays, reports: Reports,
     work: Work, cone: ConeProblem,
 ):  # fmt: skip

@@ -109,7 +109,7 @@ def factor_tree(topology: Topology, work: Work):
 
 
 @wp.func
-def impulses_up(stabilisation: float, topology: Topology, work: Work):
+def backward_pass(stabilisation: float, topology: Topology, work: Work):
     """`xi` (scaled impulses) from the links' impulses `p` and `stabilisation` times the stabilisation; consumes `p`."""
     for index in range(topology.link_count):
         link = topology.link_count - 1 - index
@@ -147,7 +147,7 @@ def impulses_up(stabilisation: float, topology: Topology, work: Work):
 
 
 @wp.func
-def velocities_down(topology: Topology, work: Work):
+def forward_pass(topology: Topology, work: Work):
     """Link velocities and rates from `xi`, root to leaf. Joint rows hold to rounding by construction."""
     for link in range(topology.link_count):
         kind = topology.link_type[link]

@@ -13,7 +13,7 @@ import warp as wp
 
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.apgd import solve_apgd
-from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, ConeRooms, SolveReport
+from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, ConeScratch, SolveReport
 from simwarp.kernels.cones.solve import solve_with_fallback
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.scratch import (
@@ -21,10 +21,10 @@ from simwarp.kernels.core.scratch import (
     make_memory,
     memory_layouts,
     memory_struct,
-    room,
+    scratch_array,
     slot_function,
 )
-from simwarp.kernels.core.tables import StepConfig, Topology, Work, WorkRooms
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, WorkScratch
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
 from simwarp.kernels.dynamics.dense_rows import padded
 from simwarp.kernels.dynamics.step import NON_FINITE, begin_step, cone_config, cone_problem, finish_step
@@ -54,7 +54,7 @@ OP_ASSEMBLE = wp.constant(int(Operation.ASSEMBLE))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Sizes:
+class ScratchSizes:
     """Workspace sizes of a model, per world.
 
     `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of its factor. `kept_rows` are
@@ -88,24 +88,24 @@ class Sizes:
         return self.blocks + 1
 
 
-class KeptRooms(ScratchGroup):
+class KeptScratch(ScratchGroup):
     """Impulses of the first solver, while another one tries."""
 
-    kept = room(wp.float32, "kept_rows")
+    kept = scratch_array(wp.float32, "kept_rows")
 
 
-GROUPS = (WorkRooms, ConeRooms, KeptRooms)
+GROUPS = (WorkScratch, ConeScratch, KeptScratch)
 Scratch = memory_struct("Scratch", __name__, GROUPS)
-pack = slot_function("pack", __name__, WorkRooms, Work, Scratch)
-pack_cone = slot_function("pack_cone", __name__, ConeRooms, ConeProblem, Scratch)
+pack = slot_function("pack", __name__, WorkScratch, Work, Scratch)
+pack_cone = slot_function("pack_cone", __name__, ConeScratch, ConeProblem, Scratch)
 
 
-def scratch_layouts(slots: int, sizes: Sizes) -> dict[str, ArrayLayout]:
+def scratch_layouts(slots: int, sizes: ScratchSizes) -> dict[str, ArrayLayout]:
     """The arrays of the scratch."""
     return memory_layouts(GROUPS, slots, sizes)
 
 
-def make_scratch(device: wp.Device, slots: int, sizes: Sizes) -> Any:
+def make_scratch(device: wp.Device, slots: int, sizes: ScratchSizes) -> Any:
     """Allocates the scratch: on a CPU one slot, which stays in the cache, serves all worlds in turn."""
     return make_memory(Scratch, scratch_layouts(slots, sizes), device)
 

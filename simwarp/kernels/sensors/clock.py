@@ -17,11 +17,11 @@ NON_FINITE = wp.constant(int(WorldStatus.NON_FINITE))
 PHASE_PURPOSE = wp.constant(0x70686173)
 
 IDLE = wp.constant(0)
-"""`Tick.mode`: nothing happens in this world; leave its memory alone."""
+"""`SampleEvents.mode`: nothing happens in this world; leave its memory alone."""
 STEP = wp.constant(1)
-"""`Tick.mode`: a sub-step has passed."""
+"""`SampleEvents.mode`: a sub-step has passed."""
 BEGIN = wp.constant(2)
-"""`Tick.mode`: the world's state was set; forget, and take one frame of it as if it had always stood so."""
+"""`SampleEvents.mode`: the world's state was set; forget, and take one frame of it as if it had always stood so."""
 
 
 @wp.struct
@@ -50,7 +50,7 @@ class ClockState:
 
 
 @wp.struct
-class Tick:
+class SampleEvents:
     """Actions of a sensor in this sub-step, per world; written by the clock, read by the kernels of its sensor."""
 
     mode: wp.array[int]  # IDLE, STEP or BEGIN
@@ -74,7 +74,7 @@ def is_seen(published: int, clock: ClockSettings) -> bool:
 
 
 @wp.func
-def nothing_due(world: int, mode: int, tick: Tick):
+def nothing_due(world: int, mode: int, tick: SampleEvents):
     """A tick without a frame."""
     tick.mode[world] = mode
     tick.collecting[world] = 0
@@ -92,7 +92,7 @@ def advance_clock(
     state: StateArrays,
     # outputs
     memory: ClockState,
-    tick: Tick,
+    tick: SampleEvents,
 ):
     """After a sub-step."""
     world = wp.tid()
@@ -142,7 +142,7 @@ def begin_clock(
     state: StateArrays,
     # outputs
     memory: ClockState,
-    tick: Tick,
+    tick: SampleEvents,
 ):
     """Restarts clocks of worlds whose state was set: pending frames are dropped, one of the new state is published."""
     world = wp.tid()
@@ -176,7 +176,7 @@ def begin_clock(
 def publish_words(
     # inputs
     threads: int,
-    tick: Tick,
+    tick: SampleEvents,
     ring: wp.array2d[int],  # (W·slots, words)
     # outputs
     data: wp.array2d[int],  # (W, words)
@@ -193,7 +193,7 @@ def publish_words(
 def publish_bytes(
     # inputs
     threads: int,
-    tick: Tick,
+    tick: SampleEvents,
     ring: wp.array2d[wp.uint8],  # (W·slots, bytes)
     # outputs
     data: wp.array2d[wp.uint8],  # (W, bytes)

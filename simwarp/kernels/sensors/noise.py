@@ -4,7 +4,7 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.tables import world_row
-from simwarp.kernels.sensors.clock import BEGIN, Tick
+from simwarp.kernels.sensors.clock import BEGIN, SampleEvents
 from simwarp.kernels.sensors.random import draw_normal
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -33,7 +33,7 @@ class NoiseArrays:
 
 
 @wp.func
-def noise_elapsed(world: int, tick: Tick, state: StateArrays, noise: NoiseArrays) -> wp.float64:
+def noise_elapsed(world: int, tick: SampleEvents, state: StateArrays, noise: NoiseArrays) -> wp.float64:
     """Time since the last frame that was taken [s]; below 0 where the world's state was set. Call it once a frame."""
     now = state.world_time[world]
     elapsed = now - noise.time[world]
@@ -45,7 +45,7 @@ def noise_elapsed(world: int, tick: Tick, state: StateArrays, noise: NoiseArrays
 
 @wp.func
 def noisy(
-    world: int, channel: int, value: wp.float64, elapsed: wp.float64, tick: Tick, noise: NoiseArrays
+    world: int, channel: int, value: wp.float64, elapsed: wp.float64, tick: SampleEvents, noise: NoiseArrays
 ) -> wp.float64:
     """The value after all stages. Biases are advanced by the exact law of their time, so that frames may be skipped."""
     result = value

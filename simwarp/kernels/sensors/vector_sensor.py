@@ -3,14 +3,14 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.sensors.clock import STEP, ClockSettings, Tick
+from simwarp.kernels.sensors.clock import STEP, ClockSettings, SampleEvents
 from simwarp.kernels.sensors.noise import NoiseArrays, noise_elapsed, noisy
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
 @wp.func
-def add_up(world: int, channel: int, value: wp.float64, tick: Tick, sums: wp.array2d[wp.float64]) -> wp.float64:
+def add_up(world: int, channel: int, value: wp.float64, tick: SampleEvents, sums: wp.array2d[wp.float64]) -> wp.float64:
     """Adds a sample of this sub-step; returns the sum so far."""
     total = value
     if tick.first[world] == 0:
@@ -20,7 +20,7 @@ def add_up(world: int, channel: int, value: wp.float64, tick: Tick, sums: wp.arr
 
 
 @wp.func
-def window_length(world: int, clock: ClockSettings, tick: Tick) -> int:
+def window_length(world: int, clock: ClockSettings, tick: SampleEvents) -> int:
     """Samples of a complete frame."""
     if tick.mode[world] == STEP:
         return wp.max(clock.window, 1)
@@ -28,7 +28,7 @@ def window_length(world: int, clock: ClockSettings, tick: Tick) -> int:
 
 
 @wp.func
-def frame_elapsed(world: int, tick: Tick, state: StateArrays, noise: NoiseArrays) -> wp.float64:
+def frame_elapsed(world: int, tick: SampleEvents, state: StateArrays, noise: NoiseArrays) -> wp.float64:
     """`noise_elapsed` where the frame is complete."""
     if tick.complete[world] == 1:
         return noise_elapsed(world, tick, state, noise)
@@ -37,7 +37,8 @@ def frame_elapsed(world: int, tick: Tick, state: StateArrays, noise: NoiseArrays
 
 @wp.func
 def write_channel(
-    world: int, column: int, channel: int, value: wp.float64, elapsed: wp.float64, clock: ClockSettings, tick: Tick,
+    world: int, column: int, channel: int, value: wp.float64, elapsed: wp.float64, clock: ClockSettings,
+    tick: SampleEvents,
     noise: NoiseArrays, sums: wp.array2d[wp.float64], truth: wp.array2d[float], data: wp.array2d[float],
 ):  # fmt: skip
     """Adds a sample to the window; where the frame is complete, writes the mean, true and measured.
@@ -54,7 +55,8 @@ def write_channel(
 
 @wp.func
 def write_vector(
-    world: int, first: int, value: wp.vec3d, clock: ClockSettings, tick: Tick, state: StateArrays, noise: NoiseArrays,
+    world: int, first: int, value: wp.vec3d, clock: ClockSettings,
+    tick: SampleEvents, state: StateArrays, noise: NoiseArrays,
     sums: wp.array2d[wp.float64], truth: wp.array2d[float], data: wp.array2d[float],
 ):  # fmt: skip
     """Three channels with noise of their own, from column `first` on."""

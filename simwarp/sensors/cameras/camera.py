@@ -21,7 +21,7 @@ from simwarp.sensors.cameras.image_processing import ImageProcessing, Imaging
 from simwarp.sensors.cameras.lenses import Lens, Pinhole
 from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.cameras.lights import Lighting, Lights
-from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.scanning import scene_model
 from simwarp.sensors.scene import ALL_GROUPS, Scene
@@ -123,7 +123,7 @@ class Camera:
             output: Field((config.height, config.width, OUTPUTS[output][1]), OUTPUTS[output][2])
             for output in config.outputs
         }
-        self.frames = Frames(name, config.schedule, model, fields, seed=seed)
+        self.frames = FrameBuffer(name, config.schedule, model, fields, seed=seed)
         copies = model.world_count if "mount" in wanted else 1
         self.mount = mount_arrays(name, mount, model, copies)
         self.image_processing = ImageProcessing(

@@ -13,7 +13,7 @@ import warp as wp
 from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.lidar import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
 from simwarp.kernels.sensors.ranging.returns import ReturnMode
-from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beam, BeamTable
 from simwarp.sensors.ranging.scanning import (
@@ -153,7 +153,7 @@ class Lidar:
         rows, columns = config.beams.shape
         widths = {"points": 4 * self.returns, "ranges": 2 * self.returns}
         fields = {output: Field((rows, columns, widths[output]), wp.float32) for output in config.outputs}
-        self.frames = Frames(
+        self.frames = FrameBuffer(
             name, config.schedule, model, {**fields, "count": Field((), wp.int32)}, seed=seed, gradual=True
         )  # fmt: skip
         self.noise = noise_arrays(thing, config.noise, model, wanted)

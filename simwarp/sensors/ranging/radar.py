@@ -14,7 +14,7 @@ from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarNoiseArrays, scan_radar
 from simwarp.model.checks import finite_number, positive_number
-from simwarp.sensors.clock import Field, Frames, mount_arrays
+from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import BeamTable
 from simwarp.sensors.ranging.scanning import (
@@ -170,7 +170,7 @@ class Radar:
         if config.clusters is not None:
             fields["clusters"] = Field((config.clusters.capacity, CLUSTER_CHANNELS), wp.float32)
             fields["cluster_count"] = fields["cluster_overflow"] = Field((), wp.int32)
-        self.frames = Frames(name, config.schedule, model, fields, seed=seed, gradual=True)
+        self.frames = FrameBuffer(name, config.schedule, model, fields, seed=seed, gradual=True)
         self.noise = noise_arrays(thing, config.noise, model, wanted)
         values = scene.reflectance.numpy()
         copies = model.world_count if "backscatter" in wanted and len(values) == 1 else 1

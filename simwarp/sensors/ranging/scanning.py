@@ -17,7 +17,7 @@ from simwarp.kernels.sensors.motion.mount_motion import MountArrays
 from simwarp.kernels.sensors.ranging.beams import Scan
 from simwarp.model.checks import checked_flag, finite_number, positive_number, whole_number
 from simwarp.model.model import Model
-from simwarp.sensors.clock import Frames
+from simwarp.sensors.clock import FrameBuffer
 from simwarp.sensors.ranging.beams import BeamTable
 from simwarp.sensors.scene import ALL_GROUPS, Scene
 
@@ -89,12 +89,12 @@ def scan_tables(mount: MountArrays, beams: BeamTable, near: float, far: float, d
     return scan
 
 
-def set_sweep(scan: Scan, frames: Frames, sweep: bool) -> None:
+def set_sweep(scan: Scan, frames: FrameBuffer, sweep: bool) -> None:
     """The time over which columns fire, once the clock has its sub-steps."""
     scan.span = frames.steps.window * frames.dt if sweep else 0.0
 
 
-def thread_count(beams: BeamTable, frames: Frames, device: Any) -> int:
+def thread_count(beams: BeamTable, frames: FrameBuffer, device: Any) -> int:
     """Threads of one world: a beam each on a GPU, in sub-steps that take part of a sweep; one on a CPU."""
     rows, columns = beams.shape
     return rows * math.ceil(columns / max(frames.steps.window, 1)) if device.is_cuda else 1

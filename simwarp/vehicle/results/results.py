@@ -174,7 +174,7 @@ def deviation(run: Run, path: Path) -> Array:
     return found
 
 
-def followed(run: Run, maneuver: Maneuver) -> list[Result]:
+def path_deviation(run: Run, maneuver: Maneuver) -> list[Result]:
     """Deviation of a path follower from its path, and the peaks of its yaw rate and of speed x yaw rate."""
     if maneuver.follow is None:
         return []
@@ -187,7 +187,7 @@ def followed(run: Run, maneuver: Maneuver) -> list[Result]:
     ]
 
 
-def circle_driven(run: Run, maneuver: Maneuver) -> list[Result]:
+def steady_circle(run: Run, maneuver: Maneuver) -> list[Result]:
     """Steady values on a circle, with the steering they take."""
     found = steady_turn(run, maneuver)
     found.append(Result("steady_steering", "steady steering input", _mean(run, "steer")))
@@ -221,7 +221,7 @@ def frequency_response(run: Run, maneuver: Maneuver) -> list[Result]:
     return found
 
 
-def held(run: Run, maneuver: Maneuver) -> list[Result]:
+def standstill_drift(run: Run, maneuver: Maneuver) -> list[Result]:
     """Displacement of a standing vehicle, from the beginning and after five seconds, when the springs are calm."""
     t = run["t_s"]
     place = np.stack([run["x_m"], run["y_m"], run["z_m"]], axis=1)
@@ -239,8 +239,8 @@ _SPECIAL: Final[dict[str, Callable[[Run, Maneuver], list[Result]]]] = {
     "reference-steer": step_response,
     "reference-brake": stop,
     "step-steer": step_response,
-    "double-lane-change": followed,
+    "double-lane-change": path_deviation,
     "sine-sweep": frequency_response,
-    "constant-radius": circle_driven,
-    "slope-hold": held,
+    "constant-radius": steady_circle,
+    "slope-hold": standstill_drift,
 }

@@ -28,7 +28,7 @@ from simwarp.vehicle.spec.vehicle_spec import (
 )
 from simwarp.vehicle.suspensions.antiroll_bar import add_antiroll_bar
 from simwarp.vehicle.suspensions.corner import Array, Frame
-from simwarp.vehicle.suspensions.linkage import Holder
+from simwarp.vehicle.suspensions.linkage import AttachmentBodies
 from simwarp.vehicle.suspensions.links import macpherson_strut, multi_link, trailing_arm
 from simwarp.vehicle.suspensions.rigid_axles import pinned_axle, solid_axle
 from simwarp.vehicle.suspensions.wishbones import double_wishbone, double_wishbone_reduced, single_wishbone
@@ -83,7 +83,7 @@ def add_axle(frame: Frame, index: int, axle: Axle, chassis: int, tierod_body: in
     )
 
 
-def _side(frame: Frame, suspension: Suspension, chassis: int, tierod_body: int) -> Holder:
+def _side(frame: Frame, suspension: Suspension, chassis: int, tierod_body: int) -> AttachmentBodies:
     """The linkage of one side of an axle whose sides move on their own."""
     match suspension:
         case DoubleWishbone():
@@ -99,11 +99,11 @@ def _side(frame: Frame, suspension: Suspension, chassis: int, tierod_body: int) 
         case TrailingArm():
             return trailing_arm(frame, suspension, chassis)
         case RigidSuspension():
-            return Holder(chassis, chassis)
+            return AttachmentBodies(chassis, chassis)
     raise SpecError(f"suspension: template '{suspension.template}' is not known")
 
 
-def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: Holder) -> Side:
+def _add_spindle(frame: Frame, index: int, axle: Axle, chassis: int, holder: AttachmentBodies) -> Side:
     builder = frame.builder
     rotation, axis = _wheel_axis(frame, axle.suspension)
     part = axle.suspension.spindle

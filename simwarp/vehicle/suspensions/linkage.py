@@ -12,7 +12,7 @@ from simwarp.vehicle.suspensions.corner import Frame, across, merged_lines
 
 
 @dataclasses.dataclass(frozen=True)
-class Holder:
+class AttachmentBodies:
     """Bodies of one side that other parts hang on."""
 
     carrier: int

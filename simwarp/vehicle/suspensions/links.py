@@ -7,10 +7,10 @@ import numpy as np
 from simwarp.core.types import Dof
 from simwarp.vehicle.spec.vehicle_spec import ForceLine, MacPhersonStrut, MultiLink, TrailingArm
 from simwarp.vehicle.suspensions.corner import Frame, arm_axes, line_law, merged_lines, plane_axes
-from simwarp.vehicle.suspensions.linkage import Holder, add_ball, add_cross, add_hinge, add_lines, add_rod
+from simwarp.vehicle.suspensions.linkage import AttachmentBodies, add_ball, add_cross, add_hinge, add_lines, add_rod
 
 
-def macpherson_strut(frame: Frame, spec: MacPhersonStrut, chassis: int, tierod_body: int) -> Holder:
+def macpherson_strut(frame: Frame, spec: MacPhersonStrut, chassis: int, tierod_body: int) -> AttachmentBodies:
     """The strut swings on the chassis and slides along the upright; the anti-roll bar holds the lower arm.
 
     A spring on the strut's own line acts on the coordinate of the slide and costs no row; any other is a line.
@@ -36,7 +36,7 @@ def macpherson_strut(frame: Frame, spec: MacPhersonStrut, chassis: int, tierod_b
     add_ball(frame, "lower_ball", lower, upright, spec.lower_arm_upright)
     add_rod(frame, "tierod", tierod_body, upright, spec.tierod_chassis, spec.tierod_upright)
     add_lines(frame, others, chassis, upright)
-    return Holder(upright, lower)
+    return AttachmentBodies(upright, lower)
 
 
 def _split(lines: tuple[ForceLine, ...], spec: MacPhersonStrut) -> tuple[ForceLine | None, tuple[ForceLine, ...]]:
@@ -47,7 +47,7 @@ def _split(lines: tuple[ForceLine, ...], spec: MacPhersonStrut) -> tuple[ForceLi
     return None, lines
 
 
-def multi_link(frame: Frame, spec: MultiLink, chassis: int, tierod_body: int) -> Holder:
+def multi_link(frame: Frame, spec: MultiLink, chassis: int, tierod_body: int) -> AttachmentBodies:
     """An A-arm above; lateral and trailing link with a cross on the chassis and a ball on the upright, so that none
     spins about its length. The anti-roll bar holds the trailing link.
     """
@@ -69,14 +69,14 @@ def multi_link(frame: Frame, spec: MultiLink, chassis: int, tierod_body: int) ->
     add_ball(frame, "trailing_link.ball", behind, upright, spec.trailing_link_upright)
     add_rod(frame, "tierod", tierod_body, upright, spec.tierod_chassis, spec.tierod_upright)
     add_lines(frame, spec.springs, chassis, behind)
-    return Holder(upright, behind)
+    return AttachmentBodies(upright, behind)
 
 
-def trailing_arm(frame: Frame, spec: TrailingArm, chassis: int) -> Holder:
+def trailing_arm(frame: Frame, spec: TrailingArm, chassis: int) -> AttachmentBodies:
     """An arm hinged on the chassis carries the spindle itself; nothing steers it."""
     arm = frame.add_body("arm", spec.arm)
     frame.builder.add_joint_revolute(
         f"{frame.name}.arm.hinge", chassis, arm, axis=frame.turning(spec.pivot_axis), anchor=frame.at(spec.pivot)
     )
     add_lines(frame, spec.springs, chassis, arm)
-    return Holder(arm, arm)
+    return AttachmentBodies(arm, arm)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from simwarp.vehicle.spec.vehicle_spec import PinnedAxle, SolidAxle
 from simwarp.vehicle.suspensions.corner import Frame, plane_axes
-from simwarp.vehicle.suspensions.linkage import Holder, add_ball, add_cross, add_lines, add_rod
+from simwarp.vehicle.suspensions.linkage import AttachmentBodies, add_ball, add_cross, add_lines, add_rod
 
 
 def solid_axle(
     frame: Frame, left: Frame, right: Frame, spec: SolidAxle, chassis: int, tierod_body: int
-) -> tuple[Holder, Holder]:
+) -> tuple[AttachmentBodies, AttachmentBodies]:
     """The tube on four links; knuckles turn on it. A drag link moves the left one, a tie rod the right one by it;
     without a drag link both are fixed to the tube, and the tie rod has nothing to do.
     """
@@ -39,13 +39,13 @@ def solid_axle(
             f"{frame.name}.tierod", knuckles[0], knuckles[1],
             anchor0=left.at(spec.tierod_knuckle), anchor1=right.at(spec.tierod_knuckle),
         )  # fmt: skip
-    return Holder(knuckles[0], tube), Holder(knuckles[1], tube)
+    return AttachmentBodies(knuckles[0], tube), AttachmentBodies(knuckles[1], tube)
 
 
-def pinned_axle(frame: Frame, spec: PinnedAxle, chassis: int) -> tuple[Holder, Holder]:
+def pinned_axle(frame: Frame, spec: PinnedAxle, chassis: int) -> tuple[AttachmentBodies, AttachmentBodies]:
     """The tube turns on the chassis about x through the pin; the spindles turn in the tube."""
     tube = frame.add_body("tube", spec.axle_tube)
     frame.builder.add_joint_revolute(
         f"{frame.name}.pin", chassis, tube, axis=frame.along((1.0, 0.0, 0.0)), anchor=frame.at(spec.pin)
     )
-    return Holder(tube, tube), Holder(tube, tube)
+    return AttachmentBodies(tube, tube), AttachmentBodies(tube, tube)

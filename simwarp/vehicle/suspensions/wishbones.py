@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from simwarp.vehicle.spec.vehicle_spec import DoubleWishbone, DoubleWishboneReduced, SingleWishbone
 from simwarp.vehicle.suspensions.corner import Frame, arm_axes, link_axes
-from simwarp.vehicle.suspensions.linkage import Holder, add_ball, add_hinge, add_lines, add_rod
+from simwarp.vehicle.suspensions.linkage import AttachmentBodies, add_ball, add_hinge, add_lines, add_rod
 
 
-def double_wishbone(frame: Frame, spec: DoubleWishbone, chassis: int, tierod_body: int) -> Holder:
+def double_wishbone(frame: Frame, spec: DoubleWishbone, chassis: int, tierod_body: int) -> AttachmentBodies:
     """Two A-arms hinged on the chassis, balls to the upright; the anti-roll bar holds the lower arm."""
     own = spec.inertia_axes == "arm"
     upper_axes = arm_axes(spec.upper_arm_front, spec.upper_arm_back, spec.upper_arm_upright) if own else None
@@ -21,10 +21,12 @@ def double_wishbone(frame: Frame, spec: DoubleWishbone, chassis: int, tierod_bod
     add_ball(frame, "upper_ball", upper, upright, spec.upper_arm_upright)
     add_rod(frame, "tierod", tierod_body, upright, spec.tierod_chassis, spec.tierod_upright)
     add_lines(frame, spec.springs, chassis, lower)
-    return Holder(upright, lower)
+    return AttachmentBodies(upright, lower)
 
 
-def double_wishbone_reduced(frame: Frame, spec: DoubleWishboneReduced, chassis: int, tierod_body: int) -> Holder:
+def double_wishbone_reduced(
+    frame: Frame, spec: DoubleWishboneReduced, chassis: int, tierod_body: int
+) -> AttachmentBodies:
     """Each arm is two massless rods from the chassis to the upright."""
     upright = frame.add_body("upright", spec.upright)
     upper, lower = spec.upper_arm_upright, spec.lower_arm_upright
@@ -34,10 +36,10 @@ def double_wishbone_reduced(frame: Frame, spec: DoubleWishboneReduced, chassis: 
     add_rod(frame, "lower_back", chassis, upright, spec.lower_arm_back, lower)
     add_rod(frame, "tierod", tierod_body, upright, spec.tierod_chassis, spec.tierod_upright)
     add_lines(frame, spec.springs, chassis, upright)
-    return Holder(upright, upright)
+    return AttachmentBodies(upright, upright)
 
 
-def single_wishbone(frame: Frame, spec: SingleWishbone, chassis: int, tierod_body: int) -> Holder:
+def single_wishbone(frame: Frame, spec: SingleWishbone, chassis: int, tierod_body: int) -> AttachmentBodies:
     """An arm hinged on the chassis, the upright hinged on it; the anti-roll bar holds the arm."""
     builder, name = frame.builder, frame.name
     axes = link_axes(spec.arm_chassis, spec.arm_upright) if spec.inertia_axes == "arm" else None
@@ -51,4 +53,4 @@ def single_wishbone(frame: Frame, spec: SingleWishbone, chassis: int, tierod_bod
     )
     add_rod(frame, "tierod", tierod_body, upright, spec.tierod_chassis, spec.tierod_upright)
     add_lines(frame, spec.springs, chassis, arm)
-    return Holder(upright, arm)
+    return AttachmentBodies(upright, arm)

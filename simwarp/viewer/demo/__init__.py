@@ -13,7 +13,16 @@ from simwarp.sensors.cameras.camera import CameraConfig, look_at
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.motion.gps import GeoOrigin, to_local
 from simwarp.simulation.simulation import Simulation
-from simwarp.viewer.demo.devices import BLUR, Progress, Rig, big_size, cloud_points, drive, make_rig, small_height
+from simwarp.viewer.demo.devices import (
+    BLUR,
+    Progress,
+    SensorSuite,
+    big_size,
+    cloud_points,
+    drive,
+    make_rig,
+    small_height,
+)
 from simwarp.viewer.demo.landscape import ROOF, DemoWorld, make_world
 from simwarp.viewer.demo.panels import (
     Traces,
@@ -75,7 +84,7 @@ def sensor_demo(*, seed: int = 0, device: str | None = None, panel: int = 320, t
     return Demo(sheet, _data(rig, found), _summary(world, rig, found))
 
 
-def _sheet(world: DemoWorld, rig: Rig, found: Traces, simulation: Simulation, panel: int) -> Sheet:
+def _sheet(world: DemoWorld, rig: SensorSuite, found: Traces, simulation: Simulation, panel: int) -> Sheet:
     small = small_height(panel)
     plot = round(0.72 * panel)
     sheet = Sheet(
@@ -118,7 +127,7 @@ def _sheet(world: DemoWorld, rig: Rig, found: Traces, simulation: Simulation, pa
     return sheet
 
 
-def _cloud(world: DemoWorld, rig: Rig, simulation: Simulation, width: int, height: int) -> Panel:
+def _cloud(world: DemoWorld, rig: SensorSuite, simulation: Simulation, width: int, height: int) -> Panel:
     """The lidar's cloud from behind the truck, from above."""
     cloud, place = cloud_points(world, rig, simulation)
     lens = Pinhole(fov=1.1)
@@ -130,7 +139,7 @@ def _cloud(world: DemoWorld, rig: Rig, simulation: Simulation, width: int, heigh
     return cloud_panel(cloud, background, view, lens.fov, float(place[2]) - ROOF[2] - 0.47)
 
 
-def _data(rig: Rig, found: Traces) -> dict[str, npt.NDArray[Any]]:
+def _data(rig: SensorSuite, found: Traces) -> dict[str, npt.NDArray[Any]]:
     """Everything that was measured."""
     data = {name: camera.data.numpy()[0] for name, camera in rig.cameras.items() if name != "outputs"}
     data |= {name: array.numpy()[0] for name, array in rig.cameras["outputs"].outputs.items()}
@@ -139,7 +148,7 @@ def _data(rig: Rig, found: Traces) -> dict[str, npt.NDArray[Any]]:
     return data | {f"{name} {field}": values for name, fields in found.items() for field, values in fields.items()}
 
 
-def _summary(world: DemoWorld, rig: Rig, found: Traces) -> dict[str, Any]:
+def _summary(world: DemoWorld, rig: SensorSuite, found: Traces) -> dict[str, Any]:
     """Errors of measurements against the true values, and counts."""
     error = found["imu"]["data"] - found["imu"]["truth"]
     gps = found["gps"]["position"] - to_local(GeoOrigin(), *found["gps"]["truth"].T)

@@ -53,7 +53,7 @@ ASIDE: Final = ((0.6, 0.8, 1.3), (6.0, 6.2, 0.1))
 
 
 @dataclasses.dataclass(frozen=True)
-class Rig:
+class SensorSuite:
     """All sensors: imaging ones (`cameras`, `lidar`, `radar`) and those recorded during the whole drive (`traced`)."""
 
     cameras: Mapping[str, Camera]
@@ -67,7 +67,7 @@ class Rig:
         return [*self.cameras.values(), self.lidar, self.radar, *self.traced.values()]
 
 
-def make_rig(world: DemoWorld, seed: int, panel: int) -> Rig:
+def make_rig(world: DemoWorld, seed: int, panel: int) -> SensorSuite:
     """All sensors on the truck.
 
     Args:
@@ -111,7 +111,7 @@ def make_rig(world: DemoWorld, seed: int, panel: int) -> Rig:
     )
     assert isinstance(vlp, LidarConfig)
     lidar = Lidar(world.scene, roof, vlp, seed=seed)
-    return Rig(cameras, lidar, _radar(world, once, seed), _traced(world, seed))
+    return SensorSuite(cameras, lidar, _radar(world, once, seed), _traced(world, seed))
 
 
 def _radar(world: DemoWorld, once: Schedule, seed: int) -> Radar:
@@ -164,7 +164,7 @@ def big_size(panel: int) -> tuple[int, int]:
     return 2 * panel + GAP, 2 * small_height(panel) + CAPTION + GAP
 
 
-def drive(world: DemoWorld, rig: Rig, tell: Progress) -> tuple[dict[str, dict[str, Array]], Simulation]:
+def drive(world: DemoWorld, rig: SensorSuite, tell: Progress) -> tuple[dict[str, dict[str, Array]], Simulation]:
     """Drives until all sensors have seen the moment.
 
     Returns:
@@ -193,7 +193,7 @@ def drive(world: DemoWorld, rig: Rig, tell: Progress) -> tuple[dict[str, dict[st
     return {name: _columns(found) for name, found in rows.items()}, simulation
 
 
-def cloud_points(world: DemoWorld, rig: Rig, simulation: Simulation) -> tuple[Array, Array]:
+def cloud_points(world: DemoWorld, rig: SensorSuite, simulation: Simulation) -> tuple[Array, Array]:
     """(n, 3) returns of the lidar in world axes, each from where the lidar was when its beam fired; and where it is
     now, (3,) [m].
     """

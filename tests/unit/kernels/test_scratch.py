@@ -1,3 +1,4 @@
+# mypy: disable-error-code="operator, arg-type, no-untyped-def"
 """Scratch that is declared once: its layout, its structs, and the function that finds a slot's arrays."""
 
 import dataclasses
@@ -11,24 +12,24 @@ from simwarp.kernels.core.scratch import (
     make_memory,
     memory_layouts,
     memory_struct,
-    number,
-    room,
+    scratch_array,
+    scratch_number,
     slot_function,
 )
 
 
-class PairRooms(ScratchGroup, prefix="pair_"):
+class PairScratch(ScratchGroup, prefix="pair_"):
     """Two rooms that share an array, one alone, and a number."""
 
-    count = number(int)
-    first = room(wp.float32, "things")
-    second = room(wp.float32, "things")
-    table = room(wp.vec3, 2, "things")
+    count = scratch_number(int)
+    first = scratch_array(wp.float32, "things")
+    second = scratch_array(wp.float32, "things")
+    table = scratch_array(wp.vec3, 2, "things")
 
 
-Pair = PairRooms.struct("Pair", __name__)
-Memory = memory_struct("Memory", __name__, (PairRooms,))
-pack_pair = slot_function("pack_pair", __name__, PairRooms, Pair, Memory)
+Pair = PairScratch.struct("Pair", __name__)
+Memory = memory_struct("Memory", __name__, (PairScratch,))
+pack_pair = slot_function("pack_pair", __name__, PairScratch, Pair, Memory)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Things:
 
 
 @wp.kernel(enable_backward=False)
-def fill(memory: Memory):
+def fill(memory: Memory):  # type: ignore[valid-type]
     slot = wp.tid()
     pair = pack_pair(memory, slot)
     for k in range(pair.first.shape[0]):
@@ -47,7 +48,7 @@ def fill(memory: Memory):
 
 
 def test_a_slot_has_arrays_of_its_own() -> None:
-    layouts = memory_layouts((PairRooms,), 3, Things(4))
+    layouts = memory_layouts((PairScratch,), 3, Things(4))
     assert {name: layout.shape for name, layout in layouts.items()} == {
         "pair_things_float32": (3, 2, 4), "pair_table": (3, 2, 4),
     }  # fmt: skip
@@ -61,13 +62,13 @@ def test_a_slot_has_arrays_of_its_own() -> None:
 
 
 def test_rooms_without_length_keep_an_element_per_axis() -> None:
-    layouts = memory_layouts((PairRooms,), 1, Things(0))
+    layouts = memory_layouts((PairScratch,), 1, Things(0))
     assert layouts["pair_table"].shape == (1, 2, 1)
 
 
 def test_arrays_of_one_name_are_refused() -> None:
     class Again(ScratchGroup, prefix="pair_"):
-        table = room(wp.float32, "things")
+        table = scratch_array(wp.float32, "things")
 
     with pytest.raises(ValueError, match="Again: another group has an array 'pair_table'; give one of them a prefix"):
-        memory_struct("Both", __name__, (PairRooms, Again))
+        memory_struct("Both", __name__, (PairScratch, Again))

@@ -11,8 +11,8 @@ from typing import Any
 import warp as wp
 
 import simwarp as sw
-from simwarp.kernels.sensors.clock import BEGIN, Tick
-from simwarp.sensors.clock import Field, Frames
+from simwarp.kernels.sensors.clock import BEGIN, SampleEvents
+from simwarp.sensors.clock import Field, FrameBuffer
 from simwarp.sensors.interface import Schedule
 
 NUMBER, COUNT, SUBSTEPS, SPAN, GAPS, MODE = range(6)
@@ -30,7 +30,7 @@ class Notes:
 
 
 @wp.kernel(enable_backward=False)
-def probe(tick: Tick, notes: Notes, ring: wp.array2d[float]):
+def probe(tick: SampleEvents, notes: Notes, ring: wp.array2d[float]):
     """Adds up what the clock says."""
     world = wp.tid()
     if tick.mode[world] == BEGIN:
@@ -61,7 +61,7 @@ class Probe:
         self, model: sw.Model, schedule: Schedule, *, name: str = "probe", seed: int = 0, gradual: bool = False
     ):
         self.name = name
-        self.frames = Frames(name, schedule, model, {"data": Field((6,), wp.float32)}, seed=seed, gradual=gradual)
+        self.frames = FrameBuffer(name, schedule, model, {"data": Field((6,), wp.float32)}, seed=seed, gradual=gradual)
         self.notes = Notes()
         self.notes.count = wp.zeros(model.world_count, dtype=int, device=model.device)
         self.notes.taken = wp.zeros(model.world_count, dtype=int, device=model.device)

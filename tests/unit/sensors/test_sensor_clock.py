@@ -192,10 +192,10 @@ def test_a_frozen_world_keeps_its_frame_and_turns_invalid():
 
 
 def test_frames_without_whole_words_are_copied():
-    from simwarp.sensors.clock import Field, Frames
+    from simwarp.sensors.clock import Field, FrameBuffer
 
     model = ball(2)
-    shaped = Frames("bytes", Schedule(rate=100.0, lag=0.01), model, {"data": Field((3, 5, 1), wp.uint8)})
+    shaped = FrameBuffer("bytes", Schedule(rate=100.0, lag=0.01), model, {"data": Field((3, 5, 1), wp.uint8)})
 
     class Bytes(Probe):
         def __init__(self) -> None:

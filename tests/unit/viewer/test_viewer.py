@@ -14,7 +14,7 @@ from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.interface import Mount
 from simwarp.sensors.scene import GREY, Visuals
-from simwarp.viewer import FreeCamera, Polyline, Shot, Studio, add_skeleton, caption, draw_lines, grid, paint
+from simwarp.viewer import FollowCamera, FreeCamera, Polyline, Shot, add_skeleton, caption, draw_lines, grid, paint
 from simwarp.viewer.painting import PALETTE, STONE, body_colors
 from simwarp.viewer.sheets import INK, PAPER, label
 
@@ -110,7 +110,7 @@ def place_of(studio):
 def test_a_studio_follows_with_delay():
     sim, scene = rolling_world(speed=2.0)
     shot = Shot(body="ball_0", target=(0.0, 0.0, 0.0), eye=(-2.0, -2.0, 1.0), calm=0.5)
-    studio = Studio(sim, scene, shot, width=16, height=12, samples=1)
+    studio = FollowCamera(sim, scene, shot, width=16, height=12, samples=1)
     studio.take(0.0)
     np.testing.assert_allclose(place_of(studio), [-2.0, -2.0, 1.5], atol=1e-6)
     for _ in range(50):
@@ -128,7 +128,7 @@ def test_a_studio_follows_with_delay():
 
 def test_a_studio_that_stands_still_sees_all_that_moves():
     sim, scene = rolling_world()
-    studio = Studio(sim, scene, Shot(body=sw.WORLD), width=60, height=40, samples=1)
+    studio = FollowCamera(sim, scene, Shot(body=sw.WORLD), width=60, height=40, samples=1)
     first = studio.take(0.0)[0]
     place = place_of(studio)
     config = CameraConfig(width=60, height=40, outputs=("instance",), lens=Pinhole(fov=Shot().fov))
@@ -196,7 +196,7 @@ def test_lines_behind_the_camera_beside_the_picture_and_without_numbers_do_no_ha
 def test_a_studio_draws_lines_into_the_pictures_of_their_worlds():
     sim, scene = rolling_world(worlds=2)
     shot = Shot(body=sw.WORLD, target=(0.0, 0.0, 0.0), eye=(0.0, -8.0, 3.0))
-    studio = Studio(sim, scene, shot, worlds=(0, 1), width=60, height=40, samples=1)
+    studio = FollowCamera(sim, scene, shot, worlds=(0, 1), width=60, height=40, samples=1)
     plain = studio.take(0.0)
     line = Polyline(np.array([[-1.0, 0.0, 1.0], [1.0, 0.0, 1.0]]), (1.0, 0.0, 0.0))
     marked = studio.take(0.0, [(), (line,)])
@@ -208,13 +208,13 @@ def test_a_studio_draws_lines_into_the_pictures_of_their_worlds():
 def test_what_a_studio_refuses():
     sim, scene = rolling_world()
     with pytest.raises(ModelError, match="studio"):
-        Studio(sim, scene, Shot(body="wheel"))
+        FollowCamera(sim, scene, Shot(body="wheel"))
     with pytest.raises(ModelError, match="Shot: target"):
-        Studio(sim, scene, Shot(target=(0.0, math.nan, 0.0)))
+        FollowCamera(sim, scene, Shot(target=(0.0, math.nan, 0.0)))
     with pytest.raises(ModelError, match="Shot: eye"):
-        Studio(sim, scene, Shot(eye=(0.0, 1.0)))
+        FollowCamera(sim, scene, Shot(eye=(0.0, 1.0)))
     with pytest.raises(ModelError, match="Pinhole lens: fov"):
-        Studio(sim, scene, Shot(fov=40.0))
+        FollowCamera(sim, scene, Shot(fov=40.0))
 
 
 def chain():

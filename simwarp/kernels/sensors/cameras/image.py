@@ -14,7 +14,7 @@ from simwarp.kernels.sensors.cameras.appearance import AppearanceArrays
 from simwarp.kernels.sensors.cameras.image_processing import ImagingArrays, byte_of, process
 from simwarp.kernels.sensors.cameras.lenses import Lens, lens_direction
 from simwarp.kernels.sensors.cameras.shade import LightArrays, facing, light_along
-from simwarp.kernels.sensors.clock import BEGIN, Tick
+from simwarp.kernels.sensors.clock import BEGIN, SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_rotation
 from simwarp.kernels.sensors.random import draw_bits, subkey
 
@@ -84,7 +84,7 @@ def aim_views(
     # inputs
     camera: Camera,
     mount: MountArrays,
-    tick: Tick,
+    tick: SampleEvents,
     state: StateArrays,
     scene: RayScene,
     # outputs

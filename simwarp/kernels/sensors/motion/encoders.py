@@ -4,7 +4,7 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.tables import world_row
-from simwarp.kernels.sensors.clock import BEGIN, IDLE, STEP, ClockSettings, Tick
+from simwarp.kernels.sensors.clock import BEGIN, IDLE, STEP, ClockSettings, SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, mount_rotation, mount_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays, noisy
 from simwarp.kernels.sensors.vector_sensor import frame_elapsed, write_channel
@@ -49,7 +49,7 @@ def sample_encoder(
     dt: wp.float64,
     clock: ClockSettings,
     state: StateArrays,
-    tick: Tick,
+    tick: SampleEvents,
     # in and out
     encoder: EncoderArrays,
     noise: NoiseArrays,
@@ -126,7 +126,7 @@ def sample_rate(
     clock: ClockSettings,
     meter: RateMeter,
     state: StateArrays,
-    tick: Tick,
+    tick: SampleEvents,
     # in and out
     noise: NoiseArrays,
     sums: wp.array2d[wp.float64],

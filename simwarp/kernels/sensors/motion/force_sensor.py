@@ -5,7 +5,7 @@ import warp as wp
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float, turned
 from simwarp.kernels.core.tables import world_row
-from simwarp.kernels.sensors.clock import STEP, ClockSettings, Tick
+from simwarp.kernels.sensors.clock import STEP, ClockSettings, SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate
 from simwarp.kernels.sensors.noise import NoiseArrays
 from simwarp.kernels.sensors.vector_sensor import write_vector
@@ -33,7 +33,7 @@ def sample_forces(
     torque: wp.array2d[wp.vec3],  # the same, or without columns
     index: int,
     state: StateArrays,
-    tick: Tick,
+    tick: SampleEvents,
     # in and out
     force_noise: NoiseArrays,
     torque_noise: NoiseArrays,
@@ -61,7 +61,7 @@ def sample_forces(
 def sample_touch(
     # inputs
     threshold: float,
-    tick: Tick,
+    tick: SampleEvents,
     data: wp.array2d[float],  # of this frame, measured
     # outputs
     touch: wp.array[wp.uint8],

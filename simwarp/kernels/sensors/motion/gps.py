@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.sensors.clock import ClockSettings, Tick
+from simwarp.kernels.sensors.clock import ClockSettings, SampleEvents
 from simwarp.kernels.sensors.motion.geodesy import DEGREE, GeoFrame, earth_centred, geographic, local_velocity
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_rotation, mount_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays, noise_elapsed, noisy
@@ -39,7 +39,7 @@ def sample_gps(
     frame: GeoFrame,
     mount: MountArrays,
     state: StateArrays,
-    tick: Tick,
+    tick: SampleEvents,
     # in and out
     position_noise: NoiseArrays,
     velocity_noise: NoiseArrays,
@@ -80,7 +80,7 @@ def sample_magnetometer(
     strength: wp.float64,  # at the magnetic equator [T]
     mount: MountArrays,
     state: StateArrays,
-    tick: Tick,
+    tick: SampleEvents,
     # in and out
     noise: NoiseArrays,
     sums: wp.array2d[wp.float64],

@@ -5,7 +5,7 @@ import warp as wp
 from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float, turned
 from simwarp.kernels.core.tables import world_row
-from simwarp.kernels.sensors.clock import BEGIN, IDLE, ClockSettings, Tick
+from simwarp.kernels.sensors.clock import BEGIN, IDLE, ClockSettings, SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, body_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays
 from simwarp.kernels.sensors.vector_sensor import write_vector
@@ -31,7 +31,7 @@ def sample_inertial(
     mount: MountArrays,
     parameters: Parameters,
     state: StateArrays,
-    tick: Tick,
+    tick: SampleEvents,
     # in and out
     inertial: InertialArrays,
     accelerometer_noise: NoiseArrays,

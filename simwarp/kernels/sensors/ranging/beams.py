@@ -4,7 +4,7 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_float, turned
-from simwarp.kernels.sensors.clock import BEGIN, Tick
+from simwarp.kernels.sensors.clock import BEGIN, SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import (
     MountArrays,
     body_rate,
@@ -60,13 +60,13 @@ def column_at(fraction: float, columns: int) -> int:
 
 
 @wp.func
-def is_swept(world: int, scan: Scan, tick: Tick) -> bool:
+def is_swept(world: int, scan: Scan, tick: SampleEvents) -> bool:
     """True if the sensor moves while columns of one sub-step fire."""
     return scan.span > 0.0 and tick.mode[world] != BEGIN
 
 
 @wp.func
-def sweep_back(column: int, columns: int, world: int, scan: Scan, motion: SensorMotion, tick: Tick):
+def sweep_back(column: int, columns: int, world: int, scan: Scan, motion: SensorMotion, tick: SampleEvents):
     """Place and axes when a column fires, to first order back from the end of the sub-step."""
     early = (tick.fraction_to[world] - float(column) / float(columns)) * scan.span
     rot = turned(motion.rot, -early * to_float(motion.omega))
@@ -74,7 +74,7 @@ def sweep_back(column: int, columns: int, world: int, scan: Scan, motion: Sensor
 
 
 @wp.func
-def left_of(direction: wp.vec3) -> wp.vec3:
+def left_vector(direction: wp.vec3) -> wp.vec3:
     """The horizontal unit vector to the left of a direction, sensor axes."""
     if wp.abs(direction[2]) > UPRIGHT:
         return wp.vec3(0.0, 1.0, 0.0)
@@ -82,15 +82,15 @@ def left_of(direction: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def off_axis(direction: wp.vec3, left: wp.vec3, tangent: wp.vec2) -> wp.vec3:
+def offset_direction(direction: wp.vec3, left: wp.vec3, tangent: wp.vec2) -> wp.vec3:
     """The direction that leaves a beam's axis to the left and upwards by angles of these tangents."""
     return wp.normalize(direction + tangent[0] * left + tangent[1] * wp.cross(direction, left))
 
 
 @wp.func
-def misread(direction: wp.vec3, azimuth: float, elevation: float) -> wp.vec3:
+def perturbed_direction(direction: wp.vec3, azimuth: float, elevation: float) -> wp.vec3:
     """A direction read with errors of its angles [rad]."""
-    up = wp.cross(direction, left_of(direction))
+    up = wp.cross(direction, left_vector(direction))
     d = wp.cos(elevation) * direction + wp.sin(elevation) * up
     c = wp.cos(azimuth)
     s = wp.sin(azimuth)

@@ -10,7 +10,7 @@ rays, clusters are numbered by their first ray.
 
 import warp as wp
 
-from simwarp.kernels.sensors.clock import Tick
+from simwarp.kernels.sensors.clock import SampleEvents
 from simwarp.kernels.sensors.ranging.radar import CHANNELS
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -167,7 +167,7 @@ def cluster_returns(
     capacity: int,
     returns: wp.array2d[float],  # (W·slots, P · CHANNELS)
     scratch: ClusterScratch,
-    tick: Tick,
+    tick: SampleEvents,
     # outputs
     frames: ClusterFrames,
 ):

@@ -8,15 +8,15 @@ from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.rays.cast import closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
-from simwarp.kernels.sensors.clock import Tick
+from simwarp.kernels.sensors.clock import SampleEvents
 from simwarp.kernels.sensors.random import draw_normals, draw_uniform
 from simwarp.kernels.sensors.ranging.beams import (
     Scan,
     column_at,
     is_swept,
-    left_of,
-    misread,
-    off_axis,
+    left_vector,
+    offset_direction,
+    perturbed_direction,
     sensor_motion,
     sweep_back,
 )
@@ -98,7 +98,7 @@ def scan_lidar(
     state: StateArrays,
     scene: RayScene,
     assets: Assets,
-    tick: Tick,
+    tick: SampleEvents,
     # outputs
     points: wp.array2d[float],  # (W·slots, rows · columns · channels)
     ranges: wp.array2d[float],
@@ -129,12 +129,12 @@ def scan_lidar(
         direction = scan.direction[place / width, column]
         found = wp.vec4()
         if dropout <= 0.0 or draw_uniform(key, DRAWS * beam + 3) >= dropout:
-            left = left_of(direction)
+            left = left_vector(direction)
             if swept:
                 x, rot = sweep_back(column, columns, world, scan, motion, tick)
             start = start_of_ray(world, x, scene)
             for k in range(count):
-                d = rot * off_axis(direction, left, settings.ray[k])
+                d = rot * offset_direction(direction, left, settings.ray[k])
                 hit = closest_hit(world, start + scan.near * d, d, scan.far - scan.near, scene, assets)
                 range_[k] = 0.0
                 intensity[k] = 0.0
@@ -145,7 +145,7 @@ def scan_lidar(
             found = reduce_beam(settings.mode, count, range_, intensity)
         if sigma_h > 0.0 or sigma_v > 0.0:
             angles = draw_normals(key, DRAWS * beam)
-            direction = misread(direction, sigma_h * angles[0], sigma_v * angles[1])
+            direction = perturbed_direction(direction, sigma_h * angles[0], sigma_v * angles[1])
         one = measured(wp.vec2(found[0], found[1]), key, DRAWS * beam + 1, scan.near, world, noise)
         write_return(returns * beam, row, one, direction, settings, points, ranges)
         if returns == 2:
@@ -156,7 +156,7 @@ def scan_lidar(
 @wp.kernel
 def count_returns(
     # inputs
-    tick: Tick,
+    tick: SampleEvents,
     channels: int,
     frame: wp.array2d[float],  # (W·slots, values): intensities are the last of each `channels`
     # outputs

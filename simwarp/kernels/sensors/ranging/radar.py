@@ -16,7 +16,7 @@ from simwarp.kernels.core.spatial import matrix_to_float, to_double
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray, world_position
-from simwarp.kernels.sensors.clock import Tick
+from simwarp.kernels.sensors.clock import SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import body_rate, body_velocity
 from simwarp.kernels.sensors.random import draw_normals, draw_uniform
 from simwarp.kernels.sensors.ranging.beams import (
@@ -24,7 +24,7 @@ from simwarp.kernels.sensors.ranging.beams import (
     SensorMotion,
     column_at,
     is_swept,
-    misread,
+    perturbed_direction,
     sensor_motion,
     sweep_back,
 )
@@ -86,7 +86,7 @@ def with_noise(
     sigma_v = noise.elevation[world_row(world, noise.elevation.shape[0])]
     if sigma_h > 0.0 or sigma_v > 0.0:
         angles = draw_normals(key, DRAWS * ray)
-        result.direction = misread(found.direction, sigma_h * angles[0], sigma_v * angles[1])
+        result.direction = perturbed_direction(found.direction, sigma_h * angles[0], sigma_v * angles[1])
     sigma_r = noise.range[world_row(world, noise.range.shape[0])]
     sigma_d = noise.velocity[world_row(world, noise.velocity.shape[0])]
     if sigma_r > 0.0 or sigma_d > 0.0:
@@ -130,7 +130,7 @@ def scan_radar(
     state: StateArrays,
     scene: RayScene,
     assets: Assets,
-    tick: Tick,
+    tick: SampleEvents,
     # outputs
     returns: wp.array2d[float],  # (W·slots, rows · columns · CHANNELS)
 ):

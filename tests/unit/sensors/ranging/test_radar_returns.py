@@ -9,7 +9,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp.core.types import ModelError
-from simwarp.kernels.sensors.clock import Tick
+from simwarp.kernels.sensors.clock import SampleEvents
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS
 from simwarp.sensors import Mount, Schedule
@@ -166,7 +166,7 @@ def gather(returns, distance, least=1, capacity=64):
     """The kernel on returns (W, N, 6): (W, capacity, 6), counts, overflows."""
     worlds, rays, _ = returns.shape
     frames: Any = ClusterFrames()
-    tick: Any = Tick()
+    tick: Any = SampleEvents()
     frames.cluster = wp.zeros((worlds, capacity * CLUSTER_CHANNELS), dtype=float, device="cpu")
     frames.count = wp.zeros(worlds, dtype=int, device="cpu")
     frames.overflow = wp.zeros(worlds, dtype=int, device="cpu")

@@ -18,8 +18,8 @@ from simwarp.core.types import (
     VelocityMotor,
     pose,
 )
+from simwarp.model.active_entries import active_entries
 from simwarp.model.builder import ModelBuilder
-from simwarp.model.effects import effect_of
 from simwarp.model.model import PARAMETERS
 
 TABLE = ((-1.0, 0.0, 1.0), (-2.0, 0.0, 3.0))
@@ -121,7 +121,7 @@ def test_entries_act_where_they_are_said_to(model, runs, name, contact_model):
     sim, reference = runs[contact_model]
     array = getattr(model, name)
     built = array.numpy().copy()
-    effect = effect_of(model, name, contact_model=contact_model)
+    effect = active_entries(model, name, contact_model=contact_model)
     count = 1 if name == "gravity" else built.shape[1]
     assert effect.entries.shape == (count,)
     other = changed(built, name)
@@ -139,17 +139,17 @@ def test_entries_act_where_they_are_said_to(model, runs, name, contact_model):
 
 def test_what_is_changed_beside_it_counts(model):
     """A rest length acts once there is a spring, relaxation once there is compliance."""
-    alone = effect_of(model, "joint_rest").entries
-    both = effect_of(model, "joint_rest", also=("joint_stiffness",)).entries
+    alone = active_entries(model, "joint_rest").entries
+    both = active_entries(model, "joint_rest", also=("joint_stiffness",)).entries
     assert both.sum() > alone.sum() > 0
     builder = ModelBuilder()
     ball = builder.add_body("ball", mass=1.0, inertia=(1, 1, 1))
     builder.add_shape_sphere(ball, radius=1.0)
     builder.add_shape_plane()
     hard = builder.finalize(1, "cpu")
-    assert not effect_of(hard, "shape_damping").entries.any()
-    assert effect_of(hard, "shape_damping", also=("shape_compliance",)).entries.all()
-    assert not effect_of(hard, "shape_rolling_friction").entries.any()
+    assert not active_entries(hard, "shape_damping").entries.any()
+    assert active_entries(hard, "shape_damping", also=("shape_compliance",)).entries.all()
+    assert not active_entries(hard, "shape_rolling_friction").entries.any()
 
 
 def test_models_without_parts():
@@ -157,6 +157,6 @@ def test_models_without_parts():
     lone.add_body("lone", mass=1.0, inertia=(1, 1, 1))
     model = lone.finalize(1, "cpu")
     for name in PARAMETERS:
-        effect = effect_of(model, name)
+        effect = active_entries(model, name)
         assert effect.entries.any() == name.startswith(("gravity", "body_"))
         assert effect.rule or effect.entries.any()

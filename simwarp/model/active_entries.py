@@ -19,7 +19,7 @@ SEEN: Final = ("shape_x", "shape_rot", "shape_size", "shape_asset", "shape_enabl
 WITH_OFFSET: Final = (JointType.ROD, JointType.REVOLUTE_SPHERICAL, JointType.REVOLUTE_TRANSLATIONAL)
 
 
-class Effect(NamedTuple):
+class ActiveEntries(NamedTuple):
     """Entries of a parameter that have an effect.
 
     Attributes:
@@ -31,7 +31,9 @@ class Effect(NamedTuple):
     rule: str
 
 
-def effect_of(model: Model, name: str, *, contact_model: str = "rigid", also: Collection[str] = ()) -> Effect:
+def active_entries(
+    model: Model, name: str, *, contact_model: str = "rigid", also: Collection[str] = ()
+) -> ActiveEntries:
     """Entries of a parameter that have an effect in a model.
 
     Args:
@@ -48,12 +50,12 @@ def effect_of(model: Model, name: str, *, contact_model: str = "rigid", also: Co
         return _of_couplings(model, name)
     if name == "joint_offset":
         holds = np.array([kind in WITH_OFFSET for kind in model.joint_types], bool)
-        return Effect(holds, "only rods and other massless links have a length of their own")
+        return ActiveEntries(holds, "only rods and other massless links have a length of their own")
     if name.startswith("joint_"):  # anchors and frames
         bodies = np.array([kind is not JointType.SHAFT for kind in model.joint_types], bool)
-        return Effect(bodies, "shafts have no anchors and frames")
+        return ActiveEntries(bodies, "shafts have no anchors and frames")
     count = model.body_count if name.startswith("body_") else 1
-    return Effect(np.ones(count, bool), "the model has no bodies")
+    return ActiveEntries(np.ones(count, bool), "the model has no bodies")
 
 
 def _boxes(model: Model, *kinds: BoxKind) -> Mask:
@@ -63,23 +65,23 @@ def _boxes(model: Model, *kinds: BoxKind) -> Mask:
     return mask
 
 
-def _friction(model: Model, also: Collection[str]) -> Effect:
+def _friction(model: Model, also: Collection[str]) -> ActiveEntries:
     rule = "dry friction acts only on coordinates that were built with friction > 0"
-    return Effect(_boxes(model, BoxKind.FRICTION), rule)
+    return ActiveEntries(_boxes(model, BoxKind.FRICTION), rule)
 
 
-def _limit(model: Model, also: Collection[str]) -> Effect:
-    return Effect(_boxes(model, BoxKind.LIMIT), "stops act only on coordinates that were built with a limit")
+def _limit(model: Model, also: Collection[str]) -> ActiveEntries:
+    return ActiveEntries(_boxes(model, BoxKind.LIMIT), "stops act only on coordinates that were built with a limit")
 
 
-def _effort_limit(model: Model, also: Collection[str]) -> Effect:
+def _effort_limit(model: Model, also: Collection[str]) -> ActiveEntries:
     rule = "it acts only where a VelocityMotor, or a PositionDrive with a finite effort_limit, was built"
-    return Effect(_boxes(model, BoxKind.MOTOR, BoxKind.DRIVE), rule)
+    return ActiveEntries(_boxes(model, BoxKind.MOTOR, BoxKind.DRIVE), rule)
 
 
-def _position_drive(model: Model, also: Collection[str]) -> Effect:
+def _position_drive(model: Model, also: Collection[str]) -> ActiveEntries:
     drives = np.array([effort.mode is DriveMode.POSITION for effort in model.effort_models], bool)
-    return Effect(drives, "it acts only on coordinates that were built with a PositionDrive")
+    return ActiveEntries(drives, "it acts only on coordinates that were built with a PositionDrive")
 
 
 def _computed(model: Model) -> Mask:
@@ -87,30 +89,32 @@ def _computed(model: Model) -> Mask:
     return np.array([effort.is_computed for effort in model.effort_models], bool)
 
 
-def _passive(model: Model, also: Collection[str]) -> Effect:
+def _passive(model: Model, also: Collection[str]) -> ActiveEntries:
     rule = "it acts on coordinates of the tree, or of loops that were built with a law; not on prescribed or free ones"
-    return Effect(_computed(model), rule)
+    return ActiveEntries(_computed(model), rule)
 
 
-def _stiffness(model: Model, also: Collection[str]) -> Effect:
+def _stiffness(model: Model, also: Collection[str]) -> ActiveEntries:
     tables = np.array([effort.spring_table for effort in model.effort_models], bool)
-    return Effect(_computed(model) & ~tables, "it acts on coordinates with a law of their own and no spring_table")
+    return ActiveEntries(
+        _computed(model) & ~tables, "it acts on coordinates with a law of their own and no spring_table"
+    )
 
 
-def _damping(model: Model, also: Collection[str]) -> Effect:
+def _damping(model: Model, also: Collection[str]) -> ActiveEntries:
     tables = np.array([effort.damper_table for effort in model.effort_models], bool)
-    return Effect(
+    return ActiveEntries(
         _computed(model) & ~tables, "it acts on coordinates with a law of their own, no damper_table and no map"
     )
 
 
-def _rest(model: Model, also: Collection[str]) -> Effect:
+def _rest(model: Model, also: Collection[str]) -> ActiveEntries:
     springs = np.array([effort.spring_table or effort.stiff for effort in model.effort_models], bool)
     springs |= "joint_stiffness" in also
-    return Effect(_computed(model) & springs, "it acts only on coordinates that were built with a spring")
+    return ActiveEntries(_computed(model) & springs, "it acts only on coordinates that were built with a spring")
 
 
-_DOFS: Final[dict[str, Callable[[Model, Collection[str]], Effect]]] = {
+_DOFS: Final[dict[str, Callable[[Model, Collection[str]], ActiveEntries]]] = {
     "joint_friction": _friction,
     "joint_limit_lower": _limit,
     "joint_limit_upper": _limit,
@@ -125,37 +129,39 @@ _DOFS: Final[dict[str, Callable[[Model, Collection[str]], Effect]]] = {
 }
 
 
-def _of_couplings(model: Model, name: str) -> Effect:
+def _of_couplings(model: Model, name: str) -> ActiveEntries:
     count = model.coupling_offset.shape[1]
     if name == "coupling_offset":
         rigid = model.coupling_damping.numpy()[0] == 0.0
-        return Effect(rigid, "only couplings that were built without damping keep a sum of coordinates")
-    return Effect(np.ones(count, bool), "the model has no couplings")
+        return ActiveEntries(rigid, "only couplings that were built without damping keep a sum of coordinates")
+    return ActiveEntries(np.ones(count, bool), "the model has no couplings")
 
 
-def _of_shapes(model: Model, name: str, contact_model: str, also: Collection[str]) -> Effect:
+def _of_shapes(model: Model, name: str, contact_model: str, also: Collection[str]) -> ActiveEntries:
     every = np.ones(model.shape_count, bool)
     if not model.shape_count:
-        return Effect(every, "the model has no shapes")
+        return ActiveEntries(every, "the model has no shapes")
     if name == "shape_size":
         sized = np.array([kind is not ShapeType.PLANE for kind in model.shape_types], bool)
-        return Effect(sized, "planes have no size")
+        return ActiveEntries(sized, "planes have no size")
     if name in SEEN:
-        return Effect(every, "")
+        return ActiveEntries(every, "")
     smooth = contact_model != "rigid"
     never = np.zeros(model.shape_count, bool)
     if name in ("shape_young_modulus", "shape_poisson_ratio") and not smooth:
-        return Effect(never, "it acts only with SolverOptions(contact_model='smooth' or 'smooth_hooke')")
+        return ActiveEntries(never, "it acts only with SolverOptions(contact_model='smooth' or 'smooth_hooke')")
     if name in ("shape_rolling_friction", "shape_spinning_friction"):
         if smooth:
-            return Effect(never, "the smooth contact model has no rolling or spinning friction")
+            return ActiveEntries(never, "the smooth contact model has no rolling or spinning friction")
         if not model.has_rolling_friction:
-            return Effect(never, "contacts roll freely: no shape was built with rolling or spinning friction > 0")
+            return ActiveEntries(
+                never, "contacts roll freely: no shape was built with rolling or spinning friction > 0"
+            )
     if name in ("shape_compliance", "shape_damping") and smooth:
-        return Effect(never, "contacts of the smooth model take their stiffness from Young's modulus")
+        return ActiveEntries(never, "contacts of the smooth model take their stiffness from Young's modulus")
     if name == "shape_damping" and "shape_compliance" not in also and not _any(model.shape_compliance):
-        return Effect(never, "only compliant contacts relax, and no shape was built with compliance > 0")
-    return Effect(
+        return ActiveEntries(never, "only compliant contacts relax, and no shape was built with compliance > 0")
+    return ActiveEntries(
         model.shapes_that_meet, "shapes whose groups, masks and bodies let them meet no other have no contacts"
     )
 
