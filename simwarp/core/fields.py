@@ -55,6 +55,7 @@ class Field:
     domain: Domain | None = None
     writable: bool = False
     of_kernels: bool = True
+    source: str = ""
 
     @property
     def shape_text(self) -> str:
@@ -80,9 +81,9 @@ def field(
     return Field(dtype, sizes, text, domain, writable, of_kernels)
 
 
-def parameter(dtype: Any, *sizes: Size, text: str, domain: Domain = ANY) -> Any:
+def parameter(dtype: Any, *sizes: Size, text: str, domain: Domain = ANY, source: str = "") -> Any:
     """Declare a parameter: all worlds share it, or each has its own; users write into it."""
-    return Field(dtype, (Size.PARAMETER_WORLDS, *sizes), text, domain, writable=True)
+    return Field(dtype, (Size.PARAMETER_WORLDS, *sizes), text, domain, writable=True, source=source)
 
 
 class FieldGroup(FixedAttributes):

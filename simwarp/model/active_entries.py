@@ -8,8 +8,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.fields import Size
 from simwarp.core.types import BoxKind, DriveMode, JointType, ShapeType
 from simwarp.model.model import Model
+from simwarp.model.parameters import PARAMETERS
 
 Mask = npt.NDArray[np.bool_]
 
@@ -42,19 +44,22 @@ def active_entries(
         contact_model: as in `SolverOptions`.
         also: parameters that are changed beside it: zero stiffness and damping as built may become something.
     """
-    if name.startswith("shape_"):
+    size = PARAMETERS[name].sizes[1] if len(PARAMETERS[name].sizes) > 1 else None
+    if size is Size.SHAPES:
         return _of_shapes(model, name, contact_model, also)
     if name in _DOFS:
         return _DOFS[name](model, also)
-    if name.startswith("coupling_"):
+    if size is Size.DOFS:
+        return ActiveEntries(np.ones(model.dof_count, bool), "the model has no coordinates")
+    if size is Size.COUPLINGS:
         return _of_couplings(model, name)
     if name == "joint_offset":
         holds = np.array([kind in WITH_OFFSET for kind in model.joint_types], bool)
         return ActiveEntries(holds, "only rods and other massless links have a length of their own")
-    if name.startswith("joint_"):  # anchors and frames
+    if size is Size.JOINTS:  # anchors and frames
         bodies = np.array([kind is not JointType.SHAFT for kind in model.joint_types], bool)
         return ActiveEntries(bodies, "shafts have no anchors and frames")
-    count = model.body_count if name.startswith("body_") else 1
+    count = model.body_count if size is Size.BODIES else 1
     return ActiveEntries(np.ones(count, bool), "the model has no bodies")
 
 

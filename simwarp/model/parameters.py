@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +16,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import PositionDrive, ShapeType, VelocityMotor, finite_vector
 from simwarp.kernels.core.fields import ParameterFields
 from simwarp.model.checks import INFINITE
-from simwarp.model.specifications import ShapeSpec, Specification
+from simwarp.model.specifications import Specification
 from simwarp.model.topology import coupling_width
 
 PARAMETERS: Final[Mapping[str, Field]] = ParameterFields.FIELDS
@@ -29,8 +30,9 @@ def parameter_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         ModelError: a value lies outside the parameter's domain, or is beyond its dtype.
     """
     values = {}
-    for name, given in {**_joint_values(builder), **_shape_values(builder.shapes)}.items():
-        parameter = PARAMETERS[name]
+    computed = _computed_values(builder)
+    for name, parameter in PARAMETERS.items():
+        given = _from_source(builder, parameter) if parameter.source else computed[name]
         dtype = wp.dtype_to_numpy(getattr(parameter.dtype, "_wp_scalar_type_", parameter.dtype))
         with np.errstate(over="ignore"):  # told in the next line
             values[name] = given.astype(dtype)
@@ -49,8 +51,19 @@ def asset_domain(builder: Specification) -> Domain:
     return Domain(np.minimum(last, 0), last, "pass what add_hull_asset and the like returned for this kind of shape")
 
 
-def _joint_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
-    """One world's parameters of bodies, joints and couplings."""
+def _from_source(builder: Specification, parameter: Field) -> npt.NDArray[np.float64]:
+    """One world's parameter from the attribute of the builder's items that its `source` names."""
+    kind, _, path = parameter.source.partition(".")
+    groups: dict[str, Sequence[Any]] = {
+        "body": builder.bodies, "joint": builder.joints, "dof": [dof for joint in builder.joints for dof in joint.dofs],
+        "coupling": builder.couplings, "shape": builder.shapes,
+    }  # fmt: skip
+    values = [attrgetter(path)(item) for item in groups[kind]]
+    return np.array(values, np.float64).reshape(len(values), *getattr(parameter.dtype, "_shape_", ()))
+
+
+def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
+    """One world's parameters that no single attribute holds."""
 
     def floats(values: Iterable[Any], *shape: int) -> npt.NDArray[np.float64]:
         return np.array([*values], np.float64).reshape(-1, *shape)
@@ -70,20 +83,10 @@ def _joint_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     ]
     return {
         "gravity": finite_vector("finalize", "gravity", builder.gravity, 3),
-        "body_mass": floats(body.mass for body in builder.bodies),
-        "body_inertia_b": floats((body.inertia for body in builder.bodies), 3, 3),
-        "joint_anchor0": floats((joint.frame0.position for joint in joints), 3),
-        "joint_anchor1": floats((joint.frame1.position for joint in joints), 3),
         "joint_frame0": floats((matrix_of(joint.frame0.rotation) for joint in joints), 3, 3),
         "joint_frame1": floats((matrix_of(joint.frame1.rotation) for joint in joints), 3, 3),
-        "joint_offset": floats(joint.offset for joint in joints),
         "joint_armature": floats(dof.armature for dof in dofs)
         + floats(joint.inertia for joint in joints for _ in joint.dofs),
-        "joint_stiffness": floats(dof.stiffness for dof in dofs),
-        "joint_rest": floats(dof.rest for dof in dofs),
-        "joint_damping": floats(dof.damping for dof in dofs),
-        "joint_preload": floats(dof.preload for dof in dofs),
-        "joint_friction": floats(dof.friction for dof in dofs),
         "joint_limit_lower": np.maximum(limits[:, 0], -INFINITE),
         "joint_limit_upper": np.minimum(limits[:, 1], INFINITE),
         "drive_stiffness": floats(drive.stiffness for drive in pd),
@@ -91,32 +94,7 @@ def _joint_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         "drive_effort_limit": np.minimum(floats(efforts), INFINITE),
         "coupling_coefficient": coefficients,
         "coupling_offset": floats(offsets),
-        "coupling_damping": floats(coupling.damping for coupling in builder.couplings),
-    }
-
-
-def _shape_values(shapes: list[ShapeSpec]) -> dict[str, npt.NDArray[Any]]:
-    """One world's parameters of the shapes."""
-
-    def material(field: str) -> npt.NDArray[Any]:
-        return np.array([getattr(shape.material, field) for shape in shapes], np.float64)
-
-    return {
-        "shape_x": np.array([shape.pose.position for shape in shapes], np.float64).reshape(-1, 3),
-        "shape_rot": np.array([shape.pose.rotation for shape in shapes], np.float64).reshape(-1, 4),
-        "shape_size": np.array([shape.size for shape in shapes], np.float64).reshape(-1, 3),
-        "shape_margin": np.array([shape.margin for shape in shapes], np.float64),
-        "shape_asset": np.array([shape.asset for shape in shapes], np.int32),
-        "shape_enabled": np.ones(len(shapes), np.int32),
-        "shape_friction": material("friction"),
-        "shape_rolling_friction": material("rolling_friction"),
-        "shape_spinning_friction": material("spinning_friction"),
-        "shape_restitution": material("restitution"),
-        "shape_cohesion": material("cohesion"),
-        "shape_compliance": material("compliance"),
-        "shape_damping": material("damping"),
-        "shape_young_modulus": material("young_modulus"),
-        "shape_poisson_ratio": material("poisson_ratio"),
+        "shape_enabled": np.ones(len(builder.shapes), np.int32),
     }
 
 
