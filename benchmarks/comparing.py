@@ -28,14 +28,14 @@ from scipy import stats
 
 from simwarp.bench.machine import describe
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, replace_fields, task_class
-from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.config import LoggerKind, TrainConfig, default_config
-from simwarp.train.evaluation import Evaluation, evaluate
-from simwarp.train.policies import network_policy
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_files import write_json
-from simwarp.train.run_folder import RunFolder, git_revision, latest_run
-from simwarp.train.training import train
+from simwarp.train.evaluation.evaluation import Evaluation, evaluate
+from simwarp.train.networks.policies import network_policy
+from simwarp.train.runs.checkpoint import load_checkpoint
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_files import write_json
+from simwarp.train.runs.run_folder import RunFolder, git_revision, latest_run
+from simwarp.train.runs.training import train
 
 EVALUATION_SEED = 1_000_003
 CONFIDENCE = 0.95

@@ -36,7 +36,7 @@ from benchmarks.comparing import Arm, Budget, Quantity, Study  # noqa: E402
 from simwarp.cli.process import start_warp  # noqa: E402
 from simwarp.tasks.driving.base import Frame, Observing  # noqa: E402
 from simwarp.tasks.driving.lapping import Start  # noqa: E402
-from simwarp.tasks.uncertainty import Driver  # noqa: E402
+from simwarp.tasks.randomisation.uncertainty import Driver  # noqa: E402
 from simwarp.train.config import NetworkKind  # noqa: E402
 
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")

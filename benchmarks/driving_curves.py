@@ -17,9 +17,9 @@ import numpy as np
 from matplotlib.ticker import EngFormatter, PercentFormatter
 
 from simwarp.tasks import task_class
-from simwarp.train.pictures import new_figure, save_figure
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_folder import open_run
+from simwarp.train.evaluation.pictures import new_figure, save_figure
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_folder import open_run
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = ROOT / "benchmarks" / "results" / "driving"

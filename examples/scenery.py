@@ -16,8 +16,7 @@ import numpy as np
 from PIL import Image
 
 import simwarp as sw
-from simwarp import scenery
-from simwarp.core.types import Vec3
+from simwarp import Vec3, scenery
 from simwarp.sensors import CameraConfig, ImageTexture, Lamp, Lighting, Pinhole, Visuals, look_at
 from simwarp.viewer import FreeCamera, grid
 

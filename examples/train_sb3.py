@@ -10,7 +10,7 @@ import argparse
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from simwarp.tasks.sb3_adapter import SB3VecEnv
+from simwarp.tasks.adapters.sb3_adapter import SB3VecEnv
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from skrl.utils import set_seed
 from torch import nn
 
 from simwarp.tasks import TaskVectorEnv
-from simwarp.tasks.skrl_adapter import FinalObservations
+from simwarp.tasks.adapters.skrl_adapter import FinalObservations
 
 
 class TruePPO(FinalObservations, PPO):

@@ -16,12 +16,13 @@ import torch
 
 import simwarp as sw
 from simwarp import to_torch
-from simwarp.kernels.vehicle.tires.parameter_vector import Common, Tmeasy
 from simwarp.vehicle import (
     PAYLOAD,
     VEHICLE_SOLVER,
+    CommonTire,
     Payload,
     Tires,
+    TmeasyTire,
     Vehicle,
     add_payload,
     add_vehicle,
@@ -67,8 +68,8 @@ def randomise(sim: sw.Simulation, vehicle: Vehicle, load: Payload, rng: np.rando
     places = rng.uniform((-1.5, -0.3, 0.5), (0.0, 0.3, 1.0), (worlds, 3))
     set_payload(sim, load, mass=rng.uniform(50.0, 800.0, worlds), position=places)
     tires = vehicle.tires.parameter.numpy().copy()
-    tires[:, :, Common.STIFFNESS] *= rng.uniform(0.8, 1.2, (worlds, 1))
-    for slope in (Tmeasy.SLOPE_X, Tmeasy.SLOPE_Y):
+    tires[:, :, CommonTire.STIFFNESS] *= rng.uniform(0.8, 1.2, (worlds, 1))
+    for slope in (TmeasyTire.SLOPE_X, TmeasyTire.SLOPE_Y):
         tires[:, :, slope : slope + 2] *= rng.uniform(0.8, 1.2, (worlds, 1, 1))
     vehicle.tires.parameter.assign(tires)
     return friction

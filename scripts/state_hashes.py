@@ -93,7 +93,7 @@ def sensors(folder: Path) -> Iterator[tuple[str, str]]:
 def policies(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield the networks of every task after some iterations, by exact state and by camera."""
     from simwarp.tasks import task_class, task_names
-    from simwarp.train.checkpoint import load_checkpoint
+    from simwarp.train.runs.checkpoint import load_checkpoint
 
     for name in task_names():
         kinds = [None, "camera"] if hasattr(task_class(name).config_type(), "obs") else [None]

@@ -7,34 +7,43 @@ if __name__ != "simwarp.tasks":
     # The checkout root on sys.path would load a second copy, with a registry of its own.
     raise ImportError("this folder is imported as simwarp.tasks: write `import simwarp.tasks`")
 
-from simwarp.core.renames import renamed_names
+from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, Lt, NotNegative, Positive, Whole
+from simwarp.core.renames import renamed_fields, renamed_names
 
-from .config import TaskConfig, replace_fields, require
-from .devices import available_devices, resolve_device
-from .drawing import Drawing, Line
-from .errors import InputError, TaskError
-from .gym_env import TaskEnv, TaskVectorEnv, register_envs
-from .plain import config_from_plain, config_to_plain
-from .randomness import WorldRandom
-from .registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
-from .replay import ReplayReport
-from .simulation_access import Attachments
-from .statistics import EpisodeSummary
-from .task import NON_FINITE, TIME_LIMIT, StepResult, Task
-from .uncertainty import Curriculum, Driver, Mode, Range, Sensing, When
+from .adapters.gym_env import TaskEnv, TaskVectorEnv, register_envs
+from .framework.config import TaskConfig, replace_fields, require
+from .framework.devices import available_devices, resolve_device
+from .framework.drawing import Drawing, Line
+from .framework.errors import InputError, TaskError
+from .framework.plain import config_from_plain, config_to_plain
+from .framework.registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
+from .framework.replay import ReplayReport
+from .framework.simulation_access import Attachments
+from .framework.statistics import EpisodeSummary
+from .framework.task import NON_FINITE, TIME_LIMIT, StepResult, Task
+from .randomisation.randomness import WorldRandom
+from .randomisation.uncertainty import Curriculum, Driver, Mode, Range, Sensing, When
 
 __all__ = [
     "ENTRY_POINT_GROUP",
     "NON_FINITE",
     "TIME_LIMIT",
     "Attachments",
+    "Count",
     "Curriculum",
     "Drawing",
     "Driver",
     "EpisodeSummary",
+    "Fraction",
+    "Ge",
+    "Gt",
     "InputError",
+    "Le",
     "Line",
+    "Lt",
     "Mode",
+    "NotNegative",
+    "Positive",
     "Range",
     "ReplayReport",
     "Sensing",
@@ -45,6 +54,7 @@ __all__ = [
     "TaskError",
     "TaskVectorEnv",
     "When",
+    "Whole",
     "WorldRandom",
     "available_devices",
     "config_from_plain",
@@ -52,6 +62,7 @@ __all__ = [
     "make",
     "register",
     "register_envs",
+    "renamed_fields",
     "replace_fields",
     "require",
     "resolve_device",

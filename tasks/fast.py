@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 
 import torch
 
-from simwarp.core.constraints import NotNegative, Positive
+from simwarp.tasks import NotNegative, Positive
 
-from .config import TaskConfig, require
-from .drawing import Drawing, Line
-from .registry import register
-from .task import Task
+from .framework.config import TaskConfig, require
+from .framework.drawing import Drawing, Line
+from .framework.registry import register
+from .framework.task import Task
 
 
 @dataclasses.dataclass(frozen=True)

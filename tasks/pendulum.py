@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
-from simwarp.core.constraints import NotNegative, Positive
-from simwarp.core.renames import renamed_fields
+from simwarp.tasks import NotNegative, Positive, renamed_fields
 
-from .config import TaskConfig, require
-from .drawing import Drawing, Line
-from .registry import register
-from .task import Task
+from .framework.config import TaskConfig, require
+from .framework.drawing import Drawing, Line
+from .framework.registry import register
+from .framework.task import Task
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder

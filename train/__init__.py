@@ -1,8 +1,65 @@
 """Training with rsl-rl; installed and imported as ``simwarp.train``.
 
-The modules are imported by name (``from simwarp.train.training import train``): importing this package alone is cheap.
+``train("pendulum", default_config(task), task_config)`` trains, ``evaluate(task, policy, episodes)`` measures a policy.
+Names are imported when they are used: torch and rsl-rl take their time.
 """
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 if __name__ != "simwarp.train":
     # The checkout root on sys.path would load a second copy, with a registry of its own.
     raise ImportError("this folder is imported as simwarp.train: write `import simwarp.train`")
+
+if TYPE_CHECKING:
+    from .algorithm.cloning import CloneConfig, clone
+    from .algorithm.trajectories import Trajectories, load_trajectories, record, save_trajectories
+    from .algorithm.vec_env import TaskVecEnv
+    from .config import (
+        Activation,
+        Cell,
+        CriticSees,
+        LoggerKind,
+        NetworkConfig,
+        NetworkKind,
+        Objective,
+        PPOConfig,
+        Schedule,
+        TrainConfig,
+        default_config,
+    )
+    from .evaluation.evaluation import Evaluation, evaluate
+    from .networks.export import ExportFormat, export_policy
+    from .networks.policies import find_policy, network_policy, random_policy, zero_policy
+    from .runs.run_folder import RunFolder, open_run
+    from .runs.training import TrainResult, train
+
+_HOMES = {
+    "algorithm.cloning": ("CloneConfig", "clone"),
+    "algorithm.trajectories": ("Trajectories", "load_trajectories", "record", "save_trajectories"),
+    "algorithm.vec_env": ("TaskVecEnv",),
+    "config": (
+        "Activation", "Cell", "CriticSees", "LoggerKind", "NetworkConfig", "NetworkKind", "Objective", "PPOConfig",
+        "Schedule", "TrainConfig", "default_config",
+    ),
+    "evaluation.evaluation": ("Evaluation", "evaluate"),
+    "networks.export": ("ExportFormat", "export_policy"),
+    "networks.policies": ("find_policy", "network_policy", "random_policy", "zero_policy"),
+    "runs.run_folder": ("RunFolder", "open_run"),
+    "runs.training": ("TrainResult", "train"),
+}  # fmt: skip
+"""Module -> public names that it has."""
+
+__all__ = [
+    "Activation", "Cell", "CloneConfig", "CriticSees", "Evaluation", "ExportFormat", "LoggerKind", "NetworkConfig",
+    "NetworkKind", "Objective", "PPOConfig", "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig", "TrainResult",
+    "Trajectories", "clone", "default_config", "evaluate", "export_policy", "find_policy", "load_trajectories",
+    "network_policy", "open_run", "random_policy", "record", "save_trajectories", "train", "zero_policy",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _HOMES.items():
+        if name in names:
+            return getattr(importlib.import_module(f".{module}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
 from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require, task_class
-from simwarp.tasks.plain import Settings
+from simwarp.tasks.framework.plain import Settings
 
 CRITIC = "critic"
 """Observation group of a privileged critic."""
@@ -43,7 +43,7 @@ class Objective(enum.Enum):
 
 
 class NetworkKind(enum.Enum):
-    """Networks by name; see ``simwarp.train.networks``."""
+    """Networks by name; see ``simwarp.train.networks.networks``."""
 
     MLP = "mlp"
     THESIS_MLP = "thesis-mlp"
@@ -207,7 +207,7 @@ _CLASSES = {
 def _model_config(network: NetworkConfig, kind: NetworkKind, action_size: int) -> dict[str, Any]:
     """Return what actor and critic have in common."""
     model: dict[str, Any] = {
-        "class_name": f"simwarp.train.networks:{_CLASSES[kind]}",
+        "class_name": f"simwarp.train.networks.networks:{_CLASSES[kind]}",
         "activation": network.activation.value,
         "obs_normalization": network.normalise,
     }
@@ -240,7 +240,7 @@ def _algorithm_config(ppo: PPOConfig) -> dict[str, Any]:
     }
     if ppo.objective is Objective.KL_PENALTY:
         algorithm |= {
-            "class_name": "simwarp.train.kl_penalty:KLPenaltyPPO",
+            "class_name": "simwarp.train.algorithm.kl_penalty:KLPenaltyPPO",
             "schedule": Schedule.FIXED.value,
             "beta": ppo.kl_beta,
             "hinge": ppo.kl_hinge,

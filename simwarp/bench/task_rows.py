@@ -14,7 +14,7 @@ from simwarp.bench.measure import Row, bytes_of, check_memory, judge
 from simwarp.bench.timing import counted_launches, measure_speed
 from simwarp.core.memory import check_fits
 from simwarp.tasks import TaskError, make, replace_fields, resolve_device, task_class
-from simwarp.tasks.task import NON_FINITE
+from simwarp.tasks.framework.task import NON_FINITE
 
 _HORIZON_STEPS = 1000
 _ACTIONS = 16
@@ -117,7 +117,7 @@ class TaskRun:
         from tensordict import TensorDict
 
         from simwarp.train.config import default_config, rsl_rl_config
-        from simwarp.train.policies import build_actor
+        from simwarp.train.networks.policies import build_actor
 
         task = self.task
         settings = rsl_rl_config(

@@ -107,7 +107,7 @@ def input_errors() -> tuple[type[Exception], ...]:
         ("simwarp.core.types", ("ModelError",)),
         ("simwarp.core.files", ("FileError",)),
         ("simwarp.vehicle.spec.parts", ("SpecError",)),
-        ("simwarp.tasks.errors", ("InputError", "TaskError")),
+        ("simwarp.tasks.framework.errors", ("InputError", "TaskError")),
     ):
         loaded = sys.modules.get(module)
         kinds += [getattr(loaded, name) for name in names if hasattr(loaded, name)]
@@ -125,7 +125,7 @@ def exit_code_of(error: BaseException) -> int | None:
 def _is_shortfall(error: BaseException) -> bool:
     """Return True if the work began and could not be brought to its end: learning diverged, or a disk is full."""
     kinds = (
-        ("simwarp.train.trainer", "TrainingError"),
+        ("simwarp.train.algorithm.trainer", "TrainingError"),
         ("simwarp.core.files", "OutputError"),
         (__name__, "ShortfallError"),
     )

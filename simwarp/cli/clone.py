@@ -27,10 +27,10 @@ def run(arguments: list[str]) -> int:
     cls = task_class(name)
     import torch
 
-    from simwarp.train.checkpoint import save_checkpoint
-    from simwarp.train.cloning import CloneConfig, clone
+    from simwarp.train.algorithm.cloning import CloneConfig, clone
+    from simwarp.train.algorithm.trajectories import load_trajectories
     from simwarp.train.config import default_config, task_config_from_plain
-    from simwarp.train.trajectories import load_trajectories
+    from simwarp.train.runs.checkpoint import save_checkpoint
 
     torch.set_num_threads(1)
     source = option_value(arguments, "--data")

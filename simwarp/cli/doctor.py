@@ -36,7 +36,7 @@ def run(arguments: list[str]) -> int:
     """Examine the machine; 1 where there is a problem."""
     options = parse_options(DoctorOptions, arguments, "simwarp doctor")
     options.check()
-    from simwarp.train.run_folder import versions
+    from simwarp.train.runs.run_folder import versions
 
     device, problems = examine_devices()
     cache, cache_problems = examine_cache()

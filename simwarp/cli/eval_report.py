@@ -17,8 +17,8 @@ from rich.table import Table
 from simwarp.cli import UsageError
 from simwarp.core.files import check_output, output_error
 from simwarp.tasks import config_to_plain
-from simwarp.train.evaluation import Evaluation
-from simwarp.train.grid import (
+from simwarp.train.evaluation.evaluation import Evaluation
+from simwarp.train.evaluation.grid import (
     POLICY_NAMES,
     EvaluationStoppedError,
     GridPoint,
@@ -28,8 +28,8 @@ from simwarp.train.grid import (
     shown,
     words,
 )
-from simwarp.train.policies import PolicySource
-from simwarp.train.run_files import write_json
+from simwarp.train.networks.policies import PolicySource
+from simwarp.train.runs.run_files import write_json
 
 RESULTS = "results.json"
 _FOLDER_BYTES = 4096
@@ -144,8 +144,8 @@ class Report:
         """Write the pictures, then the results that name them."""
         if self.folder is None or not self.results:
             return
-        from simwarp.train.grid_plot import draw_success
-        from simwarp.train.maps import draw_paths, draw_worlds
+        from simwarp.train.evaluation.grid_plot import draw_success
+        from simwarp.train.evaluation.maps import draw_paths, draw_worlds
 
         origin = self.source.origin.replace(str(self.source.path), "/".join(self.source.path.parts[-4:]))
         each = " per point" if self.is_grid else ""

@@ -70,9 +70,9 @@ def run(arguments: list[str]) -> int:
 
     from simwarp.cli.eval_report import Report, open_folder
     from simwarp.train.config import task_config_from_plain
-    from simwarp.train.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
-    from simwarp.train.policies import find_policy, network_policy
-    from simwarp.train.stopping import stop_on_signals
+    from simwarp.train.evaluation.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
+    from simwarp.train.networks.policies import find_policy, network_policy
+    from simwarp.train.runs.stopping import stop_on_signals
 
     torch.set_num_threads(1)
     source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)

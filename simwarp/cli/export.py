@@ -27,7 +27,7 @@ def run(arguments: list[str]) -> int:
     options.check(source, output=options.output)
     import torch
 
-    from simwarp.train.export import ExportFormat, export_policy
+    from simwarp.train.networks.export import ExportFormat, export_policy
 
     torch.set_num_threads(1)
     result = export_policy(source, ExportFormat(options.format), options.output)

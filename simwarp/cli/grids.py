@@ -15,7 +15,7 @@ from simwarp.core.renames import RENAMED, with_new_names
 from simwarp.tasks import TaskConfig
 
 if TYPE_CHECKING:
-    from simwarp.train.grid import GridPoint
+    from simwarp.train.evaluation.grid import GridPoint
 
 _YES_NO = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -65,7 +65,7 @@ def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[st
     Raises:
         UsageError: a text is wrong, or one of its values.
     """
-    from simwarp.train.grid import GridPoint
+    from simwarp.train.evaluation.grid import GridPoint
 
     axes = with_new_names("--grid", grid_axes(texts), getattr(base, RENAMED, {}))
     if not axes:

@@ -143,8 +143,7 @@ import dataclasses
 import pytest
 import torch
 from simwarp.tasks import InputError, make
-from simwarp.train.config import default_config
-from simwarp.train.training import train
+from simwarp.train import default_config, train
 
 import @module@.task as mine
 

@@ -40,10 +40,10 @@ def run(arguments: list[str]) -> int:
     import torch
 
     from simwarp.train.config import task_config_from_plain
-    from simwarp.train.filming import Film
-    from simwarp.train.play import VIDEO_SUFFIXES, check_video_path, record, write_picture, write_video
-    from simwarp.train.policies import find_policy, network_policy
-    from simwarp.train.progress import LiveLine
+    from simwarp.train.evaluation.filming import Film
+    from simwarp.train.evaluation.play import VIDEO_SUFFIXES, check_video_path, record, write_picture, write_video
+    from simwarp.train.networks.policies import find_policy, network_policy
+    from simwarp.train.runs.progress import LiveLine
 
     torch.set_num_threads(1)
     source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)

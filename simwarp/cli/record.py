@@ -39,9 +39,9 @@ def run(arguments: list[str]) -> int:
     arguments = expand_shorthands(arguments, name, cls.config_type())
     import torch
 
+    from simwarp.train.algorithm.trajectories import record, save_trajectories
     from simwarp.train.config import task_config_from_plain
-    from simwarp.train.policies import find_policy, network_policy
-    from simwarp.train.trajectories import record, save_trajectories
+    from simwarp.train.networks.policies import find_policy, network_policy
 
     torch.set_num_threads(1)
     source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)

@@ -25,7 +25,7 @@ def run(arguments: list[str]) -> int:
     path, arguments = take_path(arguments, "replay", "FILE")
     options = parse_options(ReplayOptions, arguments, "simwarp replay FILE")
     options.check(path)
-    from simwarp.tasks.replay import replay
+    from simwarp.tasks.framework.replay import replay
 
     report: dict[str, Any] = dataclasses.asdict(replay(path, device=options.device))
     console = options.console()

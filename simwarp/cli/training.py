@@ -42,10 +42,10 @@ def run(arguments: list[str]) -> int:
     cls = task_class(name)
     arguments = expand_shorthands(arguments, name, cls.config_type())
     # Only now what takes seconds to import: an unknown task is known at once
+    from simwarp.train.algorithm.distributed import processes
     from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
-    from simwarp.train.distributed import processes
-    from simwarp.train.run_folder import CONFIG, open_run, read_policy
-    from simwarp.train.training import train
+    from simwarp.train.runs.run_folder import CONFIG, open_run, read_policy
+    from simwarp.train.runs.training import train
 
     task_config = with_chosen_obs(arguments, cls.config_type())
     config = default_config(cls, task_config)

@@ -8,6 +8,7 @@ ground has its origin in the middle of its foot, at ground level.
 from __future__ import annotations
 
 from simwarp.core.renames import renamed_names
+from simwarp.geometry.visual_mesh import VisualMesh, joined
 from simwarp.scenery.corridor import Corridor, corridor
 from simwarp.scenery.course import (
     CONVOY_PATHS,
@@ -36,51 +37,12 @@ from simwarp.scenery.vehicle_visuals import (
 from simwarp.scenery.visual import Label, Proxy, Visual, add_collision, add_visual, arranged, yaw_pose
 
 __all__ = [
-    "BUSHES",
-    "CONES",
-    "CONVOY_PATHS",
-    "ROCKS",
-    "TEXTURES",
-    "TREES",
-    "VEHICLES",
-    "Corridor",
-    "Course",
-    "Detour",
-    "Label",
-    "Proxy",
-    "Track",
-    "VehicleVisuals",
-    "Visual",
-    "add_collision",
-    "add_vehicle_visual",
-    "add_visual",
-    "arranged",
-    "barrier",
-    "barrier_chain",
-    "beside",
-    "bush",
-    "cone",
-    "convoy_path",
-    "corridor",
-    "crate",
-    "detour",
-    "flattened",
-    "ground_texture",
-    "height_at",
-    "hills",
-    "indoor_track",
-    "pillar",
-    "race_course",
-    "race_track",
-    "road",
-    "rock",
-    "rounded",
-    "scattered",
-    "steepness",
-    "tree",
-    "vehicle_visual",
-    "vehicle_visuals_of",
-    "yaw_pose",
+    "BUSHES", "CONES", "CONVOY_PATHS", "ROCKS", "TEXTURES", "TREES", "VEHICLES", "Corridor", "Course", "Detour",
+    "Label", "Proxy", "Track", "VehicleVisuals", "Visual", "VisualMesh", "add_collision", "add_vehicle_visual",
+    "add_visual", "arranged", "barrier", "barrier_chain", "beside", "bush", "cone", "convoy_path", "corridor",
+    "crate", "detour", "flattened", "ground_texture", "height_at", "hills", "indoor_track", "joined", "pillar",
+    "race_course", "race_track", "road", "rock", "rounded", "scattered", "steepness", "tree", "vehicle_visual",
+    "vehicle_visuals_of", "yaw_pose",
 ]  # fmt: skip
 
 __getattr__ = renamed_names(

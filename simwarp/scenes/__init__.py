@@ -1,6 +1,7 @@
 """Scenes with known answers, as builders: for `bench`, `verify`, examples and tests. SI units, Z up."""
 
 from simwarp.scenes.contact import (
+    ANT_LIMB_RADIUS,
     ant,
     arch,
     bouncing_balls,
@@ -30,12 +31,14 @@ from simwarp.scenes.mechanisms import (
     pendulum,
     slider_crank,
 )
-from simwarp.scenes.phantomx import hexapod
+from simwarp.scenes.phantomx import HEXAPOD_LIMIT, hexapod
 
 __all__ = [
     "ANDREWS_INITIAL",
     "ANDREWS_REFERENCE",
+    "ANT_LIMB_RADIUS",
     "FLIP_INTERVAL",
+    "HEXAPOD_LIMIT",
     "PENDULUM_PERIOD",
     "FourBar",
     "andrews",

@@ -7,6 +7,8 @@ parts = sw.vehicle.add_vehicle(builder, spec)
 
 from __future__ import annotations
 
+from simwarp.kernels.vehicle.tires.parameter_vector import Common as CommonTire
+from simwarp.kernels.vehicle.tires.parameter_vector import Tmeasy as TmeasyTire
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
@@ -29,6 +31,7 @@ load = load_vehicle
 __all__ = [
     "PAYLOAD",
     "VEHICLE_SOLVER",
+    "CommonTire",
     "Drive",
     "FollowSpec",
     "InteractiveDriver",
@@ -45,6 +48,7 @@ __all__ = [
     "Stanley",
     "Tire",
     "Tires",
+    "TmeasyTire",
     "TravelTable",
     "Vehicle",
     "VehicleParts",

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
-from ..registry import register
+from ..framework.registry import register
 from .base import BY_CAMERA, DrivingConfig, corners
 from .lapping import LappingConfig, LappingTask, Start
 
 if TYPE_CHECKING:
-    from simwarp.geometry.visual_mesh import VisualMesh
-    from simwarp.scenery import Track
+    from simwarp.scenery import Track, VisualMesh
     from simwarp.sensors import Visuals
 
 WIDTH = 12.5
@@ -99,8 +98,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
 
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
         """Return road and barriers."""
-        from simwarp.geometry.visual_mesh import joined
-        from simwarp.scenery import race_course
+        from simwarp.scenery import joined, race_course
 
         course = race_course(track)
         return joined([course.road, course.left.mesh, course.right.mesh])

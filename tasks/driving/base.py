@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, TypeVar
 import numpy as np
 import torch
 
-from simwarp.core.constraints import Ge, Gt, Lt, NotNegative, Positive
+from simwarp.tasks import Ge, Gt, Lt, NotNegative, Positive
 
-from ..config import TaskConfig
-from ..frames import heading_of, heading_quaternion, quat_product, rotate, tilt_to
-from ..simulation_access import Attachments
-from ..task import Task
+from ..framework.config import TaskConfig
+from ..framework.frames import heading_of, heading_quaternion, quat_product, rotate, tilt_to
+from ..framework.simulation_access import Attachments
+from ..framework.task import Task
 from .navigation import Navigation
 
 if TYPE_CHECKING:

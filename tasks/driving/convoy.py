@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 import torch
 
-from simwarp.core.constraints import Ge, Gt, Le, Positive
+from simwarp.tasks import Ge, Gt, Le, Positive
 
-from ..config import require
-from ..drawing import Drawing, Line
-from ..frames import heading_quaternion, to_heading
-from ..registry import register
+from ..framework.config import require
+from ..framework.drawing import Drawing, Line
+from ..framework.frames import heading_quaternion, to_heading
+from ..framework.registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, corners, outline
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan

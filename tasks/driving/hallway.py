@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
-from ..registry import register
+from ..framework.registry import register
 from .base import BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingTask
 
 if TYPE_CHECKING:
-    from simwarp.geometry.visual_mesh import VisualMesh
-    from simwarp.scenery import Track
+    from simwarp.scenery import Track, VisualMesh
     from simwarp.sensors import Lighting
     from simwarp.viewer import Shot
 
@@ -109,8 +108,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
 
     def course_mesh(self, track: Track, number: int) -> VisualMesh:
         """Return walls, floor, ceiling and cones."""
-        from simwarp.geometry.visual_mesh import joined
-        from simwarp.scenery import arranged, cone, corridor
+        from simwarp.scenery import arranged, cone, corridor, joined
 
         walls = corridor(track, width=CORRIDOR, seed=self.config.first_track + number)
         left, right = (

@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 
 import torch
 
-from simwarp.core.constraints import Ge, Gt, Le, Positive, Whole
+from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
-from ..drawing import Drawing, Line
-from ..frames import to_heading
+from ..framework.drawing import Drawing, Line
+from ..framework.frames import to_heading
 from .base import DrivingConfig, DrivingTask, outline
 from .routes import Routes
 
 if TYPE_CHECKING:
-    from simwarp.geometry.visual_mesh import VisualMesh
-    from simwarp.scenery import Track
+    from simwarp.scenery import Track, VisualMesh
     from simwarp.sensors import Scene, Visuals
 
 PREVIEW = 5

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from simwarp import Model
     from simwarp.vehicle import VehicleParts
 
-    from ..randomness import WorldRandom
+    from ..randomisation.randomness import WorldRandom
 
 PLACE_NOISE = 0.1
 """Of the receiver, per axis [m]."""

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
 
-from simwarp.core.constraints import Ge, Le, Positive
+from simwarp.tasks import Ge, Le, Positive
 
-from ..drawing import Drawing, Line
-from ..frames import to_heading
-from ..registry import register
+from ..framework.drawing import Drawing, Line
+from ..framework.frames import to_heading
+from ..framework.registry import register
 from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
 from .ranging import RangeFan
 

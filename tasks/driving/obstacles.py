@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import torch
 
-from ..drawing import Line
-from ..frames import heading_quaternion
+from ..framework.drawing import Line
+from ..framework.frames import heading_quaternion
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder
     from simwarp.scenery import Visual
     from simwarp.sensors import Scene, Visuals
 
-    from ..randomness import WorldRandom
+    from ..randomisation.randomness import WorldRandom
 
 UNDERGROUND = -100.0
 """Height of obstacles that do not take part [m]."""

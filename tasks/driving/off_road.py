@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
 
-from simwarp.core.constraints import Ge, Gt, Le, NotNegative
+from simwarp.tasks import Ge, Gt, Le, NotNegative
 
-from ..config import require
-from ..drawing import Drawing, Line
-from ..frames import to_heading
-from ..registry import register
+from ..framework.config import require
+from ..framework.drawing import Drawing, Line
+from ..framework.frames import to_heading
+from ..framework.registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
 from .hills import Hills
 from .obstacles import Kind, Obstacles

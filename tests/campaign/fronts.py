@@ -79,7 +79,7 @@ def _json(place: Place) -> st.SearchStrategy[Any]:
 
 def checkpoint_parts(place: Place) -> tuple[bytes, dict[str, Any], Callable[[dict[str, Any]], bytes]]:
     """A checkpoint's bytes, its content, and what makes bytes of another content."""
-    from simwarp.train.checkpoint import load_checkpoint, save_checkpoint
+    from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint
 
     path, again = place.material / "good" / "fast.pt", place.folder / "again.pt"
 
@@ -91,7 +91,7 @@ def checkpoint_parts(place: Place) -> tuple[bytes, dict[str, Any], Callable[[dic
 
 
 def _checkpoints(place: Place) -> st.SearchStrategy[Any]:
-    from simwarp.train.checkpoint import load_checkpoint
+    from simwarp.train.runs.checkpoint import load_checkpoint
 
     data, content, save = checkpoint_parts(place)
     flipped = strategies_files.byte_attacks(
@@ -106,7 +106,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _recordings(place: Place) -> st.SearchStrategy[Any]:
-    from simwarp.train.trajectories import load_trajectories
+    from simwarp.train.algorithm.trajectories import load_trajectories
 
     good = place.material / "good"
 

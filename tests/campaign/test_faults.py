@@ -8,9 +8,9 @@ import time
 import pytest
 
 from simwarp.tasks import InputError
-from simwarp.train.checkpoint import load_checkpoint
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_folder import latest_run
+from simwarp.train.runs.checkpoint import load_checkpoint
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_folder import latest_run
 from tests.campaign.faults import drafts, end, judge, note, run, small_disk, small_files, start, timed
 from tests.campaign.tally import Tally, campaign_seed
 from tests.tasks.test_kill_resume import same, wait_until

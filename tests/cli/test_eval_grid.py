@@ -15,9 +15,9 @@ from simwarp.cli.eval_report import Report
 from simwarp.cli.grids import grid_axes, grid_points
 from simwarp.cli.options import expand_shorthands, parse_options, task_options
 from simwarp.tasks import task_class
-from simwarp.train.evaluation import Evaluation, wilson_interval
-from simwarp.train.grid import GridPoint, GridSettings, PointResult
-from simwarp.train.policies import PolicySource
+from simwarp.train.evaluation.evaluation import Evaluation, wilson_interval
+from simwarp.train.evaluation.grid import GridPoint, GridSettings, PointResult
+from simwarp.train.networks.policies import PolicySource
 
 USUAL = {"episodes", "mean_return", "mean_episode_length", "success_rate", "success_ci95", "end_reasons"}
 

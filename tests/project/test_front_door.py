@@ -16,13 +16,21 @@ from simwarp.sensors.scene import AppearanceOptions
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "simwarp", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers", "simwarp.viewer",
-    "simwarp.tasks", "simwarp.train",
+    "simwarp.scenes", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
+    # these import libraries that are optional
+    "simwarp.tasks.adapters.sb3_adapter", "simwarp.tasks.adapters.skrl_adapter",
 }  # fmt: skip
 """The front door: their names do not move."""
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-TASKS = sorted((ROOT / "tasks").rglob("*.py"))
+TASKS = [
+    path
+    for folder in ("", "driving", "locomotion")
+    for path in sorted((ROOT / "tasks" / folder).glob("*.py"))
+    if path.name != "__init__.py"
+]
+"""What authors read before they write their own; framework and adapters use the core as every room does."""
 
 
 def imports(text: str) -> Iterator[tuple[str, list[str]]]:
@@ -78,3 +86,11 @@ def test_an_inner_module_is_found_out() -> None:
 def test_options_are_the_fields_they_stand_for(options: Any, config: Any) -> None:
     """Type checkers read them from a class of their own, which must not fall behind."""
     assert get_type_hints(options) == get_type_hints(config)
+
+
+def test_names_of_the_training_package_are_there() -> None:
+    from simwarp import train
+
+    assert sorted(name for names in train._HOMES.values() for name in names) == sorted(train.__all__)
+    for name in train.__all__:
+        assert getattr(train, name).__name__ == name

@@ -179,7 +179,7 @@ def test_imports_follow_the_direction(module):
         ("simwarp.vehicle.tire", "from ..sensors import camera"),
         ("simwarp.sensors.cameras.camera", "import simwarp.vehicle"),
         ("simwarp.sensors.cameras.camera", "import torch.nn"),
-        ("simwarp.tasks.ant", "from simwarp.train import runner"),
+        ("simwarp.tasks.locomotion.ant", "from simwarp.train import runner"),
         ("simwarp.train.runner", "from simwarp.cli import main"),
         ("simwarp.train.runner", "import tasks"),
     ],
@@ -197,7 +197,7 @@ def test_a_wrong_import_is_found(module, source):
         ),
         ("simwarp.model.model", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import torch"),
         ("simwarp.core.interop", "import torch"),
-        ("simwarp.tasks.ant", "import torch\nfrom simwarp import Simulation"),
+        ("simwarp.tasks.locomotion.ant", "import torch\nfrom simwarp import Simulation"),
         ("simwarp.cli", "from simwarp.train import runner"),
     ],
 )

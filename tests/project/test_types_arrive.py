@@ -9,7 +9,7 @@ import pytest
 MISTAKES = """
 import simwarp as sw
 from simwarp.tasks import Range, make
-from simwarp.train.training import train
+from simwarp.train.runs.training import train
 
 
 def weigh(model: sw.Model) -> float:

@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 import torch
 
-from simwarp.tasks import Task, TaskConfig, registry
+from simwarp.tasks import Task, TaskConfig
+from simwarp.tasks.framework import registry
 
 HEIGHT, WIDTH = 36, 40
 

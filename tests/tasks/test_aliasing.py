@@ -10,7 +10,7 @@ import warp as wp
 from tensordict import TensorDictBase
 
 from simwarp.tasks import Sensing, TaskVectorEnv, make
-from simwarp.train.vec_env import TaskVecEnv
+from simwarp.train.algorithm.vec_env import TaskVecEnv
 from tests.tasks.samples import counter
 
 STEPS = 9
@@ -40,7 +40,7 @@ def over_gymnasium(task):
 
 def over_sb3(task):
     pytest.importorskip("stable_baselines3", reason="the extra sb3 is not installed")
-    from simwarp.tasks.sb3_adapter import SB3VecEnv
+    from simwarp.tasks.adapters.sb3_adapter import SB3VecEnv
 
     env = SB3VecEnv(task)
     generator = np.random.default_rng(0)
@@ -52,7 +52,7 @@ def over_skrl(task):
     pytest.importorskip("skrl", reason="the extra skrl is not installed")
     from skrl.envs.wrappers.torch import wrap_env
 
-    from simwarp.tasks.skrl_adapter import true_next
+    from simwarp.tasks.adapters.skrl_adapter import true_next
 
     env = wrap_env(TaskVectorEnv(task), verbose=False)
 

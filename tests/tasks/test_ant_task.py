@@ -10,14 +10,14 @@ from rich.console import Console
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks import InputError, make
-from simwarp.tasks.ant import AntConfig, AntReward, AntTask, Orientation
-from simwarp.tasks.frames import euler_123, heading_quaternion, rotate_back
+from simwarp.tasks.framework.frames import euler_123, heading_quaternion, rotate_back
+from simwarp.tasks.locomotion.ant import AntConfig, AntReward, AntTask, Orientation
 from simwarp.train.config import default_config
-from simwarp.train.evaluation import evaluate
-from simwarp.train.policies import find_policy, network_policy
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_folder import RunFolder
-from simwarp.train.training import train
+from simwarp.train.evaluation.evaluation import evaluate
+from simwarp.train.networks.policies import find_policy, network_policy
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_folder import RunFolder
+from simwarp.train.runs.training import train
 
 
 def place(task, *, x=0.0, y=0.0, height=0.45, rotation=(0.0, 0.0, 0.0, 1.0), q=None, velocity=(0.0, 0.0, 0.0)):

@@ -11,9 +11,9 @@ import torch
 
 from simwarp import cli
 from simwarp.tasks import InputError
-from simwarp.train.checkpoint import checkpoint_bytes, load_checkpoint, save_checkpoint, sealed, slim
-from simwarp.train.policies import SHIPPED
-from simwarp.train.run_folder import RunFolder
+from simwarp.train.networks.policies import SHIPPED
+from simwarp.train.runs.checkpoint import checkpoint_bytes, load_checkpoint, save_checkpoint, sealed, slim
+from simwarp.train.runs.run_folder import RunFolder
 from tests.tasks.trained_run import run
 
 

@@ -11,14 +11,14 @@ from rich.console import Console
 from simwarp import cli
 from simwarp.core.files import FileError
 from simwarp.tasks import make, replace_fields, task_class
-from simwarp.train.checkpoint import load_checkpoint, save_checkpoint
-from simwarp.train.cloning import CloneConfig, clone
+from simwarp.train.algorithm.cloning import CloneConfig, clone
+from simwarp.train.algorithm.trainer import Trainer
+from simwarp.train.algorithm.trajectories import load_trajectories, record, save_trajectories
 from simwarp.train.config import NetworkKind, Objective, default_config
-from simwarp.train.evaluation import evaluate
-from simwarp.train.policies import network_policy
-from simwarp.train.trainer import Trainer
-from simwarp.train.training import train
-from simwarp.train.trajectories import load_trajectories, record, save_trajectories
+from simwarp.train.evaluation.evaluation import evaluate
+from simwarp.train.networks.policies import network_policy
+from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint
+from simwarp.train.runs.training import train
 from tests.tasks.camera_task import camera_task
 from tests.tasks.samples import counter
 

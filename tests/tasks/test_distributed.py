@@ -9,19 +9,19 @@ import pytest
 import torch
 
 from simwarp.tasks import InputError
-from simwarp.train.checkpoint import load_checkpoint
-from simwarp.train.distributed import Processes, processes
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_folder import RunFolder, latest_run
+from simwarp.train.algorithm.distributed import Processes, processes
+from simwarp.train.runs.checkpoint import load_checkpoint
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_folder import RunFolder, latest_run
 
 WORKER = """
 import sys, torch, warp as wp
 from pathlib import Path
 from rich.console import Console
 from simwarp.tasks import replace_fields, task_class
-from simwarp.train import training
+from simwarp.train.runs import training
 from simwarp.train.config import Objective, default_config
-from simwarp.train.distributed import processes
+from simwarp.train.algorithm.distributed import processes
 
 out, *phases = sys.argv[1:]
 rank = processes().rank

@@ -12,7 +12,7 @@ from benchmarks.comparing import Budget, Quantity
 from simwarp.tasks import replace_fields
 from simwarp.tasks.driving.base import Frame, Observing
 from simwarp.tasks.driving.lapping import Start
-from simwarp.tasks.uncertainty import Curriculum, Driver
+from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver
 from simwarp.train.config import NetworkKind
 
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "driving_ablations.py"

@@ -12,7 +12,7 @@ import torch
 from simwarp.core.interop import to_torch
 from simwarp.tasks import InputError, TaskVectorEnv, make
 from simwarp.tasks.driving.off_road import GROUND_TEXTURES
-from simwarp.tasks.uncertainty import Curriculum, Driver, Range
+from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver, Range
 from tests.tasks import test_gym_conformance as rules
 from tests.tasks.driving_checks import NAMES, SMALL, driving, held, obstacle_corners, random_actions
 

@@ -12,7 +12,7 @@ import torch
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks.driving.convoy import DURATION
-from simwarp.tasks.frames import to_heading
+from simwarp.tasks.framework.frames import to_heading
 from tests.tasks.driving_checks import NAMES, chase, drive, driving, held, random_actions, reason, term
 
 

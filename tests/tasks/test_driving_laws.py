@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
-from simwarp.tasks.replay import replay
-from simwarp.tasks.uncertainty import Curriculum, Driver
+from simwarp.tasks.framework.replay import replay
+from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver
 from tests.tasks.driving_checks import NAMES, SMALL, copied, driving, random_actions
 
 STEPS = 8

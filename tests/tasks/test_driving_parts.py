@@ -12,7 +12,7 @@ from simwarp.scenery.tracks import indoor_track, race_track
 from simwarp.tasks.driving.navigation import PLACE_NOISE, RATE_BIAS, RATE_NOISE, SPEED_NOISE
 from simwarp.tasks.driving.ranging import RangeFan
 from simwarp.tasks.driving.routes import Routes
-from simwarp.tasks.frames import heading_of, heading_quaternion, rotate, tilt_to
+from simwarp.tasks.framework.frames import heading_of, heading_quaternion, rotate, tilt_to
 from tests.reference.routes import first_hit, nearest_on_path, place_at
 from tests.tasks.driving_checks import (
     SMALL,

@@ -5,10 +5,10 @@ import json
 import pytest
 
 from simwarp.tasks import config_to_plain, make, replace_fields, task_class
-from simwarp.train.checkpoint import load_checkpoint
 from simwarp.train.config import task_config_from_plain
-from simwarp.train.evaluation import evaluate
-from simwarp.train.policies import SHIPPED, find_policy, network_policy
+from simwarp.train.evaluation.evaluation import evaluate
+from simwarp.train.networks.policies import SHIPPED, find_policy, network_policy
+from simwarp.train.runs.checkpoint import load_checkpoint
 from tests.tasks.driving_checks import NAMES
 
 POLICIES = sorted(path.stem for path in SHIPPED.glob("*.*.pt"))

@@ -9,14 +9,14 @@ from rich.console import Console
 
 from simwarp.core.files import FileError
 from simwarp.tasks import InputError, make, replace_fields, task_class
-from simwarp.train import policies
-from simwarp.train.checkpoint import load_checkpoint, save_checkpoint, slim
 from simwarp.train.config import default_config
-from simwarp.train.evaluation import evaluate, evaluate_with_baselines, wilson_interval
-from simwarp.train.filming import Film
-from simwarp.train.play import check_video_path, record, write_picture, write_video
-from simwarp.train.policies import find_policy, network_policy, random_policy, zero_policy
-from simwarp.train.training import train
+from simwarp.train.evaluation.evaluation import evaluate, evaluate_with_baselines, wilson_interval
+from simwarp.train.evaluation.filming import Film
+from simwarp.train.evaluation.play import check_video_path, record, write_picture, write_video
+from simwarp.train.networks import policies
+from simwarp.train.networks.policies import find_policy, network_policy, random_policy, zero_policy
+from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint, slim
+from simwarp.train.runs.training import train
 from tests.tasks.samples import Counter, SampleConfig
 
 
@@ -162,7 +162,7 @@ def test_the_shipped_pendulum_policy_solves_the_pendulum(tmp_path):
 
 
 def test_shipping_writes_the_actor_and_where_it_came_from(trained, tmp_path):
-    from simwarp.train.shipping import ship
+    from simwarp.train.networks.shipping import ship
 
     run = find_policy("fast", None, trained).path.parents[1]
     record = ship(run, tmp_path)

@@ -8,11 +8,11 @@ import torch
 
 from simwarp import cli
 from simwarp.tasks import make, replace_fields
-from simwarp.train import export
-from simwarp.train.checkpoint import save_checkpoint
+from simwarp.train.algorithm.trainer import Trainer, TrainingError
 from simwarp.train.config import Cell, NetworkKind, TrainConfig
-from simwarp.train.export import ExportFormat, export_policy, load_exported
-from simwarp.train.trainer import Trainer, TrainingError
+from simwarp.train.networks import export
+from simwarp.train.networks.export import ExportFormat, export_policy, load_exported
+from simwarp.train.runs.checkpoint import save_checkpoint
 from tests.tasks.camera_task import CameraConfig, camera_task
 
 __all__ = ["camera_task"]

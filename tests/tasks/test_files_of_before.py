@@ -9,11 +9,11 @@ import pytest
 
 import simwarp as sw
 from simwarp.core import renames
+from simwarp.tasks.framework.replay import replay
 from simwarp.tasks.pendulum import PendulumConfig
-from simwarp.tasks.replay import replay
-from simwarp.train.checkpoint import load_checkpoint
+from simwarp.train.algorithm.trajectories import load_trajectories
 from simwarp.train.config import task_config_from_plain
-from simwarp.train.trajectories import load_trajectories
+from simwarp.train.runs.checkpoint import load_checkpoint
 
 BEFORE = Path(__file__).parents[1] / "data" / "before"
 
@@ -39,7 +39,7 @@ def test_a_checkpoint_is_read_with_one_warning() -> None:
 def test_a_run_goes_on(tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(BEFORE / "run", run)
-    from simwarp.train.run_folder import open_run
+    from simwarp.train.runs.run_folder import open_run
 
     saved = open_run(run).load_config()
     assert saved["task_config"]["quirks"] is True

@@ -11,9 +11,9 @@ from PIL import Image
 
 from simwarp import cli
 from simwarp.tasks import InputError, Task, make
-from simwarp.train.filming import Film, film_still, film_strip
-from simwarp.train.play import record, write_picture, write_video
-from simwarp.train.policies import zero_policy
+from simwarp.train.evaluation.filming import Film, film_still, film_strip
+from simwarp.train.evaluation.play import record, write_picture, write_video
+from simwarp.train.networks.policies import zero_policy
 from simwarp.viewer import FollowCamera
 
 

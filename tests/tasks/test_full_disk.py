@@ -17,16 +17,16 @@ import torch
 from simwarp import cli
 from simwarp.core.files import OutputError
 from simwarp.tasks import InputError, make
-from simwarp.train import training
-from simwarp.train.checkpoint import load_checkpoint, save_checkpoint, slim
+from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import LoggerKind
-from simwarp.train.mp4 import write_mp4
-from simwarp.train.play import check_video_path
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_files import append_whole
-from simwarp.train.run_folder import RunFolder
-from simwarp.train.run_lock import LOCK
-from simwarp.train.trainer import Trainer
+from simwarp.train.evaluation.mp4 import write_mp4
+from simwarp.train.evaluation.play import check_video_path
+from simwarp.train.runs import training
+from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint, slim
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_files import append_whole
+from simwarp.train.runs.run_folder import RunFolder
+from simwarp.train.runs.run_lock import LOCK
 from tests.tasks.trained_run import run
 
 
@@ -270,7 +270,7 @@ def test_outputs_are_looked_at_before_any_work(policy, capsys, monkeypatch, name
         path = f"folder{suffix}"
     before = sorted(str(item) for item in policy.rglob("*"))
     command = COMMANDS.get(name, ["clone", "fast", "--data", "policy.pt", "--output"])
-    for module in ("simwarp.train.play", "simwarp.train.trajectories"):
+    for module in ("simwarp.train.evaluation.play", "simwarp.train.algorithm.trajectories"):
         monkeypatch.setattr(f"{module}.record", lambda *_: pytest.fail("work began"))
     assert cli.main([*command, path]) == 2
     assert "Traceback" not in one_line(capsys)

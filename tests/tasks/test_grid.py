@@ -12,10 +12,10 @@ from PIL import Image
 from rich.console import Console
 
 from simwarp.tasks import Drawing, Line, make, task_class
-from simwarp.train import grid_plot, maps, progress
-from simwarp.train.driven_paths import PathRecorder
-from simwarp.train.evaluation import Evaluation, evaluate, evaluate_policies
-from simwarp.train.grid import (
+from simwarp.train.evaluation import grid_plot, maps
+from simwarp.train.evaluation.driven_paths import PathRecorder
+from simwarp.train.evaluation.evaluation import Evaluation, evaluate, evaluate_policies
+from simwarp.train.evaluation.grid import (
     EvaluationStoppedError,
     GridDisplay,
     GridPoint,
@@ -24,8 +24,9 @@ from simwarp.train.grid import (
     axes_of,
     evaluate_grid,
 )
-from simwarp.train.policies import zero_policy
-from simwarp.train.stopping import StopRequest
+from simwarp.train.networks.policies import zero_policy
+from simwarp.train.runs import progress
+from simwarp.train.runs.stopping import StopRequest
 from tests.tasks.samples import counter
 
 

@@ -20,7 +20,7 @@ from gymnasium.wrappers.vector import (
 )
 
 from simwarp.tasks import TaskVectorEnv, task_names
-from simwarp.tasks.gym_env import env_id
+from simwarp.tasks.adapters.gym_env import env_id
 
 NAMES = [name for name in ("ant", "fast", "hexapod", "pendulum") if name in task_names()]
 WORLDS = 4

@@ -14,12 +14,12 @@ from simwarp.core.interop import to_torch
 from simwarp.core.rotation import matrix_of
 from simwarp.scenes import hexapod, phantomx
 from simwarp.tasks import InputError, make
-from simwarp.tasks.frames import Orientation, euler_123, rotate_back
-from simwarp.tasks.hexapod import HexapodConfig, HexapodReward, HexapodTask
+from simwarp.tasks.framework.frames import Orientation, euler_123, rotate_back
+from simwarp.tasks.locomotion.hexapod import HexapodConfig, HexapodReward, HexapodTask
 from simwarp.train.config import default_config
-from simwarp.train.evaluation import evaluate
-from simwarp.train.policies import SHIPPED, find_policy, network_policy
-from simwarp.train.training import train
+from simwarp.train.evaluation.evaluation import evaluate
+from simwarp.train.networks.policies import SHIPPED, find_policy, network_policy
+from simwarp.train.runs.training import train
 
 WEIGHT = 1.4778 * 9.81
 # Left for right: legs 1 to 3 are right, 4 to 6 left; hips turn the other way, femurs and tibias the same

@@ -14,10 +14,10 @@ import torch
 from simwarp import cli
 from simwarp.core.files import FileError
 from simwarp.tasks import InputError, make
-from simwarp.tasks.npz import read_arrays, write_arrays
-from simwarp.tasks.replay import replay
-from simwarp.train.policies import zero_policy
-from simwarp.train.trajectories import load_trajectories, record, save_trajectories
+from simwarp.tasks.framework.npz import read_arrays, write_arrays
+from simwarp.tasks.framework.replay import replay
+from simwarp.train.algorithm.trajectories import load_trajectories, record, save_trajectories
+from simwarp.train.networks.policies import zero_policy
 
 # ---- any file of arrays ----------------------------------------------------------------------------------------------
 

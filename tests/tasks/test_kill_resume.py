@@ -13,9 +13,9 @@ import pytest
 import torch
 
 from simwarp.core.files import DRAFT_PREFIX
-from simwarp.train.checkpoint import load_checkpoint
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_folder import latest_run
+from simwarp.train.runs.checkpoint import load_checkpoint
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_folder import latest_run
 
 INTERVAL = 3
 OPTIONS = ["--device", "cpu", "--num-envs", "16", "--steps-per-iteration", "4", "--save-interval", str(INTERVAL)]
@@ -128,7 +128,7 @@ def test_a_process_killed_while_it_writes_leaves_the_old_file(tmp_path):
     script = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from simwarp.train.run_files import write_run_file\n"
+        "from simwarp.train.runs.run_files import write_run_file\n"
         "Path.replace = lambda *_: (print('here', flush=True), time.sleep(60))\n"
         "write_run_file(Path(sys.argv[1]), b'new')\n"
     )

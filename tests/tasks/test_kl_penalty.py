@@ -7,13 +7,13 @@ import torch
 from rich.console import Console
 
 from simwarp.tasks import make, replace_fields, task_class
-from simwarp.train.checkpoint import load_checkpoint
+from simwarp.train.algorithm.kl_penalty import KLPenaltyPPO, Penalty
+from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import Objective, default_config
-from simwarp.train.kl_penalty import KLPenaltyPPO, Penalty
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_folder import RunFolder
-from simwarp.train.trainer import Trainer
-from simwarp.train.training import train
+from simwarp.train.runs.checkpoint import load_checkpoint
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_folder import RunFolder
+from simwarp.train.runs.training import train
 
 QUIET = Console(quiet=True)
 

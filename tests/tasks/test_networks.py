@@ -7,13 +7,13 @@ import torch
 from rich.console import Console
 
 from simwarp.tasks import InputError, make, replace_fields, task_class
-from simwarp.train.checkpoint import load_checkpoint
+from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import NetworkKind, TrainConfig, default_config
-from simwarp.train.evaluation import evaluate
-from simwarp.train.networks import NatureEncoder, nature_size, thesis_sizes
-from simwarp.train.policies import network_policy
-from simwarp.train.trainer import Trainer
-from simwarp.train.training import train
+from simwarp.train.evaluation.evaluation import evaluate
+from simwarp.train.networks.networks import NatureEncoder, nature_size, thesis_sizes
+from simwarp.train.networks.policies import network_policy
+from simwarp.train.runs.checkpoint import load_checkpoint
+from simwarp.train.runs.training import train
 from tests.tasks.camera_task import CameraConfig, camera_task
 
 __all__ = ["camera_task"]

@@ -7,7 +7,7 @@ import torch
 
 from simwarp import cli
 from simwarp.tasks.pendulum import PendulumTask
-from simwarp.train.checkpoint import load_checkpoint, save_checkpoint, slim
+from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint, slim
 from tests.tasks.trained_run import run
 
 TRAIN = ["--device", "cpu", "--num-envs", "4", "--steps-per-iteration", "4", "--logger", "csv"]

@@ -7,8 +7,8 @@ import torch
 
 from simwarp.tasks import InputError, make, replace_fields
 from simwarp.tasks.pendulum import PendulumConfig
-from simwarp.train.evaluation import evaluate
-from simwarp.train.policies import random_policy, zero_policy
+from simwarp.train.evaluation.evaluation import evaluate
+from simwarp.train.networks.policies import random_policy, zero_policy
 
 CART, POLE, INERTIA, ARM, GRAVITY = 0.1, 0.785398, 0.262290, 1.0, 9.81
 

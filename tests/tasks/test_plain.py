@@ -11,9 +11,9 @@ import pytest
 import torch
 
 from simwarp.tasks import Range, config_from_plain, config_to_plain, task_class, task_names
-from simwarp.tasks.errors import InputError
-from simwarp.tasks.plain import typed
-from simwarp.tasks.saved_state import check_like
+from simwarp.tasks.framework.errors import InputError
+from simwarp.tasks.framework.plain import typed
+from simwarp.tasks.framework.saved_state import check_like
 from simwarp.train.config import TrainConfig, default_config
 
 KINDS = [TrainConfig, *(task_class(name).config_type for name in task_names())]

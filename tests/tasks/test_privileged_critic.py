@@ -7,13 +7,13 @@ import torch
 from rich.console import Console
 
 from simwarp.tasks import InputError, make, replace_fields
-from simwarp.train.checkpoint import load_checkpoint
+from simwarp.train.algorithm.trainer import Trainer
+from simwarp.train.algorithm.vec_env import TaskVecEnv
 from simwarp.train.config import CriticSees, NetworkKind, TrainConfig, default_config
-from simwarp.train.networks import ImageModel, Perceptron
-from simwarp.train.policies import network_policy
-from simwarp.train.trainer import Trainer
-from simwarp.train.training import train
-from simwarp.train.vec_env import TaskVecEnv
+from simwarp.train.networks.networks import ImageModel, Perceptron
+from simwarp.train.networks.policies import network_policy
+from simwarp.train.runs.checkpoint import load_checkpoint
+from simwarp.train.runs.training import train
 from tests.tasks.camera_task import CameraTask, camera_task
 from tests.tasks.driving_checks import NAMES, driving
 

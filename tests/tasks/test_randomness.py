@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from simwarp.tasks.randomness import WorldRandom, mix64, mix64_
+from simwarp.tasks.randomisation.randomness import WorldRandom, mix64, mix64_
 
 GAMMA = 0x9E3779B97F4A7C15
 

@@ -11,8 +11,8 @@ from rich.console import Console
 from simwarp import cli
 from simwarp.core.files import FileError
 from simwarp.tasks import InputError
-from simwarp.train.progress_table import ProgressTable, read_progress
-from simwarp.train.run_folder import RunFolder, check_root, latest_run
+from simwarp.train.runs.progress_table import ProgressTable, read_progress
+from simwarp.train.runs.run_folder import RunFolder, check_root, latest_run
 from tests.tasks.trained_run import QUIET, run
 
 

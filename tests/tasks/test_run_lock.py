@@ -12,9 +12,9 @@ from rich.console import Console
 
 from simwarp import cli
 from simwarp.tasks import InputError
-from simwarp.train import run_lock, training
-from simwarp.train.run_lock import LOCK, Writer, started, writing
-from simwarp.train.trainer import TrainingError
+from simwarp.train.algorithm.trainer import TrainingError
+from simwarp.train.runs import run_lock, training
+from simwarp.train.runs.run_lock import LOCK, Writer, started, writing
 from tests.tasks.trained_run import QUIET, run
 
 

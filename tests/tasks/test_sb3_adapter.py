@@ -12,7 +12,7 @@ pytest.importorskip("stable_baselines3", reason="the extra sb3 is not installed"
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 
-from simwarp.tasks.sb3_adapter import SB3VecEnv
+from simwarp.tasks.adapters.sb3_adapter import SB3VecEnv
 
 
 def still(env):

@@ -11,7 +11,7 @@ pytest.importorskip("skrl", reason="the extra skrl is not installed")
 
 from skrl.envs.wrappers.torch import wrap_env
 
-from simwarp.tasks.skrl_adapter import FinalObservations, true_next
+from simwarp.tasks.adapters.skrl_adapter import FinalObservations, true_next
 
 
 class Recorder:

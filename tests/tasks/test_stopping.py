@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from simwarp.train.stopping import stop_on_signals
+from simwarp.train.runs.stopping import stop_on_signals
 
 
 @pytest.fixture(params=[signal.SIGINT, signal.SIGTERM])

@@ -8,7 +8,7 @@ import torch
 
 from simwarp.core.files import FileError
 from simwarp.tasks import InputError, Range, make
-from simwarp.tasks.replay import replay
+from simwarp.tasks.framework.replay import replay
 
 
 def guard_of(task):

@@ -13,17 +13,17 @@ import torch
 from rich.console import Console
 
 from simwarp.tasks import InputError, config_to_plain, make, replace_fields, task_class
-from simwarp.train.checkpoint import load_checkpoint, save_checkpoint
+from simwarp.train.algorithm.trainer import Trainer, TrainingError
 from simwarp.train.config import (
     default_config,
     rsl_rl_config,
     task_config_from_plain,
     train_config_from_plain,
 )
-from simwarp.train.progress_table import ProgressTable, read_progress
-from simwarp.train.run_folder import latest_run, open_run
-from simwarp.train.trainer import Trainer, TrainingError
-from simwarp.train.training import train
+from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint
+from simwarp.train.runs.progress_table import ProgressTable, read_progress
+from simwarp.train.runs.run_folder import latest_run, open_run
+from simwarp.train.runs.training import train
 
 QUIET = Console(quiet=True)
 
@@ -198,7 +198,7 @@ def test_every_key_for_rsl_rl_is_one_it_knows():
     from rsl_rl.algorithms import PPO
     from rsl_rl.models import MLPModel
 
-    from simwarp.train.networks import Perceptron
+    from simwarp.train.networks.networks import Perceptron
 
     settings = rsl_rl_config(small(), ["policy"])
     ppo, model = (

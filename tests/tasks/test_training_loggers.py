@@ -10,9 +10,9 @@ from rich.console import Console
 from simwarp import cli
 from simwarp.tasks import InputError, replace_fields, task_class
 from simwarp.train.config import LoggerKind, default_config
-from simwarp.train.progress_table import read_progress
-from simwarp.train.run_folder import RunFolder
-from simwarp.train.training import train
+from simwarp.train.runs.progress_table import read_progress
+from simwarp.train.runs.run_folder import RunFolder
+from simwarp.train.runs.training import train
 
 QUIET = Console(quiet=True)
 

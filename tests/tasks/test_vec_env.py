@@ -10,8 +10,8 @@ from tensordict import TensorDict
 
 import simwarp.tasks as tasks
 from simwarp.tasks import Sensing
+from simwarp.train.algorithm.vec_env import TaskVecEnv
 from simwarp.train.config import TrainConfig, rsl_rl_config
-from simwarp.train.vec_env import TaskVecEnv
 
 STEPS = 6
 

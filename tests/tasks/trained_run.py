@@ -4,8 +4,8 @@ from rich.console import Console
 
 from simwarp.tasks import replace_fields, task_class
 from simwarp.train.config import default_config
-from simwarp.train.run_folder import open_run
-from simwarp.train.training import train
+from simwarp.train.runs.run_folder import open_run
+from simwarp.train.runs.training import train
 
 QUIET = Console(quiet=True)
 SMALL = {

@@ -108,14 +108,14 @@ def test_the_scratch_has_room_for_all_rows_whatever_is_dense(solver, fallback):
             model, 5e-3, solver=sw.SolverOptions(solver=solver, fallback=fallback, dense_rows=dense_rows)
         )
         rows = 3 * model.contact_capacity
-        room: Any = sim._scratch
+        scratch: Any = sim._scratch
         dense = min(rows, dense_rows)
-        assert room.s.shape[1] >= dense
-        assert room.vectors.shape[2] >= rows
+        assert scratch.cone_s.shape[1] >= dense
+        assert scratch.cone_vectors.shape[2] >= rows
         if solver != "apgd" or fallback is not False:  # in this model masses differ by more than 100
-            assert room.kept.shape[1] >= rows
-            assert room.factor.shape[1] >= dense
-            assert room.wide.shape[2] >= dense
+            assert scratch.kept.shape[1] >= rows
+            assert scratch.cone_factor.shape[1] >= dense
+            assert scratch.cone_wide.shape[2] >= dense
         assert step_sizes(model, dense_rows, True).kept_rows == rows
 
 

@@ -1,0 +1,1 @@
+"""Tasks as environments of other libraries: Gymnasium, Stable-Baselines3, skrl."""

@@ -1,0 +1,198 @@
+"""Gymnasium over a task: a batched ``VectorEnv`` and a single-world ``Env``.
+
+Ids are ``simwarp/Pendulum-v0`` and so on; importing ``simwarp.tasks`` registers them. Both return NumPy copies, so that
+nothing a user keeps changes under them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from ..framework.registry import make, task_names
+from ..framework.task import StepResult, Task
+
+Observation = Any
+"""One array where the only group is ``policy``, else a dict of arrays."""
+
+
+def _box(shape: tuple[int, ...], dtype: torch.dtype) -> gym.spaces.Box:
+    numpy_dtype = np.dtype(str(dtype).removeprefix("torch."))
+    if dtype == torch.bool:
+        return gym.spaces.Box(0, 1, shape, np.bool_)  # type: ignore[arg-type]
+    if dtype.is_floating_point:
+        return gym.spaces.Box(-np.inf, np.inf, shape, numpy_dtype.type)
+    limits = np.iinfo(numpy_dtype)
+    return gym.spaces.Box(limits.min, limits.max, shape, numpy_dtype.type)
+
+
+def observation_space(task: Task[Any]) -> gym.Space[Any]:
+    """Return the space of one world's observation: a Box for ``policy`` alone, else a Dict."""
+    boxes: dict[str, gym.Space[Any]] = {
+        name: _box(shape, task.observation_dtypes[name]) for name, shape in task.observation_shapes.items()
+    }
+    return boxes["policy"] if list(boxes) == ["policy"] else gym.spaces.Dict(boxes)
+
+
+def action_space(task: Task[Any]) -> gym.spaces.Box:
+    """Return the space of one world's action: [-1, 1] per component."""
+    return gym.spaces.Box(-1.0, 1.0, (task.action_size,), np.float32)
+
+
+def to_numpy(groups: dict[str, torch.Tensor]) -> Observation:
+    """Copy observation groups to the host."""
+    arrays = {name: np.array(group.detach().cpu().numpy()) for name, group in groups.items()}
+    return arrays["policy"] if list(arrays) == ["policy"] else arrays
+
+
+class TaskVectorEnv(VectorEnv[Any, Any, Any]):
+    """A task as a Gymnasium ``VectorEnv`` with same-step auto-reset.
+
+    Where an episode ended, ``info["final_obs"]`` holds the true last observation of that world (an object array, as
+    Gymnasium's own vector environments have it) and ``info["final_info"]`` its return, length and end reason.
+
+    Args:
+        task: name of a registered task, or a task.
+        num_envs: number of worlds, for a name.
+        device: device, for a name.
+        seed: seed, for a name; ``reset(seed=...)`` replaces it.
+        max_episode_steps: replaces the task's own limit.
+        overrides: fields of the task's configuration.
+    """
+
+    def __init__(
+        self,
+        task: str | Task[Any],
+        num_envs: int = 1,
+        *,
+        device: str = "cpu",
+        seed: int = 0,
+        max_episode_steps: int | None = None,
+        **overrides: Any,
+    ) -> None:
+        if max_episode_steps is not None:
+            overrides["max_episode_steps"] = max_episode_steps
+        self.task = make(task, num_envs, device=device, seed=seed, **overrides) if isinstance(task, str) else task
+        self.task.keep_final_observations = True
+        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+        self.num_envs = self.task.num_worlds
+        self.single_observation_space = observation_space(self.task)
+        self.single_action_space = action_space(self.task)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._returns = np.zeros(self.num_envs)
+        self._lengths = np.zeros(self.num_envs, dtype=np.int64)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin new episodes everywhere; with a seed the same ones again."""
+        super().reset(seed=seed)
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
+        return to_numpy(self.task.restart(seed=seed)), {}
+
+    def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
+        """Advance all worlds; ``actions`` is (W, A)."""
+        batch = torch.as_tensor(np.asarray(actions, dtype=np.float32), device=self.task.device)
+        result = self.task.step(batch)
+        rewards = result.rewards.cpu().numpy().copy()
+        terminated = result.terminated.cpu().numpy().copy()
+        truncated = result.truncated.cpu().numpy().copy()
+        self._returns += rewards
+        self._lengths += 1
+        infos = self._final_infos(result, terminated | truncated)
+        return to_numpy(result.observations), rewards, terminated, truncated, infos
+
+    def _final_infos(self, result: StepResult, ended: np.ndarray[Any, Any]) -> dict[str, Any]:
+        infos: dict[str, Any] = {}
+        if not ended.any():
+            return infos
+        non_finite = result.non_finite.cpu().numpy()
+        assert result.final_observations is not None
+        final = to_numpy(result.final_observations)
+        reason = result.end_reason.cpu().numpy()
+        success = result.success.cpu().numpy()
+        for world in np.flatnonzero(ended):
+            index = int(world)
+            last = {key: value[index] for key, value in final.items()} if isinstance(final, dict) else final[index]
+            final_info = {
+                "return": float(self._returns[index]),
+                "length": int(self._lengths[index]),
+                "end_reason": self.task.end_reasons[reason[index]],
+                "success": bool(success[index]),
+                "non_finite": bool(non_finite[index]),
+            }
+            infos = self._add_info(infos, {"final_obs": last, "final_info": final_info}, index)
+        self._returns[ended] = 0.0
+        self._lengths[ended] = 0
+        return infos
+
+
+class TaskEnv(gym.Env[Any, Any]):
+    """One world of a task as a Gymnasium ``Env``: no auto-reset is visible.
+
+    Args:
+        task: name of a registered task.
+        device: device name.
+        seed: seed; ``reset(seed=...)`` replaces it.
+        overrides: fields of the task's configuration.
+    """
+
+    def __init__(self, task: str, *, device: str = "cpu", seed: int = 0, **overrides: Any) -> None:
+        self.task = make(task, 1, device=device, seed=seed, **overrides)
+        self.metadata = {"render_modes": []}
+        self.observation_space = observation_space(self.task)
+        self.action_space = action_space(self.task)
+
+    def _first(self, observation: Observation) -> Observation:
+        return (
+            {key: value[0] for key, value in observation.items()} if isinstance(observation, dict) else observation[0]
+        )
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a new episode; with a seed the same one again."""
+        super().reset(seed=seed)
+        return self._first(to_numpy(self.task.restart(seed=seed))), {}
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Advance the world; ``action`` is (A,)."""
+        batch = torch.as_tensor(np.asarray(action, dtype=np.float32), device=self.task.device).reshape(1, -1)
+        result = self.task.step(batch)
+        terminated, truncated = bool(result.terminated.item()), bool(result.truncated.item())
+        info: dict[str, Any] = {}
+        groups = result.observations
+        if terminated or truncated:
+            # The world has already been reset; what ended is shown, and the caller resets as Gymnasium asks
+            assert result.final_observations is not None
+            groups = result.final_observations
+            info["end_reason"] = self.task.end_reasons[int(result.end_reason.item())]
+        return self._first(to_numpy(groups)), float(result.rewards.item()), terminated, truncated, info
+
+
+def env_id(task_name: str) -> str:
+    """Return the Gymnasium id of a task: ``simwarp/Pendulum-v0`` for ``pendulum``."""
+    return f"simwarp/{''.join(part.capitalize() for part in task_name.split('-'))}-v0"
+
+
+def register_envs() -> None:
+    """Register every task with Gymnasium; called when ``simwarp.tasks`` is imported, harmless when repeated."""
+    for name in task_names():
+        identity = env_id(name)
+        if identity in gym.registry:
+            continue
+        with contextlib.suppress(gym.error.Error):
+            gym.register(
+                identity,
+                entry_point="simwarp.tasks.adapters.gym_env:TaskEnv",
+                vector_entry_point="simwarp.tasks.adapters.gym_env:TaskVectorEnv",
+                kwargs={"task": name},
+            )

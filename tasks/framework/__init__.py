@@ -1,0 +1,1 @@
+"""Parts that every task shares: base class, configuration, registry, checks, crash dumps."""

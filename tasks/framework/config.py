@@ -1,0 +1,109 @@
+"""The configuration every task shares, and the checks its fields obey."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import json
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, TypeVar
+
+import tyro
+
+from simwarp.core.constraints import Count, Ge, Le, NotNegative, Positive
+from simwarp.core.files import parse_json
+from simwarp.core.types import shown
+
+from ..randomisation.uncertainty import Curriculum, Delay, Range, Sensing
+from .errors import InputError, near_names
+from .plain import Settings, plain_value, typed
+
+ConfigT = TypeVar("ConfigT")
+
+
+def require(condition: bool, config: object, field: str, rule: str) -> None:
+    """Raise an :class:`InputError` that names the field, the rule and the value, unless it holds."""
+    if not condition:
+        value = getattr(config, field)
+        raise InputError(f"{field.replace('_', '-')} must be {rule}, got {shown(value)}")
+
+
+def replace_fields(config: ConfigT, changes: Mapping[str, Any]) -> ConfigT:
+    """Return ``config`` with some fields replaced; ``"ppo.gamma"`` reaches into a nested config.
+
+    Raises:
+        InputError: there is no such field, or the new value breaks its rule.
+    """
+    grouped: dict[str, dict[str, Any]] = {}
+    direct: dict[str, Any] = {}
+    names = {field.name for field in dataclasses.fields(config)}  # type: ignore[arg-type]
+    for key, value in changes.items():
+        head, _, rest = key.partition(".")
+        if head not in names:
+            raise InputError(f"{type(config).__name__} has no field '{head}'{near_names(head, names)}")
+        if rest:
+            grouped.setdefault(head, {})[rest] = value
+        else:
+            like = getattr(config, head)
+            direct[head] = typed(type(like), value, head.replace("_", "-")) if isinstance(like, enum.Enum) else value
+    for head, nested in grouped.items():
+        direct[head] = replace_fields(direct.get(head, getattr(config, head)), nested)
+    return dataclasses.replace(config, **direct)  # type: ignore[type-var]
+
+
+def _settings_by_name(arguments: list[str]) -> dict[str, Any]:
+    """Read one JSON object from the command line."""
+    value = parse_json(arguments[0], "JSON")
+    if not isinstance(value, dict):
+        raise ValueError('must be a JSON object: {"name": {"field": value}}')
+    return value
+
+
+def _as_json(value: Mapping[str, Any]) -> list[str]:
+    plain = {
+        name: dataclasses.asdict(entry) if dataclasses.is_dataclass(entry) and not isinstance(entry, type) else entry
+        for name, entry in value.items()
+    }
+    return [json.dumps(plain_value(plain))]
+
+
+BY_NAME: Final = tyro.constructors.PrimitiveConstructorSpec(
+    nargs=1,
+    metavar="JSON",
+    instance_from_str=_settings_by_name,
+    is_instance=lambda value: isinstance(value, Mapping),
+    str_from_instance=_as_json,
+)
+"""A mapping from names to settings is one JSON object on the command line."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TaskConfig(Settings):
+    """Fields that every task has; a task adds its own in a frozen subclass."""
+
+    dt: Positive = 0.01
+    """Physics step [s]."""
+    substeps: Count = 1
+    """Sub-steps of dt / substeps inside one physics step."""
+    decimation: Annotated[int, Ge(1), Le(100_000)] = 1
+    """Physics steps per control step; one action lasts decimation * dt seconds."""
+    max_episode_steps: Annotated[int, Ge(1), Le(10**9)] = 1000
+    """Control steps after which an episode is truncated."""
+    action_rise_time: NotNegative | tuple[NotNegative, ...] = 0.0
+    """Time an action takes from 0 to 1 [s], of all components or of each: it moves towards what the policy asks for by
+    at most dt / rise time per physics step; 0 is at once."""
+    action_delay: Delay = (0, 0)
+    """Least and largest delay of the actions [control steps], drawn for every world and episode."""
+    guard_steps: Annotated[int, Ge(0), Le(10000)] = 100
+    """Control steps kept in memory for the dump of a world whose physics breaks down; 0 keeps none."""
+    randomise: Annotated[Mapping[str, Range], BY_NAME] = dataclasses.field(default_factory=dict)
+    """Model parameter -> range: what differs from world to world and from episode to episode."""
+    sensing: Annotated[Mapping[str, Sensing], BY_NAME] = dataclasses.field(default_factory=dict)
+    """Observation group -> noise, bias and delay."""
+    curriculum: Curriculum = dataclasses.field(default_factory=Curriculum)
+    """What moves the level of difficulty."""
+
+    @property
+    def control_dt(self) -> float:
+        """Time between two actions [s]."""
+        return self.dt * self.decimation

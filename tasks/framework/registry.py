@@ -1,0 +1,108 @@
+"""Registry of tasks: built-in ones, and those that installed packages offer."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from collections.abc import Callable
+from importlib import metadata
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from .config import TaskConfig, replace_fields
+from .devices import resolve_device
+from .errors import InputError, near_names
+
+if TYPE_CHECKING:
+    from .task import Task
+
+TaskT = TypeVar("TaskT", bound="type[Task[Any]]")
+
+ENTRY_POINT_GROUP = "simwarp.tasks"
+"""Entry points of this group are loaded once; loading one must register its tasks."""
+
+_DRIVING = ("barrier_track", "convoy", "hallway", "obstacle_avoidance", "off_road")
+_BUILTIN_MODULES = (
+    *(f"driving.{name}" for name in _DRIVING), "fast", "locomotion.ant", "locomotion.hexapod", "pendulum",
+)  # fmt: skip
+
+_tasks: dict[str, type[Task[Any]]] = {}
+_loaded: list[bool] = []
+
+
+def register(name: str) -> Callable[[TaskT], TaskT]:
+    """Class decorator: make a :class:`Task` known under ``name`` (lower case, digits, hyphens)."""
+    if not name or not all(c.islower() or c.isdigit() or c == "-" for c in name):
+        raise InputError(f"task name must be lower-case letters, digits and hyphens, got '{name}'")
+
+    def add(task: TaskT) -> TaskT:
+        known = _tasks.get(name)
+        if known is not None and (known.__module__, known.__qualname__) != (task.__module__, task.__qualname__):
+            raise InputError(
+                f"two tasks want the name '{name}': {known.__module__}.{known.__qualname__}"
+                f" and {task.__module__}.{task.__qualname__}; rename one"
+            )
+        _tasks[name] = task
+        task.name = name
+        return task
+
+    return add
+
+
+def _load_all() -> None:
+    if _loaded:
+        return
+    _loaded.append(True)
+    for module in _BUILTIN_MODULES:
+        importlib.import_module(f"simwarp.tasks.{module}")
+    for entry in metadata.entry_points(group=ENTRY_POINT_GROUP):
+        try:
+            entry.load()
+        except Exception as error:  # noqa: BLE001 - another package's defect must not take the built-in tasks away
+            warnings.warn(f"task entry point '{entry.name}' ({entry.value}) failed to load: {error!r}", stacklevel=3)
+
+
+def task_names() -> list[str]:
+    """Return the names of all tasks, sorted."""
+    _load_all()
+    return sorted(_tasks)
+
+
+def task_class(name: str) -> type[Task[Any]]:
+    """Return the class registered under ``name``.
+
+    Raises:
+        InputError: no such task; the message lists near names.
+    """
+    _load_all()
+    if name not in _tasks:
+        raise InputError(f"unknown task '{name}'{near_names(name, _tasks)}")
+    return _tasks[name]
+
+
+def make(
+    name: str,
+    num_worlds: int = 1,
+    *,
+    device: str = "cpu",
+    seed: int = 0,
+    config: TaskConfig | None = None,
+    first_world: int = 0,
+    **overrides: Any,
+) -> Task[Any]:
+    """Build a task with ``num_worlds`` worlds, reset and ready to step.
+
+    Args:
+        name: a registered task.
+        num_worlds: number of worlds W, at least 1.
+        device: ``cpu``, ``cuda``, ``cuda:N`` or ``auto``.
+        seed: seed of all randomness.
+        config: configuration; by default the task's own.
+        first_world: global index of world 0, where several processes share one batch.
+        overrides: single fields of the configuration.
+    """
+    cls = task_class(name)
+    chosen = cls.config_type() if config is None else config
+    if not isinstance(chosen, cls.config_type):
+        raise InputError(f"task '{name}' wants a {cls.config_type.__name__}, got {type(chosen).__name__}")
+    chosen = replace_fields(chosen, overrides)
+    return cls(chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)

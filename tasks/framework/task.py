@@ -1,0 +1,592 @@
+"""The base class of every task: the loop of one control step, episodes, and what is known about them.
+
+A task author writes ``build``, ``apply``, ``observations``, ``rewards``, ``terminations`` and ``reset``; all but
+``build`` work in torch on the device, for all worlds at once. None of them may read a tensor on the host
+(``.item()``, ``.any()`` in an ``if``, indexing by a boolean mask): that would make the device wait in every step.
+Choose with ``torch.where`` instead.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+import torch
+
+from simwarp.core.interop import shared_stream
+from simwarp.core.renames import warn_renamed
+
+from ..randomisation.randomising import check_ranges, drawn_parameters, randomiser_of
+from ..randomisation.randomness import WorldRandom
+from ..randomisation.sensing import DelayLine, Sensors
+from ..randomisation.uncertainty import Driver
+from .config import TaskConfig
+from .drawing import Drawing
+from .errors import InputError, TaskError
+from .guard import Guard
+from .interface_checks import check_action, check_flags, check_observations, check_terms
+from .limits import check_room, whole
+from .simulation_access import Attachments, PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
+from .statistics import EpisodeStatistics, EpisodeSummary
+
+if TYPE_CHECKING:
+    from simwarp import Model, ModelBuilder, SolverOptions
+    from simwarp.sensors import Lighting, Scene, Visuals
+    from simwarp.viewer import Shot
+
+ConfigT = TypeVar("ConfigT", bound=TaskConfig)
+
+TIME_LIMIT = "time_limit"
+NON_FINITE = "non_finite"
+
+
+@dataclasses.dataclass(frozen=True)
+class StepResult:
+    """Result of one control step. ``W`` worlds; worlds that ended have already been reset.
+
+    Attributes:
+        observations: group name -> (W, ...), of the new episode where one ended. May share memory with the
+            simulation: the next step overwrites it. The adapters hand out clones.
+        rewards: (W,) float32, the sum of the terms.
+        terminated: (W,) bool, ended by failure or goal: no future reward.
+        truncated: (W,) bool, cut off by the clock: the future is unknown, not empty. Never with ``terminated``.
+        end_reason: (W,) int64, index into ``Task.end_reasons``; -1 while the episode runs.
+        success: (W,) bool, the episode ended and counts as a success.
+        non_finite: (W,) bool, the physics of the world broke down in this step.
+        reward_terms: (W, T) float32 in the order of ``Task.reward_terms``.
+        metrics: name -> (W,), what ``Task.metrics`` said before the reset.
+        final_observations: like ``observations``, before the reset; only where ``keep_final_observations``.
+    """
+
+    observations: dict[str, torch.Tensor]
+    rewards: torch.Tensor
+    terminated: torch.Tensor
+    truncated: torch.Tensor
+    end_reason: torch.Tensor
+    success: torch.Tensor
+    non_finite: torch.Tensor
+    reward_terms: torch.Tensor
+    metrics: dict[str, torch.Tensor]
+    final_observations: dict[str, torch.Tensor] | None
+
+
+class Task(ABC, Generic[ConfigT]):
+    """A batch of worlds with actions, observations, rewards and episodes.
+
+    Args:
+        config: the task's configuration.
+        num_worlds: W.
+        device: canonical device name (:func:`~simwarp.tasks.make` resolves it).
+        seed: seed of all randomness.
+        first_world: global index of world 0, where several processes share one batch.
+    """
+
+    _climbing: bool
+
+    name: ClassVar[str] = ""
+    """Set by ``@register``."""
+    summary: ClassVar[str] = ""
+    """One line for ``simwarp list``."""
+    config_type: ClassVar[type[TaskConfig]] = TaskConfig
+    """The frozen dataclass of this task's configuration."""
+    action_size: int = 1
+    """Number of action components A."""
+    physics: ClassVar[bool] = True
+    """False for a task without a simulation; then ``build`` is not called."""
+    per_world: ClassVar[tuple[str, ...]] = ()
+    """Model parameters that the task itself writes, world by world; those of ``randomise`` need no mention."""
+    success_reasons: ClassVar[frozenset[str]] = frozenset({TIME_LIMIT})
+    """End reasons that count as success, unless ``metrics`` has a ``success``."""
+    training: ClassVar[Mapping[str, Any]] = {}
+    """Defaults of ``simwarp train`` for this task, such as ``{"iterations": 80, "ppo.gamma": 0.98}``."""
+    training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Further defaults by the value of the configuration's field ``obs``, if there is one (``simwarp train --obs``)."""
+
+    def __init__(
+        self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0
+    ) -> None:
+        num_worlds = whole("num_worlds", num_worlds, 1, 2**31 - 1)
+        seed, first_world = whole("seed", seed, -(2**63), 2**63 - 1), whole("first_world", first_world, 0, 2**53)
+        self.config: ConfigT = config
+        self.num_worlds = num_worlds
+        self.device = torch.device(device)
+        self.keep_final_observations = True
+        self.iteration = 0
+        """Training iteration, set by the trainer; for a curriculum."""
+        self.first_world = first_world
+        self.before_reset: Callable[[], None] | None = None
+        """Called in every control step once it is judged, while the worlds that ended still are where they ended."""
+        with self._acting():
+            self._allocate(seed, first_world)
+            self.simulation, self._views, self.builder = self._make_physics(device)
+            self._randomiser = randomiser_of(config.randomise, self.simulation, f"task '{self.name}'")
+            self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
+            """Recorder of the last steps, for the dump of a world whose physics breaks down."""
+            self.setup()
+            self._probe()
+            self.restart(seed=seed)
+
+    # ---- what a task author writes -----------------------------------------------------------------------------
+
+    def build(self, builder: ModelBuilder) -> ModelBuilder | None:
+        """Add the bodies and joints of one world to ``builder``, or return a builder of your own."""
+        raise NotImplementedError(f"{type(self).__name__} has no build(builder); set physics = False if it needs none")
+
+    def solver_options(self) -> SolverOptions | None:
+        """Return the numbers of the solver; None takes its defaults."""
+        return None
+
+    def attach(self, model: Model) -> Attachments:
+        """Return the elements of every physics step: force elements such as a vehicle, sensors. Optional."""
+        before = getattr(self, "equip", None)
+        if before is None:
+            return Attachments()
+        warn_renamed(type(self).__name__, "equip", "attach")
+        return before(model)
+
+    def setup(self) -> None:
+        """Allocate the task's own buffers, once, after the simulation exists. Optional."""
+
+    def begin_step(self) -> None:
+        """Called before the action of each control step: store what a difference needs. Optional."""
+
+    @abstractmethod
+    def apply(self, action: torch.Tensor) -> None:
+        """Turn ``action`` ((W, A) float32, each in [-1, 1]) into controls; they hold until written again.
+
+        Called once per control step, and once per physics step where ``action_rise_time`` limits the action's rate.
+        """
+
+    def after_physics(self) -> None:
+        """Called after each physics step, for events that must not be missed between control steps. Optional."""
+
+    @abstractmethod
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Return the named observation groups, each (W, ...) of any dtype; ``policy`` is the usual one.
+
+        Called before and after the reset of each step: it must not change state.
+        """
+
+    def privileged(self) -> torch.Tensor | None:
+        """Return (W, N) float32 of exact state that only the critic may see in training; None if there is none.
+
+        Asked for by ``--network.critic privileged``, after the reset of each step: it must not change state. Optional.
+        """
+        return None
+
+    @abstractmethod
+    def rewards(self) -> dict[str, torch.Tensor]:
+        """Return the named, weighted reward terms of this step, each (W,) float32; the reward is their sum."""
+
+    @abstractmethod
+    def terminations(self) -> dict[str, torch.Tensor]:
+        """Return the named reasons to end now, each (W,) bool: failures and goals. The first one named counts."""
+
+    @abstractmethod
+    def reset(self, world_mask: torch.Tensor) -> None:
+        """Start a new episode in the worlds of ``world_mask`` ((W,) bool) and change nothing in the others.
+
+        The simulation has been put into its initial state there already. Draw from ``self.random``.
+        """
+
+    def truncations(self) -> dict[str, torch.Tensor]:
+        """Return further named reasons to cut an episode off, beside the step limit, each (W,) bool."""
+        return {}
+
+    def metrics(self) -> dict[str, torch.Tensor]:
+        """Return named (W,) values that an evaluation reports at the end of an episode.
+
+        ``success`` (bool), if there is one, decides whether the episode was a success.
+        """
+        return {}
+
+    def drawing(self) -> Drawing:
+        """Return lines of pictures and maps beside the bodies, such as paths and goals; by default none."""
+        return Drawing()
+
+    def map_position(self) -> torch.Tensor | None:
+        """Return the agent's position, (W, 3) [m], for paths on a map: by default body 0's; None if it has none."""
+        return None if self._views is None else self.views.body_q[:, 0, :3]
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Add to what rendered pictures show, or paint it; the shapes of ``build`` are there already. Optional."""
+
+    def scene(self) -> Scene | None:
+        """Return the scene of rendered pictures: bodies, as balls where none has a shape; None without. Optional."""
+        if self.simulation is None or self.builder is None or not self.builder.bodies:
+            return None
+        from simwarp.sensors import Visuals
+        from simwarp.viewer import add_bodies, paint
+
+        visuals = Visuals(self.builder)
+        self.visuals(visuals)
+        if all(instance.body < 0 for instance in visuals.instances):
+            add_bodies(visuals)
+        paint(visuals)
+        return visuals.finalize(self.simulation.model)
+
+    def shot(self) -> Shot:
+        """Return the view of the camera of ``simwarp play``; by default it follows body 0."""
+        from simwarp.viewer import Shot
+
+        return Shot()
+
+    def lighting(self) -> Lighting | None:
+        """Return the lights that cameras and pictures see by; None: sun and sky."""
+        return None
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return the task's own state, such as a curriculum level, that a checkpoint must keep."""
+        return {}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take back what :meth:`extra_state` returned; write into existing buffers."""
+
+    def step_limit(self) -> torch.Tensor:
+        """Return (W,) int64: control steps after which the running episodes are over at the latest.
+
+        A task whose :meth:`truncations` cut an episode off sooner says so here: training spreads the first time-outs
+        over this many steps.
+        """
+        return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
+
+    def on_iteration(self, iteration: int) -> None:
+        """Called at the start of training iteration ``iteration``; the hook of a curriculum. Call ``super()`` first."""
+        self.iteration = iteration
+        curriculum = self.config.curriculum
+        if curriculum.driver is Driver.ITERATION:
+            self.level.fill_(curriculum.at_iteration(iteration))
+        elif curriculum.driver is Driver.PROGRESS and not self._climbing:
+            self._climbing = True
+            self.level.zero_()
+
+    # ---- what runners and adapters call ------------------------------------------------------------------------
+
+    def restart(self, seed: int | None = None) -> dict[str, torch.Tensor]:
+        """Begin a new episode in every world and return the observations.
+
+        With ``seed`` the randomness starts over: the same seed gives the same episodes again.
+        """
+        with self._acting():
+            if seed is not None:
+                self.random.reseed(seed)
+                self.episode_index.fill_(-1)
+            self._reset_worlds(torch.ones_like(self._every_world))
+            if self._statistics is not None:
+                self._statistics.running.zero_()
+            groups = self.observations()
+            self._sensors.begin(self._every_world, groups)
+            return self._sensors.sense(groups)
+
+    def observe(self) -> dict[str, torch.Tensor]:
+        """Return the present observations as a policy gets them: late and noisy where the configuration says so."""
+        with self._acting():
+            return self._sensors.sense(self.observations())
+
+    def observe_privileged(self) -> torch.Tensor | None:
+        """Return the privileged observations of a critic; None where the task has none."""
+        with self._acting():
+            return self.privileged()
+
+    def step(self, action: torch.Tensor) -> StepResult:
+        """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1].
+
+        Raises:
+            TaskError: the action has the wrong shape or dtype.
+        """
+        check_action(self, action)
+        with self._acting():
+            request = action.to(self.device, torch.float32).clamp(-1.0, 1.0)
+            if self._action_line is not None:
+                self._action_line.push(request)
+                request = self._action_line.read()
+            if self.guard is not None:
+                self.guard.before_step(request)
+            self.advance(request)
+            return self._conclude()
+
+    def advance(self, request: torch.Tensor) -> None:
+        """Take the physics through one control step towards ``request`` (W, A): no rewards, no reset.
+
+        What :meth:`step` does after the action's delay, and what a replay repeats.
+        """
+        with self._acting():
+            if self._randomiser is not None:
+                self._randomiser.begin_step(self.random, self._every_world, self.level)
+            self.begin_step()
+            if self._reach is None or self.simulation is None:
+                self._move_action(request, self.config.decimation)
+                self.apply(self.action)
+            for _ in range(self.config.decimation if self.simulation is not None else 0):
+                if self._reach is not None:
+                    self._move_action(request, 1)
+                    self.apply(self.action)
+                self.simulation.step()
+                self.after_physics()
+            self.episode_steps += 1
+            self.episode_clock += 1
+
+    def drain_statistics(self) -> EpisodeSummary:
+        """Read and clear the statistics of the episodes that ended. This waits for the device.
+
+        Raises:
+            TaskError: a reward term or an observation held NaN or infinity while the physics was sound.
+        """
+        summary = self._stats.drain()
+        if self.guard is not None:
+            self.guard.look()
+        if summary.bad_values:
+            name, count = next(iter(summary.bad_values.items()))
+            raise TaskError(f"task '{self.name}': {name} was NaN or infinite in {count} world-steps")
+        return summary
+
+    @property
+    def views(self) -> PhysicsViews:
+        """Torch views of the simulation's state and control."""
+        if self._views is None:
+            raise TaskError(f"task '{self.name}' has no physics")
+        return self._views
+
+    @property
+    def reward_terms(self) -> list[str]:
+        """Names of the reward terms."""
+        return self._stats.terms
+
+    @property
+    def end_reasons(self) -> list[str]:
+        """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
+        return self._stats.reasons
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that a later :meth:`load_state_dict` needs to go on exactly from here."""
+        state: dict[str, Any] = {
+            "seed": self.random.seed,
+            "iteration": self.iteration,
+            "episode_index": self.episode_index.clone(),
+            "episode_steps": self.episode_steps.clone(),
+            "episode_clock": self.episode_clock.clone(),
+            "action": self.action.clone(),
+            "running_terms": self._stats.running.clone(),
+            "level": self.level.clone(),
+            "climbing": self._climbing,
+            "sensing": self._sensors.state() | (self._action_line.state("action") if self._action_line else {}),
+            "extra": {key: value.clone() for key, value in self.extra_state().items()},
+        }
+        if self.simulation is not None:
+            with self._acting():
+                state["simulation"] = pack_snapshot(self.simulation.snapshot())
+        return state
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take back what :meth:`state_dict` returned, for the same configuration and number of worlds."""
+        if state["episode_index"].shape != self.episode_index.shape:
+            raise InputError(f"saved state has {len(state['episode_index'])} worlds, the task has {self.num_worlds}")
+        with self._acting():
+            self.random.reseed(int(state["seed"]))
+            self.iteration = int(state["iteration"])
+            self.episode_index.copy_(state["episode_index"])
+            self.episode_steps.copy_(state["episode_steps"])
+            self.episode_clock.copy_(state["episode_clock"])
+            self.action.copy_(state["action"])
+            self._stats.running.copy_(state["running_terms"])
+            if "level" not in state:
+                raise InputError("saved state of the task was made by an older version of simwarp: start a new run")
+            self.level.copy_(state["level"])
+            self._climbing = bool(state["climbing"])
+            self._sensors.load(state["sensing"])
+            if self._action_line is not None:
+                self._action_line.load("action", state["sensing"])
+            if self._randomiser is not None:
+                self._randomiser.begin_episodes(self.random, self._every_world, self.level)
+            if self.simulation is not None:
+                self.simulation.restore(unpack_snapshot(state["simulation"], self.simulation.snapshot()))
+            self.load_extra_state(state["extra"])
+
+    # ---- the loop ----------------------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def _acting(self) -> Iterator[None]:
+        """Context of changes to the state: without gradients, Warp and torch on one stream, and ordinary tensors.
+
+        Callers roll out under inference_mode; tensors made there could never be written in place afterwards.
+        """
+        with torch.inference_mode(False), torch.no_grad():
+            if self.device.type == "cpu" or not self.physics:
+                yield
+            else:
+                with shared_stream(str(self.device)):
+                    yield
+
+    def _allocate(self, seed: int, first_world: int) -> None:
+        worlds, device = self.num_worlds, self.device
+        words = 8 + 2 * self.action_size  # of what follows, at least
+        check_room(f"task '{self.name}': {worlds} worlds", (worlds, words), torch.float32, device, "take fewer worlds")
+        self.episode_index = torch.zeros(worlds, dtype=torch.int64, device=device)
+        """(W,) int64: number of the running episode of each world."""
+        self.episode_steps = torch.zeros(worlds, dtype=torch.int64, device=device)
+        """(W,) int64: control steps since the last reset."""
+        self.episode_clock = torch.zeros(worlds, dtype=torch.int64, device=device)
+        """(W,) int64: what the step limit looks at; a trainer may shift it to spread time-outs."""
+        self.action = torch.zeros(worlds, self.action_size, device=device)
+        """(W, A) float32: the action in force, clipped and rate-limited."""
+        self._every_world = torch.ones(worlds, dtype=torch.bool, device=device)
+        self._nowhere = torch.zeros(worlds, dtype=torch.bool, device=device)
+        self.level = torch.ones(worlds, device=device)
+        """(W,) float32: the curriculum's level in [0, 1]; 1 outside training."""
+        self._climbing = False
+        self._action_line = self._make_action_line()
+        self._reach = self._make_reach()
+        self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
+        self._statistics: EpisodeStatistics | None = None
+
+    def _make_action_line(self) -> DelayLine | None:
+        bounds = self.config.action_delay
+        return DelayLine(self.action, bounds, "delay of actions") if bounds[1] else None
+
+    def _make_reach(self) -> torch.Tensor | None:
+        """(A,) how far an action may move in one physics step; None where nothing limits it."""
+        times = self.config.action_rise_time
+        if isinstance(times, tuple) and len(times) != self.action_size:
+            raise InputError(f"action-rise-time has {len(times)} values, task '{self.name}' {self.action_size} actions")
+        rise = torch.tensor(times, dtype=torch.float32, device=self.device).expand(self.action_size)
+        reach = torch.where(rise > 0.0, self.config.dt / rise, 2.0)
+        return reach if bool((rise > 0.0).any()) else None
+
+    @property
+    def _stats(self) -> EpisodeStatistics:
+        assert self._statistics is not None
+        return self._statistics
+
+    def _make_physics(self, device: str) -> tuple[Any, PhysicsViews | None, ModelBuilder | None]:
+        check_ranges(self.config.randomise)
+        if not self.physics:
+            if self.config.randomise:
+                raise InputError(f"randomise: task '{self.name}' has no physics whose parameters could differ")
+            return None, None, None
+        drawn = drawn_parameters(self.config.randomise)
+        own = sorted({*self.per_world} & drawn)
+        if own:
+            hint = "leave it away" if own[0] in self.config.randomise else "give body_mass inertia=False"
+            raise InputError(f"randomise '{own[0]}': task '{self.name}' writes it itself; {hint}")
+        drawn |= {*self.per_world}
+        return build_physics(
+            self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),
+            attach=self.attach,
+        )  # fmt: skip
+
+    def _probe(self) -> None:
+        """Call the author's methods once to learn their names and hold them to the contract."""
+        self._reset_worlds(self._every_world)
+        self.begin_step()
+        self.apply(self.action)
+        groups = check_observations(self, self.observations())
+        self._sensors = Sensors(self.config.sensing, groups, self.random)
+        self.observation_shapes = {name: tuple(group.shape[1:]) for name, group in groups.items()}
+        self.observation_dtypes = {name: group.dtype for name, group in groups.items()}
+        terms = list(check_terms(self, self.rewards()))
+        terminations = list(check_flags(self, "termination", self.terminations()))
+        truncations = list(check_flags(self, "truncation", self.truncations()))
+        check_terms(self, self.metrics(), kind="metric", floating=False)
+        self._terminal_count = 1 + len(terminations)
+        reasons = [NON_FINITE, *terminations, *truncations, TIME_LIMIT]
+        if len(set(reasons)) != len(reasons):
+            raise TaskError(f"task '{self.name}': end reasons must have different names, got {reasons}")
+        unknown = self.success_reasons - set(reasons)
+        if unknown:
+            raise TaskError(f"task '{self.name}': success_reasons names {sorted(unknown)}, not among {reasons}")
+        wins = [reason in self.success_reasons for reason in reasons]
+        self._winning = torch.tensor(wins, device=self.device)
+        self._reason_index = torch.arange(1, len(reasons) + 1, device=self.device)
+        self._statistics = EpisodeStatistics(self.num_worlds, terms, reasons, list(groups), self.device)
+
+    def _move_action(self, request: torch.Tensor, physics_steps: int) -> None:
+        if self._reach is not None:
+            reach = self._reach * physics_steps
+            request = torch.minimum(torch.maximum(request, self.action - reach), self.action + reach)
+        self.action.copy_(request)
+
+    def _conclude(self) -> StepResult:
+        """Judge the state reached, reset the worlds that ended, and observe."""
+        broken = self._nowhere if self._views is None else self._views.broken()
+        if self.guard is not None:
+            self.guard.after_step(broken)
+        terms = torch.stack(list(self.rewards().values()), dim=1)
+        sane = torch.isfinite(terms)
+        terms = torch.where(sane & ~broken.unsqueeze(1), terms, 0.0)
+        self._stats.add_rewards(terms, ~sane & ~broken.unsqueeze(1))
+
+        reasons = [broken, *self.terminations().values(), *self.truncations().values()]
+        reasons.append(self.episode_clock >= self.config.max_episode_steps)
+        flags = torch.stack(reasons, dim=1)
+        first = flags & (flags.cumsum(dim=1) == 1)
+        terminated = flags[:, : self._terminal_count].any(dim=1)
+        ended = flags.any(dim=1)
+        metrics = {name: value.clone() for name, value in self.metrics().items()}
+        success = metrics["success"].bool() & ended if "success" in metrics else (first & self._winning).any(dim=1)
+        end_reason = (first * self._reason_index).sum(dim=1) - 1
+        self._stats.add_endings(ended, self.episode_steps, first)
+
+        if self._climbing:
+            curriculum = self.config.curriculum
+            self.level += torch.where(success, curriculum.up, torch.where(ended, -curriculum.down, 0.0))
+            self.level.clamp_(0.0, 1.0)
+
+        if self._sensors.late:
+            self._sensors.push(self.observations())
+        final = self._final_observations(broken) if self.keep_final_observations else None
+        if self.before_reset is not None:
+            self.before_reset()
+        self._reset_worlds(ended)
+        groups = self.observations()
+        self._watch_observations(groups)
+        self._sensors.begin(ended, groups)
+        groups = self._sensors.sense(groups)
+        return StepResult(
+            observations=groups,
+            rewards=terms.sum(dim=1),
+            terminated=terminated,
+            truncated=ended & ~terminated,
+            end_reason=end_reason,
+            success=success,
+            non_finite=broken.clone(),
+            reward_terms=terms,
+            metrics=metrics,
+            final_observations=final,
+        )
+
+    def _final_observations(self, broken: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Clone the observations before the reset; those of a world whose physics broke down become finite."""
+        final = {}
+        for name, group in self.observe().items():
+            if group.is_floating_point():
+                mask = broken.view(-1, *(1,) * (group.dim() - 1))
+                final[name] = torch.where(mask, torch.nan_to_num(group, 0.0, 0.0, 0.0), group)
+            else:
+                final[name] = group.clone()
+        return final
+
+    def _watch_observations(self, groups: dict[str, torch.Tensor]) -> None:
+        counts = [
+            (~torch.isfinite(group)).flatten(1).any(dim=1).sum() if group.is_floating_point() else self._nowhere.sum()
+            for group in groups.values()
+        ]
+        self._stats.add_bad_observations(torch.stack(counts))
+
+    def _reset_worlds(self, mask: torch.Tensor) -> None:
+        self.episode_index += mask
+        self.episode_steps.masked_fill_(mask, 0)
+        self.episode_clock.masked_fill_(mask, 0)
+        self.action.masked_fill_(mask.unsqueeze(1), 0.0)
+        if self._action_line is not None:
+            self._action_line.fill(mask, self.action, self.random)
+        if self._randomiser is not None:
+            self._randomiser.begin_episodes(self.random, mask, self.level)
+        if self.simulation is None:
+            self.reset(mask)
+            return
+        self.simulation.reset(mask, sensors=False)
+        self.reset(mask)
+        self.simulation.begin_sensors(mask)

@@ -1,0 +1,1 @@
+"""Randomisation of worlds per episode, sensing noise and delay, curricula, and their random numbers."""

@@ -1,0 +1,208 @@
+"""Model parameters drawn anew for worlds whose episode begins, or in every control step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from simwarp.core.types import shown
+
+from ..framework.errors import InputError, near_names
+from .randomness import WorldRandom
+from .uncertainty import Mode, Range, When
+
+if TYPE_CHECKING:
+    from simwarp.model.active_entries import ActiveEntries
+
+
+class _Parameter:
+    """One parameter: the view of it, its built value, and which of its entries are drawn."""
+
+    def __init__(self, name: str, spec: Range, model: Any) -> None:
+        from simwarp import to_torch
+
+        self.name = name
+        self.spec = spec
+        self.view = to_torch(getattr(model, name))
+        self.built = self.view.clone()
+        self.chosen = _spread(_chosen(name, spec, model, self.view), self.view)
+        trailing = self.view.dim() - (1 if name == "gravity" else 2)
+        if not self.view.is_floating_point():
+            raise InputError(f"randomise '{name}': it holds whole numbers, which no range describes")
+        if trailing and spec.mode is not Mode.SCALE:
+            raise InputError(f"randomise '{name}': vectors and matrices can be scaled only")
+        self.count = 1 if name == "gravity" else self.view.shape[1]
+        self.shape = (self.view.shape[0],) + (() if name == "gravity" else (self.count,)) + (1,) * trailing
+
+    def draw(self, random: WorldRandom, mask: torch.Tensor, level: torch.Tensor) -> None:
+        """Write new values into the worlds of the mask."""
+        spec, per_step = self.spec, self.spec.when is When.STEP
+        purpose = f"randomise {spec.draw or self.name}"
+        size = 1 if spec.shared else self.count
+        number = random.uniform(purpose, spec.low, spec.high, size=size, per_step=per_step).expand(-1, self.count)
+        number = number.reshape(self.shape).to(self.view.dtype)
+        if spec.mode is Mode.SCALE:
+            value = self.built * number
+        elif spec.mode is Mode.ADD:
+            value = self.built + number
+        else:
+            value = number.expand_as(self.view)
+        if spec.grows:
+            share = level.to(self.view.dtype).view(-1, *(1,) * (self.view.dim() - 1))
+            value = self.built + share * (value - self.built)
+        where = mask.view(-1, *(1,) * (self.view.dim() - 1)) & self.chosen
+        self.view.copy_(torch.where(where, value, self.view))
+
+
+class _Inertia:
+    """The inertia of bodies whose mass is scaled: it grows with it, as that of a denser body does."""
+
+    def __init__(self, mass: _Parameter, model: Any) -> None:
+        from simwarp import to_torch
+
+        self.mass = mass
+        self.view = to_torch(model.body_inertia_b)
+        self.built = self.view.clone()
+
+    def follow(self, mask: torch.Tensor) -> None:
+        """Write the inertias of the present masses into the worlds of the mask."""
+        factor = (self.mass.view / self.mass.built)[..., None, None]
+        where = mask.view(-1, 1, 1, 1) & self.mass.chosen[..., None, None]
+        self.view.copy_(torch.where(where, self.built * factor, self.view))
+
+
+def _parts_of(name: str, model: Any) -> tuple[str, ...] | None:
+    """Return the names of the parts that a parameter has an entry for; None where they have none."""
+    names: dict[str, tuple[str, ...]] = {
+        "body": model.body_names, "joint": model.joint_names, "drive": model.joint_names, "shape": model.shape_names,
+    }  # fmt: skip
+    return names.get(name.partition("_")[0])
+
+
+def _entries(name: str, part: str, model: Any) -> slice:
+    """Return the entries of a parameter that belong to a part."""
+    index = model.shape_names.index(part) if name.startswith("shape") else -1
+    if name.startswith("body"):
+        index = model.body(part)
+    if name.startswith(("joint", "drive")):
+        index = model.joint(part)
+        if not name.startswith(_PER_JOINT):
+            return slice(model.joint_dof_start[index], model.joint_dof_start[index + 1])
+    return slice(index, index + 1)
+
+
+_PER_JOINT = ("joint_anchor", "joint_frame", "joint_offset")
+"""Parameters with an entry for each joint; others of joints have one for each coordinate."""
+
+
+def _chosen(name: str, spec: Range, model: Any, view: torch.Tensor) -> torch.Tensor:
+    """Return a mask over the entries of a parameter: those that ``only`` names."""
+    count = 1 if name == "gravity" else view.shape[1]
+    if not spec.only:
+        return torch.ones(count, dtype=torch.bool)
+    names = _parts_of(name, model)
+    if names is None:
+        raise InputError(f"randomise '{name}': it has no parts that `only` could name")
+    mask = torch.zeros(count, dtype=torch.bool)
+    for part in spec.only:
+        if part not in names:
+            raise InputError(f"randomise '{name}': there is no {shown(part)}{near_names(part, names)}")
+        mask[_entries(name, part, model)] = True
+    return mask
+
+
+def _spread(mask: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
+    """Return a mask over entries in a shape that broadcasts to the parameter."""
+    if view.dim() == 1 or len(mask) != view.shape[1]:
+        return mask.to(view.device).view((1,) * view.dim())
+    return mask.to(view.device).view(1, -1, *(1,) * (view.dim() - 2))
+
+
+def _check_acts(parameter: _Parameter, effect: ActiveEntries, model: Any, owner: str) -> None:
+    """Refuse a range that changes nothing, on the whole or on a part that ``only`` names.
+
+    Raises:
+        InputError: kernels read none of the entries, or a factor meets nothing but zeros.
+    """
+    name, spec = parameter.name, parameter.spec
+    built = parameter.built[0].reshape(effect.entries.shape[0], -1) if effect.entries.shape[0] else parameter.built
+    nonzero = (built != 0).any(dim=1).cpu().numpy() if effect.entries.shape[0] else effect.entries
+    parts = [(f"'{part}'", _entries(name, part, model)) for part in spec.only]
+    for part, entries in parts or [("any part", slice(None))]:
+        where = f"on {part} of {owner}" if spec.only else f"in {owner}"
+        if not effect.entries[entries].any():
+            remedy = "build it so, or leave it out" if effect.rule else "leave it out"
+            raise InputError(f"randomise '{name}': it cannot act {where}: {effect.rule}; {remedy}")
+        if spec.mode is Mode.SCALE and not (effect.entries & nonzero)[entries].any():
+            raise InputError(
+                f"randomise '{name}': a factor cannot act {where}: it is 0 as built; use mode='add' or 'set', or build "
+                "it with a value"
+            )
+
+
+class Randomiser:
+    """Draws the parameters that a configuration names.
+
+    Args:
+        ranges: parameter name -> range.
+        simulation: of a model whose named parameters have a copy per world (:func:`drawn_parameters`).
+        owner: whose simulation it is: the errors name it.
+
+    Raises:
+        InputError: a range cannot act on the model.
+    """
+
+    def __init__(self, ranges: Mapping[str, Range], simulation: Any, owner: str) -> None:
+        from simwarp.model.active_entries import active_entries
+
+        model = simulation.model
+        self._parameters = [_Parameter(name, spec, model) for name, spec in ranges.items()]
+        self._by_step = [item for item in self._parameters if item.spec.when is When.STEP]
+        self._inertias = [_Inertia(item, model) for item in self._parameters if _takes_inertia(item.name, ranges)]
+        for item in self._parameters:
+            contact_model = simulation.solver.contact_model
+            effect = active_entries(model, item.name, contact_model=contact_model, also=ranges.keys())
+            _check_acts(item, effect, model, owner)
+
+    def begin_episodes(self, random: WorldRandom, mask: torch.Tensor, level: torch.Tensor) -> None:
+        """Draw everything in the worlds of the mask ((W,) bool)."""
+        for item in self._parameters:
+            item.draw(random, mask, level)
+        for inertia in self._inertias:
+            inertia.follow(mask)
+
+    def begin_step(self, random: WorldRandom, every: torch.Tensor, level: torch.Tensor) -> None:
+        """Draw what changes in every control step."""
+        for item in self._by_step:
+            item.draw(random, every, level)
+        for inertia in self._inertias:
+            if inertia.mass in self._by_step:
+                inertia.follow(every)
+
+
+def _takes_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
+    """Return True if the inertia follows this parameter: a scaled mass, unless it has a range of its own."""
+    scaled = name == "body_mass" and ranges[name].mode is Mode.SCALE
+    return scaled and ranges[name].inertia and "body_inertia_b" not in ranges
+
+
+def drawn_parameters(ranges: Mapping[str, Range]) -> set[str]:
+    """Return the model parameters that ranges change: those that they name, and the inertia of scaled masses."""
+    following = {"body_inertia_b" for name in ranges if _takes_inertia(name, ranges)}
+    return {*ranges, *following}
+
+
+def randomiser_of(ranges: Mapping[str, Range], simulation: Any, owner: str) -> Randomiser | None:
+    """Return the sampler of the ranges; None where there are none."""
+    return Randomiser(ranges, simulation, owner) if ranges else None
+
+
+def check_ranges(ranges: Mapping[str, Range]) -> None:
+    """Refuse the name of a parameter that does not exist."""
+    from simwarp.model.model import PARAMETERS
+
+    for name in ranges:
+        if name not in PARAMETERS:
+            raise InputError(f"randomise: there is no model parameter {shown(name)}{near_names(name, PARAMETERS)}")

@@ -1,0 +1,137 @@
+"""Delays and noise between a task and its policy: delayed actions, and observations that are late, noisy or biased."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+
+from simwarp.core.types import shown
+
+from ..framework.errors import InputError, near_names
+from ..framework.limits import check_room
+from .randomness import WorldRandom
+from .uncertainty import Sensing
+
+
+class DelayLine:
+    """The last values of a (W, ...) tensor, and those that each world sees.
+
+    Args:
+        like: a tensor of that shape, dtype and device.
+        bounds: least and largest delay [control steps].
+        purpose: the name of its random draws.
+
+    Raises:
+        InputError: so many values do not fit into memory.
+    """
+
+    def __init__(self, like: torch.Tensor, bounds: tuple[int, int], purpose: str) -> None:
+        self.least, self.largest = bounds
+        self.purpose = purpose
+        shape = (self.largest + 1, *like.shape)
+        # twice: moving them on takes a copy
+        what = f"{purpose} up to {shown(self.largest)} steps: the last values of {like.shape[0]} worlds"
+        check_room(what, (2, *shape), like.dtype, like.device, "shorten the delay or take fewer worlds")
+        self.values = torch.zeros(shape, dtype=like.dtype, device=like.device)
+        """(D + 1, W, ...): the newest first."""
+        self.delay = torch.zeros(like.shape[0], dtype=torch.int64, device=like.device)
+        """(W,) int64 control steps."""
+        self._world = torch.arange(like.shape[0], device=like.device)
+
+    def push(self, value: torch.Tensor) -> None:
+        """Take in the value of a control step."""
+        self.values[1:] = self.values[:-1].clone()
+        self.values[0] = value
+
+    def fill(self, mask: torch.Tensor, value: torch.Tensor, random: WorldRandom) -> None:
+        """Begin an episode in the worlds of the mask: ``value`` was there all along, and the delay is a new one."""
+        where = mask.view(1, -1, *(1,) * (value.dim() - 1))
+        self.values.copy_(torch.where(where, value, self.values))
+        drawn = random.integers(self.purpose, self.least, self.largest + 1)[:, 0]
+        self.delay.copy_(torch.where(mask, drawn, self.delay))
+
+    def read(self) -> torch.Tensor:
+        """Return (W, ...), each world's value as late as its delay."""
+        return self.values[self.delay, self._world]
+
+    def state(self, name: str) -> dict[str, torch.Tensor]:
+        """Return the state that a checkpoint keeps."""
+        return {f"{name} values": self.values.clone(), f"{name} delay": self.delay.clone()}
+
+    def load(self, name: str, state: Mapping[str, torch.Tensor]) -> None:
+        """Take back what :meth:`state` returned."""
+        self.values.copy_(state[f"{name} values"])
+        self.delay.copy_(state[f"{name} delay"])
+
+
+class Sensors:
+    """Delay, bias and noise of the observation groups that a configuration names; others pass untouched.
+
+    Args:
+        sensing: group name -> what to do with it.
+        groups: observation groups of the task.
+        random: draws.
+    """
+
+    def __init__(self, sensing: Mapping[str, Sensing], groups: Mapping[str, torch.Tensor], random: WorldRandom) -> None:
+        self._random = random
+        self._specs = dict(sensing)
+        self._lines: dict[str, DelayLine] = {}
+        self._spread: dict[tuple[str, str], torch.Tensor] = {}
+        for name, spec in sensing.items():
+            if name not in groups:
+                raise InputError(f"sensing: there is no observation {shown(name)}{near_names(name, groups)}")
+            group = groups[name]
+            if spec.delay[1]:
+                self._lines[name] = DelayLine(group, spec.delay, f"delay of {name}")
+            for kind in ("noise", "bias"):
+                value = getattr(spec, kind)
+                if value and not group.is_floating_point():
+                    raise InputError(f"sensing '{name}': {kind} needs a floating-point observation, not {group.dtype}")
+                spread = torch.tensor(value, dtype=torch.float32, device=group.device)
+                if spread.dim() and (group.dim() != 2 or len(spread) != group.shape[1]):
+                    raise InputError(
+                        f"sensing '{name}': {kind} has {len(spread)} values, the observation {tuple(group.shape[1:])}"
+                    )
+                if bool((spread > 0).any()):
+                    self._spread[name, kind] = spread
+
+    @property
+    def late(self) -> bool:
+        """True if any group is delayed: its history must see the state before a reset too."""
+        return bool(self._lines)
+
+    def push(self, groups: Mapping[str, torch.Tensor]) -> None:
+        """Take in the groups of a control step."""
+        for name, line in self._lines.items():
+            line.push(groups[name])
+
+    def begin(self, mask: torch.Tensor, groups: Mapping[str, torch.Tensor]) -> None:
+        """Begin an episode in the worlds of the mask."""
+        for name, line in self._lines.items():
+            line.fill(mask, groups[name], self._random)
+
+    def sense(self, groups: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        """Return the groups as the policy gets them; changes nothing."""
+        if not self._specs:
+            return groups
+        sensed = dict(groups)
+        for name, line in self._lines.items():
+            sensed[name] = line.read()
+        for (name, kind), spread in self._spread.items():
+            group = sensed[name]
+            shape, size = group.shape, group[0].numel()
+            drawn = self._random.normal(f"{kind} of {name}", size=size, per_step=kind == "noise")
+            sensed[name] = group + spread * drawn.view(shape).to(group.dtype)
+        return sensed
+
+    def state(self) -> dict[str, Any]:
+        """Return the state that a checkpoint keeps."""
+        return {key: value for name, line in self._lines.items() for key, value in line.state(name).items()}
+
+    def load(self, state: Mapping[str, Any]) -> None:
+        """Take back what :meth:`state` returned."""
+        for name, line in self._lines.items():
+            line.load(name, state)

@@ -1,0 +1,1 @@
+"""Learning algorithms: PPO with a KL penalty, cloning, training over several processes."""

@@ -1,0 +1,169 @@
+"""PPO with a penalty on the KL divergence in place of the clipped ratio.
+
+The policy minimises -E[A r] + beta KL + hinge max(0, KL - 2 target)^2, with the advantage A, the probability ratio r
+and the mean KL divergence of the old policy from the new one. After each update beta follows the divergence that came
+out; where beta reaches its bounds, the step size follows too (Schulman et al. 2017, section 4; P. Coady's rule for
+the step size). The policy stops learning for the rest of an update once the divergence exceeds four times the target;
+the critic goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.storage import RolloutStorage
+from torch import nn
+
+from simwarp.core.constraints import Positive
+from simwarp.tasks import config_from_plain
+from simwarp.tasks.framework.plain import Settings
+
+_BETA_BOUND = 35.0
+_BETA_FACTOR = 1.5
+_EDGE = 30.0
+_STEP_BOUND = 10.0
+_STOP = 4.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Penalty(Settings):
+    """Weight of the penalty, and the factor on the learning rate."""
+
+    beta: Positive
+    multiplier: Positive = 1.0
+
+    def after(self, divergence: float, target: float) -> Penalty:
+        """Return the penalty after an update that moved the policy by ``divergence``."""
+        beta, multiplier = self.beta, self.multiplier
+        if divergence > 2.0 * target:
+            beta = min(_BETA_BOUND, _BETA_FACTOR * beta)
+            if beta > _EDGE and multiplier > 1.0 / _STEP_BOUND:
+                multiplier /= _BETA_FACTOR
+        elif divergence < 0.5 * target:
+            beta = max(1.0 / _BETA_BOUND, beta / _BETA_FACTOR)
+            if beta < 1.0 / _EDGE and multiplier < _STEP_BOUND:
+                multiplier *= _BETA_FACTOR
+        return Penalty(beta, multiplier)
+
+
+class KLPenaltyPPO(PPO):
+    """rsl-rl's PPO with another objective.
+
+    Args:
+        arguments: of rsl-rl's PPO; ``desired_kl`` is the target.
+        beta: weight of the penalty at the start.
+        hinge: weight of the squared excess over twice the target.
+        options: of rsl-rl's PPO.
+    """
+
+    def __init__(self, *arguments: Any, beta: float = 1.0, hinge: float = 50.0, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.penalty = Penalty(beta)
+        self.hinge = hinge
+        self.base_learning_rate = float(options.get("learning_rate", 1e-3))
+
+    def _batches(self, epochs: int) -> Any:
+        if self.actor.is_recurrent or self.critic.is_recurrent:
+            return self.storage.recurrent_mini_batch_generator(self.num_mini_batches, epochs)
+        return self.storage.mini_batch_generator(self.num_mini_batches, epochs)
+
+    def _divergence(self, batch: RolloutStorage.Batch) -> torch.Tensor:
+        """Return the mean KL divergence of the old policy from the one that just ran on ``batch``."""
+        # Made under inference_mode, as the advantages are: autograd takes copies only
+        old = tuple(parameter.clone() for parameter in batch.old_distribution_params or ())
+        return self.actor.get_kl_divergence(old, self.actor.output_distribution_params).mean()
+
+    def _act_again(self, batch: RolloutStorage.Batch) -> None:
+        hidden = batch.hidden_states[0]
+        self.actor(batch.observations, masks=batch.masks, hidden_state=hidden, stochastic_output=True)
+
+    @torch.no_grad()
+    def _divergence_now(self) -> float:
+        """Return the divergence over the whole rollout, the same number in all processes."""
+        parts = []
+        for batch in self._batches(1):
+            self._act_again(batch)
+            parts.append(self._divergence(batch))
+        mean = torch.stack(parts).mean()
+        if self.is_multi_gpu:
+            torch.distributed.all_reduce(mean)
+            mean /= self.gpu_world_size
+        return float(mean)
+
+    def update(self) -> dict[str, float]:
+        """Learn from the rollout in the storage, clear it, and return the mean losses."""
+        target = self.desired_kl
+        divergence, policy_learns, policy_epochs = 0.0, True, 0
+        sums = torch.zeros(3, device=self.device)
+        for _ in range(self.num_learning_epochs):
+            policy_epochs += policy_learns
+            for batch in self._batches(1):
+                sums += self._learn(batch, policy_learns)
+            if policy_learns:
+                divergence = self._divergence_now()
+                policy_learns = divergence <= _STOP * target
+        self.penalty = self.penalty.after(divergence, target)
+        self.learning_rate: float = self.base_learning_rate * self.penalty.multiplier
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.learning_rate
+        observations = self.storage.observations.flatten(0, 1)
+        self.actor.update_normalization(observations)
+        self.critic.update_normalization(observations)
+        self.storage.clear()
+        value, surrogate, entropy = (sums / (self.num_learning_epochs * self.num_mini_batches)).tolist()
+        return {
+            "value": value,
+            "surrogate": surrogate,
+            "entropy": entropy,
+            "kl": divergence,
+            "kl_beta": self.penalty.beta,
+            "policy_epochs": float(policy_epochs),
+        }
+
+    def _learn(self, batch: RolloutStorage.Batch, policy_learns: bool) -> torch.Tensor:
+        """Take one step on a mini-batch; return its value loss, surrogate and entropy."""
+        values = self.critic(batch.observations, masks=batch.masks, hidden_state=batch.hidden_states[1])
+        value_loss = self._value_loss(batch, values)
+        loss = self.value_loss_coef * value_loss
+        report = torch.zeros(3, device=self.device)
+        report[0] = value_loss.detach()
+        if policy_learns:
+            self._act_again(batch)
+            ratio = torch.exp(self.actor.get_output_log_prob(batch.actions) - batch.old_actions_log_prob.squeeze(-1))
+            surrogate = -(batch.advantages.clone().squeeze(-1) * ratio).mean()
+            divergence = self._divergence(batch)
+            entropy = self.actor.output_entropy.mean()
+            excess = torch.relu(divergence - 2.0 * self.desired_kl)
+            loss = loss + surrogate + self.penalty.beta * divergence + self.hinge * excess.square()
+            loss = loss - self.entropy_coef * entropy
+            report[1], report[2] = surrogate.detach(), entropy.detach()
+        self.optimizer.zero_grad()
+        loss.backward()
+        if self.is_multi_gpu:
+            self.reduce_parameters()
+        nn.utils.clip_grad_norm_(self.actor.parameters(), self.max_grad_norm)
+        nn.utils.clip_grad_norm_(self.critic.parameters(), self.max_grad_norm)
+        self.optimizer.step()
+        return report
+
+    def _value_loss(self, batch: RolloutStorage.Batch, values: torch.Tensor) -> torch.Tensor:
+        error = (values - batch.returns).square()
+        if self.use_clipped_value_loss:
+            near = batch.values + (values - batch.values).clamp(-self.clip_param, self.clip_param)
+            error = torch.maximum(error, (near - batch.returns).square())
+        return error.mean()
+
+    def save(self) -> dict[str, Any]:
+        """Return networks, optimiser and the state of the penalty."""
+        saved: dict[str, Any] = super().save()
+        return saved | {"kl_penalty": dataclasses.asdict(self.penalty)}
+
+    def load(self, loaded_dict: dict[str, Any], load_cfg: dict[str, bool] | None, strict: bool) -> bool:
+        """Take back what :meth:`save` returned; a checkpoint of a clipped run has no penalty, which then starts."""
+        done: bool = super().load(loaded_dict, load_cfg, strict)
+        if load_cfg is None and "kl_penalty" in loaded_dict:
+            self.penalty = config_from_plain(Penalty, loaded_dict["kl_penalty"], "kl_penalty")
+        return done

@@ -1,0 +1,87 @@
+"""A task as the ``VecEnv`` that rsl-rl steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from rsl_rl.env import VecEnv
+from tensordict import TensorDict
+
+from simwarp.tasks import InputError, Task
+from simwarp.tasks.framework.interface_checks import check_observations
+
+from ..config import CRITIC
+
+
+class TaskVecEnv(VecEnv):
+    """rsl-rl's view of a task.
+
+    rsl-rl keeps the observations it is handed by reference and copies them only after the next step. A task may
+    return its own buffers, which that step overwrites: every group is therefore cloned on the way out, here
+    and nowhere else.
+
+    Args:
+        task: the worlds.
+        privileged: add the group ``critic``: the exact state that only the critic sees.
+
+    Raises:
+        InputError: a privileged critic was asked for, and the task has nothing for it.
+    """
+
+    def __init__(self, task: Task[Any], *, privileged: bool = False) -> None:
+        self.task = task
+        # rsl-rl bootstraps time-outs with the value before the step and never looks at the final observation
+        task.keep_final_observations = False
+        self.num_envs = task.num_worlds
+        self.num_actions = task.action_size
+        self.max_episode_length = task.config.max_episode_steps
+        self.device = str(task.device)
+        self.cfg: Any = task.config
+        if privileged and task.observe_privileged() is None:
+            raise InputError(
+                f"--network.critic privileged: task '{task.name}' keeps nothing from the actor in this configuration;"
+                " use --network.critic same"
+            )
+        self.broken = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
+        """(W,) bool: worlds whose physics broke down since this was cleared."""
+        self._privileged = privileged
+        self._groups = task.restart()
+
+    @property
+    def episode_length_buf(self) -> torch.Tensor:
+        """(W,) int64: the clock that the step limit looks at."""
+        return self.task.episode_clock
+
+    @episode_length_buf.setter
+    def episode_length_buf(self, value: torch.Tensor) -> None:
+        # rsl-rl rebinds this attribute to spread the first time-outs; the task must go on counting in its own buffer
+        self.task.episode_clock.copy_(value)
+
+    def hand_out(self, groups: dict[str, torch.Tensor]) -> TensorDict:
+        """Return a copy of the observation groups that no later step changes."""
+        if self._privileged:
+            groups = {**groups, **check_observations(self.task, {CRITIC: self.task.observe_privileged()})}
+        copies = {name: group.clone() for name, group in groups.items()}
+        return TensorDict(copies, batch_size=[self.num_envs], device=self.device)
+
+    def get_observations(self) -> TensorDict:
+        """Return the current observations."""
+        return self.hand_out(self._groups)
+
+    def refresh(self) -> None:
+        """Observe again, after the task's state was replaced from outside."""
+        self._groups = self.task.observe()
+
+    def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
+        """Advance all worlds; see rsl-rl's ``VecEnv.step`` for what comes back."""
+        result = self.task.step(actions)
+        self._groups = result.observations
+        self.broken = self.broken | result.non_finite
+        means = result.reward_terms.mean(dim=0)
+        extras: dict[str, Any] = {
+            "time_outs": result.truncated.clone(),
+            # Kept by reference until the iteration ends: new tensors in every step
+            "log": {f"/reward/{name}": means[index] for index, name in enumerate(self.task.reward_terms)},
+        }
+        return self.hand_out(result.observations), result.rewards, result.terminated | result.truncated, extras

@@ -1,0 +1,1 @@
+"""Evaluation of policies: episodes, grids, maps, pictures and films."""

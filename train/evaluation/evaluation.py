@@ -1,0 +1,285 @@
+"""Evaluation of a policy: statistics over fresh worlds."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import torch
+import warp as wp
+
+from simwarp.core.memory import check_fits
+from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
+
+from ..networks.policies import Policy, bad_actions, forget, random_policy, zero_policy
+
+_MAX_WORLDS = 4096
+CHECK_INTERVAL = 25
+_RECORD_BYTES = 64
+"""Approximate bytes kept of an episode."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """Statistics of some episodes.
+
+    Attributes:
+        episodes: number of episodes.
+        mean_return: mean of the summed rewards.
+        std_return: its standard deviation over episodes.
+        mean_episode_length: [control steps].
+        min_episode_length: the shortest [control steps].
+        success_rate: share of successes.
+        success_ci95: Wilson interval of that share at 95 %.
+        end_reasons: number of episodes that ended for each reason that occurred.
+        metrics: means of the task's own metrics at the end of the episodes.
+        bad_actions: number of times that the policy returned NaN or infinity.
+    """
+
+    episodes: int
+    mean_return: float
+    std_return: float
+    mean_episode_length: float
+    min_episode_length: int
+    success_rate: float
+    success_ci95: tuple[float, float]
+    end_reasons: dict[str, int]
+    metrics: dict[str, float]
+    bad_actions: int = 0
+
+    @property
+    def problem(self) -> str:
+        """Reason why these numbers say nothing about the task; empty if they do."""
+        if self.bad_actions:
+            return f"the policy returned NaN or infinity {self.bad_actions} times"
+        if self.end_reasons.get(NON_FINITE) == self.episodes:
+            return f"the physics of all {self.episodes} episodes broke down"
+        return ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain values; the task's own metrics stand beside the others."""
+        plain = dataclasses.asdict(self)
+        own = plain.pop("metrics")
+        plain["success_ci95"] = list(self.success_ci95)
+        return plain | {name: value for name, value in own.items() if name not in plain}
+
+
+def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
+    """Return the Wilson score interval of a proportion (Wilson 1927); z = 1.96 gives 95 %."""
+    if trials < 1:
+        raise ValueError(f"trials must be at least 1, got {trials}")
+    share, square = successes / trials, z * z
+    centre = (share + square / (2 * trials)) / (1 + square / trials)
+    half = z / (1 + square / trials) * math.sqrt(share * (1 - share) / trials + square / (4 * trials * trials))
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+class Tally:
+    """Records of the episodes that count: the first so many of each world.
+
+    Taking whichever episodes end first would favour short ones.
+    """
+
+    def __init__(self, task: Task[Any], episodes: int) -> None:
+        worlds, device = task.num_worlds, task.device
+        rounds = -(-episodes // worlds)
+        needed = _RECORD_BYTES * worlds * rounds
+        check_fits(f"records of {episodes} episodes", needed, wp.get_device(str(device)), "evaluate fewer")
+        extra = episodes - (rounds - 1) * worlds
+        self.quota = torch.full((worlds,), rounds - 1, device=device)
+        self.quota[:extra] += 1
+        self.done = torch.zeros(worlds, dtype=torch.int64, device=device)
+        self.total = torch.zeros(worlds, dtype=torch.float64, device=device)
+        self.length = torch.zeros(worlds, dtype=torch.int64, device=device)
+        self.records: dict[str, torch.Tensor] = {
+            "return": torch.zeros(worlds, rounds, dtype=torch.float64, device=device),
+            "length": torch.zeros(worlds, rounds, dtype=torch.float64, device=device),
+            "reason": torch.zeros(worlds, rounds, dtype=torch.float64, device=device),
+            "success": torch.zeros(worlds, rounds, dtype=torch.float64, device=device),
+        }
+        self._rounds = rounds
+        self._round = torch.arange(rounds, device=device)
+
+    def add(self, result: StepResult) -> None:
+        """Take in one step; reads nothing on the host."""
+        ended = result.terminated | result.truncated
+        self.total += result.rewards
+        self.length += 1
+        values = {
+            "return": self.total,
+            "length": self.length,
+            "reason": result.end_reason,
+            "success": result.success,
+            **{f"metric {name}": value for name, value in result.metrics.items()},
+        }
+        slot = (self._round == self.done.unsqueeze(1)) & (ended & (self.done < self.quota)).unsqueeze(1)
+        for name, value in values.items():
+            if name not in self.records:
+                self.records[name] = torch.zeros_like(self.records["return"])
+            record = self.records[name]
+            record.copy_(torch.where(slot, value.to(torch.float64).unsqueeze(1), record))
+        self.done += ended
+        self.total.masked_fill_(ended, 0.0)
+        self.length.masked_fill_(ended, 0)
+
+    def finished(self) -> bool:
+        """True if every world has completed its share of episodes; reads the device."""
+        return bool((self.done >= self.quota).all())
+
+    def ended(self) -> int:
+        """Return the number of the episodes that count and are over; reads the device."""
+        return int(torch.minimum(self.done, self.quota).sum())
+
+    def reasons_so_far(self, reasons: list[str]) -> dict[str, int]:
+        """Return the end reasons of finished episodes; reads the device. Short ones come first: no statistics."""
+        over = self._round < torch.minimum(self.done, self.quota).unsqueeze(1)
+        return _counts(self.records["reason"][over].cpu(), reasons)
+
+    def first_episodes(self, worlds: int) -> dict[str, list[float]]:
+        """Return ``length``, ``reason`` and ``success`` of the first episode of the first worlds; reads the device."""
+        return {name: self.records[name][:worlds, 0].tolist() for name in ("length", "reason", "success")}
+
+    def evaluation(self, reasons: list[str]) -> Evaluation:
+        """Return the statistics."""
+        counted = self._round < self.quota.unsqueeze(1)
+        columns = {name: record[counted].cpu() for name, record in self.records.items()}
+        episodes = int(counted.sum())
+        successes = int(columns["success"].sum())
+        return Evaluation(
+            episodes=episodes,
+            mean_return=float(columns["return"].mean()),
+            std_return=float(columns["return"].std(unbiased=False)),
+            mean_episode_length=float(columns["length"].mean()),
+            min_episode_length=int(columns["length"].min()),
+            success_rate=successes / episodes,
+            success_ci95=wilson_interval(successes, episodes),
+            end_reasons=_counts(columns["reason"], reasons),
+            metrics={
+                name.removeprefix("metric "): float(column.mean())
+                for name, column in columns.items()
+                if name.startswith("metric ") and name != "metric success"
+            },
+        )
+
+
+def _counts(column: torch.Tensor, reasons: list[str]) -> dict[str, int]:
+    """Return the count of each reason in a column of indices, if it occurs."""
+    counts = column.to(torch.int64).bincount(minlength=len(reasons)).tolist()
+    return {name: count for name, count in zip(reasons, counts, strict=True) if count}
+
+
+class Watcher:
+    """Observer of an evaluation; this base class does nothing."""
+
+    def begin(self, task: Task[Any]) -> None:
+        """Called when all worlds are at the beginning of their first episode."""
+
+    def step(self, step: int, tally: Tally) -> None:
+        """Called with the number of control steps done. An exception stops the evaluation."""
+
+    def warn(self, text: str) -> None:
+        """Called when something is wrong with the policy."""
+
+    def end(self, tally: Tally) -> None:
+        """Called when all episodes are over."""
+
+
+def evaluate(
+    task: Task[Any], policy: Policy, episodes: int, seed: int, *, watcher: Watcher | None = None
+) -> Evaluation:
+    """Run exactly ``episodes`` episodes from a fresh start and return their statistics."""
+    _check_episodes(episodes)
+    task.keep_final_observations = False
+    observations = task.restart(seed=seed)
+    forget(policy)
+    tally = Tally(task, episodes)
+    watcher = watcher or Watcher()
+    watcher.begin(task)
+    step, warned = 0, False
+    bad = torch.zeros((), dtype=torch.int64, device=task.device)
+    # Waiting for the device in every step would slow it down; a few steps too many change nothing
+    while step % CHECK_INTERVAL or not tally.finished():
+        actions = policy(observations)
+        bad += bad_actions(actions)
+        result = task.step(actions)
+        observations = result.observations
+        forget(policy, result.terminated | result.truncated)
+        tally.add(result)
+        step += 1
+        watcher.step(step, tally)
+        if step % CHECK_INTERVAL == 0 and not warned and int(bad):
+            warned = True
+            watcher.warn(f"the policy returns NaN or infinity, since step {step} or before")
+    watcher.end(tally)
+    # What follows from such actions is not the task's fault
+    with contextlib.suppress(*((TaskError,) if int(bad) else ())):
+        task.drain_statistics()
+    evaluation = dataclasses.replace(tally.evaluation(task.end_reasons), bad_actions=int(bad))
+    if evaluation.problem and not warned:
+        watcher.warn(evaluation.problem)
+    return evaluation
+
+
+def _check_episodes(episodes: int) -> None:
+    if episodes < 1:
+        raise InputError(f"episodes must be at least 1, got {episodes}")
+
+
+def evaluate_policies(
+    task_name: str,
+    make_policy: Callable[[Task[Any]], Policy],
+    *,
+    config: TaskConfig,
+    episodes: int,
+    seed: int,
+    device: str = "cpu",
+    num_envs: int | None = None,
+    baselines: bool = True,
+    watch: Callable[[str], Watcher] | None = None,
+) -> Iterator[tuple[str, Evaluation]]:
+    """Evaluate a policy and then, on the same worlds, the one that does nothing and the random one.
+
+    Args:
+        task_name: a registered task.
+        make_policy: builds the policy for a task.
+        config: configuration of the task.
+        episodes: of each policy.
+        seed: of the worlds.
+        device: canonical device name.
+        num_envs: worlds stepped together; by default one per episode, at most 4096.
+        baselines: True if the other two are evaluated at all.
+        watch: given a name, returns who looks on.
+
+    Yields:
+        Name (``policy``, ``zero`` or ``random``) and evaluation, as soon as it is known.
+    """
+    _check_episodes(episodes)
+    worlds = min(episodes, _MAX_WORLDS if num_envs is None else num_envs)
+    task = make(task_name, worlds, device=device, seed=seed, config=config)
+    policies = {"policy": make_policy(task)}
+    if baselines:
+        policies |= {"zero": zero_policy(task), "random": random_policy(task)}
+    for name, policy in policies.items():
+        watcher = None if watch is None else watch(name)
+        yield name, evaluate(task, policy, episodes, seed, watcher=watcher)
+
+
+def evaluate_with_baselines(
+    task_name: str,
+    make_policy: Callable[[Task[Any]], Policy],
+    *,
+    config: TaskConfig,
+    episodes: int,
+    seed: int,
+    device: str = "cpu",
+    num_envs: int | None = None,
+) -> dict[str, Evaluation]:
+    """Return the evaluations of :func:`evaluate_policies` by name."""
+    return dict(
+        evaluate_policies(
+            task_name, make_policy, config=config, episodes=episodes, seed=seed, device=device, num_envs=num_envs
+        )
+    )

@@ -1,0 +1,139 @@
+"""A rendered picture or a short video of worlds in which a policy acts."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from PIL import Image
+
+from simwarp.core.files import check_output, write_file
+from simwarp.tasks import InputError, Task
+
+from ..networks.policies import Policy, bad_actions, forget, refuse_bad_actions
+from .filming import Film, film_still, film_strip
+from .mp4 import check_encoder, write_mp4
+
+PICTURE_SUFFIXES = (".png",)
+VIDEO_SUFFIXES = (".gif", ".mp4")
+_FRAMES_PER_SECOND = 25
+_PALETTE_FRAMES = 8
+_LONGEST = 3600.0
+"""Time that is shown at most [s]: all images are kept until they are written."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """Picture data of one moment.
+
+    Attributes:
+        time: since the start [s].
+        images: (W, height, width, 3) uint8, rendered; None where none was taken.
+    """
+
+    time: float
+    images: npt.NDArray[np.uint8] | None = None
+
+
+def check_video_path(path: Path) -> None:
+    """Refuse what cannot be written, before any work is done.
+
+    Raises:
+        InputError: unknown kind of file, or an encoder that is not installed.
+        FileError: it cannot be written to.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in PICTURE_SUFFIXES + VIDEO_SUFFIXES:
+        raise InputError(f"cannot write '{path}': the name must end in .png, .gif or .mp4")
+    check_output(path, "--video")
+    if suffix == ".mp4":
+        check_encoder()
+
+
+def record(
+    task: Task[Any], policy: Policy, seconds: float, seed: int, film: Film,
+    watch: Callable[[int, int], None] | None = None,
+) -> tuple[list[Frame], float]:  # fmt: skip
+    """Let a policy act and keep frames.
+
+    Args:
+        task: task to play.
+        policy: policy that acts.
+        seconds: time shown [s].
+        seed: of the worlds.
+        film: of the task; takes images of the frames it wants.
+        watch: hears how many control steps are done, and of how many.
+
+    Returns:
+        Frames some 25 per second apart, and the mean return of the first episodes so far.
+
+    Raises:
+        TrainingError: the policy returned NaN or infinity.
+    """
+    if not 0.0 < seconds <= _LONGEST:
+        raise InputError(f"seconds must be positive and at most {_LONGEST:g}, got {seconds:g}")
+    task.keep_final_observations = False
+    observations = task.restart(seed=seed)
+    forget(policy)
+    every = max(1, round(1.0 / (_FRAMES_PER_SECOND * task.config.control_dt)))
+    steps = max(1, round(seconds / task.config.control_dt))
+    count = steps // every + 1
+    frames = [Frame(0.0, film.take(0, count, 0.0))]
+    total = torch.zeros(task.num_worlds, dtype=torch.float64, device=task.device)
+    running = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
+    bad = torch.zeros((), dtype=torch.int64, device=task.device)
+    for step in range(1, steps + 1):
+        actions = policy(observations)
+        bad += bad_actions(actions)
+        result = task.step(actions)
+        observations = result.observations
+        total += torch.where(running, result.rewards, 0.0)
+        ended = result.terminated | result.truncated
+        running &= ~ended
+        forget(policy, ended)
+        if step % every == 0:
+            time = step * task.config.control_dt
+            frames.append(Frame(time, film.take(step // every, count, time)))
+        if watch is not None:
+            watch(step, steps)
+    refuse_bad_actions(bad, steps * task.num_worlds)
+    return frames, float(total.mean())
+
+
+def write_picture(path: Path, frames: list[Frame], title: str) -> None:
+    """Write a PNG: rendered moments of every world.
+
+    Raises:
+        OutputError: the disk did not take it.
+    """
+    taken = [(frame.time, frame.images) for frame in frames if frame.images is not None]
+    picture = io.BytesIO()
+    Image.fromarray(film_strip(taken, title)).save(picture, format="png")
+    write_file(path, picture.getvalue())
+
+
+def write_video(path: Path, frames: list[Frame], title: str) -> None:
+    """Write a GIF or an MP4 of frames that all have images.
+
+    Raises:
+        OutputError: the disk did not take it.
+    """
+    rate = (len(frames) - 1) / frames[-1].time if len(frames) > 1 else _FRAMES_PER_SECOND
+    images = [film_still(frame.images, frame.time, title) for frame in frames if frame.images is not None]
+    if path.suffix.lower() == ".mp4":
+        height, width, _ = images[0].shape
+        write_mp4(path, images, (width, height), rate)
+        return
+    # One palette for all images keeps a GIF of flat colours small; what comes into sight later has its colours in it
+    some = np.unique(np.linspace(0, len(images) - 1, _PALETTE_FRAMES).round().astype(int))
+    palette = Image.fromarray(np.concatenate([images[index] for index in some])).quantize(256)
+    first, *rest = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    video = io.BytesIO()
+    first.save(video, format="gif", save_all=True, append_images=rest, duration=round(1000.0 / rate), loop=0)
+    write_file(path, video.getvalue())

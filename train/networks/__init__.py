@@ -1,0 +1,1 @@
+"""Actors and critics, shipped policies, export."""

@@ -1,0 +1,181 @@
+"""Policies to act with: a trained network, nothing, and chance."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.models import MLPModel
+from rsl_rl.utils import resolve_class
+from tensordict import TensorDict
+
+from simwarp.core.types import shown
+from simwarp.tasks import InputError, Task, task_class
+from simwarp.tasks.framework.saved_state import check_like
+
+from ..algorithm.trainer import TrainingError
+from ..config import obs_of, rsl_rl_config, train_config_from_plain
+from ..runs.checkpoint import SUFFIX, load_checkpoint
+from ..runs.run_folder import RUNS, latest_run, read_policy
+from .networks import check_groups
+
+Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
+"""Observation groups -> (W, A) actions. One with a memory has a method ``forget`` too; see :func:`forget`."""
+
+SHIPPED = Path(__file__).parents[1] / "shipped"
+
+
+@dataclasses.dataclass(frozen=True)
+class PolicySource:
+    """A checkpoint and where it came from.
+
+    Attributes:
+        path: the file.
+        content: content of the checkpoint.
+        origin: one phrase for the user.
+    """
+
+    path: Path
+    content: dict[str, Any]
+    origin: str
+
+
+def shipped_policy(task_name: str, obs: str | None = None) -> Path | None:
+    """Return the policy that comes with the package for a task and its observations, if there is one.
+
+    Where the task has a choice of observations and ``obs`` makes none, the task's default comes first.
+    """
+    names = [f"{task_name}.{obs}"]
+    if obs is None:
+        choice = obs_of(task_class(task_name).config_type())
+        names = [task_name, f"{task_name}.{choice}", *sorted(path.stem for path in SHIPPED.glob(f"{task_name}.*.pt"))]
+    return next((path for name in names if (path := SHIPPED / f"{name}{SUFFIX}").is_file()), None)
+
+
+def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs: str | None = None) -> PolicySource:
+    """Read the policy the user means: the given file or run, else the newest run, else the shipped one.
+
+    A checkpoint named ``shipped`` is the shipped one. With ``obs`` only a policy of these observations will do.
+
+    Raises:
+        InputError: there is none, it cannot be read, or it is of another task.
+    """
+    if checkpoint is not None and str(checkpoint) != SHIPPED.name:
+        path, content = read_policy(checkpoint)
+        origin = f"checkpoint {path}"
+    else:
+        run = latest_run(root, task_name, obs) if checkpoint is None else None
+        shipped = shipped_policy(task_name, obs)
+        if run is not None:
+            path, content = run.load_latest()
+            origin = f"newest run, {path}"
+        elif shipped is not None:
+            path, content, origin = shipped, load_checkpoint(shipped), "policy shipped with simwarp"
+        else:
+            of, option = (f" with {obs} observations", f" --obs {obs}") if obs else ("", "")
+            raise InputError(
+                f"no policy for task '{task_name}'{of}: train one with `simwarp train {task_name}{option}` or give"
+                " --checkpoint"
+            )
+    if content["task"] != task_name:
+        raise InputError(f"checkpoint {path} is of task {shown(content['task'])}, not '{task_name}'")
+    trained = content["task_config"].get("obs")
+    if obs not in (None, trained):
+        raise InputError(f"checkpoint {path} was trained on {shown(trained)} observations, not {obs}: leave --obs away")
+    return PolicySource(path, content, origin if trained is None else f"{origin} (--obs {trained})")
+
+
+class NetworkPolicy:
+    """The deterministic policy of a trained network.
+
+    Attributes:
+        actor: the network, in evaluation mode.
+        groups: names of the observation groups, in the order the network knows them.
+    """
+
+    def __init__(self, actor: MLPModel, groups: list[str]) -> None:
+        self.actor = actor
+        self.groups = groups
+
+    def __call__(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Return (W, A) actions: the mean, which the task clips to [-1, 1]."""
+        with torch.inference_mode():
+            worlds = len(observations[self.groups[0]])
+            actions: torch.Tensor = self.actor(TensorDict(dict(observations), batch_size=[worlds]))
+            return actions
+
+    def forget(self, ended: torch.Tensor | None = None) -> None:
+        """Clear the memory of a recurrent network where episodes ended ((W,) bool), or everywhere."""
+        if self.actor.is_recurrent:
+            with torch.inference_mode():
+                self.actor.reset(ended)
+
+
+def forget(policy: Policy, ended: torch.Tensor | None = None) -> None:
+    """Reset a policy's hidden state where episodes ended, or everywhere with None; without a memory nothing happens."""
+    clear: Callable[[torch.Tensor | None], None] | None = getattr(policy, "forget", None)
+    if clear is not None:
+        clear(ended)
+
+
+def bad_actions(actions: torch.Tensor) -> torch.Tensor:
+    """Return the number of (W, A) actions that are not finite, on the device."""
+    return (~actions.isfinite()).any(dim=1).sum()
+
+
+def refuse_bad_actions(count: torch.Tensor, total: int) -> None:
+    """Refuse what came of a policy that returned NaN; reads the device.
+
+    Raises:
+        TrainingError: it did.
+    """
+    if int(count):
+        raise TrainingError(
+            f"the policy returned NaN or infinity in {int(count)} of {total} actions; nothing was written"
+        )
+
+
+def build_actor(settings: dict[str, Any], task: Task[Any]) -> MLPModel:
+    """Return a new actor for a task, as ``rsl_rl_config`` describes it."""
+    model_class, options = resolve_class(settings["actor"])
+    groups = {name: group.clone() for name, group in task.observations().items()}
+    example = TensorDict(groups, batch_size=[task.num_worlds])
+    actor: MLPModel = model_class(example, settings["obs_groups"], "actor", task.action_size, **options)
+    return actor.to(task.device)
+
+
+def network_policy(content: dict[str, Any], task: Task[Any]) -> NetworkPolicy:
+    """Return the deterministic policy of a checkpoint, for the observations of ``task``.
+
+    Raises:
+        InputError: its network does not fit the task's observations or actions.
+    """
+    config = train_config_from_plain(content["train_config"], "train_config of the checkpoint")
+    groups = list(task.observation_shapes)
+    check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
+    actor = build_actor(rsl_rl_config(config, groups, task.action_size), task)
+    try:
+        check_like(actor.state_dict(), content["actor_state_dict"], "actor_state_dict")
+    except InputError as error:
+        shapes = ", ".join(f"'{name}' {shape}" for name, shape in task.observation_shapes.items())
+        raise InputError(
+            f"the checkpoint's network does not fit task '{task.name}' (observations {shapes}, {task.action_size}"
+            f" actions): {error}"
+        ) from error
+    actor.load_state_dict(content["actor_state_dict"], strict=True)
+    actor.eval()
+    return NetworkPolicy(actor, groups)
+
+
+def zero_policy(task: Task[Any]) -> Policy:
+    """Return the policy that does nothing."""
+    nothing = torch.zeros(task.num_worlds, task.action_size, device=task.device)
+    return lambda observations: nothing
+
+
+def random_policy(task: Task[Any]) -> Policy:
+    """Return the policy that draws every action uniformly from [-1, 1], reproducibly."""
+    return lambda observations: task.random.uniform("random policy", -1.0, 1.0, task.action_size, per_step=True)

@@ -1,0 +1,254 @@
+"""One writer per run folder: a lock file that names the process, and what becomes of a lock whose process is gone.
+
+The file is read and changed only under an advisory lock of the operating system, so that two processes that find the
+lock of a dead one do not both take it over. That is held for moments; the file stays as long as its run is written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import errno
+import fcntl
+import json
+import os
+import socket
+import stat
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, Self
+
+from simwarp.core.files import FileError, OutputError, output_error, parse_json
+from simwarp.tasks import InputError, config_from_plain
+
+from ..algorithm.trainer import TrainingError
+
+LOCK: Final = "writer.json"
+_PATIENCE = 5.0
+"""Longest time that another process may be reading or changing the file [s]."""
+_LARGEST = 10_000
+_PROC = Path("/proc")
+
+
+@dataclasses.dataclass(frozen=True)
+class Writer:
+    """Identity of a process, to check whether it still runs.
+
+    Attributes:
+        host: name of its machine.
+        machine: identifier of the machine beside its name; empty where the system has none.
+        boot: of the machine since its last start, and of the container within it; numbers of processes mean the same.
+        pid: its number.
+        started: start time, in whatever unit: numbers of processes are used again.
+    """
+
+    host: str
+    machine: str
+    boot: str
+    pid: int
+    started: str
+
+    @classmethod
+    def this(cls) -> Self:
+        """Return the writer that this process is."""
+        boot = f"{_line(_PROC / 'sys/kernel/random/boot_id')} {_link(_PROC / 'self/ns/pid')}".strip()
+        machine = _line(Path("/etc/machine-id"))
+        return cls(socket.gethostname(), machine, boot, os.getpid(), started(os.getpid()) or "")
+
+    def is_alive(self) -> bool | None:
+        """Return True if it still runs; None where that cannot be known from here."""
+        here = Writer.this()
+        if self.host != here.host or self.machine != here.machine:
+            return None
+        if self.boot != here.boot:
+            # The machine was started anew since, unless it is a container of the same name beside this one
+            same_machine = bool(self.machine) and self.boot.split()[:1] != here.boot.split()[:1]
+            return False if same_machine else None
+        now = started(self.pid)
+        if now is None:
+            return False
+        return now == self.started if now and self.started else None
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {self.host}"
+
+
+def started(pid: int) -> str | None:
+    """Return when a process was started, as the system counts; empty if it does not say, None if there is none."""
+    try:
+        if pid < 1:
+            return None
+        os.kill(pid, 0)
+    except PermissionError:
+        pass  # it is somebody else's
+    except (OSError, OverflowError):
+        return None
+    try:
+        # The name, in parentheses, may hold anything; behind it come state and numbers
+        fields = (_PROC / str(pid) / "stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return _started_by_ps(pid)
+    return None if fields[0] in ("Z", "X") else fields[19]
+
+
+def _started_by_ps(pid: int) -> str:
+    """Return when a process was started where there is no /proc."""
+    try:
+        done = subprocess.run(["ps", "-o", "lstart=", "-p", str(pid)], capture_output=True, text=True, timeout=10.0)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip()
+
+
+@contextlib.contextmanager
+def writing(folder: Path, take_over: bool = False) -> Iterator[RunLock]:
+    """Be the one writer of a run folder inside the block.
+
+    Args:
+        folder: the run.
+        take_over: also where the lock is of a process that cannot be seen from here, such as one on another machine.
+
+    Raises:
+        InputError: another process writes the run, or may do so.
+        OutputError: the lock cannot be written.
+    """
+    lock = RunLock(folder / LOCK, take_over)
+    try:
+        yield lock
+    finally:
+        lock.release()
+
+
+class RunLock:
+    """The lock of a run, held from the beginning; see :func:`writing`.
+
+    Attributes:
+        path: the file.
+        took_over: description of the lock that was found; empty where there was none.
+    """
+
+    def __init__(self, path: Path, take_over: bool = False) -> None:
+        self.path = path
+        self.took_over = ""
+        self._own = Writer.this()
+        with _opened(path) as handle:
+            text = os.read(handle, _LARGEST)
+            if text:
+                self.took_over = self._judge(text, take_over)
+            self._write(handle)
+
+    def _judge(self, text: bytes, take_over: bool) -> str:
+        """Return the reason why the lock that was found may be taken over; refuse otherwise."""
+        run = self.path.parent
+        try:
+            found = config_from_plain(Writer, parse_json(text.decode(), self.path.name))
+        except (FileError, InputError, UnicodeDecodeError):
+            if take_over:
+                return f"run {run}: its lock {LOCK} was unreadable and is taken over"
+            raise InputError(
+                f"run {run}: its lock {LOCK} is unreadable; if no process writes the run, give --take-over"
+            ) from None
+        alive = found.is_alive()
+        if alive:
+            raise InputError(f"run {run} is being written by {found}; wait for it or stop it")
+        if alive is None and not take_over:
+            raise InputError(
+                f"run {run} is locked by {found}, out of sight from here; if it no longer runs, give --take-over"
+            )
+        return f"run {run}: its lock was of {found}, {'taken over' if alive is None else 'which is dead; taken over'}"
+
+    def _write(self, handle: int) -> None:
+        data = json.dumps(dataclasses.asdict(self._own)).encode()
+        try:
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, data, 0)
+            os.fsync(handle)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self.path.unlink()
+            raise output_error(self.path, error, needed=len(data)) from error
+
+    def is_own(self) -> bool:
+        """Return True if the lock is still the one of this process; a folder without one counts."""
+        try:
+            text = self.path.read_bytes()[:_LARGEST]
+        except OSError:
+            return True
+        try:
+            return config_from_plain(Writer, parse_json(text.decode(), self.path.name)) == self._own
+        except (FileError, InputError, UnicodeDecodeError):
+            return False
+
+    def check(self) -> None:
+        """Check that this process may still write.
+
+        Raises:
+            TrainingError: another one has taken the run over.
+        """
+        if not self.is_own():
+            raise TrainingError(f"run {self.path.parent} was taken over by another process; this one stops here")
+
+    def release(self) -> None:
+        """Remove the lock, unless it is another's by now."""
+        with contextlib.suppress(OSError, OutputError, InputError), _opened(self.path, os.O_RDWR):
+            if self.is_own():
+                self.path.unlink()
+
+
+@contextlib.contextmanager
+def _opened(path: Path, flags: int = os.O_RDWR | os.O_CREAT) -> Iterator[int]:
+    """Open the file, which is made if it is not there, while no other process has it open like this."""
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            handle = os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+        except OSError as error:
+            raise output_error(path, error, needed=_LARGEST) from error
+        try:
+            if not stat.S_ISREG(os.fstat(handle).st_mode):
+                raise InputError(f"run {path.parent}: its lock {path.name} is no regular file; remove it")
+            if _take(handle, path, deadline):
+                yield handle
+                return
+        finally:
+            os.close(handle)
+
+
+def _take(handle: int, path: Path, deadline: float) -> bool:
+    """Wait for an open file to be this process's; False if it is no longer the one at ``path``."""
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
+                break  # a file system without such locks: the file itself must do
+            if time.monotonic() > deadline:
+                raise InputError(
+                    f"run {path.parent}: another process holds {path.name}; repeat when it is done"
+                ) from None
+            time.sleep(0.01)
+        else:
+            break
+    try:
+        now = os.stat(path, follow_symlinks=False)
+    except OSError:
+        return False
+    mine = os.fstat(handle)
+    return (now.st_dev, now.st_ino) == (mine.st_dev, mine.st_ino)
+
+
+def _line(path: Path) -> str:
+    """Return the one line of a file of the system; empty where there is none."""
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def _link(path: Path) -> str:
+    try:
+        return os.readlink(path)
+    except OSError:
+        return ""

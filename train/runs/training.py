@@ -1,0 +1,270 @@
+"""A whole training run: folder, checkpoints, logs, picture, interruption and resuming."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from rich.console import Console
+
+from simwarp.core.files import OutputError
+from simwarp.core.types import shown
+from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
+
+from ..config import LoggerKind, TrainConfig, check_configs
+from ..evaluation.curve import draw_learning_curve
+from ..algorithm.distributed import Processes, connect, processes
+from .loggers import RunLog, check_logger
+from .progress import ProgressDisplay
+from .run_files import write_json
+from .run_folder import CONFIG, RUNS, RunFolder, check_root, create_run, open_run, provenance, read_policy
+from .run_lock import RunLock, writing
+from .stopping import StopRequest, stop_on_signals
+from ..algorithm.trainer import IterationReport, Trainer
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainResult:
+    """Result of a run. The names are the keys of ``simwarp train --json``."""
+
+    task: str
+    run: str
+    checkpoint: str
+    picture: str | None
+    iterations: int
+    env_steps: int
+    env_steps_per_s: float
+    wall_s: float
+    mean_reward: float | None
+    mean_episode_length: float | None
+    interrupted: bool
+    broken_iterations: int = 0
+    """Iterations in which the physics of all worlds broke down: nothing was learnt from them."""
+
+
+def train(
+    task_name: str,
+    config: TrainConfig,
+    task_config: TaskConfig,
+    *,
+    root: Path = RUNS,
+    resume: Path | None = None,
+    warm_start: Path | None = None,
+    take_over: bool = False,
+    console: Console | None = None,
+) -> TrainResult:
+    """Train a policy and leave a run folder.
+
+    Under ``torchrun`` all processes train one policy, each with worlds of its own; the first one writes the folder.
+
+    Args:
+        task_name: a registered task.
+        config: configuration of the training.
+        task_config: the task's configuration.
+        root: folder of all runs.
+        resume: run folder to go on with, in place of a new one.
+        warm_start: checkpoint or run whose actor a new run starts from.
+        take_over: resume a run that a process elsewhere has locked, and that is known to write it no more.
+        console: for the progress; standard output by default.
+
+    Raises:
+        InputError: something asked for is impossible.
+        TaskError: the task broke its contract.
+        TrainingError: learning diverged, or another process has taken the run over.
+        OutputError: the disk did not take a file of the run; its checkpoints are unharmed.
+    """
+    group = processes()
+    console = (console or Console()) if group.first else Console(quiet=True)
+    device = group.device(config.device)
+    torch.set_num_threads(config.threads)
+    check_logger(config.logger)
+    if resume is not None and warm_start is not None:
+        raise InputError("--warm-start begins a new run and --resume goes on with one: give one of them")
+    start = None if warm_start is None else _start_policy(warm_start, task_name)
+    description = {
+        "task": task_name,
+        "train_config": config_to_plain(config),
+        "task_config": config_to_plain(task_config),
+    }
+    if warm_start is not None:
+        description["warm_start"] = str(warm_start)
+    with contextlib.ExitStack() as held:
+        saved: tuple[Path, dict[str, Any]] | None = None
+        lock: RunLock | None = None
+        if resume is None:
+            check_root(root / task_name)
+        else:
+            open_run(resume)
+            if group.first:
+                # Before the checkpoint is read: another writer could replace it
+                lock = held.enter_context(writing(resume, take_over))
+                if lock.took_over:
+                    console.print(lock.took_over, highlight=False, markup=False, soft_wrap=True)
+            saved = _saved_run(resume, task_name, config)
+        trainer = _trainer(task_name, config, task_config, group, device, console)
+        if saved is not None and not trainer.load(saved[1], f"checkpoint {saved[0]}"):
+            console.print(
+                "the checkpoint has another number of worlds or processes: the worlds start afresh", soft_wrap=True
+            )
+        if start is not None:
+            trainer.warm_start(start)
+        folder = _folder(trainer, root, resume, description)
+        if lock is None and group.first:
+            lock = held.enter_context(writing(folder.path))
+        _keep_breaks(trainer, folder)
+        console.print(f"run folder {folder.path}", highlight=False, soft_wrap=True)
+        try:
+            return _run(trainer, folder, lock, console, description)
+        except OutputError as error:
+            raise OutputError(f"{error}; {_kept(folder)}") from error
+
+
+def _trainer(
+    task_name: str, config: TrainConfig, task_config: TaskConfig, group: Processes, device: str, console: Console
+) -> Trainer:
+    """Build the worlds of this process, and networks for them."""
+    # Kernels are compiled once per machine, which takes a while in which nothing else is shown
+    console.print(f"building {config.num_envs} worlds of '{task_name}' on {device} ...", highlight=False)
+    connect(group, device)
+    first_world = group.rank * config.num_envs
+    task = make(
+        task_name, config.num_envs, device=device, seed=config.seed, config=task_config, first_world=first_world
+    )
+    return Trainer(task, config, group)
+
+
+def _kept(folder: RunFolder) -> str:
+    """Return a text on the remains of a run that a disk has stopped."""
+    files = folder.checkpoint_files()
+    if not files:
+        return f"run {folder.path} has no checkpoint"
+    return f"run {folder.path} is saved up to {files[-1].name}"
+
+
+def _folder(trainer: Trainer, root: Path, resume: Path | None, description: dict[str, Any]) -> RunFolder:
+    """Make or open the run folder, in the first process; the others receive its path."""
+    path: Path | None = None
+    if trainer.group.first:
+        if resume is None:
+            path = create_run(root, trainer.task.name, description).path
+        else:
+            folder = open_run(resume)
+            path = folder.path
+            kept = {key: value for key, value in folder.load_config().items() if key not in description}
+            folder.sweep()
+            write_json(path / CONFIG, description | kept)
+            write_json(path / f"provenance_{trainer.iteration:06d}.json", provenance())
+    told: Path = trainer.group.gather(path)[0]
+    return RunFolder(told)
+
+
+def _keep_breaks(trainer: Trainer, folder: RunFolder) -> None:
+    """Let the task write the first breakdown of its physics to the run folder, for ``simwarp replay``."""
+    guard = getattr(trainer.task, "guard", None)
+    if guard is not None:
+        number = f"_{trainer.group.rank}" if trainer.group.several else ""
+        guard.path = folder.path / f"broken{number}.npz"
+
+
+def _start_policy(path: Path, task_name: str) -> dict[str, Any]:
+    path, content = read_policy(path)
+    if content["task"] != task_name:
+        raise InputError(f"the policy to start from, {path}, is of task {shown(content['task'])}, not '{task_name}'")
+    check_configs(content, f"checkpoint {path}")
+    return content
+
+
+def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path, dict[str, Any]]:
+    path, content = open_run(resume).load_latest()
+    if content["task"] != task_name:
+        raise InputError(f"run {resume} is of task {shown(content['task'])}, not '{task_name}'")
+    if "worlds" not in content:
+        raise InputError(f"checkpoint {path} holds only a policy: it cannot be resumed")
+    check_configs(content, f"checkpoint {path}")
+    if content["iteration"] >= config.iterations:
+        raise InputError(f"run {resume} already has {content['iteration']} iterations; ask for more with --iterations")
+    return path, content
+
+
+def _stops(group: Processes, stop: StopRequest, device: str) -> bool:
+    """True if any process was asked to stop: all must leave in the same iteration."""
+    return group.sums({"stop": float(stop.requested)}, device)["stop"] > 0.0
+
+
+def _save(trainer: Trainer, folder: RunFolder, lock: RunLock | None) -> Path:
+    """Write a checkpoint, all processes together; return its path."""
+    content = trainer.checkpoint()
+    if trainer.group.first:
+        if lock is not None:
+            lock.check()
+        folder.save(content, trainer.config.keep_checkpoints)
+    trainer.group.gather(None)  # none goes on before the file is there
+    return folder.checkpoint_path(content["iteration"])
+
+
+def _log_of(
+    folder: RunFolder, report: IterationReport, kind: LoggerKind, description: dict[str, Any], display: ProgressDisplay
+) -> RunLog:
+    """Begin the records of a run, now that it is known what is recorded."""
+    log = RunLog(folder, report, kind, description)
+    if log.lost:
+        display.say(f"{folder.progress}: {log.lost} lines could not be read and are dropped; the run goes on")
+    return log
+
+
+def _run(
+    trainer: Trainer, folder: RunFolder, lock: RunLock | None, console: Console, description: dict[str, Any]
+) -> TrainResult:
+    config, group = trainer.config, trainer.group
+    first, first_steps = trainer.iteration, trainer.env_steps
+    started = time.perf_counter()
+    log: RunLog | None = None
+    report: IterationReport | None = None
+    display = ProgressDisplay(console, first, config.iterations)
+    checkpoint: Path | None = None
+    stopped, broken = False, 0
+    with stop_on_signals() as stop:
+        try:
+            with display:
+                while trainer.iteration < config.iterations and not stopped:
+                    report = trainer.iterate()
+                    if group.first:
+                        log = log or _log_of(folder, report, config.logger, description, display)
+                        log.add(report, time.perf_counter() - started)
+                        display.update(report)
+                    if report.all_broken and not broken:
+                        display.say(f"iteration {report.iteration}: the physics of all worlds broke down in it")
+                    broken += report.all_broken
+                    if report.iteration % config.save_interval == 0:
+                        checkpoint = _save(trainer, folder, lock)
+                    stopped = _stops(group, stop, trainer.device)
+            if report is not None and report.iteration % config.save_interval != 0:
+                checkpoint = _save(trainer, folder, lock)
+        finally:
+            if log is not None:
+                log.close()
+    wall = time.perf_counter() - started
+    if report is None or checkpoint is None:
+        raise KeyboardInterrupt
+    if group.first:
+        worlds = config.num_envs * group.count
+        draw_learning_curve(folder.progress, folder.curve, f"{trainer.task.name}: {worlds} worlds")
+    return TrainResult(
+        task=trainer.task.name,
+        run=str(folder.path),
+        checkpoint=str(checkpoint),
+        picture=str(folder.curve),
+        iterations=trainer.iteration,
+        env_steps=trainer.env_steps,
+        env_steps_per_s=(trainer.env_steps - first_steps) / wall,
+        wall_s=wall,
+        mean_reward=report.mean_reward if math.isfinite(report.mean_reward) else None,
+        mean_episode_length=report.mean_episode_length if math.isfinite(report.mean_episode_length) else None,
+        interrupted=stopped and trainer.iteration < config.iterations,
+        broken_iterations=broken,
+    )
