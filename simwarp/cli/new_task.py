@@ -59,7 +59,7 @@ import dataclasses
 
 import simwarp as sw
 import torch
-from simwarp.tasks import Task, TaskConfig, register, require
+from simwarp.tasks import Positive, Task, TaskConfig, register
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,14 +68,10 @@ class @Class@Config(TaskConfig):
 
     max_episode_steps: int = 200
     """Control steps after which an episode is truncated."""
-    torque: float = 4.0
+    torque: Positive = 4.0
     """Torque of a full action [N m]."""
-    max_rate: float = 20.0
+    max_rate: Positive = 20.0
     """Angular speed at which an episode fails [rad/s]."""
-
-    def validate(self):
-        require(self.torque > 0.0, self, "torque", "positive")
-        require(self.max_rate > 0.0, self, "max_rate", "positive")
 
 
 @register("@name@")
@@ -95,29 +91,30 @@ class @Class@Task(Task[@Class@Config]):
 
     def setup(self):
         """Buffers of the task's own, allocated once and written in place."""
+        self.hinge = self.simulation.model.dof("hinge")
         self.target = torch.zeros(self.num_worlds, device=self.device)
 
     def apply(self, action):
         """`action` is (W, 1) in [-1, 1] and holds for one control step."""
-        self.views.joint_force[:, 0] = action[:, 0] * self.config.torque
+        self.views.joint_force[:, self.hinge] = action[:, 0] * self.config.torque
 
     def observations(self):
         """Named groups, each (W, ...)."""
-        q, qd = self.views.joint_q[:, 0], self.views.joint_qd[:, 0]
+        q, qd = self.views.joint_q[:, self.hinge], self.views.joint_qd[:, self.hinge]
         return {"policy": torch.stack([q.sin(), q.cos(), 0.1 * qd, self.target.sin(), self.target.cos()], dim=1)}
 
     def rewards(self):
         """Named terms, each (W,); the reward is their sum."""
-        error = 1.0 - torch.cos(self.views.joint_q[:, 0] - self.target)
+        error = 1.0 - torch.cos(self.views.joint_q[:, self.hinge] - self.target)
         return {"near": torch.exp(-4.0 * error), "effort": -0.01 * self.action[:, 0].square()}
 
     def terminations(self):
         """Named failures and goals, each (W,) bool."""
-        return {"too_fast": self.views.joint_qd[:, 0].abs() > self.config.max_rate}
+        return {"too_fast": self.views.joint_qd[:, self.hinge].abs() > self.config.max_rate}
 
     def metrics(self):
         """The metrics of `simwarp eval`; `success` decides about success."""
-        error = (1.0 - torch.cos(self.views.joint_q[:, 0] - self.target)).clamp(0.0, 2.0)
+        error = (1.0 - torch.cos(self.views.joint_q[:, self.hinge] - self.target)).clamp(0.0, 2.0)
         return {"final_error": torch.acos(1.0 - error), "success": error < 0.005}
 
     def reset(self, world_mask):
@@ -167,10 +164,10 @@ def test_episodes_repeat_with_their_seed():
 
 def test_torque_moves_the_arm():
     task = make("@name@", num_worlds=2)
-    before = task.views.joint_q[:, 0].clone()
+    before = task.views.joint_q[:, task.hinge].clone()
     for _ in range(10):
         task.step(torch.tensor([[1.0], [-1.0]]))
-    moved = task.views.joint_q[:, 0] - before
+    moved = task.views.joint_q[:, task.hinge] - before
     # 4 N m against the 1.5 N m of the arm's weight
     assert moved[0] > 0 > moved[1]
 

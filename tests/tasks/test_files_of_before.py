@@ -9,8 +9,8 @@ import pytest
 
 import simwarp as sw
 from simwarp.core import renames
+from simwarp.tasks.cart_pole import PendulumConfig
 from simwarp.tasks.framework.replay import replay
-from simwarp.tasks.pendulum import PendulumConfig
 from simwarp.train.algorithm.trajectories import load_trajectories
 from simwarp.train.config import task_config_from_plain
 from simwarp.train.runs.checkpoint import load_checkpoint
