@@ -106,7 +106,11 @@ class RadarConfig(Configuration):
     groups: GroupBits = ALL_GROUPS
 
     def check(self) -> None:
-        """There is something between near and far."""
+        """Checks that there is something between near and far.
+
+        Raises:
+            ModelError: `near` is not below `far`.
+        """
         check_reach("RadarConfig", self.near, self.far)
 
 
@@ -195,11 +199,15 @@ class Radar:
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """Clock and frames."""
+        """Clock and frames, arrays (W, ...) or (W·slots, ...) by name."""
         return self.frames.memory
 
     def check(self, simulation: StepContext, dt: float) -> None:
-        """Refuses a Simulation that it cannot be part of."""
+        """Refuses a Simulation that it cannot be part of.
+
+        Raises:
+            ModelError: see `FrameBuffer.check`.
+        """
         self.frames.check(simulation, dt, self._scratch_bytes())
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
