@@ -334,7 +334,14 @@ class ModelBuilder(ShapeList, CouplingList):
         stiffness: Sequence[float],
         damping: Sequence[float] = (0.0,) * 6,
     ) -> int:
-        """Six compliant rows: stiffness [N/m x3, N·m/rad x3] and damping along and about the frame's axes."""
+        """Six compliant rows along and about the axes of a frame.
+
+        Args:
+            anchor: origin of the frame, world frame [m].
+            rotation: of the frame's axes in the world, xyzw quaternion.
+            stiffness: (6,) along the axes [N/m], then about them [N·m/rad].
+            damping: (6,) along the axes [N·s/m], then about them [N·m·s/rad].
+        """
         thing = checked_name("bushing", name)
         k = finite_vector(thing, "stiffness", stiffness, 6)
         d = finite_vector(thing, "damping", damping, 6)

@@ -248,8 +248,7 @@ class Task(ABC, Generic[ConfigT]):
     def step_limit(self) -> torch.Tensor:
         """Return (W,) int64: control steps after which the running episodes are over at the latest.
 
-        A task whose :meth:`truncations` cut an episode off sooner says so here: training spreads the first time-outs
-        over this many steps.
+        A task whose :meth:`truncations` come sooner says so here: training spreads the first time-outs over them.
         """
         return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
 

@@ -64,8 +64,9 @@ class Public(NamedTuple):
 
 
 def members(cls: type) -> Iterator[tuple[str, Any]]:
-    """Public methods and properties that a class itself defines."""
-    for name, value in vars(cls).items():
+    """Public methods and properties that a class defines itself, or has from a class of simwarp."""
+    ours = [base for base in cls.__mro__ if base.__module__.split(".")[0] == "simwarp"]
+    for name, value in {name: value for base in reversed(ours) for name, value in vars(base).items()}.items():
         function = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
         if not name.startswith("_") and inspect.isfunction(function) and function.__module__.startswith("simwarp"):
             yield name, function
@@ -85,7 +86,7 @@ def public() -> list[Public]:
             found[id(value)] = Public(f"{package}.{name}", value, None)
             if inspect.isclass(value):
                 for member, function in members(value):
-                    found[id(function)] = Public(f"{package}.{name}.{member}", function, value)
+                    found.setdefault(id(function), Public(f"{package}.{name}.{member}", function, value))
     return list(found.values())
 
 
@@ -175,6 +176,15 @@ def test_the_rules_find_a_poor_docstring() -> None:
         "says the shapes of arrays",
         "says the units of numbers",
     ]
+
+
+def test_only_methods_of_an_interface_are_documented_there() -> None:
+    items = {item.label: item for item in public()}
+    assert documented_elsewhere(items["simwarp.sensors.Lidar.record"])
+    assert documented_elsewhere(items["simwarp.vehicle.Vehicle.record_after"])
+    assert not documented_elsewhere(items["simwarp.sensors.FrameBuffer.record"]), "it has an argument more"
+    assert not documented_elsewhere(items["simwarp.sensors.Lidar.points"])
+    assert not documented_elsewhere(items["simwarp.Sensor.record"]), "there it has to be"
 
 
 @pytest.mark.parametrize("text", ["(W,) [m].", "[m].", "Of a lap [m].", "(W,) uint8.", "See `Lens`."])

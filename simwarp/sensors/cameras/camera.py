@@ -89,7 +89,7 @@ class CameraConfig(Configuration):
         """Checks that the lens fits the image, and that there is something to see.
 
         Raises:
-            ModelError: the lens does not fit, or nothing can be seen.
+            ModelError: 0 <= near < far does not hold, or the lens is none or does not fit the image.
         """
         camera_numbers(self)
 

@@ -206,11 +206,11 @@ class Lidar:
         self.frames.check(simulation, dt)
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """The launches of a sub-step."""
+        """The launches of a sub-step of `dt` [s]."""
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """A frame of the present state, as if the worlds of the mask had always stood so."""
+        """Publishes a frame of the present state in the worlds of the (W,) mask, as if they had always stood so."""
         self.frames.begin(simulation, mask)
 
     def _samples(self, simulation: StepContext) -> list[Any]:
