@@ -7,7 +7,7 @@ import torch
 
 from simwarp import cli
 from simwarp.tasks.pendulum import PendulumTask
-from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint, slim
+from simwarp.train.runs.checkpoint import inference_only, load_checkpoint, save_checkpoint
 from tests.train.runs.trained_run import run
 
 TRAIN = ["--device", "cpu", "--num-envs", "4", "--steps-per-iteration", "4", "--logger", "csv"]
@@ -17,7 +17,7 @@ TRAIN = ["--device", "cpu", "--num-envs", "4", "--steps-per-iteration", "4", "--
 def broken_policies(tmp_path_factory):
     """Checkpoints of policies that return NaN: one everywhere, one where the observation is large."""
     folder = run(tmp_path_factory.mktemp("trained"), iterations=1)
-    content = slim(load_checkpoint(folder.latest_checkpoint()))
+    content = inference_only(load_checkpoint(folder.latest_checkpoint()))
     everywhere = {name: value * torch.nan if "bias" in name else value for name, value in
                   content["actor_state_dict"].items()}  # fmt: skip
     path = folder.path / "nan.pt"

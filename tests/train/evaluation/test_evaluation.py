@@ -15,7 +15,7 @@ from simwarp.train.evaluation.filming import Film
 from simwarp.train.evaluation.play import check_video_path, record, write_picture, write_video
 from simwarp.train.networks import policies
 from simwarp.train.networks.policies import find_policy, network_policy, random_policy, zero_policy
-from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint, slim
+from simwarp.train.runs.checkpoint import inference_only, load_checkpoint, save_checkpoint
 from simwarp.train.runs.training import train
 from tests.tasks.framework.samples import Counter, SampleConfig
 
@@ -90,7 +90,7 @@ def test_an_evaluation_repeats(trained):
 def test_a_slim_checkpoint_plays_but_cannot_be_resumed(trained, tmp_path):
     content = load_checkpoint(find_policy("fast", None, trained).path)
     path = tmp_path / "slim.pt"
-    save_checkpoint(path, slim(content))
+    save_checkpoint(path, inference_only(content))
     assert path.stat().st_size < find_policy("fast", None, trained).path.stat().st_size / 2
     task = make("fast", 4)
     full, small = (network_policy(c, task) for c in (content, load_checkpoint(path)))
@@ -105,7 +105,7 @@ def test_which_policy_is_taken(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(policies, "SHIPPED", tmp_path)
     with pytest.raises(InputError, match="no policy for task 'fast': train one with `simwarp train fast`"):
         find_policy("fast", None, tmp_path)
-    save_checkpoint(tmp_path / "fast.pt", slim(newest.content))
+    save_checkpoint(tmp_path / "fast.pt", inference_only(newest.content))
     assert find_policy("fast", None, tmp_path).path == tmp_path / "fast.pt"
     with pytest.raises(InputError, match="is of task 'fast', not 'pendulum'"):
         find_policy("pendulum", newest.path)

@@ -12,7 +12,7 @@ from PIL import Image
 from rich.console import Console
 
 from simwarp.tasks import Drawing, Line, make, task_class
-from simwarp.train.evaluation import grid_plot, maps
+from simwarp.train.evaluation import grid_plot, path_maps
 from simwarp.train.evaluation.driven_paths import PathRecorder
 from simwarp.train.evaluation.evaluation import Evaluation, evaluate, evaluate_policies
 from simwarp.train.evaluation.grid import (
@@ -194,7 +194,7 @@ def figures(monkeypatch):
         kept[path.name] = figure
         figure.savefig(path, dpi=dpi)
 
-    for module in (grid_plot, maps):
+    for module in (grid_plot, path_maps):
         monkeypatch.setattr(module, "save_figure", keep)
     return kept
 
@@ -256,7 +256,7 @@ def test_maps_show_paths_in_the_colour_of_their_end_and_what_is_the_same_everywh
 
     monkeypatch.setattr(task_class("fast"), "drawing", drawing)
     results = run(points_of("fast", bound=[1.5, 20.0]), episodes=30)
-    maps.draw_paths(tmp_path / "paths.png", "title", "note", results)
+    path_maps.draw_paths(tmp_path / "paths.png", "title", "note", results)
     first, second = figures["paths.png"].axes
     assert first.get_title(loc="left") == "bound = 1.5\nsuccess 0.0 %"
     # The road once, the starts of 30 worlds not at all, then the paths
@@ -264,7 +264,7 @@ def test_maps_show_paths_in_the_colour_of_their_end_and_what_is_the_same_everywh
     assert (first.get_xlim(), first.get_xlabel(), first.get_ylabel()) == ((-2.0, 2.0), "x [m]", "y [m]")
     labels = [text.get_text() for text in figures["paths.png"].legends[0].get_texts()]
     assert labels == ["out of bounds", "time limit", "start"]
-    maps.draw_worlds(tmp_path / "worlds.png", "title", "note", results[0])
+    path_maps.draw_worlds(tmp_path / "worlds.png", "title", "note", results[0])
     panels = figures["worlds.png"].axes
     assert len(panels) == 12
     assert panels[0].get_title(loc="left").startswith("world 0: out of bounds, 0.")

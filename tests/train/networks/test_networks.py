@@ -124,11 +124,11 @@ def test_the_memory_of_a_policy_is_cleared_where_episodes_end(tmp_path):
     first = policy(observations).clone()
     second = policy(observations).clone()
     assert not torch.equal(first, second)
-    policy.forget(torch.tensor([True, False, False, False]))
+    policy.reset_memory(torch.tensor([True, False, False, False]))
     third = policy(observations)
     torch.testing.assert_close(third[0], first[0])
     assert not torch.allclose(third[1], first[1])
-    policy.forget()
+    policy.reset_memory()
     torch.testing.assert_close(policy(observations), first)
     # An evaluation starts with an empty memory, and is the same twice
     assert evaluate(task, policy, 4, seed=3) == evaluate(task, policy, 4, seed=3)

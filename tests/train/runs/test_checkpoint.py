@@ -12,7 +12,7 @@ import torch
 from simwarp import cli
 from simwarp.tasks import InputError
 from simwarp.train.networks.policies import SHIPPED
-from simwarp.train.runs.checkpoint import checkpoint_bytes, load_checkpoint, save_checkpoint, sealed, slim
+from simwarp.train.runs.checkpoint import checkpoint_bytes, load_checkpoint, save_checkpoint, sealed, inference_only
 from simwarp.train.runs.run_folder import RunFolder
 from tests.train.runs.trained_run import run
 
@@ -30,7 +30,7 @@ def content(trained):
 @pytest.fixture(scope="module")
 def small(content):
     """The bytes of a checkpoint without the worlds."""
-    return checkpoint_bytes(slim(content))
+    return checkpoint_bytes(inference_only(content))
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_other_programs_read_it_as_before(tmp_path, small, content):
     archive = zipfile.ZipFile(io.BytesIO(small))
     assert archive.testzip() is None
     assert archive.comment.startswith(b"simwarp sha256 ")
-    assert equal(torch.load(io.BytesIO(small), weights_only=True), slim(content))
+    assert equal(torch.load(io.BytesIO(small), weights_only=True), inference_only(content))
 
 
 def test_a_checkpoint_of_before_loads_and_says_once_that_it_has_no_checksum(tmp_path, small, content, capfd):
@@ -91,7 +91,7 @@ def test_a_checkpoint_of_before_loads_and_says_once_that_it_has_no_checksum(tmp_
     path.write_bytes(without_seal(small))
     assert sealed(path.read_bytes()) == small
     for _ in range(2):
-        assert equal(load_checkpoint(path), slim(content))
+        assert equal(load_checkpoint(path), inference_only(content))
     err = capfd.readouterr().err
     assert err.count("\n") == 1
     assert f"{path} carries no checksum" in err

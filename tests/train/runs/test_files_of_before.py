@@ -9,7 +9,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.core import renames
-from simwarp.tasks.cart_pole import PendulumConfig
+from simwarp.tasks.cart_pole_base import CartPoleConfig
 from simwarp.tasks.framework.replay import replay
 from simwarp.train.algorithm.trajectories import load_trajectories
 from simwarp.train.config import task_config_from_plain
@@ -31,7 +31,7 @@ def test_a_checkpoint_is_read_with_one_warning() -> None:
     with pytest.warns(FutureWarning, match="quirks is now called legacy_compat") as told:
         config = task_config_from_plain(task_class("pendulum"), content["task_config"])
     assert len(told) == 1
-    assert isinstance(config, PendulumConfig)
+    assert isinstance(config, CartPoleConfig)
     assert not config.legacy_compat
 
 

@@ -22,7 +22,7 @@ from simwarp.train.config import LoggerKind
 from simwarp.train.evaluation.mp4 import write_mp4
 from simwarp.train.evaluation.play import check_video_path
 from simwarp.train.runs import training
-from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint, slim
+from simwarp.train.runs.checkpoint import load_checkpoint, save_checkpoint, inference_only
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_files import append_whole
 from simwarp.train.runs.run_folder import RunFolder
@@ -67,7 +67,7 @@ def folder(trained, tmp_path):
 def policy(trained, tmp_path, monkeypatch):
     """A checkpoint in a working folder of its own."""
     monkeypatch.chdir(tmp_path)
-    save_checkpoint(tmp_path / "policy.pt", slim(load_checkpoint(trained.latest_checkpoint())))
+    save_checkpoint(tmp_path / "policy.pt", inference_only(load_checkpoint(trained.latest_checkpoint())))
     return tmp_path
 
 

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from simwarp.tasks.framework.task import TIME_LIMIT
 
 from .driven_paths import DrivenPaths, Points
+from .figure_style import GREY, INK, new_figure, save_figure, style_axes
 from .grid import PointResult, axes_of
-from .pictures import GREY, INK, dress, new_figure, save_figure
 
 _SUCCESSES = ("#009e73", "#56b4e9")
 _FAILURES = ("#000000", "#e69f00", "#d55e00", "#cc79a7", "#0072b2", "#8c564b")
@@ -163,7 +163,7 @@ def _sheet(
     for index in range(count):
         shared = panels[0] if panels else None
         axes = figure.add_subplot(rows, columns, index + 1, sharex=shared, sharey=shared)
-        dress(axes)
+        style_axes(axes)
         axes.set_aspect("equal")
         axes.set_xlim(left, right)
         axes.set_ylim(bottom, top)

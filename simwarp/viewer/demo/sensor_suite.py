@@ -67,7 +67,7 @@ class SensorSuite:
         return [*self.cameras.values(), self.lidar, self.radar, *self.traced.values()]
 
 
-def make_rig(world: DemoWorld, seed: int, panel: int) -> SensorSuite:
+def make_sensor_suite(world: DemoWorld, seed: int, panel: int) -> SensorSuite:
     """All sensors on the truck.
 
     Args:

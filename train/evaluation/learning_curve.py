@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.ticker import EngFormatter
 
 from ..runs.progress_table import read_progress
-from .pictures import new_figure, save_figure
+from .figure_style import new_figure, save_figure
 
 _PANELS = (("mean_reward", "mean return"), ("mean_episode_length", "mean episode length [steps]"))
 

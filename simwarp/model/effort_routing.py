@@ -27,7 +27,7 @@ from simwarp.core.types import (
 )
 
 
-class EffortPath(enum.Enum):
+class EffortRoute(enum.Enum):
     """See the module."""
 
     TREE = enum.auto()
@@ -36,7 +36,7 @@ class EffortPath(enum.Enum):
     BODY_FORCE = enum.auto()
 
 
-def effort_path(kind: JointType, dof: Dof, *, in_tree: bool, along_tree_dof: bool) -> EffortPath:
+def effort_route(kind: JointType, dof: Dof, *, in_tree: bool, along_tree_dof: bool) -> EffortRoute:
     """The path of a coordinate's effort.
 
     Args:
@@ -46,16 +46,16 @@ def effort_path(kind: JointType, dof: Dof, *, in_tree: bool, along_tree_dof: boo
         along_tree_dof: whether a tree joint of one degree of freedom ties the joint's bodies.
     """
     if in_tree:
-        return EffortPath.BODY_FORCE if kind is JointType.FREE else EffortPath.TREE
+        return EffortRoute.BODY_FORCE if kind is JointType.FREE else EffortRoute.TREE
     springy = has_spring_or_damper(dof)
     if kind is JointType.DISTANCE and along_tree_dof and (has_effort(dof) or springy) and not is_prescribed(dof):
-        return EffortPath.DISTANCE
+        return EffortRoute.DISTANCE
     if has_effort(dof) or (kind in (JointType.DISTANCE, JointType.BUSHING) and springy):
-        return EffortPath.ROW
-    return EffortPath.BODY_FORCE
+        return EffortRoute.ROW
+    return EffortRoute.BODY_FORCE
 
 
-def box_kinds(dof: Dof) -> list[BoxKind]:
+def box_constraint_kinds(dof: Dof) -> list[BoxKind]:
     """The box constraints of a coordinate."""
     drive = dof.drive
     there = {
@@ -103,14 +103,14 @@ def has_spring_or_damper(dof: Dof) -> bool:
 class EffortModel:
     """Parts of a coordinate's effort that are fixed when the model is made: path, kind of drive, tables, stiffness."""
 
-    path: EffortPath
+    path: EffortRoute
     mode: DriveMode
     spring_table: bool
     damper_table: bool
     stiff: bool
 
     @classmethod
-    def of(cls, dof: Dof, path: EffortPath) -> EffortModel:
+    def of(cls, dof: Dof, path: EffortRoute) -> EffortModel:
         """That of a degree of freedom."""
         damper = dof.damper_table is not None or dof.damper_map is not None
         return cls(path, drive_mode(dof), dof.spring_table is not None, damper, dof.stiffness > 0.0)
@@ -118,4 +118,4 @@ class EffortModel:
     @property
     def is_computed(self) -> bool:
         """True if a step computes the effort, unless the motion is given."""
-        return self.path is not EffortPath.BODY_FORCE and self.mode < DriveMode.PRESCRIBED_POSITION
+        return self.path is not EffortRoute.BODY_FORCE and self.mode < DriveMode.PRESCRIBED_POSITION

@@ -59,7 +59,7 @@ def new_figure(
     return figure
 
 
-def dress(axes: Any) -> None:
+def style_axes(axes: Any) -> None:
     """Give axes the common look: thin grey frame, small labels."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(GREY)

@@ -33,7 +33,7 @@ POLE_INERTIA = (0.262290, 0.262290, 0.000981748)
 
 @renamed_fields(quirks="legacy_compat")
 @dataclasses.dataclass(frozen=True)
-class PendulumConfig(TaskConfig):
+class CartPoleConfig(TaskConfig):
     """Configuration of the cart-pole."""
 
     gravity: float = 9.81
@@ -60,7 +60,7 @@ class PendulumConfig(TaskConfig):
         require(0.0 <= self.start_angle < self.max_angle, self, "start_angle", "in [0, max-angle)")
 
 
-class CartPole(Task[PendulumConfig]):
+class CartPole(Task[CartPoleConfig]):
     """Everything of the cart-pole that the six methods of a task do not show.
 
     Attributes:
@@ -70,7 +70,7 @@ class CartPole(Task[PendulumConfig]):
     """
 
     summary: ClassVar[str] = "cart-pole: keep a 2 m pole upright on a light cart, 4 observations, 1 force"
-    config_type: ClassVar[type[TaskConfig]] = PendulumConfig
+    config_type: ClassVar[type[TaskConfig]] = CartPoleConfig
     # The cart takes seconds to drift off the rail: a horizon of 1 / (1 - gamma) = 500 steps sees that coming. With a
     # larger desired_kl a solved policy was lost again in some seeds
     training: ClassVar[Mapping[str, Any]] = {

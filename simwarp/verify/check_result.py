@@ -7,7 +7,7 @@ from typing import Any
 
 
 @dataclasses.dataclass(frozen=True)
-class Row:
+class CheckResult:
     """One quantity of one scene.
 
     Attributes:
@@ -34,11 +34,11 @@ class Row:
         return {**dataclasses.asdict(self), "pass": self.passed}
 
 
-def near(scene: str, quantity: str, expected: float, got: float, tolerance: float) -> Row:
+def near(scene: str, quantity: str, expected: float, got: float, tolerance: float) -> CheckResult:
     """A row for a value with a known answer."""
-    return Row(scene, quantity, float(expected), float(got), float(tolerance))
+    return CheckResult(scene, quantity, float(expected), float(got), float(tolerance))
 
 
-def below(scene: str, quantity: str, got: float, bound: float) -> Row:
+def below(scene: str, quantity: str, got: float, bound: float) -> CheckResult:
     """A row for the size of an error."""
     return near(scene, quantity, 0.0, got, bound)

@@ -10,8 +10,8 @@ import numpy.typing as npt
 from simwarp import scenes
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import SolverOptions
+from simwarp.verify.check_result import CheckResult, below, near
 from simwarp.verify.probe import Array, HingeRows, Probe, crossings, displaced
-from simwarp.verify.report import Row, below, near
 
 
 def recorded(name: str) -> npt.NDArray[np.void]:
@@ -23,7 +23,7 @@ def recorded(name: str) -> npt.NDArray[np.void]:
 # ---- a pendulum and a free body ------------------------------------------------------------------------------------
 
 
-def pendulum(device: str = "cpu") -> list[Row]:
+def pendulum(device: str = "cpu") -> list[CheckResult]:
     """Period of a pendulum released horizontally, dt 1 ms.
 
     The time between two turning points of the same side; the demanded 1e-3 s is one step, and semi-implicit Euler is
@@ -39,7 +39,7 @@ def pendulum(device: str = "cpu") -> list[Row]:
     return [near("pendulum", "period [s]", scenes.PENDULUM_PERIOD, turns[1], 1e-3)]
 
 
-def dzhanibekov(device: str = "cpu", duration: float = 20.5) -> list[Row]:
+def dzhanibekov(device: str = "cpu", duration: float = 20.5) -> list[CheckResult]:
     """Flips of a body that spins about its middle axis, dt 1 ms: every interval within the demanded 1 %."""
     probe = Probe(scenes.dzhanibekov(), 1e-3, device)
     rates = []
@@ -54,7 +54,7 @@ def dzhanibekov(device: str = "cpu", duration: float = 20.5) -> list[Row]:
     ]
 
 
-def free_spin(device: str = "cpu", duration: float = 100.0) -> list[Row]:
+def free_spin(device: str = "cpu", duration: float = 100.0) -> list[CheckResult]:
     """Energy and momentum of the tumbling body of `dzhanibekov` and of a flying one that does not tumble, dt 1 ms.
 
     The spin is integrated by the implicit midpoint rule, which keeps energy and the size of the momentum exactly:
@@ -97,7 +97,7 @@ def andrews_angles(dt: float, device: str = "cpu") -> Array:
     return probe.q[:7] + np.array(scenes.ANDREWS_INITIAL)
 
 
-def andrews(device: str = "cpu", dt: float = 5e-7) -> list[Row]:
+def andrews(device: str = "cpu", dt: float = 5e-7) -> list[CheckResult]:
     """Andrews' squeezer at 0.03 s against the published angles.
 
     A step of first order: the error of the worst angle is about 8e3 dt, so 1e-2 needs 1 µs at least. It halves with
@@ -134,7 +134,7 @@ def double_pendulum_error(dt: float, duration: float, device: str = "cpu", colum
     return worst
 
 
-def double_pendulum(device: str = "cpu") -> list[Row]:
+def double_pendulum(device: str = "cpu") -> list[CheckResult]:
     """Double pendulum against an independent RK4 (h 1e-4 s) and recorded Chrono runs, over 5 s.
 
     Both engines are of first order at 1 ms; Chrono's own distance from RK4 is 2.8 mm there, and ours is held to twice
@@ -153,7 +153,7 @@ def double_pendulum(device: str = "cpu") -> list[Row]:
     ]
 
 
-def slider_crank(device: str = "cpu") -> list[Row]:
+def slider_crank(device: str = "cpu") -> list[CheckResult]:
     """Slider-crank with a prescribed crank speed against geometry and the recorded Chrono run, dt 1 ms, 2 s.
 
     The crank angle is exact, so that the slider is off by what the guide and the pins drift, h²/2 w² r = 1e-5 m for
@@ -209,7 +209,7 @@ PROJECTION_PASSES = 2
 """Passes of position projection that the chain needs for 1e-5 m: one leaves 1.01e-5, two 3.4e-7, three 1.2e-8 m."""
 
 
-def chain(device: str = "cpu", duration: float = 2.0) -> list[Row]:
+def chain(device: str = "cpu", duration: float = 2.0) -> list[CheckResult]:
     """Joint rows of a 20-link chain, dt 1 ms, evaluated outside in float64 from the published state.
 
     Velocity rows J v + C/h at the two anchors with the poses of the step's start; float32 velocities of 20 m/s have
@@ -247,7 +247,7 @@ def energy_drift(builder: ModelBuilder, duration: float, device: str = "cpu") ->
     return float(np.mean(samples[-200:]) - np.mean(samples[:200])) / scale, excursion, probe.finite
 
 
-def four_bar(device: str = "cpu", duration: float = 100.0) -> list[Row]:
+def four_bar(device: str = "cpu", duration: float = 100.0) -> list[CheckResult]:
     """A planar four-bar with three redundant rows, turning freely: energy drift below the demanded 1 %."""
     drift, excursion, finite = energy_drift(scenes.four_bar(), duration, device)
     return [
@@ -257,7 +257,7 @@ def four_bar(device: str = "cpu", duration: float = 100.0) -> list[Row]:
     ]
 
 
-def bricard(device: str = "cpu", duration: float = 100.0) -> list[Row]:
+def bricard(device: str = "cpu", duration: float = 100.0) -> list[CheckResult]:
     """Bricard's mechanism, one redundant row in every configuration: energy drift below the demanded 1 %."""
     drift, excursion, finite = energy_drift(scenes.bricard(), duration, device)
     return [
@@ -273,7 +273,7 @@ FAR = np.array([7200.0, -6400.0, 2700.0])
 """[m]; 10 km from the origin, and no round number in float32 once it is added to an anchor."""
 
 
-def far_away(device: str = "cpu") -> list[Row]:
+def far_away(device: str = "cpu") -> list[CheckResult]:
     """The same runs 10 km from the origin: relative positions within the demanded 1e-3 m.
 
     Float64 positions resolve 2e-12 m there. A four-bar and a pendulum stay with that; the chain and the double

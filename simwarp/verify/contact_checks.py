@@ -10,8 +10,8 @@ from simwarp import scenes
 from simwarp.core.types import WORLD, Material, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import SolverOptions
+from simwarp.verify.check_result import CheckResult, below, near
 from simwarp.verify.probe import Probe
-from simwarp.verify.report import Row, below, near
 
 G = 9.81
 TOUCHING = 1e-3
@@ -36,7 +36,7 @@ def _box_on_plane(half: tuple[float, float, float], mass: float, friction: float
     return builder
 
 
-def incline(device: str = "cpu") -> list[Row]:
+def incline(device: str = "cpu") -> list[CheckResult]:
     """A box on a tilted plane over a grid of friction and angle: it sticks below atan(mu), else it slides.
 
     Sliding for 1 s at 1 ms covers a t²/2 and, as steps add velocity first, a h t/2 more, plus what the first step needs
@@ -62,7 +62,7 @@ def incline(device: str = "cpu") -> list[Row]:
     return rows
 
 
-def rolling_ball(device: str = "cpu") -> list[Row]:
+def rolling_ball(device: str = "cpu") -> list[CheckResult]:
     """A ball of 0.2 m radius slides onto the ground with 2 m/s, friction 0.3: it rolls after 2 v0 / (7 mu g) at 5/7 v0.
 
     The time is found to a step of 1 ms; the speed follows from angular momentum about the contact alone, to rounding.
@@ -89,7 +89,7 @@ def rolling_ball(device: str = "cpu") -> list[Row]:
     ]
 
 
-def rolling_box(device: str = "cpu") -> list[Row]:
+def rolling_box(device: str = "cpu") -> list[CheckResult]:
     """A 10 kg box under 25 balls is pushed with 150 N: it slides, they roll. Accelerations after 0.5 s at 1 ms.
 
     Hwangbo et al., SimBenchmark. Friction and rolling act from the first step, so that speed / time is the
@@ -108,7 +108,7 @@ def rolling_box(device: str = "cpu") -> list[Row]:
     ]
 
 
-def heavy_on_light(device: str = "cpu") -> list[Row]:
+def heavy_on_light(device: str = "cpu") -> list[CheckResult]:
     """A cube on a cube of 1 kg, up to 1000 times as heavy, 0.6 s at 5 ms: the ground gives less than 0.1 mm."""
     rows = []
     for ratio in (1.0, 100.0, 1000.0):
@@ -120,7 +120,7 @@ def heavy_on_light(device: str = "cpu") -> list[Row]:
     return rows
 
 
-def stopping(device: str = "cpu") -> list[Row]:
+def stopping(device: str = "cpu") -> list[CheckResult]:
     """A box slides with 2 m/s on friction 0.5 and stops after 0.4027 m at 5 ms.
 
     v²/(2 mu g) less mu g h²/2 per step: velocity first. The last step is a part of one: mu g h² of distance, 1.2e-4 m.
@@ -134,7 +134,9 @@ def stopping(device: str = "cpu") -> list[Row]:
     ]
 
 
-def _stands(name: str, builder: ModelBuilder, dt: float, duration: float, bound: float, device: str) -> list[Row]:
+def _stands(
+    name: str, builder: ModelBuilder, dt: float, duration: float, bound: float, device: str
+) -> list[CheckResult]:
     probe = Probe(builder, dt, device)
     start = probe.x
     worst = 0.0
@@ -147,7 +149,7 @@ def _stands(name: str, builder: ModelBuilder, dt: float, duration: float, bound:
     ]
 
 
-def stack(device: str = "cpu") -> list[Row]:
+def stack(device: str = "cpu") -> list[CheckResult]:
     """Ten cubes on top of each other stand for 60 s at 5 ms: they drift by less than 1 mm.
 
     What the solver leaves, 1e-5 m/s, comes back as a gap of the next step and is taken out there.
@@ -159,7 +161,7 @@ BEST_PENETRATION = {0.01: 4.2e-7, 1.0 / 240.0: 9.0e-7, 0.001: 4.2e-7}
 """[m] deepest at the end of `cube_stack`, by step [s]: the best solver of Project Chrono 10 on it."""
 
 
-def cube_stack(device: str = "cpu") -> list[Row]:
+def cube_stack(device: str = "cpu") -> list[CheckResult]:
     """Ten cubes of 1 m and 1 kg, 2 s at three steps: no deeper than the best run of an independent engine.
 
     Gaps follow the velocities that the solver leaves, 1e-6 m/s here times the step, and the rounding of the narrow
@@ -176,22 +178,22 @@ def cube_stack(device: str = "cpu") -> list[Row]:
     return rows
 
 
-def wall(device: str = "cpu") -> list[Row]:
+def wall(device: str = "cpu") -> list[CheckResult]:
     """A wall of twenty bricks stands for 60 s at 5 ms and drifts by less than 1 mm, for the reason at `stack`."""
     return _stands("wall", scenes.wall(), 5e-3, 60.0, 1e-3, device)
 
 
-def card_house(device: str = "cpu") -> list[Row]:
+def card_house(device: str = "cpu") -> list[CheckResult]:
     """Three levels of leaning cards stand for 10 s at 2 ms, held by friction alone: nothing moves by 5 mm."""
     return _stands("card-house", scenes.card_house(), 2e-3, 10.0, 5e-3, device)
 
 
-def arch(device: str = "cpu") -> list[Row]:
+def arch(device: str = "cpu") -> list[CheckResult]:
     """Fifteen wedges hold each other for 10 s at 2 ms: their faces carry the thrust, and nothing moves by 5 mm."""
     return _stands("arch", scenes.arch(), 2e-3, 10.0, 5e-3, device)
 
 
-def bouncing(device: str = "cpu") -> list[Row]:
+def bouncing(device: str = "cpu") -> list[CheckResult]:
     """49 balls bounce for 20 s at 1 ms with restitution 1, E0 = 24 034.5 J.
 
     A step of flight, which moves with the new velocity, loses m g² h²/2, together the law m g² h T / 2. An impact
@@ -212,7 +214,7 @@ def bouncing(device: str = "cpu") -> list[Row]:
     ]
 
 
-def three_balls(device: str = "cpu") -> list[Row]:
+def three_balls(device: str = "cpu") -> list[CheckResult]:
     """A ball hits two that touch, all in line, restitution 1: Newton's law at both contacts gives (-1/3, 2/3, 2/3).
 
     The bound is ten times the solver's tolerance here.
@@ -233,7 +235,7 @@ def three_balls(device: str = "cpu") -> list[Row]:
     ]
 
 
-def pile(device: str = "cpu") -> list[Row]:
+def pile(device: str = "cpu") -> list[CheckResult]:
     """216 balls of 10 kg fall in a block, without friction or restitution, 10 s at 1 ms: the mean over time of the sum
     of squared penetrations. Published: RaiSim 1.35e-4, ODE 1.55e-4, Bullet 0.38, MuJoCo 0.095 m².
     """
@@ -252,7 +254,7 @@ def pile(device: str = "cpu") -> list[Row]:
     ]
 
 
-def smooth(device: str = "cpu") -> list[Row]:
+def smooth(device: str = "cpu") -> list[CheckResult]:
     """A ball of 1 kg on the ground in the smooth model, E 2e6 Pa, at 0.1 ms: it sinks in by Hertz' depth, and bounces
     with its restitution; a box of the same model sticks on a slope below the friction angle.
 
@@ -287,7 +289,7 @@ def smooth(device: str = "cpu") -> list[Row]:
     return rows
 
 
-def convex_law(device: str = "cpu") -> list[Row]:
+def convex_law(device: str = "cpu") -> list[CheckResult]:
     """The convex relaxation makes what slides hover: a gap of mu |v| h, 0.5 · 6.94 m/s · 1 ms after 1 s at 45 degrees.
 
     The speed at the end is a t; 2 % for the growth of the gap lagging by a step.
