@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.ticker import EngFormatter, PercentFormatter
 
 from simwarp.tasks import task_class
-from simwarp.train.evaluation.pictures import new_figure, save_figure
+from simwarp.train.evaluation.figure_style import new_figure, save_figure
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_folder import open_run
 

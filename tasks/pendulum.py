@@ -1,6 +1,6 @@
 """Cart-pole: keep a pole upright by pushing its cart along a rail. The shortest task: six methods.
 
-Configuration, pictures and the observations of the original are in `cart_pole.py`.
+Configuration, pictures and the observations of the original are in `cart_pole_base.py`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import torch
 import simwarp as sw
 from simwarp.tasks import register
 
-from .cart_pole import POLE_INERTIA, POLE_LENGTH, POLE_MASS, CartPole
+from .cart_pole_base import POLE_INERTIA, POLE_LENGTH, POLE_MASS, CartPole
 
 
 @register("pendulum")

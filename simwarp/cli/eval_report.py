@@ -145,7 +145,7 @@ class Report:
         if self.folder is None or not self.results:
             return
         from simwarp.train.evaluation.grid_plot import draw_success
-        from simwarp.train.evaluation.maps import draw_paths, draw_worlds
+        from simwarp.train.evaluation.path_maps import draw_paths, draw_worlds
 
         origin = self.source.origin.replace(str(self.source.path), "/".join(self.source.path.parts[-4:]))
         each = " per point" if self.is_grid else ""

@@ -20,8 +20,8 @@ from simwarp.cli.options import CommonOptions, parse_options
 from simwarp.core.wording import close_names
 from simwarp.model.model import resolve_device
 from simwarp.verify import SCENES
+from simwarp.verify.check_result import CheckResult
 from simwarp.verify.known import EXPLAINED, Verdict, reason, verdict
-from simwarp.verify.report import Row
 
 _STYLES = {Verdict.KNOWN: "yellow", Verdict.FAILED: "red"}
 
@@ -70,7 +70,7 @@ def run(arguments: list[str]) -> int:
         raise UsageError("--reference and --plots belong to the scene 'vehicles'")
     if options.plots is not None:
         _make_folder(options.plots)
-    rows: list[Row] = []
+    rows: list[CheckResult] = []
     for name in names:
         started = time.perf_counter()
         found = checks[name](options.device)
@@ -87,7 +87,7 @@ def run(arguments: list[str]) -> int:
     return DONE if counts["failed"] == 0 else FELL_SHORT
 
 
-def _summarise(console: Console, scenes: int, rows: list[Row], counts: dict[str, int]) -> None:
+def _summarise(console: Console, scenes: int, rows: list[CheckResult], counts: dict[str, int]) -> None:
     """Print how many quantities there are of each verdict, and what is to be done about the list of known ones."""
     passed, known, failed = counts["passed"], counts["known"], counts["failed"]
     heading = f"{len(rows)} quantities in {scenes} scene{'s' if scenes > 1 else ''}"
@@ -124,7 +124,7 @@ def _reporter(console: Console) -> Callable[[str], None] | None:
     return lambda title: console.print(f"  {title} ...", style="dim", highlight=False)
 
 
-def _print(console: Console, name: str, rows: list[Row], seconds: float) -> None:
+def _print(console: Console, name: str, rows: list[CheckResult], seconds: float) -> None:
     summary = (inspect.getdoc(SCENES[name]) or "").partition("\n\n")[0].replace("\n", " ")
     console.print(Text.assemble((name, "bold"), f"  {summary} ({seconds:.1f} s)"), highlight=False)
     table = Table(box=None, pad_edge=False, show_edge=False)

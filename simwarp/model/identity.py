@@ -12,7 +12,7 @@ import numpy as np
 
 from simwarp.core.types import Dof, JointType, PositionDrive, shown
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
-from simwarp.model.effort_paths import drive_mode, has_effort
+from simwarp.model.effort_routing import drive_mode, has_effort
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec, Specification
 

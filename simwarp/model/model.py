@@ -19,7 +19,7 @@ from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.model.checks import checked_names, whole_number
-from simwarp.model.effort_paths import EffortModel, drive_mode
+from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts

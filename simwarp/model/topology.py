@@ -21,7 +21,7 @@ from simwarp.core.types import (
     PrescribedSpeed,
     Table,
 )
-from simwarp.model.effort_paths import EffortPath, box_kinds, effort_path, has_effort
+from simwarp.model.effort_routing import EffortRoute, box_constraint_kinds, effort_route, has_effort
 from simwarp.model.joint_types import ELEMENTS, Row
 from simwarp.model.specifications import JointSpec, Specification
 
@@ -53,14 +53,14 @@ class Tables:
     loop_row: list[int]
     rows: list[Row]
     row_dof: list[int]
-    paths: list[EffortPath]
+    paths: list[EffortRoute]
     distance_dof: list[tuple[int, int]]
     boxes: list[tuple[int, BoxKind]]
 
     @property
     def loop_dof(self) -> list[int]:
         """Coordinates on which `joint_force` acts as it is."""
-        return [dof for dof, path in enumerate(self.paths) if path is EffortPath.BODY_FORCE]
+        return [dof for dof, path in enumerate(self.paths) if path is EffortRoute.BODY_FORCE]
 
     @property
     def row_count(self) -> int:
@@ -141,27 +141,28 @@ def build_tables(builder: Specification) -> Tables:
     loop_row: list[int] = [0]
     rows: list[Row] = []
     row_dof: list[int] = []
-    paths: list[EffortPath] = []
+    paths: list[EffortRoute] = []
     distance_dof: list[tuple[int, int]] = []
     single = _single_tree_dofs(links, link_tree_dof)
     for joint, spec in enumerate(builder.joints):
         along = single.get(frozenset((spec.parent, spec.child)))
         here = [
-            effort_path(spec.type, dof, in_tree=joint in in_tree, along_tree_dof=along is not None) for dof in spec.dofs
+            effort_route(spec.type, dof, in_tree=joint in in_tree, along_tree_dof=along is not None)
+            for dof in spec.dofs
         ]
         paths += here
-        if along is not None and EffortPath.DISTANCE in here:
+        if along is not None and EffortRoute.DISTANCE in here:
             distance_dof.append((dof_start[joint], along))
         elif joint not in in_tree:
             fixed = ELEMENTS[spec.type].rows
-            soft = [local for local, path in enumerate(here) if path is EffortPath.ROW]
+            soft = [local for local, path in enumerate(here) if path is EffortRoute.ROW]
             rows += [*fixed, *(ELEMENTS[spec.type].dofs[local] for local in soft)]
             row_dof += [-1] * len(fixed) + [dof_start[joint] + local for local in soft]
             if fixed or soft:
                 loop_joint.append(joint)
                 loop_row.append(len(rows))
     dofs = [dof for spec in builder.joints for dof in spec.dofs]
-    boxes = [(index, kind) for index, dof in enumerate(dofs) for kind in box_kinds(dof)]
+    boxes = [(index, kind) for index, dof in enumerate(dofs) for kind in box_constraint_kinds(dof)]
     return Tables(
         links, link_tree_dof, tree_dof_to_dof, tree_dof_link, dof_to_tree_dof, loop_joint, loop_row, rows, row_dof,
         paths, distance_dof, boxes,

@@ -9,20 +9,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from simwarp.verify import chain_problem, contact_answers, laws, mechanism_answers, vehicle_runs
-from simwarp.verify.report import Row
+from simwarp.verify import chain_problem, contact_checks, laws, mechanism_checks, vehicle_runs
+from simwarp.verify.check_result import CheckResult
 
-SCENES: Final[dict[str, Callable[..., list[Row]]]] = {
-    "pendulum": mechanism_answers.pendulum,
-    "dzhanibekov": mechanism_answers.dzhanibekov,
-    "free-spin": mechanism_answers.free_spin,
-    "andrews": mechanism_answers.andrews,
-    "double-pendulum": mechanism_answers.double_pendulum,
-    "slider-crank": mechanism_answers.slider_crank,
-    "chain": mechanism_answers.chain,
-    "four-bar": mechanism_answers.four_bar,
-    "bricard": mechanism_answers.bricard,
-    "far-away": mechanism_answers.far_away,
+SCENES: Final[dict[str, Callable[..., list[CheckResult]]]] = {
+    "pendulum": mechanism_checks.pendulum,
+    "dzhanibekov": mechanism_checks.dzhanibekov,
+    "free-spin": mechanism_checks.free_spin,
+    "andrews": mechanism_checks.andrews,
+    "double-pendulum": mechanism_checks.double_pendulum,
+    "slider-crank": mechanism_checks.slider_crank,
+    "chain": mechanism_checks.chain,
+    "four-bar": mechanism_checks.four_bar,
+    "bricard": mechanism_checks.bricard,
+    "far-away": mechanism_checks.far_away,
     "chain-problem": chain_problem.chain_problem,
     "momentum": laws.momentum,
     "energy": laws.energy,
@@ -34,21 +34,21 @@ SCENES: Final[dict[str, Callable[..., list[Row]]]] = {
     "drives": laws.drives,
     "prescribed": laws.prescribed,
     "couplings": laws.couplings,
-    "incline": contact_answers.incline,
-    "rolling-ball": contact_answers.rolling_ball,
-    "rolling-box": contact_answers.rolling_box,
-    "stopping": contact_answers.stopping,
-    "heavy-on-light": contact_answers.heavy_on_light,
-    "three-balls": contact_answers.three_balls,
-    "bouncing": contact_answers.bouncing,
-    "convex-law": contact_answers.convex_law,
-    "smooth": contact_answers.smooth,
-    "card-house": contact_answers.card_house,
-    "arch": contact_answers.arch,
-    "stack": contact_answers.stack,
-    "cube-stack": contact_answers.cube_stack,
-    "wall": contact_answers.wall,
-    "pile": contact_answers.pile,
+    "incline": contact_checks.incline,
+    "rolling-ball": contact_checks.rolling_ball,
+    "rolling-box": contact_checks.rolling_box,
+    "stopping": contact_checks.stopping,
+    "heavy-on-light": contact_checks.heavy_on_light,
+    "three-balls": contact_checks.three_balls,
+    "bouncing": contact_checks.bouncing,
+    "convex-law": contact_checks.convex_law,
+    "smooth": contact_checks.smooth,
+    "card-house": contact_checks.card_house,
+    "arch": contact_checks.arch,
+    "stack": contact_checks.stack,
+    "cube-stack": contact_checks.cube_stack,
+    "wall": contact_checks.wall,
+    "pile": contact_checks.pile,
     "vehicles": vehicle_runs.vehicles,
 }
 """Name -> check, in the order in which they run. The first argument is the device."""

@@ -24,8 +24,8 @@ import numpy as np
 from simwarp.core.types import WORLD, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import SolverOptions
+from simwarp.verify.check_result import CheckResult, below
 from simwarp.verify.probe import Array, Probe
-from simwarp.verify.report import Row, below
 
 
 def load() -> dict[str, Array]:
@@ -80,7 +80,7 @@ def rebuild(problem: dict[str, Array], device: str = "cpu") -> Probe:
     return probe
 
 
-def chain_problem(device: str = "cpu") -> list[Row]:
+def chain_problem(device: str = "cpu") -> list[CheckResult]:
     """Velocity after the step against the reference solution: the demanded 1e-4 m/s (and rad/s).
 
     The document's float32 prototypes reach 4e-5 to 1e-3 in the same problem. The joint rows of the result are held to

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from typing import Final
 
-from simwarp.verify.report import Row
+from simwarp.verify.check_result import CheckResult
 
 EXPLAINED: Final = "docs/decisions.md#vehicles"
 
@@ -44,13 +44,13 @@ class Verdict(enum.Enum):
         return self in (Verdict.PASSED, Verdict.MENDED)
 
 
-def reason(row: Row) -> str | None:
+def reason(row: CheckResult) -> str | None:
     """Known reason why a quantity deviates; None without one."""
     listed = KNOWN.get(_key(row))
     return None if listed is None else listed[1]
 
 
-def verdict(row: Row) -> Verdict:
+def verdict(row: CheckResult) -> Verdict:
     """Verdict on a row: it passed, or misses its tolerance by no more than is known, or failed."""
     listed = KNOWN.get(_key(row))
     if row.passed:
@@ -59,5 +59,5 @@ def verdict(row: Row) -> Verdict:
     return Verdict.KNOWN if known else Verdict.FAILED
 
 
-def _key(row: Row) -> tuple[str, str]:
+def _key(row: CheckResult) -> tuple[str, str]:
     return row.scene, row.quantity.partition(" [")[0]

@@ -18,8 +18,8 @@ from simwarp.core.types import (
     pose,
 )
 from simwarp.model.builder import ModelBuilder
+from simwarp.verify.check_result import CheckResult, below, near
 from simwarp.verify.probe import Array, Probe
-from simwarp.verify.report import Row, below, near
 
 G = 9.81
 DT = 1e-3
@@ -53,7 +53,7 @@ def momentum_changes(builder: ModelBuilder, dt: float, duration: float, rates: A
     )
 
 
-def momentum(device: str = "cpu", seed: int = 1) -> list[Row]:
+def momentum(device: str = "cpu", seed: int = 1) -> list[CheckResult]:
     """A floating random tree of ten bodies, turning joints of all kinds, no gravity, 1 s.
 
     Joint impulses come in pairs, so that linear momentum changes by rounding alone: N steps of one rounding per body
@@ -74,7 +74,7 @@ def momentum(device: str = "cpu", seed: int = 1) -> list[Row]:
     ]
 
 
-def energy(device: str = "cpu") -> list[Row]:
+def energy(device: str = "cpu") -> list[CheckResult]:
     """Energy of a double pendulum over 20 s: it oscillates by O(h) and does not drift.
 
     Semi-implicit steps keep a nearby energy. The step's chord leaves the joint by h²/2 w² r and the correction feeds
@@ -92,7 +92,7 @@ def energy(device: str = "cpu") -> list[Row]:
 # ---- reactions -----------------------------------------------------------------------------------------------------
 
 
-def reactions(device: str = "cpu") -> list[Row]:
+def reactions(device: str = "cpu") -> list[CheckResult]:
     """A 7 kg body hangs at rest from one joint of each kind: its force is m g upwards, its torque r x m g.
 
     The body's centre is 0.3 m from the anchor sideways where the joint can take the torque. Float32 impulses of
@@ -142,7 +142,7 @@ def _slider(mass: float = 2.0, gravity: tuple[float, float, float] = (0.0, 0.0, 
     return builder
 
 
-def springs(device: str = "cpu") -> list[Row]:
+def springs(device: str = "cpu") -> list[CheckResult]:
     """Springs and dampers that are stiff for the step (h² k / m = 12 and more) settle at m g / k and stay finite.
 
     Backward Euler damps: 1 s is a thousand time constants. Settled lengths carry float32 rounding of forces m g at
@@ -185,7 +185,7 @@ def springs(device: str = "cpu") -> list[Row]:
 # ---- limits, friction, motors --------------------------------------------------------------------------------------
 
 
-def limits(device: str = "cpu") -> list[Row]:
+def limits(device: str = "cpu") -> list[CheckResult]:
     """A pendulum falls onto a stop at 1 rad; a slide runs onto one at 2 m/s. Neither gains energy.
 
     Impacts are plastic. Before, energy errs by h g v / 2 per second of fall (semi-implicit): 1e-2 m g h at most. A
@@ -225,7 +225,7 @@ def limits(device: str = "cpu") -> list[Row]:
     ]
 
 
-def friction(device: str = "cpu") -> list[Row]:
+def friction(device: str = "cpu") -> list[CheckResult]:
     """Dry friction of 6 N on a 2 kg slide: stops from 1.5 m/s, holds 5.9 N, lets 7 N through at (7 - 6)/2 m/s².
 
     Steps are exact in velocity; the way is that of semi-implicit Euler, v0²/(2a) - h v0 / 2, off by at most a step.
@@ -249,7 +249,7 @@ def friction(device: str = "cpu") -> list[Row]:
     return [*rows, near("friction", "speed after 1 s of 7 N [m/s]", 0.5, probe.qd[0], 1e-4)]
 
 
-def motors(device: str = "cpu") -> list[Row]:
+def motors(device: str = "cpu") -> list[CheckResult]:
     """A velocity motor of 4 N·m on a 0.5 kg·m² hinge: 8 rad/s² up to its speed, which it holds against 3.9 N·m and
     loses against 5 N·m at -2 rad/s².
 
@@ -273,7 +273,7 @@ def motors(device: str = "cpu") -> list[Row]:
     return [*rows, near("motors", "speed after 1 s against 5 N·m [rad/s]", 4.0, probe.qd[0], 1e-4)]
 
 
-def drives(device: str = "cpu") -> list[Row]:
+def drives(device: str = "cpu") -> list[CheckResult]:
     """PD drives on a 2 kg vertical slide: target less m g / k; with an effort limit, the same where it can hold.
 
     Settled to rounding. Below its weight a drive falls, at (m g - limit) / m.
@@ -298,7 +298,7 @@ def drives(device: str = "cpu") -> list[Row]:
     return [*rows, near("drives", "10 N: falls, speed after 1 s [m/s]", 10.0 / mass - G, weak.qd[0], 1e-4)]
 
 
-def prescribed(device: str = "cpu") -> list[Row]:
+def prescribed(device: str = "cpu") -> list[CheckResult]:
     """Prescribed positions and speeds follow their tables and the control arrays, under gravity.
 
     A position is corrected every step to float32 of its rate, h x 1e-7; a speed is given to rounding, and the way is
@@ -339,7 +339,7 @@ def prescribed(device: str = "cpu") -> list[Row]:
 # ---- couplings -----------------------------------------------------------------------------------------------------
 
 
-def couplings(device: str = "cpu") -> list[Row]:
+def couplings(device: str = "cpu") -> list[CheckResult]:
     """Gear, rack, screw and a planetary set under a torque: ratios hold, and acceleration is that of the reflected
     inertia.
 
@@ -402,7 +402,7 @@ def _driven(builder: ModelBuilder, torque: float, device: str) -> Probe:
     return probe
 
 
-def _planetary(device: str) -> list[Row]:
+def _planetary(device: str) -> list[CheckResult]:
     """Sun, ring and carrier: z_s w_s + z_r w_r = (z_s + z_r) w_c, a torque on each."""
     teeth = np.array([30.0, 66.0, -96.0])
     inertia = np.array([0.02, 0.05, 0.3])

@@ -13,7 +13,7 @@ from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
-from simwarp.verify.report import Row, below, near
+from simwarp.verify.check_result import CheckResult, below, near
 from simwarp.verify.vehicle_cases import LOADS, Case, low_pass, read_folder, read_shipped
 
 Array = npt.NDArray[np.float64]
@@ -36,7 +36,7 @@ def vehicles(
     reference: Path | None = None,
     plots: Path | None = None,
     report: Callable[[str], None] | None = None,
-) -> list[Row]:
+) -> list[CheckResult]:
     """Vehicles repeat recorded runs of Project Chrono 10: full throttle, a step of the steering, full brakes.
 
     Differences are root mean squares over t >= 0 at 100 Hz: of the speed at most 1.5 % of its range; in steer runs of
@@ -51,7 +51,7 @@ def vehicles(
         report: told the name of each run before it begins.
     """
     recorded = read_shipped() if reference is None else read_folder(reference)
-    rows: list[Row] = []
+    rows: list[CheckResult] = []
     for case, known in recorded.items():
         if report is not None:
             report(case.title)
@@ -71,7 +71,7 @@ def repeat(case: Case, device: str) -> Run:
     return Drive(set_up(spec, maneuver(case.maneuver, spec), device=device, dt=case.dt)).run()
 
 
-def compare(case: Case, known: Run, ours: Run) -> list[Row]:
+def compare(case: Case, known: Run, ours: Run) -> list[CheckResult]:
     """The rows of one run."""
     scene = f"vehicles: {case.title}"
     begin, end = 0.0, min(known["t_s"][-1], ours["t_s"][-1])
@@ -107,7 +107,7 @@ def compare(case: Case, known: Run, ours: Run) -> list[Row]:
     return rows + shift_rows(scene, shifts(known, end), shifts(ours, end))
 
 
-def shift_rows(scene: str, known: Array, ours: Array) -> list[Row]:
+def shift_rows(scene: str, known: Array, ours: Array) -> list[CheckResult]:
     """Rows for the number of gear changes, and for the time of each."""
     rows = [near(scene, "gear changes", len(known), len(ours), 0.0)] if len(known) + len(ours) else []
     if len(known) == len(ours):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from simwarp.core.renames import renamed_names
+from simwarp.viewer.default_appearance import add_bodies, add_skeleton, paint
 from simwarp.viewer.free_camera import FreeCamera
 from simwarp.viewer.lines import Polyline, draw_lines
-from simwarp.viewer.painting import add_bodies, add_skeleton, paint
 from simwarp.viewer.sheets import caption, grid
 from simwarp.viewer.studio import FollowCamera, Shot
 

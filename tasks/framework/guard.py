@@ -21,9 +21,9 @@ from simwarp.core.files import FileError, OutputError
 
 from ..randomisation.randomising import drawn_parameters
 from ..randomisation.randomness import WorldRandom
+from .argument_checks import check_room
 from .config import require
 from .interface_checks import Worlds
-from .limits import check_room
 from .npz import write_arrays
 from .plain import Settings, config_to_plain
 from .simulation_access import copy_snapshot, pack_snapshot

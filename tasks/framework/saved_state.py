@@ -30,15 +30,15 @@ def check_like(like: Any, saved: Any, where: str) -> None:
             check_like(item, saved[name], f"{where}.{name}")
     elif isinstance(like, list | tuple):
         if not isinstance(saved, list | tuple) or len(saved) != len(like):
-            raise unlike(where, f"a list of {len(like)}", saved)
+            raise state_mismatch(where, f"a list of {len(like)}", saved)
         for index, (item, other) in enumerate(zip(like, saved, strict=True)):
             check_like(item, other, f"{where}[{index}]")
     elif isinstance(like, torch.Tensor):
         if not _is_dense(saved) or saved.shape != like.shape or saved.dtype != like.dtype:
-            raise unlike(where, _words(like), saved)
+            raise state_mismatch(where, _words(like), saved)
     elif like is None:
         if saved is not None:
-            raise unlike(where, "nothing", saved)
+            raise state_mismatch(where, "nothing", saved)
     else:
         typed(type(like), saved, where)
 
@@ -46,7 +46,7 @@ def check_like(like: Any, saved: Any, where: str) -> None:
 def check_names(like: Mapping[Any, Any], saved: Any, where: str) -> None:
     """Check saved values against the names of present ones; see :func:`check_like`."""
     if not isinstance(saved, Mapping):
-        raise unlike(where, "an object of named values", saved)
+        raise state_mismatch(where, "an object of named values", saved)
     for name in like:
         if name not in saved:
             raise InputError(f"{where} has no '{name}': it was made by another version of simwarp, or is damaged")
@@ -65,6 +65,6 @@ def _words(value: Any) -> str:
     return f"{tuple(value.shape)} {str(value.dtype).removeprefix('torch.')}"
 
 
-def unlike(where: str, wanted: str, saved: Any) -> InputError:
+def state_mismatch(where: str, wanted: str, saved: Any) -> InputError:
     """Return the error that says what should be there and what is."""
     return InputError(f"{where} must be {wanted}, got {_words(saved)}")

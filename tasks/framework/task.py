@@ -23,12 +23,12 @@ from ..randomisation.randomising import check_ranges, drawn_parameters, randomis
 from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import DelayLine, Sensors
 from ..randomisation.uncertainty import Driver
+from .argument_checks import check_room, whole
 from .config import TaskConfig
 from .drawing import Drawing
 from .errors import InputError, TaskError
 from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
-from .limits import check_room, whole
 from .simulation_access import Attachments, PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
 from .statistics import EpisodeStatistics, EpisodeSummary
 

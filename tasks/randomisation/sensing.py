@@ -10,7 +10,7 @@ import torch
 from simwarp.core.types import shown
 
 from ..framework.errors import InputError, near_names
-from ..framework.limits import check_room
+from ..framework.argument_checks import check_room
 from .randomness import WorldRandom
 from .uncertainty import Sensing
 

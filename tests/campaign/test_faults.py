@@ -13,7 +13,7 @@ from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_folder import latest_run
 from tests.campaign.faults import drafts, end, judge, note, run, small_disk, small_files, start, timed
 from tests.campaign.tally import Tally, campaign_seed
-from tests.tasks.test_kill_resume import same, wait_until
+from tests.train.runs.test_kill_resume import same, wait_until
 
 pytestmark = pytest.mark.slow
 

@@ -83,7 +83,7 @@ def test_help(capfd, command):
 def test_replay_says_whether_it_broke_again(tmp_path, monkeypatch, capfd):
     import dataclasses
 
-    from simwarp.tasks import replay
+    from simwarp.tasks.framework import replay
 
     @dataclasses.dataclass(frozen=True)
     class Report:

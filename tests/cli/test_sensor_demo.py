@@ -94,13 +94,13 @@ def test_lidar_and_radar_meet_the_scene(made):
 
 def test_the_same_seed_gives_the_same_drive(made, tmp_path, monkeypatch):
     # of the instruments alone: the pictures are tested where cameras are
-    from simwarp.viewer.demo import devices
+    from simwarp.viewer.demo import sensor_suite
 
     _, data, _ = made
-    monkeypatch.setattr(devices.SensorSuite, "sensors", property(lambda rig: list(rig.traced.values())))
+    monkeypatch.setattr(sensor_suite.SensorSuite, "sensors", property(lambda rig: list(rig.traced.values())))
     world = devices_world()
-    rig = devices.make_rig(world, 0, PANEL)
-    found, _ = devices.drive(world, rig, lambda what, share: None)
+    rig = sensor_suite.make_sensor_suite(world, 0, PANEL)
+    found, _ = sensor_suite.drive(world, rig, lambda what, share: None)
     np.testing.assert_array_equal(found["imu"]["data"], data["imu_data"])
     np.testing.assert_array_equal(found["gps"]["data"], data["gps_data"])
 

@@ -6,7 +6,7 @@ import pytest
 
 from simwarp import verify
 from simwarp.cli import main
-from simwarp.verify.report import near
+from simwarp.verify.check_result import near
 
 KEYS = {"scene", "quantity", "expected", "got", "tolerance", "pass", "known"}
 

@@ -12,7 +12,7 @@ from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.verify import known, vehicle_cases
 from simwarp.verify import vehicle_runs as vehicles
-from simwarp.verify.report import below
+from simwarp.verify.check_result import below
 from simwarp.verify.vehicle_cases import COLUMNS, LOADS, SHIPPED, Case, case_of, cases_in, read_folder, read_shipped
 
 

@@ -8,12 +8,12 @@ import inspect
 import pytest
 
 from simwarp.verify import SCENES
-from simwarp.verify import mechanism_answers as mechanisms
+from simwarp.verify import mechanism_checks as mechanisms
+from simwarp.verify.check_result import CheckResult, below, near
 from simwarp.verify.known import Verdict, verdict
-from simwarp.verify.report import Row, below, near
 
 
-def require(rows: list[Row]) -> bool:
+def require(rows: list[CheckResult]) -> bool:
     assert rows
     missed = [row for row in rows if verdict(row) is Verdict.FAILED]
     assert not missed, "\n" + "\n".join(

@@ -1,6 +1,7 @@
 """A user's program is type-checked in the environment of `make setup`: its mistakes are found, and nothing else."""
 
 import re
+import shutil
 import subprocess
 import sys
 
@@ -9,7 +10,7 @@ import pytest
 MISTAKES = """
 import simwarp as sw
 from simwarp.tasks import Range, make
-from simwarp.train.runs.training import train
+from simwarp.train import train
 
 
 def weigh(model: sw.Model) -> float:
@@ -20,6 +21,7 @@ def main() -> None:
     builder = sw.ModelBuilder()
     cart = builder.add_body("cart", mass=1.0, inertia=(1.0, 1.0, 1.0))
     builder.add_joint_prismatic("slide", sw.WORLD, cart, axis=(1.0, 0.0, 0.0))
+    builder.add_joint_revolute("hinge", 0, cart, axis=(0.0, 1.0, 0.0), dampening=0.1)  # wrong: no such option
     builder.add_body("pole", mass="heavy", inertia=(1.0, 1.0, 1.0))  # wrong: mass
     simulation = sw.Simulation(builder.finalize(2, "cpu"), dt="0.01")  # wrong: dt
     simulation.stepp()  # wrong: no such method
@@ -36,10 +38,19 @@ def main() -> None:
 """
 
 
+CHECKERS = {
+    "mypy": [sys.executable, "-m", "mypy", "--no-incremental"],
+    "pyright": ["pyright", "--pythonpath", sys.executable],
+}
+
+
 @pytest.mark.slow
-def test_mistakes_are_found_and_nothing_else(tmp_path):
+@pytest.mark.parametrize("checker", list(CHECKERS))
+def test_mistakes_are_found_and_nothing_else(checker, tmp_path):
+    if shutil.which(CHECKERS[checker][0]) is None:
+        pytest.skip(f"{checker} is not installed")
     (tmp_path / "program.py").write_text(MISTAKES)
-    command = [sys.executable, "-m", "mypy", "--cache-dir", str(tmp_path / "cache"), "program.py"]
+    command = [*CHECKERS[checker], "program.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    found = {int(line) for line in re.findall(r"^program\.py:(\d+): error", done.stdout, re.MULTILINE)}
+    found = {int(line) for line in re.findall(r"program\.py:(\d+):[\d: -]*error", done.stdout)}
     assert found == {number for number, line in enumerate(MISTAKES.splitlines(), 1) if "# wrong" in line}, done.stdout

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from simwarp.tasks import InputError, make, replace_fields
-from simwarp.tasks.cart_pole import PendulumConfig
+from simwarp.tasks.cart_pole_base import CartPoleConfig
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import random_policy, zero_policy
 
@@ -181,7 +181,7 @@ def test_order_of_quirky_observation_is_the_original_order():
 @pytest.mark.parametrize("field", ["max_angle", "max_position", "force_gain"])
 def test_limits_must_be_positive(field):
     with pytest.raises(InputError, match=field.replace("_", "-")):
-        make("pendulum", config=replace_fields(PendulumConfig(), {field: -1.0}))
+        make("pendulum", config=replace_fields(CartPoleConfig(), {field: -1.0}))
 
 
 def test_a_start_outside_the_limits_is_refused():

@@ -22,7 +22,7 @@ from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.npz import Arrays, read_arrays, text_of, write_arrays
 
-from ..networks.policies import Policy, bad_actions, forget, refuse_bad_actions
+from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 
 FORMAT = 1
 _PREFIX = "observations/"
@@ -96,7 +96,7 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
     quota[: episodes % worlds] += 1
     done = torch.zeros_like(quota)
     observations = task.restart(seed=seed)
-    forget(policy)
+    reset_memory(policy)
     rows: list[dict[str, torch.Tensor]] = []
     bad = torch.zeros((), dtype=torch.int64, device=task.device)
     while len(rows) % _CHECK_INTERVAL or not bool((done >= quota).all()):
@@ -109,7 +109,7 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
         result = task.step(actions)
         observations = result.observations
         ended = result.terminated | result.truncated
-        forget(policy, ended)
+        reset_memory(policy, ended)
         done += ended
         row |= {"rewards": result.rewards.cpu(), "terminated": result.terminated.cpu()}
         rows.append(row | {"truncated": result.truncated.cpu()})

@@ -11,7 +11,7 @@ import torch
 
 from simwarp.tasks import Task
 
-from .evaluation import Tally, Watcher
+from .evaluation import EpisodeRecords, EvaluationCallback
 
 Points = npt.NDArray[np.float32]
 MAX_PATHS = 256
@@ -19,7 +19,7 @@ _TINY = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
-class Surrounding:
+class DrawnObstacle:
     """One line of a task's drawing at the beginning of the episodes.
 
     Attributes:
@@ -50,7 +50,7 @@ class DrivenPaths:
     successes: tuple[bool, ...]
     known_reasons: tuple[str, ...]
     control_dt: float
-    surroundings: tuple[Surrounding, ...]
+    surroundings: tuple[DrawnObstacle, ...]
     window: tuple[tuple[float, float], tuple[float, float]] | None
 
     @property
@@ -60,7 +60,7 @@ class DrivenPaths:
         return max(extents, default=0.0) < _TINY
 
 
-class PathRecorder(Watcher):
+class PathRecorder(EvaluationCallback):
     """Recorder of the positions of a task's first worlds, from their start to the end of their first episode.
 
     Attributes:
@@ -89,7 +89,7 @@ class PathRecorder(Watcher):
         if len(self._positions) <= self._task.config.max_episode_steps:
             self._positions.append(position[:MAX_PATHS, :2].to(torch.float32, copy=True))
 
-    def end(self, tally: Tally) -> None:
+    def end(self, tally: EpisodeRecords) -> None:
         """Cut the ways where the episodes ended."""
         task = self._task
         if task is None:
@@ -112,10 +112,10 @@ class PathRecorder(Watcher):
 
 def _surroundings(
     task: Task[Any],
-) -> tuple[tuple[Surrounding, ...], tuple[tuple[float, float], tuple[float, float]] | None]:
+) -> tuple[tuple[DrawnObstacle, ...], tuple[tuple[float, float], tuple[float, float]] | None]:
     """Lines that a task draws, from above, and the window."""
     drawing = task.drawing()
     lines = (line.points[:MAX_PATHS, :, :2].float().cpu().numpy().copy() for line in drawing.lines)
     return tuple(
-        Surrounding(points, line.colour) for points, line in zip(lines, drawing.lines, strict=True)
+        DrawnObstacle(points, line.colour) for points, line in zip(lines, drawing.lines, strict=True)
     ), drawing.window

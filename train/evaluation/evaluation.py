@@ -14,7 +14,7 @@ import warp as wp
 from simwarp.core.memory import check_fits
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
 
-from ..networks.policies import Policy, bad_actions, forget, random_policy, zero_policy
+from ..networks.policies import Policy, bad_actions, random_policy, reset_memory, zero_policy
 
 _MAX_WORLDS = 4096
 CHECK_INTERVAL = 25
@@ -77,7 +77,7 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-class Tally:
+class EpisodeRecords:
     """Records of the episodes that count: the first so many of each world.
 
     Taking whichever episodes end first would favour short ones.
@@ -171,32 +171,32 @@ def _counts(column: torch.Tensor, reasons: list[str]) -> dict[str, int]:
     return {name: count for name, count in zip(reasons, counts, strict=True) if count}
 
 
-class Watcher:
+class EvaluationCallback:
     """Observer of an evaluation; this base class does nothing."""
 
     def begin(self, task: Task[Any]) -> None:
         """Called when all worlds are at the beginning of their first episode."""
 
-    def step(self, step: int, tally: Tally) -> None:
+    def step(self, step: int, tally: EpisodeRecords) -> None:
         """Called with the number of control steps done. An exception stops the evaluation."""
 
     def warn(self, text: str) -> None:
         """Called when something is wrong with the policy."""
 
-    def end(self, tally: Tally) -> None:
+    def end(self, tally: EpisodeRecords) -> None:
         """Called when all episodes are over."""
 
 
 def evaluate(
-    task: Task[Any], policy: Policy, episodes: int, seed: int, *, watcher: Watcher | None = None
+    task: Task[Any], policy: Policy, episodes: int, seed: int, *, watcher: EvaluationCallback | None = None
 ) -> Evaluation:
     """Run exactly ``episodes`` episodes from a fresh start and return their statistics."""
     _check_episodes(episodes)
     task.keep_final_observations = False
     observations = task.restart(seed=seed)
-    forget(policy)
-    tally = Tally(task, episodes)
-    watcher = watcher or Watcher()
+    reset_memory(policy)
+    tally = EpisodeRecords(task, episodes)
+    watcher = watcher or EvaluationCallback()
     watcher.begin(task)
     step, warned = 0, False
     bad = torch.zeros((), dtype=torch.int64, device=task.device)
@@ -206,7 +206,7 @@ def evaluate(
         bad += bad_actions(actions)
         result = task.step(actions)
         observations = result.observations
-        forget(policy, result.terminated | result.truncated)
+        reset_memory(policy, result.terminated | result.truncated)
         tally.add(result)
         step += 1
         watcher.step(step, tally)
@@ -238,7 +238,7 @@ def evaluate_policies(
     device: str = "cpu",
     num_envs: int | None = None,
     baselines: bool = True,
-    watch: Callable[[str], Watcher] | None = None,
+    watch: Callable[[str], EvaluationCallback] | None = None,
 ) -> Iterator[tuple[str, Evaluation]]:
     """Evaluate a policy and then, on the same worlds, the one that does nothing and the random one.
 

@@ -16,7 +16,7 @@ from ..networks.policies import Policy
 from ..runs.progress import LiveLine, duration
 from ..runs.stopping import StopRequest
 from .driven_paths import DrivenPaths, PathRecorder
-from .evaluation import CHECK_INTERVAL, Evaluation, Tally, Watcher, evaluate_policies
+from .evaluation import CHECK_INTERVAL, EpisodeRecords, Evaluation, EvaluationCallback, evaluate_policies
 
 POLICY_NAMES = {"policy": "trained", "zero": "zero action", "random": "random"}
 """Labels of the policies of :func:`evaluate_policies`."""
@@ -174,7 +174,7 @@ class GridDisplay(LiveLine):
         return f"point {number}/{self._points}" if self._points > 1 else "evaluating"
 
 
-class _Watch(Watcher):
+class _Watch(EvaluationCallback):
     """Observer that updates the display, checks for a stop, and passes steps to a path recorder."""
 
     def __init__(
@@ -192,7 +192,7 @@ class _Watch(Watcher):
         if self._recorder is not None:
             self._recorder.begin(task)
 
-    def step(self, step: int, tally: Tally) -> None:
+    def step(self, step: int, tally: EpisodeRecords) -> None:
         if self._stop.requested:
             parts = (self._point.label, POLICY_NAMES[self._policy] if self._policy != "policy" else "")
             where = ", ".join(part for part in parts if part)
@@ -204,7 +204,7 @@ class _Watch(Watcher):
         where = f"{self._point.label}: " if self._point.label else ""
         self._display.say(f"{where}{POLICY_NAMES[self._policy]}: {text}")
 
-    def end(self, tally: Tally) -> None:
+    def end(self, tally: EpisodeRecords) -> None:
         if self._recorder is not None:
             self._recorder.end(tally)
         self._display.run_done()
@@ -234,7 +234,7 @@ class GridSettings:
 def _watch(
     point: GridPoint, settings: GridSettings, display: GridDisplay, stop: StopRequest, recorder: PathRecorder | None,
     policy: str,
-) -> Watcher:  # fmt: skip
+) -> EvaluationCallback:  # fmt: skip
     """Return who looks on at a policy; only the paths of the trained one are noted."""
     return _Watch(point, policy, settings.episodes, display, stop, recorder if policy == "policy" else None)
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from .evaluation import Evaluation
+from .figure_style import GREY, INK, PALE, new_figure, save_figure, style_axes
 from .grid import POLICY_NAMES, GridPoint, PointResult, axes_of, shown, words
-from .pictures import GREY, INK, PALE, dress, new_figure, save_figure
 
 COLOURS = {"policy": "#0b6e99", "zero": GREY, "random": "#b8470f"}
 _CELL = (1.25, 0.75)
@@ -53,7 +53,7 @@ def _lines(title: str, note: str, keys: dict[str, list[Any]], results: list[Poin
     width = max(5.0, 1.2 + 0.7 * len(values))
     figure = new_figure(width, 3.8, title, note, legend=legend if len(names) > 1 else ())
     axes = figure.add_subplot()
-    dress(axes)
+    style_axes(axes)
     for index, name in enumerate(names):
         # Where no lines tell the policies apart, they stand side by side
         aside = 0.0 if numeric else 0.08 * (index - 0.5 * (len(names) - 1))

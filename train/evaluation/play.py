@@ -16,7 +16,7 @@ from PIL import Image
 from simwarp.core.files import check_output, write_file
 from simwarp.tasks import InputError, Task
 
-from ..networks.policies import Policy, bad_actions, forget, refuse_bad_actions
+from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 from .filming import Film, film_still, film_strip
 from .mp4 import check_encoder, write_mp4
 
@@ -80,7 +80,7 @@ def record(
         raise InputError(f"seconds must be positive and at most {_LONGEST:g}, got {seconds:g}")
     task.keep_final_observations = False
     observations = task.restart(seed=seed)
-    forget(policy)
+    reset_memory(policy)
     every = max(1, round(1.0 / (_FRAMES_PER_SECOND * task.config.control_dt)))
     steps = max(1, round(seconds / task.config.control_dt))
     count = steps // every + 1
@@ -96,7 +96,7 @@ def record(
         total += torch.where(running, result.rewards, 0.0)
         ended = result.terminated | result.truncated
         running &= ~ended
-        forget(policy, ended)
+        reset_memory(policy, ended)
         if step % every == 0:
             time = step * task.config.control_dt
             frames.append(Frame(time, film.take(step // every, count, time)))

@@ -209,7 +209,7 @@ def _rollout(
     """Return observations, actions and ended episodes of some steps, noise on the actions so that much is seen."""
     task.keep_final_observations = False
     observations = task.restart(seed=0)
-    policy.forget()
+    policy.reset_memory()
     steps = []
     for _ in range(_STEPS):
         seen = {name: group.clone() for name, group in observations.items()}
@@ -217,7 +217,7 @@ def _rollout(
         result = task.step(actions + task.random.uniform("export", -0.5, 0.5, task.action_size, per_step=True))
         observations = result.observations
         ended = result.terminated | result.truncated
-        policy.forget(ended)
+        policy.reset_memory(ended)
         steps.append((seen, actions, ended))
     return steps
 

@@ -23,7 +23,7 @@ from ..runs.run_folder import RUNS, latest_run, read_policy
 from .networks import check_groups
 
 Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
-"""Observation groups -> (W, A) actions. One with a memory has a method ``forget`` too; see :func:`forget`."""
+"""Observation groups -> (W, A) actions. A recurrent one has ``reset_memory`` too, see :func:`reset_memory`."""
 
 SHIPPED = Path(__file__).parents[1] / "shipped"
 
@@ -107,14 +107,14 @@ class NetworkPolicy:
             actions: torch.Tensor = self.actor(TensorDict(dict(observations), batch_size=[worlds]))
             return actions
 
-    def forget(self, ended: torch.Tensor | None = None) -> None:
+    def reset_memory(self, ended: torch.Tensor | None = None) -> None:
         """Clear the memory of a recurrent network where episodes ended ((W,) bool), or everywhere."""
         if self.actor.is_recurrent:
             with torch.inference_mode():
                 self.actor.reset(ended)
 
 
-def forget(policy: Policy, ended: torch.Tensor | None = None) -> None:
+def reset_memory(policy: Policy, ended: torch.Tensor | None = None) -> None:
     """Reset a policy's hidden state where episodes ended, or everywhere with None; without a memory nothing happens."""
     clear: Callable[[torch.Tensor | None], None] | None = getattr(policy, "forget", None)
     if clear is not None:

@@ -16,7 +16,7 @@ from simwarp.tasks import task_class
 
 from ..config import task_config_from_plain
 from ..evaluation.evaluation import evaluate_with_baselines
-from ..runs.checkpoint import SUFFIX, save_checkpoint, slim
+from ..runs.checkpoint import SUFFIX, inference_only, save_checkpoint
 from ..runs.run_files import write_json
 from ..runs.run_folder import PROVENANCE, open_run
 from .policies import SHIPPED, network_policy
@@ -28,7 +28,7 @@ _SEED = 1_000_003
 def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
     """Evaluate the newest checkpoint of a run and write it, with its provenance, to ``target``."""
     folder = open_run(run)
-    content = slim(folder.load_latest()[1])
+    content = inference_only(folder.load_latest()[1])
     name = content["task"]
     results = evaluate_with_baselines(
         name,

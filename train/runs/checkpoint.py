@@ -160,6 +160,6 @@ def checkpoint_name(iteration: int) -> str:
     return f"iteration_{iteration:06d}{SUFFIX}"
 
 
-def slim(content: dict[str, Any]) -> dict[str, Any]:
+def inference_only(content: dict[str, Any]) -> dict[str, Any]:
     """Return only what playing needs: no optimiser, critic, random state or worlds."""
     return {key: content[key] for key in POLICY}

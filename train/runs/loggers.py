@@ -22,7 +22,7 @@ from ..algorithm.trainer import IterationReport
 _COLUMNS = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "env_steps_per_s")
 
 
-class Sink(Protocol):
+class ScalarWriter(Protocol):
     """Takes scalars by name."""
 
     def write(self, values: dict[str, float], iteration: int) -> None:
@@ -142,7 +142,7 @@ class RunLog:
         done = first.iteration - 1
         self._table = ProgressTable(folder.progress, [*_COLUMNS, *sorted(first.values)], keep_below=done)
         self.lost = self._table.lost
-        self._sink: Sink | None = None
+        self._sink: ScalarWriter | None = None
         if kind is LoggerKind.TENSORBOARD:
             self._sink = TensorBoard(folder.path, first.iteration)
         elif kind is LoggerKind.WANDB:

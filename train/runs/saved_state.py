@@ -9,7 +9,7 @@ import torch
 from rsl_rl.models import MLPModel
 
 from simwarp.core.types import shown
-from simwarp.tasks.framework.saved_state import check_like, check_names, unlike
+from simwarp.tasks.framework.saved_state import check_like, check_names, state_mismatch
 
 
 def check_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) -> None:
@@ -25,19 +25,19 @@ def check_optimizer(optimizer: torch.optim.Optimizer, saved: Any, where: str) ->
     for index, group in enumerate(present["param_groups"]):
         groups = saved["param_groups"]
         if not isinstance(groups, list) or len(groups) != len(present["param_groups"]):
-            raise unlike(f"{where}.param_groups", f"a list of {len(present['param_groups'])}", groups)
+            raise state_mismatch(f"{where}.param_groups", f"a list of {len(present['param_groups'])}", groups)
         check_like(group, groups[index], f"{where}.param_groups[{index}]")
         for name, value in group.items():
             right = groups[index][name] > 0.0 if name == "lr" else groups[index][name] == value
             if not right:
                 rule = "positive" if name == "lr" else shown(value)
-                raise unlike(f"{where}.param_groups[{index}].{name}", rule, groups[index][name])
+                raise state_mismatch(f"{where}.param_groups[{index}].{name}", rule, groups[index][name])
     parameters = [parameter for group in optimizer.param_groups for parameter in group["params"]]
     if not isinstance(saved["state"], Mapping):
-        raise unlike(f"{where}.state", "an object of named values", saved["state"])
+        raise state_mismatch(f"{where}.state", "an object of named values", saved["state"])
     for index, state in saved["state"].items():
         if type(index) is not int or not 0 <= index < len(parameters):
-            raise unlike(f"{where}.state", f"of parameters 0 to {len(parameters) - 1}", index)
+            raise state_mismatch(f"{where}.state", f"of parameters 0 to {len(parameters) - 1}", index)
         like = parameters[index].detach()
         check_like({"step": torch.tensor(0.0), "exp_avg": like, "exp_avg_sq": like}, state, f"{where}.state[{index}]")
 
@@ -49,7 +49,7 @@ def check_memories(models: Sequence[MLPModel], saved: Any, worlds: int, where: s
         InputError: it is of other networks, or damaged.
     """
     if not isinstance(saved, list) or len(saved) != len(models):
-        raise unlike(where, f"a list of {len(models)}", saved)
+        raise state_mismatch(where, f"a list of {len(models)}", saved)
     for index, (model, cells) in enumerate(zip(models, saved, strict=True)):
         network = model.rnn.rnn if model.is_recurrent else None
         if cells == [] or network is None:

@@ -17,7 +17,7 @@ from simwarp.core.types import shown
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
 
 from ..config import LoggerKind, TrainConfig, check_configs
-from ..evaluation.curve import draw_learning_curve
+from ..evaluation.learning_curve import draw_learning_curve
 from ..algorithm.distributed import Processes, connect, processes
 from .loggers import RunLog, check_logger
 from .progress import ProgressDisplay

@@ -21,7 +21,7 @@ from simwarp.kernels.collision.triangles import (
     add_contacts,
     add_penetrating,
     covers,
-    drop_voided,
+    drop_internal_edge_contacts,
     ground_triangle,
     triangle_sphere,
     write_raw,
@@ -95,5 +95,5 @@ def pair_contacts(
             count = 0
     if g.kind < 0:
         return contacts
-    found.count = drop_voided(found.count, g, size, assets, raw)
+    found.count = drop_internal_edge_contacts(found.count, g, size, assets, raw)
     return write_raw(found, flip, size, raw, manifold)

@@ -160,7 +160,9 @@ def triangle_sphere(t: Triangle, margin: float, b: Shape, reach: float, out: Man
 
 
 @wp.func
-def fits_surface(g: TriangleSurface, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets) -> bool:
+def is_valid_contact_normal(
+    g: TriangleSurface, t: Triangle, n: wp.vec3, p: wp.vec3, size: float, assets: Assets
+) -> bool:
     """True if a contact at p on a triangle along n, which is not the face's normal, is one of the whole surface: over
     every edge near p that n leans over the surface bends away by at least as much.
     """
@@ -192,7 +194,7 @@ def fits_surface(g: TriangleSurface, t: Triangle, n: wp.vec3, p: wp.vec3, size: 
 
 
 @wp.func
-def feature_of(triangle: int, feature: int) -> int:
+def feature_id(triangle: int, feature: int) -> int:
     """One number for a feature of a triangle."""
     return ((triangle * 73856093) ^ (feature * 19349663 + 83492791)) & 0x3FFFFFFF
 
@@ -294,12 +296,12 @@ def add_penetrating(found: ContactAccumulator, t: Triangle, low: wp.vec3, gap: f
         now.gap = gap
         now.normal = t.normal
         now.point = low - gap * t.normal
-        now.feature = feature_of(t.index, 8191)
+        now.feature = feature_id(t.index, 8191)
     return now
 
 
 @wp.func
-def add_lowest(
+def add_deepest_vertices(
     count: int, deepest: float, g: TriangleSurface, t: Triangle, b: Shape, size: float, assets: Assets, raw: RawContacts
 ) -> int:
     """Contacts along the face normal at the shape's lowest points (corners, the ends of an edge) behind a triangle.
@@ -317,7 +319,7 @@ def add_lowest(
         gap = height - g.margin
         distance = distance_to(t, low)
         if gap < 0.0 and gap > -STEEP * deepest and distance * distance < height * height + 0.25 * gap * gap:
-            now = add_raw(now, t.normal, low - gap * t.normal, gap, feature_of(t.index, 8187 + k), size, raw)
+            now = add_raw(now, t.normal, low - gap * t.normal, gap, feature_id(t.index, 8187 + k), size, raw)
     return now
 
 
@@ -338,20 +340,20 @@ def add_contacts(
         at = point + manifold.gap[i] * n
         if wp.length_sq(n - t.normal) < SAME_NORMAL * SAME_NORMAL:
             face_gap = wp.dot(t.normal, at - t.p0) - g.margin
-            feature = feature_of(t.index, manifold.feature[i])
+            feature = feature_id(t.index, manifold.feature[i])
             now.count = add_raw(now.count, t.normal, at - face_gap * t.normal, face_gap, feature, size, raw)
-        elif fits_surface(g, t, n, point - g.margin * n, size, assets):
-            feature = feature_of(t.index, manifold.feature[i]) | EDGE_CONTACT
+        elif is_valid_contact_normal(g, t, n, point - g.margin * n, size, assets):
+            feature = feature_id(t.index, manifold.feature[i]) | EDGE_CONTACT
             now.count = add_raw(now.count, n, point, manifold.gap[i], feature, size, raw)
         else:
             dropped = wp.max(dropped, -manifold.gap[i])
     if dropped > 0.0 and ahead == 1 and b.kind != SPHERE:  # whose contact is exact
-        now.count = add_lowest(now.count, dropped, g, t, b, size, assets, raw)
+        now.count = add_deepest_vertices(now.count, dropped, g, t, b, size, assets, raw)
     return now
 
 
 @wp.func
-def drop_voided(count: int, g: TriangleSurface, size: float, assets: Assets, raw: RawContacts) -> int:
+def drop_internal_edge_contacts(count: int, g: TriangleSurface, size: float, assets: Assets, raw: RawContacts) -> int:
     """Drops contacts on edges and corners where a triangle around them reaches farther along the normal: the shape is
     nearer to another point of that triangle. Returns how many are left.
     """

@@ -67,14 +67,14 @@ class SampleEvents:
 
 
 @wp.func
-def is_seen(published: int, clock: ClockSettings) -> bool:
+def will_be_read(published: int, clock: ClockSettings) -> bool:
     """True if data are read between the publication of a frame, at this count, and that of the next."""
     look = ((published + clock.every - 1) / clock.every) * clock.every
     return look < published + clock.period
 
 
 @wp.func
-def nothing_due(world: int, mode: int, tick: SampleEvents):
+def clear_events(world: int, mode: int, tick: SampleEvents):
     """A tick without a frame."""
     tick.mode[world] = mode
     tick.collecting[world] = 0
@@ -97,10 +97,10 @@ def advance_clock(
     """After a sub-step."""
     world = wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
-        nothing_due(world, IDLE, tick)
+        clear_events(world, IDLE, tick)
         memory.valid[world] = False
         return
-    nothing_due(world, STEP, tick)
+    clear_events(world, STEP, tick)
     count = memory.count[world] + 1
     memory.count[world] = count
     begin = memory.phase[world]
@@ -111,7 +111,7 @@ def advance_clock(
         frame = elapsed / clock.period
         part = elapsed - frame * clock.period
         published = begin + frame * clock.period + clock.window + clock.lag
-        if part < wp.max(clock.window, 1) and is_seen(published, clock):
+        if part < wp.max(clock.window, 1) and will_be_read(published, clock):
             tick.collecting[world] = 1
             window = float(wp.max(clock.window, 1))
             tick.fraction_from[world] = float(part) / window
@@ -127,7 +127,7 @@ def advance_clock(
     completed = count - clock.lag
     elapsed = completed - clock.window - begin
     # at count 0 it was BEGIN that took a frame
-    if completed >= 1 and elapsed >= 0 and elapsed % clock.period == 0 and is_seen(count, clock):
+    if completed >= 1 and elapsed >= 0 and elapsed % clock.period == 0 and will_be_read(count, clock):
         row = world * clock.slots + (elapsed / clock.period) % clock.slots
         tick.publish[world] = 1
         tick.publish_row[world] = row
@@ -147,7 +147,7 @@ def begin_clock(
     """Restarts clocks of worlds whose state was set: pending frames are dropped, one of the new state is published."""
     world = wp.tid()
     if not mask[world]:
-        nothing_due(world, IDLE, tick)
+        clear_events(world, IDLE, tick)
         return
     episode = memory.episode[world] + 1
     memory.episode[world] = episode

@@ -28,9 +28,9 @@ from simwarp.kernels.vehicle.tires.parameter_vector import (
 )
 from simwarp.vehicle.spec.parts import SPECS, Spec, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
+from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector, missing
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
 from simwarp.vehicle.tires.rigid_tires import rigid_parameters
-from simwarp.vehicle.tires.tire_common import THIRD, Vector, common_vector, missing
 from simwarp.vehicle.tires.tire_files import PropertyFileError, TirValues
 from simwarp.vehicle.tires.tire_parameters import (
     CommonParameters,

@@ -13,16 +13,6 @@ from simwarp.sensors.cameras.camera import CameraConfig, look_at
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.motion.gps import GeoOrigin, to_local
 from simwarp.simulation.simulation import Simulation
-from simwarp.viewer.demo.devices import (
-    BLUR,
-    Progress,
-    SensorSuite,
-    big_size,
-    cloud_points,
-    drive,
-    make_rig,
-    small_height,
-)
 from simwarp.viewer.demo.landscape import ROOF, DemoWorld, make_world
 from simwarp.viewer.demo.panels import (
     Traces,
@@ -34,6 +24,16 @@ from simwarp.viewer.demo.panels import (
     range_panels,
     semantic_panel,
     traces,
+)
+from simwarp.viewer.demo.sensor_suite import (
+    BLUR,
+    Progress,
+    SensorSuite,
+    big_size,
+    cloud_points,
+    drive,
+    make_sensor_suite,
+    small_height,
 )
 from simwarp.viewer.demo.sheet import CAPTION, Panel, Sheet
 from simwarp.viewer.free_camera import FreeCamera
@@ -77,7 +77,7 @@ def sensor_demo(*, seed: int = 0, device: str | None = None, panel: int = 320, t
     say: Progress = tell or (lambda what, share: None)
     say("building the world", 0.0)
     world = make_world(seed, device)
-    rig = make_rig(world, seed, panel)
+    rig = make_sensor_suite(world, seed, panel)
     found, simulation = drive(world, rig, say)
     say("drawing", 1.0)
     sheet = _sheet(world, rig, found, simulation, panel)

@@ -15,7 +15,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import Pose
 from simwarp.scenery.visual import Label
 from simwarp.sensors.motion.gps import GeoOrigin, to_local
-from simwarp.viewer.demo.devices import COUNTS
+from simwarp.viewer.demo.sensor_suite import COUNTS
 from simwarp.viewer.demo.sheet import BLANK, Bar, Color, Panel, Picture
 
 Array = npt.NDArray[Any]

@@ -109,7 +109,7 @@ def test_a_task_that_equips_is_attached(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_a_task_option_is_read_under_its_old_name(capsys: pytest.CaptureFixture[str]) -> None:
     from simwarp.cli.options import parse_options
-    from simwarp.tasks.cart_pole import PendulumConfig
+    from simwarp.tasks.cart_pole_base import CartPoleConfig
 
-    assert parse_options(PendulumConfig, ["--quirks"], "simwarp").legacy_compat
+    assert parse_options(CartPoleConfig, ["--quirks"], "simwarp").legacy_compat
     assert "simwarp: --quirks is now called --legacy-compat; the old name goes" in capsys.readouterr().err

@@ -8,7 +8,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp.sensors.interface import Mount, Schedule, body_index
-from tests.reference.sensor_clock import Frame, frames, nearest, read
+from tests.reference.sensors.sensor_clock import Frame, frames, nearest, read
 from tests.unit.sensors.sensor_probe import COUNT, GAPS, MODE, NUMBER, SPAN, SUBSTEPS, Probe, ball
 
 DT = 0.001

@@ -12,7 +12,7 @@ from simwarp.kernels.sensors.random import draw_normals, draw_uniform, frame_key
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.noise import BiasWalk, BoundedDrift, NormalNoise, Quantisation, Saturation
-from tests.reference import sensor_noise as reference
+from tests.reference.sensors import sensor_noise as reference
 from tests.unit.sensors.sensor_probe import ball
 
 DT = 0.01

@@ -64,7 +64,7 @@ class TireForce:
 
 
 @wp.func
-def framed(wheel: Wheel, point: GroundPoint, deflection: float) -> Patch:
+def make_patch(wheel: Wheel, point: GroundPoint, deflection: float) -> Patch:
     """The patch at a point of the ground."""
     patch = Patch()
     forward = wp.cross(wheel.axis, point.normal)
@@ -89,7 +89,7 @@ def lowest(wheel: Wheel, radius: float) -> wp.vec3:
 
 
 @wp.func
-def in_disc(wheel: Wheel, normal: wp.vec3) -> wp.vec3:
+def project_to_wheel_plane(wheel: Wheel, normal: wp.vec3) -> wp.vec3:
     """A normal turned into the plane of the disc."""
     return wp.normalize(normal - wp.dot(normal, wheel.axis) * wheel.axis)
 
@@ -102,7 +102,7 @@ def single_point(world: int, wheel: Wheel, radius: float, terrain: TerrainTables
     point = ground_below(world, wheel.x, lowest(wheel, radius), lift, terrain, assets)
     if point.found == 0 or point.arm[2] >= 0.0:
         return none
-    n = in_disc(wheel, point.normal)
+    n = project_to_wheel_plane(wheel, point.normal)
     distance = -wp.dot(point.arm, n)
     deflection = radius - distance
     if deflection <= 0.0:
@@ -110,7 +110,7 @@ def single_point(world: int, wheel: Wheel, radius: float, terrain: TerrainTables
     point = ground_below(world, wheel.x, -distance * n, lift, terrain, assets)
     if point.found == 0:
         return none
-    return framed(wheel, point, deflection)
+    return make_patch(wheel, point, deflection)
 
 
 @wp.func
@@ -123,7 +123,7 @@ def four_point(
     point = ground_below(world, wheel.x, lowest(wheel, radius), lift, terrain, assets)
     if point.found == 0 or point.arm[2] >= 0.0:
         return none
-    n = in_disc(wheel, point.normal)
+    n = project_to_wheel_plane(wheel, point.normal)
     below = wp.dot(point.arm, n) * n
     forward = wp.normalize(wp.cross(wheel.axis, n))
     left = wp.cross(n, forward)
@@ -135,7 +135,7 @@ def four_point(
         return none
     point.arm = 0.25 * (before.arm + behind.arm + beside.arm + beyond.arm)
     point.normal = wp.normalize(wp.cross(before.arm - behind.arm, beside.arm - beyond.arm))
-    return framed(wheel, point, radius + wp.dot(point.arm, n))
+    return make_patch(wheel, point, radius + wp.dot(point.arm, n))
 
 
 @wp.func
@@ -160,7 +160,7 @@ def envelope(world: int, wheel: Wheel, radius: float, terrain: TerrainTables, as
     point = ground_below(world, wheel.x, low, radius, terrain, assets)
     if point.found == 0 or point.arm[2] >= 0.0:
         return none
-    n = in_disc(wheel, point.normal)
+    n = project_to_wheel_plane(wheel, point.normal)
     across = wp.normalize(wp.cross(wheel.axis, wp.vec3(0.0, 0.0, 1.0)))
     step = 2.0 * radius / float(COLUMNS)
     area = float(0.0)
@@ -177,7 +177,7 @@ def envelope(world: int, wheel: Wheel, radius: float, terrain: TerrainTables, as
     if point.found == 0:
         return none
     point.arm = -(radius - deflection) * n
-    return framed(wheel, point, deflection)
+    return make_patch(wheel, point, deflection)
 
 
 @wp.func

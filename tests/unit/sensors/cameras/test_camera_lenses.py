@@ -10,7 +10,7 @@ import warp as wp
 from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.cameras.lenses import Lens, lens_direction
 from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial, directions
-from tests.reference import lenses as reference
+from tests.reference.sensors import lenses as reference
 
 # float32 rounds u, v, and one function each of sin, cos or sqrt: a few units in the last place of 1
 ROUNDING = 1.0e-6

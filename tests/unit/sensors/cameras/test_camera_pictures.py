@@ -14,7 +14,7 @@ from simwarp.sensors.cameras.lenses import FishEye, Pinhole, Radial, directions
 from simwarp.sensors.cameras.lights import Lamp, Lighting, Sun
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.scene import Visuals
-from tests.reference import pictures
+from tests.reference.sensors import pictures
 from tests.unit.sensors.cameras.camera_scenes import DARK, LINEAR, empty_builder, take, wall_visuals
 
 OUTPUTS = ("rgb", "grey", "depth", "range", "normals", "instance", "semantic")

@@ -22,8 +22,8 @@ from simwarp.sensors.presets import load_sensor
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.vehicle import PER_WORLD, VEHICLE_SOLVER, Vehicle
-from tests.reference.encoders import Encoder as ReferenceStep
-from tests.reference.sensor_noise import Stage, frame_key
+from tests.reference.sensors.encoders import Encoder as ReferenceStep
+from tests.reference.sensors.sensor_noise import Stage, frame_key
 
 DT = 0.001
 EVERY = Schedule(rate=1000.0)

@@ -11,7 +11,7 @@ from simwarp.core.types import Material
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.force_sensor import ContactSensor, ContactSensorConfig, LoadCell, LoadCellConfig
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation, Saturation
-from tests.reference.forces import body_force, in_axes, means
+from tests.reference.sensors.forces import body_force, in_axes, means
 
 G = 9.81
 DT = 0.001

@@ -12,7 +12,7 @@ from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.gps import GeoOrigin, Gps, GpsConfig, to_local
 from simwarp.sensors.motion.magnetometer import Magnetometer, MagnetometerConfig
 from simwarp.sensors.noise import NormalNoise, Quantisation
-from tests.reference.geomagnetism import dipole
+from tests.reference.sensors.geomagnetism import dipole
 from tests.unit.sensors.sensor_probe import ball
 
 ORIGINS = [

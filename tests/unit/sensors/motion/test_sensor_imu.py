@@ -8,7 +8,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.sensors.interface import Mount, Schedule
 from simwarp.sensors.motion.imu import Imu, ImuConfig
 from simwarp.sensors.noise import BoundedDrift, NormalNoise, Quantisation
-from tests.reference.inertial import angular_velocity, specific_force
+from tests.reference.sensors.inertial import angular_velocity, specific_force
 from tests.unit.sensors.sensor_probe import ball
 
 G = 9.81

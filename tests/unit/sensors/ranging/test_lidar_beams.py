@@ -11,7 +11,7 @@ from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.ranging.beams import column_at
 from simwarp.kernels.sensors.ranging.returns import MAX_RAYS, ReturnMode, reduce_beam
 from simwarp.sensors.ranging.beams import HDL_32E_ELEVATION, VLP_16_ELEVATION, Beam, BeamTable, beam_grid
-from tests.reference import lidar as reference
+from tests.reference.sensors import lidar as reference
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

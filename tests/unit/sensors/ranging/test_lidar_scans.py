@@ -10,7 +10,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.ranging.beams import Beam, BeamTable, beam_grid
 from simwarp.sensors.ranging.lidar import Lidar, LidarConfig, LidarNoise
-from tests.reference import lidar as reference
+from tests.reference.sensors import lidar as reference
 from tests.unit.kernels.rays.ray_scenes import carrier
 
 AT_ONCE = Schedule(rate=10.0)

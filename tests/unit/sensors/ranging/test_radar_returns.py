@@ -15,7 +15,7 @@ from simwarp.kernels.sensors.ranging.radar import CHANNELS
 from simwarp.sensors import Mount, Schedule
 from simwarp.sensors.ranging.beams import BeamTable, beam_grid
 from simwarp.sensors.ranging.radar import Clusters, Radar, RadarConfig, RadarNoise, cluster_scratch
-from tests.reference import radar as reference
+from tests.reference.sensors import radar as reference
 from tests.unit.kernels.rays.ray_scenes import carrier
 
 AHEAD = BeamTable(azimuth=(0.0,), elevation=(0.0,))

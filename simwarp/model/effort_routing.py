@@ -1,0 +1,120 @@
+"""Ways in which an effort along a coordinate reaches the bodies: this is the one place that decides between them.
+
+- TREE: coordinates of joints of the tree; along the joint's own degree of freedom (`load_tree_dofs`).
+- DISTANCE: springs between the two bodies of a tree joint of one degree of freedom; along that one, times a lever
+  (`load_distances`).
+- ROW: joints that close loops, with a stiff or inertial effort, or a motion; a compliant row (`loop_joint_rows`).
+- BODY_FORCE: all others, free bodies and loop joints without an effort; `joint_force` alone, on the bodies.
+
+Beside its path, what has bounds (limits, dry friction, motors, drives with an effort limit) is a box constraint each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+
+from simwarp.core.types import (
+    BoxKind,
+    Dof,
+    DriveMode,
+    JointType,
+    PositionDrive,
+    PrescribedPosition,
+    PrescribedSpeed,
+    VelocityMotor,
+)
+
+PASSIVE = tuple(
+    each.name for each in dataclasses.fields(Dof) if each.default == 0.0 and each.name not in ("rest", "friction")
+)
+"""Numbers of a `Dof` of which each is an effort; a rest length alone is none, and friction is a box constraint."""
+
+
+class EffortRoute(enum.Enum):
+    """See the module."""
+
+    TREE = enum.auto()
+    DISTANCE = enum.auto()
+    ROW = enum.auto()
+    BODY_FORCE = enum.auto()
+
+
+def effort_route(kind: JointType, dof: Dof, *, in_tree: bool, along_tree_dof: bool) -> EffortRoute:
+    """The path of a coordinate's effort.
+
+    Args:
+        kind: of its joint.
+        dof: the coordinate.
+        in_tree: whether the joint is one of the spanning tree.
+        along_tree_dof: whether a tree joint of one degree of freedom ties the joint's bodies.
+    """
+    if in_tree:
+        return EffortRoute.BODY_FORCE if kind is JointType.FREE else EffortRoute.TREE
+    if not has_effort(dof):
+        return EffortRoute.BODY_FORCE
+    if kind is JointType.DISTANCE and along_tree_dof and not is_prescribed(dof):
+        return EffortRoute.DISTANCE
+    return EffortRoute.ROW
+
+
+def box_constraint_kinds(dof: Dof) -> list[BoxKind]:
+    """The box constraints of a coordinate."""
+    drive = dof.drive
+    there = {
+        BoxKind.LIMIT: dof.limit is not None,
+        BoxKind.FRICTION: dof.friction > 0.0,
+        BoxKind.MOTOR: isinstance(drive, VelocityMotor),
+        BoxKind.DRIVE: isinstance(drive, PositionDrive) and math.isfinite(drive.effort_limit),
+    }
+    return [kind for kind, is_there in there.items() if is_there]
+
+
+def drive_mode(dof: Dof) -> DriveMode:
+    """The DriveMode of a degree of freedom's drive."""
+    match dof.drive:
+        case None:
+            return DriveMode.NONE
+        case PositionDrive():
+            return DriveMode.POSITION
+        case VelocityMotor():
+            return DriveMode.VELOCITY
+        case PrescribedPosition():
+            return DriveMode.PRESCRIBED_POSITION
+        case PrescribedSpeed():
+            return DriveMode.PRESCRIBED_SPEED
+
+
+def is_prescribed(dof: Dof) -> bool:
+    """True if the coordinate's motion is given."""
+    return drive_mode(dof) >= DriveMode.PRESCRIBED_POSITION
+
+
+def has_effort(dof: Dof) -> bool:
+    """True if the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
+    driven = drive_mode(dof) is DriveMode.POSITION or is_prescribed(dof)
+    tables = (dof.spring_table, dof.damper_table, dof.damper_map)
+    return any(getattr(dof, name) for name in PASSIVE) or any(table is not None for table in tables) or driven
+
+
+@dataclasses.dataclass(frozen=True)
+class EffortModel:
+    """Parts of a coordinate's effort that are fixed when the model is made: path, kind of drive, tables, stiffness."""
+
+    path: EffortRoute
+    mode: DriveMode
+    spring_table: bool
+    damper_table: bool
+    stiff: bool
+
+    @classmethod
+    def of(cls, dof: Dof, path: EffortRoute) -> EffortModel:
+        """That of a degree of freedom."""
+        damper = dof.damper_table is not None or dof.damper_map is not None
+        return cls(path, drive_mode(dof), dof.spring_table is not None, damper, dof.stiffness > 0.0)
+
+    @property
+    def is_computed(self) -> bool:
+        """True if a step computes the effort, unless the motion is given."""
+        return self.path is not EffortRoute.BODY_FORCE and self.mode < DriveMode.PRESCRIBED_POSITION

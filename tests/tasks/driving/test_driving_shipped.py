@@ -1,0 +1,65 @@
+"""The shipped policies of the driving tasks: where they come from is written down, and they still drive."""
+
+import json
+
+import pytest
+
+from simwarp.tasks import config_to_plain, make, replace_fields, task_class
+from simwarp.train.config import task_config_from_plain
+from simwarp.train.evaluation.evaluation import evaluate
+from simwarp.train.networks.policies import SHIPPED, find_policy, network_policy
+from simwarp.train.runs.checkpoint import load_checkpoint
+from tests.tasks.driving.driving_checks import NAMES
+
+POLICIES = sorted(path.stem for path in SHIPPED.glob("*.*.pt"))
+# what each was trained to reach, in percent of episodes
+TARGETS = {
+    "obstacle-avoidance.state": 95, "obstacle-avoidance.camera": 80, "off-road.state": 90, "convoy.state": 90,
+    "hallway.state": 95, "barrier-track.state": 90, "off-road.camera": 80,
+}  # fmt: skip
+LONG = ("convoy", "hallway", "barrier-track")
+
+
+def test_every_task_has_a_policy_by_exact_state():
+    assert {f"{name}.state" for name in NAMES} <= set(POLICIES)
+    assert set(TARGETS) <= set(POLICIES)
+
+
+@pytest.mark.parametrize("title", POLICIES)
+def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
+    record = json.loads((SHIPPED / f"{title}.json").read_text(encoding="utf-8"))
+    name, obs = title.split(".")
+    assert record["task"] == name
+    assert record["command"][:5] == ["simwarp", "train", name, "--obs", obs]
+    assert len(record["git"]["revision"]) == 40
+    assert {"python", "torch", "warp-lang", "rsl-rl-lib"} <= set(record["versions"])
+    reached = record["evaluation"]["policy"]
+    assert reached["episodes"] >= 200
+    assert 100.0 * reached["success_rate"] >= TARGETS.get(title, 50)
+    # What drives the task as it is today: another number of tracks, or of obstacles, would be another task
+    config = load_checkpoint(SHIPPED / f"{title}.pt")["task_config"]
+    today = config_to_plain(replace_fields(task_class(name).config_type(), {"obs": obs}))
+    free = {"camera_rate", "progress_weight", "failure_weight"}  # how often it looked, and what it was paid
+    assert {key: config[key] for key in today if key not in free} == {
+        key: value for key, value in today.items() if key not in free
+    }
+    # Doing nothing, or anything, does not do it: a random drive off road hits its goal once in 256
+    assert max(record["evaluation"][other]["success_rate"] for other in ("zero", "random")) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "title",
+    [
+        pytest.param(title, marks=[pytest.mark.slow] * (title.startswith(LONG) or title.endswith("camera")))
+        for title in POLICIES
+    ],
+)
+def test_it_still_drives(title):
+    name, _ = title.split(".")
+    content = find_policy(name, SHIPPED / f"{title}.pt").content
+    task = make(name, 24, seed=77, config=task_config_from_plain(task_class(name), content["task_config"]))
+    result = evaluate(task, network_policy(content, task), 24, seed=77)
+    # 19 of 24 or fewer happen to a policy of 95 % once in 170 draws; the draw is always the same one
+    assert result.success_rate * 24 >= 20
+    assert set(result.end_reasons) <= set(task.end_reasons)

@@ -1,0 +1,173 @@
+"""Evaluation and pictures: exact counts without bias, known intervals, files that are what they say."""
+
+import sys
+
+import pytest
+import torch
+from PIL import Image
+from rich.console import Console
+
+from simwarp.core.files import FileError
+from simwarp.tasks import InputError, make, replace_fields, task_class
+from simwarp.train.config import default_config
+from simwarp.train.evaluation.evaluation import evaluate, evaluate_with_baselines, wilson_interval
+from simwarp.train.evaluation.filming import Film
+from simwarp.train.evaluation.play import check_video_path, record, write_picture, write_video
+from simwarp.train.networks import policies
+from simwarp.train.networks.policies import find_policy, network_policy, random_policy, zero_policy
+from simwarp.train.runs.checkpoint import inference_only, load_checkpoint, save_checkpoint
+from simwarp.train.runs.training import train
+from tests.tasks.framework.samples import Counter, SampleConfig
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    root = tmp_path_factory.mktemp("runs")
+    config = replace_fields(default_config(task_class("fast")), {"device": "cpu", "iterations": 12})
+    train("fast", config, task_class("fast").config_type(), root=root, console=Console(quiet=True))
+    return root
+
+
+@pytest.mark.parametrize(
+    ("successes", "trials", "low", "high"),
+    # Newcombe (1998), table I: 81/263, 15/148, 0/20, 1/29
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_wilson_interval_against_published_values(successes, trials, low, high):
+    assert wilson_interval(successes, trials) == pytest.approx((low, high), abs=6e-5)
+
+
+class Uneven(Counter):
+    """World k fails after k + 1 steps, every time."""
+
+    name = "uneven"
+
+    def terminations(self):
+        return {"failed": self.count[:, 0] > torch.arange(self.num_worlds)}
+
+
+@pytest.mark.parametrize("episodes", [1, 3, 4, 7, 10])
+def test_exactly_the_first_episodes_of_each_world_count(episodes):
+    task = Uneven(SampleConfig(max_episode_steps=50), 4)
+    result = evaluate(task, zero_policy(task), episodes, seed=0)
+    worlds = [index % 4 for index in range(episodes)]
+    assert result.episodes == episodes
+    # Counting whichever episodes end first would count world 0 far more often than world 3
+    assert result.mean_episode_length == pytest.approx(sum(k + 1 for k in worlds) / episodes)
+    assert result.min_episode_length == 1
+    assert result.end_reasons == {"failed": episodes}
+    assert result.success_rate == 0.0
+
+
+def test_the_trained_policy_beats_both_baselines(trained):
+    source = find_policy("fast", None, trained)
+    results = evaluate_with_baselines(
+        "fast", lambda task: network_policy(source.content, task), config=task_class("fast").config_type(),
+        episodes=64, seed=5,
+    )  # fmt: skip
+    assert set(results) == {"policy", "zero", "random"}
+    assert results["policy"].mean_return > results["zero"].mean_return + 10.0
+    assert results["policy"].metrics["final_distance"] < results["random"].metrics["final_distance"]
+    plain = results["policy"].as_json()
+    assert {"episodes", "mean_return", "mean_episode_length", "success_rate", "success_ci95", "end_reasons"} <= set(
+        plain
+    )
+    assert plain["final_distance"] == results["policy"].metrics["final_distance"]
+
+
+def test_an_evaluation_repeats(trained):
+    source = find_policy("fast", None, trained)
+
+    def once(worlds):
+        task = make("fast", worlds)
+        return evaluate(task, network_policy(source.content, task), 8, seed=3)
+
+    assert once(8) == once(8)
+    task = make("fast", 8)
+    assert evaluate(task, random_policy(task), 8, seed=3) == evaluate(task, random_policy(task), 8, seed=3)
+
+
+def test_a_slim_checkpoint_plays_but_cannot_be_resumed(trained, tmp_path):
+    content = load_checkpoint(find_policy("fast", None, trained).path)
+    path = tmp_path / "slim.pt"
+    save_checkpoint(path, inference_only(content))
+    assert path.stat().st_size < find_policy("fast", None, trained).path.stat().st_size / 2
+    task = make("fast", 4)
+    full, small = (network_policy(c, task) for c in (content, load_checkpoint(path)))
+    assert torch.equal(full(task.observations()), small(task.observations()))
+
+
+def test_which_policy_is_taken(trained, tmp_path, monkeypatch):
+    newest = find_policy("fast", None, trained)
+    run = newest.path.parents[1]
+    assert find_policy("fast", run).path == newest.path
+    assert find_policy("fast", newest.path).path == newest.path
+    monkeypatch.setattr(policies, "SHIPPED", tmp_path)
+    with pytest.raises(InputError, match="no policy for task 'fast': train one with `simwarp train fast`"):
+        find_policy("fast", None, tmp_path)
+    save_checkpoint(tmp_path / "fast.pt", inference_only(newest.content))
+    assert find_policy("fast", None, tmp_path).path == tmp_path / "fast.pt"
+    with pytest.raises(InputError, match="is of task 'fast', not 'pendulum'"):
+        find_policy("pendulum", newest.path)
+
+
+def test_a_network_for_other_observations_is_refused(trained):
+    content = find_policy("fast", None, trained).content
+    task = Counter(SampleConfig(), 2)
+    with pytest.raises(InputError, match="does not fit task 'counter'"):
+        network_policy(content, type("Flat", (Counter,), {"observations": lambda self: {"policy": self.count}})(
+            task.config, 2
+        ))  # fmt: skip
+
+
+def test_picture_and_video_show_every_moment(tmp_path):
+    task = make("fast", 3)
+    frames, total = record(task, zero_policy(task), seconds=0.6, seed=1, film=Film(task, video=False))
+    assert len(frames) == 1 + 60 // 4
+    assert frames[-1].time == pytest.approx(0.6)
+    expected = (1.0 - task.restart(seed=1)["policy"].norm(dim=1)).mean() * 60
+    assert total == pytest.approx(float(expected), rel=1e-4)
+    write_picture(tmp_path / "a.png", frames, "fast")
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.format == "PNG"
+        assert len(image.getcolors(maxcolors=1 << 20) or []) > 10
+    moving, _ = record(task, random_policy(task), seconds=0.2, seed=1, film=Film(task, video=True))
+    write_video(tmp_path / "a.gif", moving, "fast")
+    with Image.open(tmp_path / "a.gif") as image:
+        assert getattr(image, "n_frames", 1) == len(moving)
+
+
+def test_files_that_cannot_be_written_are_refused_first(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    for path, message in (
+        (tmp_path / "a.avi", "must end in"),
+        (tmp_path / "no" / "a.gif", "does not exist"),
+        (tmp_path / "a.mp4", r"simwarp\[viewer\]"),
+    ):
+        with pytest.raises((InputError, FileError), match=message):
+            check_video_path(path)
+
+
+def test_the_shipped_pendulum_policy_solves_the_pendulum(tmp_path):
+    source = find_policy("pendulum", None, tmp_path)
+    assert source.path == policies.shipped_policy("pendulum")
+    config = task_class("pendulum").config_type()
+    results = evaluate_with_baselines(
+        "pendulum", lambda task: network_policy(source.content, task), config=config, episodes=64, seed=17
+    )
+    assert results["policy"].mean_episode_length >= 990.0
+    assert results["policy"].success_rate > 0.95
+    assert results["zero"].mean_episode_length < 200.0
+    assert results["random"].mean_episode_length < 200.0
+
+
+def test_shipping_writes_the_actor_and_where_it_came_from(trained, tmp_path):
+    from simwarp.train.networks.shipping import ship
+
+    run = find_policy("fast", None, trained).path.parents[1]
+    record = ship(run, tmp_path)
+    assert {"command", "git", "versions", "evaluation", "iterations"} <= set(record)
+    content = load_checkpoint(tmp_path / "fast.pt")
+    assert "optimizer_state_dict" not in content
+    assert "worlds" not in content
+    assert record["evaluation"]["policy"]["episodes"] == 256
