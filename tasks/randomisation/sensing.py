@@ -9,8 +9,8 @@ import torch
 
 from simwarp.core.types import shown
 
-from ..framework.errors import InputError, near_names
 from ..framework.argument_checks import check_room
+from ..framework.errors import InputError, near_names
 from .randomness import WorldRandom
 from .uncertainty import Sensing
 
