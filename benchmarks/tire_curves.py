@@ -17,13 +17,14 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.vehicle.tires.parameter_vector import Common
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
+from simwarp.vehicle.tires.parameter_vector import MODELS
 from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, tire_vector
 
 ROOT = Path(__file__).resolve().parents[1]
 TIRES = ROOT / "simwarp" / "vehicle" / "data" / "hmmwv" / "tires"
-MODELS = ("tmeasy", "tmsimple", "fiala", "pacejka89", "pacejka2002", "lugre")
 SPEED = 20.0
 LOAD = 8000.0
 FRICTION = 0.8
@@ -83,8 +84,7 @@ def main() -> None:
         tire = read_spec(Tire, TIRES / f"{name}.json")
         row = tire_vector(tire)
         height = loaded_height(row, tire.radius)
-        share = 1.0 if name in ("fiala", "pacejka89", "lugre") else 1.0 / 3.0
-        effective = tire.radius - share * (tire.radius - height)
+        effective = tire.radius - row.values[Common.RADIUS_SHARE] * (tire.radius - height)
         forward = np.tile([SPEED, 0.0, 0.0], (len(slips), 1))
         _, force, _ = sweep(row, height, forward, SPEED * (1.0 + slips) / effective)
         axes[0, 0].plot(slips, force[:, 0] / 1e3, label=name)

@@ -37,7 +37,7 @@ def power() -> None:
 
 def standstill() -> None:
     print("standstill: way on a slope of 20 % from 3 s to 60 s, full brakes, 1 ms")
-    cases = [("hmmwv", tire) for tire in laws.TIRES]
+    cases = [("hmmwv", tire) for tire in laws.MODELS]
     cases += [(name, "tmeasy") for name in ("hmmwv-reduced", "gator", "artcar", "sedan")]
     for name, tire in cases:
         print(f"  {name}, {tire}: {1e3 * laws.creep(with_options(shipped(name), tire=tire), 60.0, 1e-3):.3f} mm")

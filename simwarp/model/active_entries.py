@@ -50,7 +50,7 @@ def active_entries(
     if name in _DOFS:
         return _DOFS[name](model, also)
     if size is Size.DOFS:
-        return ActiveEntries(np.ones(model.dof_count, bool), "the model has no coordinates")
+        return _passive(model)
     if size is Size.COUPLINGS:
         return _of_couplings(model, name)
     if name == "joint_offset":
@@ -94,7 +94,7 @@ def _computed(model: Model) -> Mask:
     return np.array([effort.is_computed for effort in model.effort_models], bool)
 
 
-def _passive(model: Model, also: Collection[str]) -> ActiveEntries:
+def _passive(model: Model) -> ActiveEntries:
     rule = "it acts on coordinates of the tree, or of loops that were built with a law; not on prescribed or free ones"
     return ActiveEntries(_computed(model), rule)
 
@@ -129,9 +129,8 @@ _DOFS: Final[dict[str, Callable[[Model, Collection[str]], ActiveEntries]]] = {
     "joint_stiffness": _stiffness,
     "joint_damping": _damping,
     "joint_rest": _rest,
-    "joint_armature": _passive,
-    "joint_preload": _passive,
 }
+"""Those that need more than a passive effort."""
 
 
 def _of_couplings(model: Model, name: str) -> ActiveEntries:

@@ -245,10 +245,11 @@ def checked_dof(thing: str, dof: Dof) -> Dof:
     """The Dof itself, or a ModelError for the first field that cannot be used."""
     if not isinstance(dof, Dof):
         raise ModelError(f"{thing}: a degree of freedom must be a Dof, got {shown(dof)}; write Dof(stiffness=...)")
-    for field in ("armature", "stiffness", "damping", "friction"):
-        not_negative(thing, field, getattr(dof, field))
-    for field in ("preload", "rest"):
-        finite_number(thing, field, getattr(dof, field), "use 0 for none")
+    for field in (each.name for each in dataclasses.fields(Dof) if each.default == 0.0):
+        if field in ("preload", "rest"):
+            finite_number(thing, field, getattr(dof, field), "use 0 for none")
+        else:
+            not_negative(thing, field, getattr(dof, field))
     _check_limit(thing, dof.limit)
     for field in ("spring_table", "damper_table"):
         _check_table(f"{thing}: {field}", getattr(dof, field))

@@ -26,6 +26,11 @@ from simwarp.core.types import (
     VelocityMotor,
 )
 
+PASSIVE = tuple(
+    each.name for each in dataclasses.fields(Dof) if each.default == 0.0 and each.name not in ("rest", "friction")
+)
+"""Numbers of a `Dof` of which each is an effort; a rest length alone is none, and friction is a box constraint."""
+
 
 class EffortRoute(enum.Enum):
     """See the module."""
@@ -47,12 +52,11 @@ def effort_route(kind: JointType, dof: Dof, *, in_tree: bool, along_tree_dof: bo
     """
     if in_tree:
         return EffortRoute.BODY_FORCE if kind is JointType.FREE else EffortRoute.TREE
-    springy = has_spring_or_damper(dof)
-    if kind is JointType.DISTANCE and along_tree_dof and (has_effort(dof) or springy) and not is_prescribed(dof):
+    if not has_effort(dof):
+        return EffortRoute.BODY_FORCE
+    if kind is JointType.DISTANCE and along_tree_dof and not is_prescribed(dof):
         return EffortRoute.DISTANCE
-    if has_effort(dof) or (kind in (JointType.DISTANCE, JointType.BUSHING) and springy):
-        return EffortRoute.ROW
-    return EffortRoute.BODY_FORCE
+    return EffortRoute.ROW
 
 
 def box_constraint_kinds(dof: Dof) -> list[BoxKind]:
@@ -90,13 +94,8 @@ def is_prescribed(dof: Dof) -> bool:
 def has_effort(dof: Dof) -> bool:
     """True if the coordinate of a loop joint needs a row of its own: a stiff or inertial effort, or a motion."""
     driven = drive_mode(dof) is DriveMode.POSITION or is_prescribed(dof)
-    return has_spring_or_damper(dof) or any((dof.armature, dof.stiffness, dof.damping, dof.preload)) or driven
-
-
-def has_spring_or_damper(dof: Dof) -> bool:
-    """True if a spring or damper acts, linear or by a table."""
     tables = (dof.spring_table, dof.damper_table, dof.damper_map)
-    return any(table is not None for table in tables) or dof.stiffness > 0.0 or dof.damping > 0.0
+    return any(getattr(dof, name) for name in PASSIVE) or any(table is not None for table in tables) or driven
 
 
 @dataclasses.dataclass(frozen=True)

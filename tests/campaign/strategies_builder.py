@@ -100,7 +100,7 @@ CALLS: dict[str, dict[str, Any]] = {
 }
 """A good call of each method; test_quick.py holds that none is missing."""
 
-DOF_FIELDS = {"armature": 0.1, "stiffness": 10.0, "rest": 0.1, "damping": 1.0, "preload": 0.5, "friction": 0.1}
+DOF_FIELDS = [each.name for each in dataclasses.fields(sw.Dof) if each.default == 0.0]
 MATERIAL_FIELDS = [field.name for field in dataclasses.fields(sw.Material)]
 INDICES = {"body", "body0", "body1", "parent", "child", "joint0", "joint1", "pinion", "rack", "cylindrical"}
 COUPLINGS = {"add_gear", "add_rack", "add_screw", "add_coupling"}
@@ -252,9 +252,7 @@ def method_calls(draw: st.DrawFn) -> CallAttack:
 
 
 def _options_of(method: str) -> list[str]:
-    return (
-        list(DOF_FIELDS) if method in ("add_shaft", "add_joint_revolute", "add_joint_prismatic", "add_spring") else []
-    )
+    return DOF_FIELDS if method in ("add_shaft", "add_joint_revolute", "add_joint_prismatic", "add_spring") else []
 
 
 def _words(arguments: dict[str, Any]) -> str:

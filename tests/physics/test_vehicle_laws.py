@@ -13,6 +13,7 @@ from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import slope_hold
 from simwarp.vehicle.results.runs import set_up
 from simwarp.vehicle.spec.variants import with_options
+from simwarp.vehicle.tires.parameter_vector import MODELS
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from tests.physics.sample_vehicles import shipped
 from tests.physics.vehicle_energy import (
@@ -102,8 +103,6 @@ def test_a_coasting_vehicle_loses_what_its_models_dissipate(name, engine, gear, 
 
 # ---- standstill ------------------------------------------------------------------------------------------------------
 
-TIRES = ("tmeasy", "tmsimple", "fiala", "pacejka89", "pacejka2002", "lugre")
-
 
 def creep(spec: Any, seconds: float, dt: float, since: float = 3.0) -> float:
     """Way of the chassis on a slope of 20 % with full brakes, from a time on [m]."""
@@ -118,13 +117,13 @@ def creep(spec: Any, seconds: float, dt: float, since: float = 3.0) -> float:
     return float(np.linalg.norm(sim.state.body_x.numpy()[0, chassis] - settled))
 
 
-@pytest.mark.parametrize("tire", TIRES)
+@pytest.mark.parametrize("tire", MODELS)
 def test_brakes_hold_on_a_slope(tire):
     assert creep(with_options(shipped("hmmwv"), tire=tire), 10.0, 2.0e-3) < 1.0e-3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tire", TIRES)
+@pytest.mark.parametrize("tire", MODELS)
 def test_brakes_hold_on_a_slope_for_a_minute(tire):
     assert creep(with_options(shipped("hmmwv"), tire=tire), 60.0, 1.0e-3) < 1.0e-3
 

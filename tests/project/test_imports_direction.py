@@ -151,6 +151,16 @@ def test_no_folder_is_crowded():
         assert len(list(folder.glob("*.py"))) <= 20, folder
 
 
+@pytest.mark.parametrize("folder", ["simwarp", "tasks", "train", "tests", "scripts", "benchmarks", "examples"])
+def test_no_file_and_no_function_is_long(folder):
+    for path in (ROOT / folder).rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert text.count("\n") <= 600, path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                assert (node.end_lineno or 0) - node.lineno < 80, f"{path}: {node.name}"
+
+
 def test_a_circle_is_found():
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [["b", "c"]]
 

@@ -1,16 +1,6 @@
 """Parameters of tires by name; `spec.Tire.parameters` holds them, beside its radius and width.
 
-A model takes the keys of several classes here: `CommonParameters` and
-
-| template | also |
-|---|---|
-| tmeasy | `RatedParameters`, `TmeasyParameters` |
-| tmsimple | `RatedParameters`, `TmsimpleParameters` |
-| fiala | `VerticalParameters`, `FialaParameters` |
-| pacejka89 | `VerticalParameters`, `Pacejka89Parameters` |
-| pacejka2002 | `Pacejka2002Parameters` |
-| lugre | `VerticalParameters`, `LugreParameters` |
-
+A model takes the keys of several classes here: `CommonParameters` and those that `MODELS` of parameter_vector.py names.
 Units are SI, but for the coefficients of Pacejka 89.
 """
 

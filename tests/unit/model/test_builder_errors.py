@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -227,9 +228,10 @@ FREE: list[Case] = [
     ("anchor", free_with_a_bad_anchor, ("joint 'f'", "anchor", "nan")),
 ]
 TABLE = ((0.0, 1.0), (0.0, 1.0))
+NOT_NEGATIVE = [each.name for each in fields(Dof) if each.default == 0.0 and each.name not in ("preload", "rest")]
 DOFS: list[Case] = [
     *((f"{field} {value}", hinge(**{field: value}), ("joint 'new'", f"{field} must be finite and >= 0", repr(value)))
-      for field in ("armature", "stiffness", "damping", "friction") for value in (-1.0, INF, NAN, "x", None)),
+      for field in NOT_NEGATIVE for value in (-1.0, INF, NAN, "x", None)),
     *((f"{field} {value}", hinge(**{field: value}), ("joint 'new'", f"{field} must be a finite number", repr(value)))
       for field in ("preload", "rest") for value in (INF, -INF, NAN, "x", None)),
     *((f"limit {value}", hinge(limit=value), ("joint 'new'", "limit must be (lower, upper)", repr(value), "None"))

@@ -11,6 +11,7 @@ import pytest
 import warp as wp
 
 import simwarp as sw
+import simwarp.sensors
 from simwarp import WORLD, Simulation
 from simwarp.core.types import ModelError
 from simwarp.sensors import Mount, Schedule
@@ -62,6 +63,11 @@ def test_every_sensor_is_listed():
     listed = {row[1].strip("`").rpartition(".") for row in table("sensor")}
     classes = {(kind.sensor.__module__, ".", kind.sensor.__name__) for kind in KINDS.values()}
     assert listed == classes
+
+
+def test_every_sensor_and_its_configuration_are_public_names():
+    public = {cls.__name__ for kind in KINDS.values() for cls in (kind.sensor, kind.config)}
+    assert public <= set(simwarp.sensors.__all__)
 
 
 def test_every_shipped_sensor_is_listed():

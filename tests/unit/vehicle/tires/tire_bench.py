@@ -12,11 +12,12 @@ import warp as wp
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.vehicle.spec.vehicle_files import read_spec
 from simwarp.vehicle.spec.vehicle_spec import Tire
+from simwarp.vehicle.tires.parameter_vector import MODELS
 from simwarp.vehicle.tires.tires import Mount, ParameterVector, Tires, tire_vector
 from tests.reference.tires import Wheel
 
 DATA = Path(__file__).resolve().parents[4] / "simwarp" / "vehicle" / "data" / "hmmwv" / "tires"
-TEMPLATES = ("tmeasy", "tmsimple", "fiala", "pacejka89", "pacejka2002", "lugre")
+TEMPLATES = tuple(MODELS)
 DT = 1.0e-3
 
 
