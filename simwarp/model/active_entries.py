@@ -95,21 +95,22 @@ def _computed(model: Model) -> Mask:
 
 
 def _passive(model: Model) -> ActiveEntries:
-    rule = "it acts on coordinates of the tree, or of loops that were built with a law; not on prescribed or free ones"
+    rule = "it acts on coordinates of the tree, and of loops that were built with an effort; not where motion is given"
     return ActiveEntries(_computed(model), rule)
 
 
 def _stiffness(model: Model, also: Collection[str]) -> ActiveEntries:
     tables = np.array([effort.spring_table for effort in model.effort_models], bool)
     return ActiveEntries(
-        _computed(model) & ~tables, "it acts on coordinates with a law of their own and no spring_table"
+        _computed(model) & ~tables, "it acts on coordinates with an effort of their own and no spring_table"
     )
 
 
 def _damping(model: Model, also: Collection[str]) -> ActiveEntries:
     tables = np.array([effort.damper_table for effort in model.effort_models], bool)
     return ActiveEntries(
-        _computed(model) & ~tables, "it acts on coordinates with a law of their own, no damper_table and no map"
+        _computed(model) & ~tables,
+        "it acts on coordinates with an effort of their own, without table or map",
     )
 
 

@@ -22,7 +22,10 @@ VERSION: Final = "1"
 LONGEST_PART: Final = 60
 
 KINDS_IN_FILES: Final = {JointType.DISTANCE: "line", JointType.RELATIVE_ROTATION: "turn"}
-"""Kinds of joints that snapshots hold under their former names."""
+"""Kinds of joints that snapshots know under their first names."""
+
+CLASSES_IN_FILES: Final = {"PathTracker": "PathFollower"}
+"""Force elements and sensors, likewise."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,20 +114,21 @@ def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float) -> dic
 
 def _part_line(part: Any) -> str:
     """Kind and name of a force element or sensor."""
-    name = getattr(part, "name", None)
-    return f"{type(part).__name__} '{name}'" if isinstance(name, str) else type(part).__name__
+    name, kind = getattr(part, "name", None), type(part).__name__
+    kind = CLASSES_IN_FILES.get(kind, kind)
+    return f"{kind} '{name}'" if isinstance(name, str) else kind
 
 
 def _joint_line(joint: JointSpec) -> str:
-    laws = [_law(dof) for dof in joint.dofs]
-    said = f" with {', '.join(laws)}" if any(laws) else ""
+    efforts = [_effort_line(dof) for dof in joint.dofs]
+    said = f" with {', '.join(efforts)}" if any(efforts) else ""
     assert len(joint.dofs) == len(ELEMENTS[joint.type].dofs)
     kind = KINDS_IN_FILES.get(joint.type, joint.type.name.lower())
     return f"'{joint.name}' ({kind} {joint.parent} to {joint.child}{said})"
 
 
-def _law(dof: Dof) -> str:
-    """Parts of a coordinate's law that are fixed when the model is made: its rows and its tables."""
+def _effort_line(dof: Dof) -> str:
+    """Parts of a coordinate's effort that are fixed when the model is made: its rows and its tables."""
     tables = [dof.spring_table, dof.damper_table, dof.damper_map, getattr(dof.drive, "table", None)]
     words = {
         "limit": dof.limit is not None,

@@ -68,7 +68,7 @@ class Model(ParameterFields):
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
         joint_types, shape_types: in index order.
-        effort_models: parts of each coordinate's law that are fixed.
+        effort_models: parts of each coordinate's effort that are fixed.
         shapes_that_meet: shapes that may touch another one.
         identity: properties that a snapshot must have in common.
     """

@@ -1,7 +1,7 @@
 """Spanning tree and level-ordered tables of a model: computed once on the host, shared by all worlds.
 
 A maximum spanning tree over the joints, weighted by the rows that elimination saves, keeps the loop system small;
-joints whose coordinates carry laws or couplings are preferred, since a tree degree of freedom serves them for free.
+joints whose coordinates carry efforts or couplings are preferred, since a tree degree of freedom serves them for free.
 """
 
 from __future__ import annotations
@@ -216,8 +216,8 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
         spec = builder.joints[joint]
         count = len(spec.dofs)
         is_coupled = any(dof_start[joint] + local in coupled for local in range(count))
-        laws = sum(has_effort(dof) for dof in spec.dofs)
-        return (100 * is_coupled + len(ELEMENTS[spec.type].rows) + laws, -joint)
+        efforts = sum(has_effort(dof) for dof in spec.dofs)
+        return (100 * is_coupled + len(ELEMENTS[spec.type].rows) + efforts, -joint)
 
     group = list(range(len(builder.bodies) + 1))  # the last is the world
 

@@ -7,12 +7,13 @@ parts = sw.vehicle.add_vehicle(builder, spec)
 
 from __future__ import annotations
 
+from simwarp.core.renames import renamed_names
 from simwarp.kernels.vehicle.tires.parameter_vector import Common as CommonTire
 from simwarp.kernels.vehicle.tires.parameter_vector import Tmeasy as TmeasyTire
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
-from simwarp.vehicle.driving.path_tracking import FollowSpec, InteractiveDriver, LookAhead, PathFollower, Stanley
+from simwarp.vehicle.driving.path_tracking import InteractiveDriver, LookAhead, PathTracker, PathTrackingSpec, Stanley
 from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.results.channels import Recorder, Run
@@ -33,12 +34,12 @@ __all__ = [
     "VEHICLE_SOLVER",
     "CommonTire",
     "Drive",
-    "FollowSpec",
     "InteractiveDriver",
     "LookAhead",
     "Maneuver",
     "Path",
-    "PathFollower",
+    "PathTracker",
+    "PathTrackingSpec",
     "Payload",
     "Recorder",
     "Run",
@@ -71,3 +72,5 @@ __all__ = [
     "vehicle_names",
     "with_options",
 ]
+
+__getattr__ = renamed_names(__name__, FollowSpec="PathTrackingSpec", PathFollower="PathTracker")

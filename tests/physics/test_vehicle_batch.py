@@ -9,27 +9,27 @@ import simwarp as sw
 from simwarp.model.builder import ModelBuilder
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.driving.path_tracking import FollowSpec, PathFollower, PIDGains
+from simwarp.vehicle.driving.path_tracking import PathTracker, PathTrackingSpec, PIDGains
 from simwarp.vehicle.driving.paths import circle
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from tests.physics.sample_vehicles import shipped
 
 STEPS = 1200
 SCRIPT = ScriptSpec(steering=((0.0, 0.0), (0.5, 0.2), (1.0, -0.2)), speed=((0.0, 10.5),))
-FOLLOW = FollowSpec(
+FOLLOW = PathTrackingSpec(
     paths=(circle(30.0), circle(-25.0)), speed=12.0, speed_gains=PIDGains(proportional=0.5, integral=0.1)
 )
 
 
 class Batch:
-    """Vehicles at 9 m/s that a script or a path follower accelerates, so that the HMMWV changes gear at 9.8 m/s."""
+    """Vehicles at 9 m/s that a script or a path tracker accelerates, so that the HMMWV changes gear at 9.8 m/s."""
 
     def __init__(self, worlds, *, name="hmmwv", follow=True):
         builder = ModelBuilder()
         self.parts = add_vehicle(builder, shipped(name), speed=9.0)
         self.model = builder.finalize(worlds, "cpu", per_world=per_world())
         self.vehicle = Vehicle(self.parts, self.model, randomised=True)
-        self.driver: Any = PathFollower(self.vehicle, FOLLOW) if follow else ScriptedDriver(self.vehicle, SCRIPT)
+        self.driver: Any = PathTracker(self.vehicle, FOLLOW) if follow else ScriptedDriver(self.vehicle, SCRIPT)
         self.sim = sw.Simulation(self.model, 2.0e-3, elements=[self.driver, self.vehicle], solver=VEHICLE_SOLVER)
 
     def advance(self, steps=STEPS):
@@ -86,7 +86,7 @@ def test_a_snapshot_repeats_the_run(follow):
     run = batch.advance(700)
     # what is remembered has been at work: gears changed, the controller's integral grew, tires stood on bristles
     assert (batch.vehicle.gear.numpy() > first_gear).all()
-    key = "PathFollower.speed_sum" if follow else "ScriptedDriver.error_sum"
+    key = "PathTracker.speed_sum" if follow else "ScriptedDriver.error_sum"
     assert np.abs(run[key] - middle[key]).min() > 0.0
     batch.sim.restore(kept)
     same(middle, batch.content(), reports=False)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simwarp.vehicle.driving.path_tracking import FollowSpec, PIDGains, Stanley
+from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, Stanley
 from simwarp.vehicle.driving.paths import Path
 
 
@@ -93,7 +93,7 @@ class PID:
 class TrackingReference:
     """One driver of one vehicle."""
 
-    def __init__(self, spec: FollowSpec, path: Path, speed: float) -> None:
+    def __init__(self, spec: PathTrackingSpec, path: Path, speed: float) -> None:
         self.spec, self.path, self.target = spec, path, speed
         self.segment = -1
         self.steering, self.speed = PID(spec.steering.gains), PID(spec.speed_gains)

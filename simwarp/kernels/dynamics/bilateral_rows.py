@@ -196,7 +196,7 @@ def loop_joint_rows(
             implicit = dof_effort(
                 dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
             )
-            # a law without stiffness is a plain impulse: written as an almost infinitely compliant row
+            # an effort without stiffness is a plain impulse: written as an almost infinitely compliant row
             gain = wp.max(implicit.gain, 1.0e-9)
             compliance = 1.0 / gain
             bias = -implicit.effort / gain

@@ -1,6 +1,6 @@
 """Efforts along one degree of freedom, linearised for an implicit step: gamma = -gain u + effort.
 
-With h the step, k and d the slopes of the passive law, and f its value at the start of the step,
+With h the step, k and d the slopes of the passive effort, and f its value at the start of the step,
 gain = armature + h d + h² k (+ drive) and effort = armature u0 + h (f + d u0) (+ drive): backward Euler on the
 spring and the damper, which stays stable however stiff they are.
 """

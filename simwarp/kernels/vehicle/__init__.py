@@ -1,1 +1,1 @@
-"""Kernels of vehicle driving: inputs, powertrain, path followers."""
+"""Kernels of vehicle driving: inputs, powertrain, path trackers."""

@@ -13,7 +13,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
 class SteeringLaw(IntEnum):
-    """Steering law of a path follower."""
+    """Steering law of a path tracker."""
 
     LOOK_AHEAD = 0
     STANLEY = 1
@@ -32,7 +32,7 @@ class Gains:
 
 
 @wp.struct
-class Follower:
+class PathTrackerTables:
     """Constant data of a driver, shared by all worlds."""
 
     law: int  # SteeringLaw
@@ -50,8 +50,8 @@ class Follower:
 
 
 @wp.struct
-class FollowerState:
-    """State and outputs of a path follower, per world."""
+class PathTrackerState:
+    """State and outputs of a path tracker, per world."""
 
     segment: wp.array[int]  # of the path; -1: not looked for yet
     started: wp.array[int]  # 1: the controllers have errors of one step ago
@@ -71,32 +71,34 @@ def pid(gains: Gains, error: float, last: float, total: float, dt: float) -> flo
 
 
 @wp.func
-def stanley_angle(follower: Follower, distance: float, total: float, heading: float, speed: float) -> float:
+def stanley_angle(tracker: PathTrackerTables, distance: float, total: float, heading: float, speed: float) -> float:
     """Angle of the road wheels [rad]: the path's direction, and an approach that is flatter the faster it goes.
 
     Args:
-        follower: gains.
+        tracker: gains.
         distance: of the front axle from the path [m], positive to the left.
         total: integral of -distance behind the dead zone [m s].
         heading: of the path seen from the vehicle [rad].
         speed: forwards [m/s].
     """
-    beyond = wp.max(wp.abs(distance) - follower.dead_zone, 0.0)
+    beyond = wp.max(wp.abs(distance) - tracker.dead_zone, 0.0)
     if distance > 0.0:
         beyond = -beyond
-    pull = follower.steering.proportional * beyond + follower.steering.integral * total
-    return heading + wp.atan2(pull, follower.soft_speed + wp.max(speed, 0.0))
+    pull = tracker.steering.proportional * beyond + tracker.steering.integral * total
+    return heading + wp.atan2(pull, tracker.soft_speed + wp.max(speed, 0.0))
 
 
 @wp.func
-def pedals(world: int, dt: float, follower: Follower, target: float, speed: float, memory: FollowerState) -> wp.vec2:
+def pedals(
+    world: int, dt: float, tracker: PathTrackerTables, target: float, speed: float, memory: PathTrackerState
+) -> wp.vec2:
     """Throttle and braking that hold a speed. Too fast with the throttle open closes that first, then brakes."""
     error = target - speed
     last = memory.speed_error[world]
     if memory.started[world] == 0:
         last = error
     total = memory.speed_sum[world] + 0.5 * dt * (error + last)
-    output = pid(follower.speed, error, last, total, dt)
+    output = pid(tracker.speed, error, last, total, dt)
     memory.speed_error[world] = error
     # the integral rests while the pedals are at their ends
     if wp.abs(output) < 1.0:
@@ -106,7 +108,7 @@ def pedals(world: int, dt: float, follower: Follower, target: float, speed: floa
     braking = float(0.0)
     if output > 0.0:
         throttle = output
-    elif memory.throttle[world] > follower.throttle_threshold:
+    elif memory.throttle[world] > tracker.throttle_threshold:
         throttle = 1.0 + output
     else:
         braking = -output
@@ -118,26 +120,26 @@ def pedals(world: int, dt: float, follower: Follower, target: float, speed: floa
 def follow_path(
     # inputs
     dt: float,
-    follower: Follower,
+    tracker: PathTrackerTables,
     paths: PathTables,
     path: wp.array[int],  # (1 or W,)
     target_speed: wp.array[float],  # (1 or W,) [m/s]
     state: StateArrays,
     # outputs
-    memory: FollowerState,
+    memory: PathTrackerState,
     vehicle_input: wp.array2d[float],
 ):
     """Steering, throttle and braking of all worlds; the clutch is left alone."""
     world = wp.tid()
-    q = state.body_rot[world, follower.chassis]
-    ahead = follower.reference + wp.vec3(follower.ahead, 0.0, 0.0)
+    q = state.body_rot[world, tracker.chassis]
+    ahead = tracker.reference + wp.vec3(tracker.ahead, 0.0, 0.0)
     offset = wp.quat_rotate(q, wp.vec3d(wp.float64(ahead[0]), wp.float64(ahead[1]), wp.float64(ahead[2])))
-    x = state.body_x[world, follower.chassis] + offset
+    x = state.body_x[world, tracker.chassis] + offset
     point = nearest_on_path(path[world_row(world, path.shape[0])], memory.segment[world], wp.vec2d(x[0], x[1]), paths)
     memory.segment[world] = point.segment
     memory.distance[world] = point.distance
     memory.arc[world] = point.arc
-    time = float(state.world_time[world] - wp.float64(follower.start))
+    time = float(state.world_time[world] - wp.float64(tracker.start))
     if time < 0.0:
         vehicle_input[world, 0] = 0.0
         vehicle_input[world, 1] = 0.0
@@ -149,24 +151,24 @@ def follow_path(
         last = error
     total = memory.steering_sum[world] + 0.5 * dt * (error + last)
     memory.steering_error[world] = error
-    speed = forward_speed(world, follower.chassis, follower.reference, state)
+    speed = forward_speed(world, tracker.chassis, tracker.reference, state)
     output = float(0.0)
-    if follower.law == STANLEY:
+    if tracker.law == STANLEY:
         axis = wp.quat_rotate(q, wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0)))
         forward = wp.vec2(float(axis[0]), float(axis[1]))
         heading = wp.atan2(
             forward[0] * point.tangent[1] - forward[1] * point.tangent[0], wp.dot(forward, point.tangent)
         )
-        output = stanley_angle(follower, point.distance, total, heading, speed) / follower.full_angle
+        output = stanley_angle(tracker, point.distance, total, heading, speed) / tracker.full_angle
     else:
-        output = pid(follower.steering, error, last, total, dt)
+        output = pid(tracker.steering, error, last, total, dt)
     if wp.abs(output) < 1.0:
         memory.steering_sum[world] = total
     vehicle_input[world, 0] = wp.clamp(output, -1.0, 1.0)
     target = target_speed[world_row(world, target_speed.shape[0])]
-    if time < follower.ramp:
-        target *= time / follower.ramp
-    feet = pedals(world, dt, follower, target, speed, memory)
+    if time < tracker.ramp:
+        target *= time / tracker.ramp
+    feet = pedals(world, dt, tracker, target, speed, memory)
     memory.started[world] = 1
     vehicle_input[world, 1] = feet[0]
     vehicle_input[world, 2] = feet[1]

@@ -13,7 +13,7 @@ import numpy as np
 
 from simwarp.core.wording import close_names
 from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
-from simwarp.vehicle.driving.path_tracking import FollowSpec, PIDGains, look_ahead_for
+from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, circle
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 
@@ -32,8 +32,8 @@ class Maneuver:
     script: ScriptSpec = dataclasses.field(default_factory=ScriptSpec)
     duration: float
     start: float = SETTLING
-    follow: FollowSpec | None = None
-    """If given, a path follower that drives in place of the script."""
+    follow: PathTrackingSpec | None = None
+    """If given, a path tracker that drives in place of the script."""
     slope: float = 0.0
     """Of the ground, rise per run; the vehicle faces uphill."""
 
@@ -153,12 +153,12 @@ def _needs_axles(spec: VehicleSpec) -> None:
 def constant_radius(
     spec: VehicleSpec, *, speed: float | None = None, radius: float | None = None, duration: float = 40.0
 ) -> Maneuver:
-    """A path follower on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
+    """A path tracker on a circle [m], to the left (to the right for a negative radius), at a speed reached in 10 s."""
     turn = RADII.get(spec.name, 30.0) if radius is None else radius
     _needs_axles(spec)
     # 4 m/s² across: well below what a dry road takes
     target = min(_usual_speed(spec), math.sqrt(4.0 * abs(turn))) if speed is None else speed
-    follow = FollowSpec(
+    follow = PathTrackingSpec(
         paths=(circle(turn),), speed=target, steering=look_ahead_for(spec), speed_gains=_CRUISE, start=SETTLING,
         ramp=10.0,
     )  # fmt: skip
@@ -182,13 +182,13 @@ def lane_change_path(approach: float) -> Path:
 
 
 def double_lane_change(spec: VehicleSpec, *, speed: float | None = None, duration: float | None = None) -> Maneuver:
-    """A path follower through the course of ISO 3888-1 at a speed [m/s], behind an approach of ten seconds of it."""
+    """A path tracker through the course of ISO 3888-1 at a speed [m/s], behind an approach of ten seconds of it."""
     target = LANE_SPEEDS.get(spec.name, 15.0) if speed is None else speed
     if not target > 0.0:
         raise SpecError(f"speed: must be above 0 m/s, got {target!r}")
     _needs_axles(spec)
     approach = 10.0 * target
-    follow = FollowSpec(
+    follow = PathTrackingSpec(
         paths=(lane_change_path(approach),), speed=target, steering=look_ahead_for(spec, 0.5, target),
         speed_gains=_CRUISE, start=SETTLING,
     )  # fmt: skip

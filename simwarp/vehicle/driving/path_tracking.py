@@ -12,9 +12,9 @@ import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.kernels.vehicle.path_tracking import (
-    Follower,
-    FollowerState,
     Gains,
+    PathTrackerState,
+    PathTrackerTables,
     SteeringLaw,
     approach_target,
     follow_path,
@@ -69,8 +69,8 @@ class Stanley:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class FollowSpec:
-    """Configuration of a path follower: paths, target speed and controllers.
+class PathTrackingSpec:
+    """Configuration of a path tracker: paths, target speed and controllers.
 
     Too slow: throttle; too fast with the throttle open by more than `throttle_threshold`: the throttle closes; else
     brakes.
@@ -80,7 +80,7 @@ class FollowSpec:
     """
 
     paths: tuple[Path, ...]
-    """One for all worlds, or several to choose from (`PathFollower.path`)."""
+    """One for all worlds, or several to choose from (`PathTracker.path`)."""
     speed: float
     """[m/s]."""
     steering: LookAhead | Stanley = LookAhead()
@@ -121,7 +121,7 @@ def look_ahead_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) 
     return LookAhead(distance=distance, gains=PIDGains(proportional=2.5 / distance))
 
 
-class PathFollower:
+class PathTracker:
     """Drives every world along a path: a `ForceElement` that comes before its vehicle.
 
     Args:
@@ -135,15 +135,15 @@ class PathFollower:
         arc: (W,) its place along the path [m].
     """
 
-    def __init__(self, vehicle: Vehicle, spec: FollowSpec) -> None:
+    def __init__(self, vehicle: Vehicle, spec: PathTrackingSpec) -> None:
         worlds, device = vehicle.model.world_count, vehicle.model.device
         self.vehicle = vehicle
         self.spec = spec
         self.path = writable((worlds,), wp.int32, device)
         self.target_speed = writable_from(np.full(worlds, spec.speed), wp.float32, device)
         self._tables = path_tables(spec.paths, device)
-        self._follower = _follower(vehicle, spec)
-        self._state = FollowerState()
+        self._tracker = _tracker(vehicle, spec)
+        self._state = PathTrackerState()
         self._state.segment = wp.full(worlds, -1, dtype=int, device=device)
         names = ("steering_error", "steering_sum", "speed_error", "speed_sum", "throttle", "distance", "arc")
         for name in names:
@@ -171,14 +171,14 @@ class PathFollower:
         return [
             wp.launch(
                 follow_path, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
-                inputs=[dt, self._follower, self._tables, self.path, self.target_speed, simulation.state.arrays],
+                inputs=[dt, self._tracker, self._tables, self.path, self.target_speed, simulation.state.arrays],
                 outputs=[self._state, self.vehicle.input],
             )
         ]  # fmt: skip
 
 
-def _follower(vehicle: Vehicle, spec: FollowSpec) -> Follower:
-    table = Follower()
+def _tracker(vehicle: Vehicle, spec: PathTrackingSpec) -> PathTrackerTables:
+    table = PathTrackerTables()
     steering = spec.steering
     table.chassis = vehicle.parts.chassis
     table.reference = wp.vec3(*vehicle.parts.reference)

@@ -175,7 +175,7 @@ def deviation(run: Run, path: Path) -> Array:
 
 
 def path_deviation(run: Run, maneuver: Maneuver) -> list[Result]:
-    """Deviation of a path follower from its path, and the peaks of its yaw rate and of speed x yaw rate."""
+    """Deviation of a path tracker from its path, and the peaks of its yaw rate and of speed x yaw rate."""
     if maneuver.follow is None:
         return []
     off = deviation(run, maneuver.follow.paths[0])

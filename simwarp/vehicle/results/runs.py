@@ -16,7 +16,7 @@ from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver
 from simwarp.vehicle.driving.maneuvers import Maneuver
-from simwarp.vehicle.driving.path_tracking import PathFollower
+from simwarp.vehicle.driving.path_tracking import PathTracker
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.spec.vehicle_spec import SpecError, VehicleSpec
 from simwarp.vehicle.tires.tires import ground
@@ -85,7 +85,7 @@ def set_up(
     vehicle.tires.ground_friction.fill_(friction)
     driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
     if maneuver.follow is not None:
-        driver = PathFollower(vehicle, maneuver.follow)
+        driver = PathTracker(vehicle, maneuver.follow)
     return Setup(Simulation(model, dt, elements=[driver, vehicle], solver=VEHICLE_SOLVER), vehicle, driver, maneuver)
 
 

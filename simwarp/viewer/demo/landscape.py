@@ -25,7 +25,7 @@ from simwarp.scenery.visual import Label, Visual, add_visual
 from simwarp.sensors.cameras.appearance import ImageTexture
 from simwarp.sensors.scene import PlainAppearanceOptions, Scene, Visuals
 from simwarp.vehicle.construction import VehicleParts, add_vehicle
-from simwarp.vehicle.driving.path_tracking import FollowSpec, PathFollower, look_ahead_for
+from simwarp.vehicle.driving.path_tracking import PathTracker, PathTrackingSpec, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, smooth
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.tires.tires import ground
@@ -61,7 +61,7 @@ class DemoWorld:
     model: Model
     scene: Scene
     vehicle: Vehicle
-    driver: PathFollower
+    driver: PathTracker
     parts: VehicleParts
     moment: float
 
@@ -92,8 +92,8 @@ def make_world(seed: int, device: str | None) -> DemoWorld:
     model = builder.finalize(1, device, per_world=per_world())
     terrain = ground(model.device, kind=ShapeType.HEIGHT_FIELD, asset=0)
     vehicle = Vehicle(parts, model, ground=terrain)
-    follow = FollowSpec(paths=(path,), speed=SPEED, steering=look_ahead_for(spec))
-    return DemoWorld(model, visuals.finalize(model), vehicle, PathFollower(vehicle, follow), parts, moment)
+    follow = PathTrackingSpec(paths=(path,), speed=SPEED, steering=look_ahead_for(spec))
+    return DemoWorld(model, visuals.finalize(model), vehicle, PathTracker(vehicle, follow), parts, moment)
 
 
 def _landscape(seed: int, path: Path) -> Any:

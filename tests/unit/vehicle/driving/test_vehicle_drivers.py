@@ -15,10 +15,10 @@ from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.maneuvers import lane_change_path
 from simwarp.vehicle.driving.path_tracking import (
-    FollowSpec,
     InteractiveDriver,
     LookAhead,
-    PathFollower,
+    PathTracker,
+    PathTrackingSpec,
     PIDGains,
     Stanley,
     look_ahead_for,
@@ -197,11 +197,11 @@ def test_paths_of_nothing_are_refused(tmp_path):
     with pytest.raises(SpecError, match="other than zero"):
         circle(0.0)
     with pytest.raises(SpecError, match="one or more"):
-        FollowSpec(paths=(), speed=1.0)
+        PathTrackingSpec(paths=(), speed=1.0)
     with pytest.raises(SpecError, match="speed"):
-        FollowSpec(paths=PATHS, speed=-1.0)
+        PathTrackingSpec(paths=PATHS, speed=-1.0)
     with pytest.raises(SpecError, match="derivative"):
-        FollowSpec(paths=PATHS, speed=1.0, steering=Stanley(gains=PIDGains(proportional=1.0, derivative=1.0)))
+        PathTrackingSpec(paths=PATHS, speed=1.0, steering=Stanley(gains=PIDGains(proportional=1.0, derivative=1.0)))
 
 
 def test_a_closed_smooth_path_has_no_seam():
@@ -214,7 +214,7 @@ def test_a_closed_smooth_path_has_no_seam():
 
 # ---- path tracking against its reference ----------------------------------------------------------------------------
 
-PID_SPEC = FollowSpec(
+PID_SPEC = PathTrackingSpec(
     paths=PATHS, speed=5.0,
     steering=LookAhead(distance=3.0, gains=PIDGains(proportional=0.3, integral=0.1, derivative=0.05)),
     speed_gains=PIDGains(proportional=0.4, integral=0.2, derivative=0.01), start=0.05, ramp=0.5,
@@ -227,10 +227,10 @@ STANLEY_SPEC = dataclasses.replace(
 
 @pytest.mark.quick("stanley")
 @pytest.mark.parametrize("spec", [PID_SPEC, STANLEY_SPEC], ids=["look-ahead", "stanley"])
-def test_followers_agree_with_their_reference(spec):
+def test_trackers_agree_with_their_reference(spec):
     worlds, dt = len(PATHS), 2e-3
     vehicle, model = build(GATOR, worlds)
-    driver = PathFollower(vehicle, spec)
+    driver = PathTracker(vehicle, spec)
     driver.path.assign(np.arange(worlds, dtype=np.int32))
     speeds = np.array([5.0, 3.0, 4.0, 6.0, 0.5])
     driver.target_speed.assign(speeds.astype(np.float32))
@@ -260,7 +260,7 @@ def test_followers_agree_with_their_reference(spec):
 def test_worlds_do_not_see_each_other():
     def drive(count, which):
         vehicle, model = build(GATOR, count)
-        driver = PathFollower(vehicle, PID_SPEC)
+        driver = PathTracker(vehicle, PID_SPEC)
         driver.path.assign(np.array(which, dtype=np.int32))
         sim = Simulation(model, 2e-3, elements=[driver, vehicle])
         for _ in range(600):
@@ -308,7 +308,7 @@ def followed(path, steering, speed, duration):
     """A run of an HMMWV along a path."""
     from simwarp.vehicle.driving.maneuvers import Maneuver
 
-    follow = FollowSpec(
+    follow = PathTrackingSpec(
         paths=(path,), speed=speed, steering=steering, speed_gains=PIDGains(proportional=0.5, integral=0.1), start=1.0
     )
     what = Maneuver(name="follow", follow=follow, duration=duration)
@@ -319,9 +319,9 @@ def followed(path, steering, speed, duration):
 
 
 @pytest.mark.parametrize("spec", [PID_SPEC, STANLEY_SPEC], ids=["look-ahead", "stanley"])
-def test_a_reset_restores_what_a_follower_remembers(spec):
+def test_a_reset_restores_what_a_tracker_remembers(spec):
     vehicle, model = build(GATOR, 3)
-    driver = PathFollower(vehicle, spec)
+    driver = PathTracker(vehicle, spec)
     sim = Simulation(model, 2e-3, elements=[driver, vehicle])
 
     def go(steps):
