@@ -122,7 +122,7 @@ class FieldGroup(FixedAttributes):
         }
 
     def in_files(self) -> dict[str, wp.array]:
-        """Return the arrays that kernels take by the names that files have for them."""
+        """Return the arrays that kernels take, (1 or W, ...), by the names that files have for them."""
         return {self.NAMES_IN_FILES.get(name, name): getattr(self, name) for name in self.NAMES}
 
     def allocate(self, sizes: Mapping[Size, int], device: Any, label: str, struct: Any) -> None:

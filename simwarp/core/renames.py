@@ -71,7 +71,11 @@ def renamed_options(**names: str) -> Callable[[CallT], CallT]:
 
 
 def renamed_fields(**names: str) -> Callable[[ClassT], ClassT]:
-    """A decorator of a class whose fields have new names (old=new): they are read as arguments and as attributes."""
+    """A decorator of a class whose fields have new names (old=new): they are read as arguments and as attributes.
+
+    Raises:
+        AttributeError: (of the decorated class) neither an old nor a new name is asked for.
+    """
 
     def decorate(cls: ClassT) -> ClassT:
         made = cls.__init__  # type: ignore[misc]

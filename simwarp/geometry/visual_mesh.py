@@ -28,6 +28,9 @@ class VisualMesh:
             mesh has none.
         texture: (T,) index into `images`, -1: none; None: no triangle has one.
         images: (height, width, 3) uint8 sRGB, top row first.
+
+    Raises:
+        ModelError: an array has another shape or is not finite, or a texture has no texture coordinates.
     """
 
     vertices: Array

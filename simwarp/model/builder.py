@@ -70,6 +70,9 @@ class ModelBuilder(ShapeList, CouplingList):
 
     Args:
         gravity: acceleration [m/s²], world frame.
+
+    Raises:
+        ModelError: by every method: a value is not usable, a name is taken, or a body does not exist.
     """
 
     def __init__(self, gravity: Vec3 = (0.0, 0.0, -9.81)) -> None:
@@ -94,7 +97,7 @@ class ModelBuilder(ShapeList, CouplingList):
 
         Args:
             mass: [kg], > 0.
-            inertia: [kg·m²] about the centre of mass in body axes: three diagonal entries or a 3x3 matrix.
+            inertia: [kg·m²] about the centre of mass in body axes: diagonal entries (3,) or a matrix (3, 3).
             pose: of the centre of mass in the world; identity when None.
             velocity: of the centre of mass [m/s], world frame.
             omega: [rad/s], world frame.
@@ -261,6 +264,9 @@ class ModelBuilder(ShapeList, CouplingList):
             anchor0: the point of the parent, world frame.
             anchor1: the point of the child, world frame.
             length: [m]; the initial distance when None.
+
+        Raises:
+            ModelError: both `length` and `limit` are given, the ends are one point, or a value is not usable.
         """
         thing = checked_name("joint", name)
         if limit is not None and length is not None:
@@ -328,7 +334,14 @@ class ModelBuilder(ShapeList, CouplingList):
         stiffness: Sequence[float],
         damping: Sequence[float] = (0.0,) * 6,
     ) -> int:
-        """Six compliant rows: stiffness [N/m x3, N·m/rad x3] and damping along and about the frame's axes."""
+        """Six compliant rows along and about the axes of a frame.
+
+        Args:
+            anchor: origin of the frame, world frame [m].
+            rotation: of the frame's axes in the world, xyzw quaternion.
+            stiffness: (6,) along the axes [N/m], then about them [N·m/rad].
+            damping: (6,) along the axes [N·s/m], then about them [N·m·s/rad].
+        """
         thing = checked_name("bushing", name)
         k = finite_vector(thing, "stiffness", stiffness, 6)
         d = finite_vector(thing, "damping", damping, 6)

@@ -35,6 +35,9 @@ class CouplingList:
         Args:
             terms: (joint, coefficient) or (joint, local dof, coefficient), at most six.
             damping: of a viscous coupling, whose sum may slip [N·m·s/rad or N·s/m]; 0 holds it rigidly.
+
+        Raises:
+            ModelError: the name is taken, or the terms or a number are not usable.
         """
         thing = checked_name("coupling", name)
         if any(coupling.name == name for coupling in self.couplings):
@@ -54,18 +57,22 @@ class CouplingList:
         return len(self.couplings) - 1
 
     def add_gear(self, name: str, joint0: int, joint1: int, *, ratio: float) -> int:
-        """q1 = ratio · q0 (negative for external teeth)."""
+        """Couples two shafts or hinges: q1 = ratio · q0; the ratio is negative for external teeth."""
         return self.add_coupling(name, [(joint0, ratio), (joint1, -1.0)])
 
     def add_rack(self, name: str, pinion: int, rack: int, *, radius: float) -> int:
-        """q_rack = radius · q_pinion [m per rad]."""
+        """Couples a rack to its pinion: q_rack = radius · q_pinion [m per rad]."""
         thing = checked_name("rack", name)
         self._check_kind(thing, "pinion", pinion, 0, lengths=False)
         self._check_kind(thing, "rack", rack, 0, lengths=True)
         return self.add_coupling(name, [(pinion, radius), (rack, -1.0)])
 
     def add_screw(self, name: str, cylindrical: int, *, lead: float) -> int:
-        """The slide of a cylindrical joint advances `lead` [m] per turn."""
+        """The slide of a cylindrical joint advances `lead` [m] per turn.
+
+        Raises:
+            ModelError: the joint is not CYLINDRICAL, or `lead` is not finite.
+        """
         thing = checked_name("screw", name)
         spec, _ = self._coordinate(thing, cylindrical, 0)
         if spec.type != JointType.CYLINDRICAL:
@@ -82,7 +89,11 @@ class CouplingList:
         return sum(len(ELEMENTS[joint.type].dofs) for joint in self.joints)
 
     def dof_start(self, joint: int) -> int:
-        """First column of `joint_q` that belongs to `joint`; of the number of joints their total."""
+        """First column of `joint_q` that belongs to `joint`; of the number of joints their total.
+
+        Raises:
+            ModelError: there is no such joint.
+        """
         if isinstance(joint, bool) or not isinstance(joint, (int, np.integer)) or not 0 <= joint <= len(self.joints):
             raise ModelError(
                 f"dof_start: joint must be in 0..{len(self.joints)}, got {shown(joint)}; "

@@ -119,7 +119,11 @@ class Model(ParameterFields):
         cls, builder: Specification, world_count: int, device: str | None, *, per_world: Iterable[str] = (),
         contact_capacity: int | None = None,
     ) -> Model:  # fmt: skip
-        """See `ModelBuilder.finalize`."""
+        """The Model of `world_count` worlds on `device`; arguments as for `ModelBuilder.finalize`.
+
+        Raises:
+            ModelError: the worlds, the device or the topology are not usable; says which and why.
+        """
         worlds = whole_number("finalize", "world_count", world_count, 1, MOST_ROWS, "give the number of worlds")
         if contact_capacity is not None:
             contact_capacity = whole_number(
@@ -171,15 +175,31 @@ class Model(ParameterFields):
         }
 
     def body(self, name: str) -> int:
-        """Index of a body by name."""
+        """Index of a body by name.
+
+        Raises:
+            ModelError: there is no such body.
+        """
         return _index(name, self.body_names, "body")
 
     def joint(self, name: str) -> int:
-        """Index of a joint by name."""
+        """Index of a joint by name.
+
+        Raises:
+            ModelError: there is no such joint.
+        """
         return _index(name, self.joint_names, "joint")
 
     def dof(self, joint: str, local: int = 0) -> int:
-        """Column of `joint_q` of a joint's coordinate."""
+        """Column of `joint_q` of a joint's coordinate.
+
+        Args:
+            joint: its name.
+            local: which of the joint's coordinates, from 0.
+
+        Raises:
+            ModelError: there is no such joint, or it has no such coordinate.
+        """
         index = self.joint(joint)
         first, end = self.joint_dof_start[index : index + 2]
         if isinstance(local, bool) or not isinstance(local, (int, np.integer)) or not 0 <= local < end - first:

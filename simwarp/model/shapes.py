@@ -59,31 +59,31 @@ class ShapeList:
         return self._add_shape(ShapeType.PLANE, body, (0.0, 0.0, 0.0), options)
 
     def add_shape_sphere(self, body: int, *, radius: float, **options: Unpack[ShapeOptions]) -> int:
-        """A ball."""
+        """A ball of a `radius` [m]; returns the shape's index, as all `add_shape_...` do."""
         return self._add_shape(ShapeType.SPHERE, body, (radius, radius, radius), options)
 
     def add_shape_capsule(
         self, body: int, *, radius: float, half_length: float, **options: Unpack[ShapeOptions]
     ) -> int:
-        """A segment of z from -half_length to half_length, thickened by radius."""
+        """A segment of z from -half_length to half_length [m], thickened by `radius` [m]."""
         return self._add_shape(ShapeType.CAPSULE, body, (radius, half_length, radius), options)
 
     def add_shape_cylinder(
         self, body: int, *, radius: float, half_length: float, **options: Unpack[ShapeOptions]
     ) -> int:
-        """A cylinder about z."""
+        """A cylinder about z, of a `radius` [m] and from -half_length to half_length [m]."""
         return self._add_shape(ShapeType.CYLINDER, body, (radius, half_length, radius), options)
 
     def add_shape_box(self, body: int, *, half: Vec3, **options: Unpack[ShapeOptions]) -> int:
-        """A box of half lengths `half`."""
+        """A box of half lengths `half` [m]."""
         return self._add_shape(ShapeType.BOX, body, half, options)
 
     def add_shape_ellipsoid(self, body: int, *, half: Vec3, **options: Unpack[ShapeOptions]) -> int:
-        """An ellipsoid of half axes `half`."""
+        """An ellipsoid of half axes `half` [m]."""
         return self._add_shape(ShapeType.ELLIPSOID, body, half, options)
 
     def add_shape_cone(self, body: int, *, radius: float, half_length: float, **options: Unpack[ShapeOptions]) -> int:
-        """A cone about z: its base at -half_length, its tip at half_length."""
+        """A cone about z: its base, of a `radius` [m], at -half_length, its tip at half_length [m]."""
         return self._add_shape(ShapeType.CONE, body, (radius, half_length, radius), options)
 
     def add_shape_hull(
@@ -126,6 +126,9 @@ class ShapeList:
 
         Returns:
             The index of the shape slot; with `decompose` a list of them.
+
+        Raises:
+            ModelError: the mesh, its file or an option is not usable, or both `convex` and `decompose` are given.
         """
         checked_flag("add_shape_mesh", "convex", convex)
         if not isinstance(decompose, (bool, dict)):
@@ -156,11 +159,27 @@ class ShapeList:
         ]  # fmt: skip
 
     def add_hull_asset(self, points: npt.ArrayLike) -> int:
-        """A hull that no shape shows as built: index for `Model.shape_asset` of HULL shapes. Equal ones share it."""
+        """A hull of points (N, 3) [m] that no shape shows as built: index for `Model.shape_asset` of HULL shapes.
+
+        Equal ones share it.
+
+        Raises:
+            ModelError: the points have no hull.
+        """
         return self._hull_asset(points)
 
     def add_height_field_asset(self, heights: npt.ArrayLike, *, size: Sequence[float]) -> int:
-        """The same for HEIGHT_FIELD shapes; see `add_shape_height_field`."""
+        """A height field that no shape shows as built: index for `Model.shape_asset` of HEIGHT_FIELD shapes.
+
+        Equal ones share it.
+
+        Args:
+            heights: (rows, columns) [m], columns along x, rows along y.
+            size: extent along x and y [m].
+
+        Raises:
+            ModelError: the heights or the size are not usable.
+        """
         field = height_field(heights, size)
         for index, other in enumerate(self.height_fields):
             if field.spacing == other.spacing and np.array_equal(field.heights, other.heights):
@@ -169,7 +188,17 @@ class ShapeList:
         return len(self.height_fields) - 1
 
     def add_mesh_asset(self, vertices: npt.ArrayLike | str | Path, triangles: npt.ArrayLike | None = None) -> int:
-        """The same for MESH shapes; see `add_shape_mesh`."""
+        """A mesh that no shape shows as built: index for `Model.shape_asset` of MESH shapes.
+
+        Equal ones share it.
+
+        Args:
+            vertices: (V, 3) [m], or the path of an OBJ, STL, PLY or GLB file.
+            triangles: (T, 3) vertex indices; None with a path.
+
+        Raises:
+            ModelError: the arrays are no usable mesh, or the file cannot be read.
+        """
         mesh = triangle_mesh(*loaded_mesh(vertices, triangles))
         for index, other in enumerate(self.meshes):
             if np.array_equal(mesh.vertices, other.vertices) and np.array_equal(mesh.triangles, other.triangles):
@@ -191,11 +220,14 @@ class ShapeList:
                 and half length [m]; of a hull its scale (1 when None).
             mass: [kg]; or
             density: [kg/m³].
-            points: of a hull.
+            points: (N, 3) of a hull [m].
             pose: of the shape's frame in the world: the centre of mass follows from the geometry.
             velocity: of the centre of mass [m/s], world frame.
             omega: [rad/s], world frame.
             options: `material`, `margin`, `group`, `mask` of the shape.
+
+        Raises:
+            ModelError: both or none of `mass` and `density` are given, or another value is not usable.
         """
         thing = checked_name("solid", name)
         shape_type = checked_kind(thing, kind)

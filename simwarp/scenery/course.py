@@ -94,6 +94,9 @@ def convoy_path(
         index: 0 to 15: family (0 S, 1 C) + 2 · flip (y mirrored) + 4 · quarter turns to the right.
         half_x, half_y: half extents before the quarter turns [m].
         spacing: of its points, about [m].
+
+    Raises:
+        ModelError: `index` is not in 0 to 15.
     """
     if isinstance(index, bool) or not isinstance(index, (int, np.integer)) or not 0 <= index < CONVOY_PATHS:
         raise ModelError(f"convoy_path: index must be in 0..{CONVOY_PATHS - 1}, got {index!r}; draw one of them")
@@ -173,7 +176,9 @@ def detour(
 def beside(
     path: Path, count: int, seed: int = 0, *, distance: tuple[float, float] = (4.0, 8.0), clear: float = 0.0
 ) -> Array:  # fmt: skip
-    """(count, 3) x, y and yaw of things along a path, at equal steps of its length and random sides and distances.
+    """(count, 3) x, y [m] and yaw [rad] of things along a path, at equal steps of its length.
+
+    Sides and distances are random.
 
     Args:
         path: to stay clear of.
@@ -182,6 +187,9 @@ def beside(
         distance: least and greatest, from the middle of the path [m].
         clear: least distance from all other parts of the path [m]; the greatest `distance` is the most that is
             tried.
+
+    Raises:
+        ModelError: a distance is not positive, or the least is above the greatest.
     """
     near, far = (positive_number("beside", "distance", value, "m", "pass metres") for value in distance)
     if near > far:
@@ -209,7 +217,7 @@ def beside(
 def scattered(
     count: int, seed: int = 0, *, half: float = 40.0, apart: float = 4.0, keep_clear: npt.ArrayLike = ()
 ) -> Array:  # fmt: skip
-    """(count, 3) x, y and yaw of things strewn over a square about the origin, none too near to another.
+    """(count, 3) x, y [m] and yaw [rad] of things strewn over a square about the origin, none too near to another.
 
     Args:
         count: of the things.

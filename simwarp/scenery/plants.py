@@ -170,6 +170,9 @@ def tree(kind: str = "oak", seed: int = 0, *, height: float | None = None) -> Vi
     Returns:
         A visual with 200 to 600 triangles. What is in a vehicle's way comes first among the proxies: the trunk, or the
         lowest branches of a spruce.
+
+    Raises:
+        ModelError: there is no such kind, or the height is not positive.
     """
     if kind not in _TREES:
         raise ModelError(f"tree: kind must be one of {', '.join(TREES)}, got {kind!r}; choose one")
@@ -220,6 +223,9 @@ def bush(kind: str = "round", seed: int = 0, *, width: float | None = None) -> V
 
     Returns:
         A visual with one HULL.
+
+    Raises:
+        ModelError: there is no such kind, or the width is not positive.
     """
     if kind not in _BUSHES:
         raise ModelError(f"bush: kind must be one of {', '.join(BUSHES)}, got {kind!r}; choose one")

@@ -28,6 +28,9 @@ def cone(color: str = "orange", *, height: float = 0.75) -> Visual:
 
     Returns:
         A visual with a HULL of the cone and its plate.
+
+    Raises:
+        ModelError: there is no such colour, or the height is not positive.
     """
     if color not in _CONES:
         raise ModelError(f"cone: color must be one of {', '.join(CONES)}, got {color!r}; choose one")
@@ -171,6 +174,9 @@ def barrier_chain(
 
     Returns:
         A visual with one MESH: one shape, however many barriers. Its origin is that of the points.
+
+    Raises:
+        ModelError: the points are not (n >= 2, 2) finite numbers, or a length is not positive.
     """
     line = np.asarray(points, dtype=np.float64)
     if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.isfinite(line).all():

@@ -44,10 +44,13 @@ def rock(kind: str = "boulder", seed: int = 0, *, size: Vec3 | None = None, deta
         kind: one of `ROCKS`.
         seed: of its form and colours.
         size: of the box around it [m]; None: as the kind is.
-        detail: 1: 80 triangles, 2: 320.
+        detail: 1: 80 triangles, 2: 320, 3: 1280.
 
     Returns:
         A visual with one HULL of at most 32 corners, all of them on the rock.
+
+    Raises:
+        ModelError: there is no such kind or detail, or a length of `size` is not positive.
     """
     if kind not in _STYLES:
         raise ModelError(f"rock: kind must be one of {', '.join(ROCKS)}, got {kind!r}; choose one")

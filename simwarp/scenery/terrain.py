@@ -37,6 +37,9 @@ def hills(
 
     Returns:
         (rows, columns) float32 [m], rows along y.
+
+    Raises:
+        ModelError: a length is not positive, the amplitude is negative, or the waves are too short for the spacing.
     """
     extent = [positive_number("hills", "size", value, "m", "pass lengths along x and y") for value in size]
     step = positive_number("hills", "spacing", spacing, "m", "pass metres")
@@ -63,7 +66,7 @@ def hills(
 def flattened(
     heights: npt.ArrayLike, size: Sequence[float], discs: npt.ArrayLike, *, blend: float = 12.0
 ) -> Heights:  # fmt: skip
-    """The same ground with level discs, each as high as the ground was in its middle; slopes lead to them. Nodes in a
+    """A ground with level discs, each as high as the ground was in its middle; slopes lead to them. Nodes in a
     disc have exactly its height, unless discs overlap. With narrow slopes the ground gets steeper than it was.
 
     Args:
@@ -71,6 +74,9 @@ def flattened(
         size: of the field along x and y [m].
         discs: (k, 3) x, y and radius [m].
         blend: width of the slopes [m].
+
+    Raises:
+        ModelError: `blend` is not positive.
     """
     ground = np.array(heights, dtype=np.float64)
     rows, columns = ground.shape
@@ -89,8 +95,12 @@ def flattened(
 
 
 def height_at(heights: npt.ArrayLike, size: Sequence[float], points: npt.ArrayLike) -> Array:
-    """(n,) heights of a field at points (n, 2) [m]: those of the triangles that contact, tires and rays meet. Beyond
-    the border: of its nearest point.
+    """(n,) heights [m] of a field at points: those of the triangles that contact, tires and rays meet.
+
+    Args:
+        heights: (rows, columns) [m].
+        size: of the field along x and y [m].
+        points: (n, 2) x, y [m]; beyond the border the nearest point on it counts.
     """
     ground = np.asarray(heights, dtype=np.float64)
     rows, columns = ground.shape
@@ -106,7 +116,12 @@ def height_at(heights: npt.ArrayLike, size: Sequence[float], points: npt.ArrayLi
 
 
 def steepness(heights: npt.ArrayLike, size: Sequence[float]) -> float:
-    """Greatest slope of a field between neighbouring nodes [rad]."""
+    """Greatest slope of a field between neighbouring nodes [rad].
+
+    Args:
+        heights: (rows, columns) [m].
+        size: of the field along x and y [m].
+    """
     ground = np.asarray(heights, dtype=np.float64)
     rows, columns = ground.shape
     along = np.diff(ground, axis=1)[:-1] / (size[0] / (columns - 1))

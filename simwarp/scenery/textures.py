@@ -128,6 +128,9 @@ def ground_texture(kind: str = "grass", seed: int = 0, *, pixels: int = 256) -> 
         kind: one of `TEXTURES`, whose value is a good length for `ImageTexture.metres`.
         seed: of the pattern.
         pixels: width and height, at least 32.
+
+    Raises:
+        ModelError: there is no such kind, or `pixels` is not usable.
     """
     if kind not in _KINDS:
         raise ModelError(f"ground_texture: kind must be one of {', '.join(TEXTURES)}, got {kind!r}; choose one")

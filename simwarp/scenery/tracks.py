@@ -48,7 +48,7 @@ class Track:
 
     @property
     def length(self) -> float:
-        """Of a lap [m]."""
+        """Length of a lap [m]."""
         return self.path.length
 
     @property
@@ -64,7 +64,11 @@ class Track:
         return np.asarray(self.points + 0.5 * side * (self.width if width is None else width) * across)
 
     def starts(self, where: Literal["turn", "straight", "anywhere"] = "anywhere") -> npt.NDArray[np.int64]:
-        """Indices of the points at which a vehicle may start."""
+        """(k,) indices of the points at which a vehicle may start: those in turns, on straights, or all.
+
+        Raises:
+            ModelError: `where` is none of "turn", "straight" and "anywhere".
+        """
         if where not in ("turn", "straight", "anywhere"):
             raise ModelError(f"track: where must be turn, straight or anywhere, got {where!r}; choose one")
         bent = self.curvature[:-1] != 0.0
@@ -79,7 +83,16 @@ class Track:
         return np.stack(values, axis=-1)
 
     def marks(self, every: float, side: float, width: float | None = None) -> Array:
-        """(m, 3) x, y and heading of marks on a border, `every` metres of the centre line or a little less."""
+        """(m, 3) x, y [m] and heading [rad] of marks on a border.
+
+        Args:
+            every: length of the centre line between two marks, or a little less [m].
+            side: 1: the left border, -1: the right one.
+            width: of the lane [m]; None: that of the track.
+
+        Raises:
+            ModelError: `every` is not positive.
+        """
         step = positive_number("track", "every", every, "m", "pass metres")
         places = self.at(np.arange(0.0, self.length - 1e-9, self.length / math.ceil(self.length / step)))
         away = 0.5 * side * (self.width if width is None else width)
@@ -165,6 +178,9 @@ def indoor_track(
         min_radius: of the turns [m], at most half the pitch.
         width: of the lane [m].
         spacing: of its points [m].
+
+    Raises:
+        ModelError: `blocks` is not a positive integer, or the turns do not fit the width and the pitch.
     """
     if isinstance(blocks, bool) or not isinstance(blocks, (int, np.integer)) or blocks < 1:
         raise ModelError(f"indoor_track: blocks must be an integer >= 1, got {blocks!r}; more give more turns")

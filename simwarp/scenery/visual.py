@@ -98,22 +98,22 @@ class Visual:
 
     @property
     def lower(self) -> Array:
-        """(3,) of the box around the visual [m]."""
+        """(3,) lowest corner of the box around the visual [m]."""
         return np.asarray(self.mesh.vertices.min(axis=0))
 
     @property
     def upper(self) -> Array:
-        """(3,) of the box around the visual [m]."""
+        """(3,) highest corner of the box around the visual [m]."""
         return np.asarray(self.mesh.vertices.max(axis=0))
 
     @property
     def radius(self) -> float:
-        """Of the upright cylinder about the origin that holds all its proxies: what to keep clear of [m]."""
+        """Radius of the upright cylinder about the origin that holds all its proxies: what to keep clear of [m]."""
         return max(float(np.linalg.norm(proxy.corners()[:, :2], axis=1).max()) for proxy in self.proxies)
 
     @property
     def hull(self) -> Array:
-        """(N, 3) points whose hull is the first proxy: an asset for slots that show one visual or another."""
+        """(N, 3) points [m] whose hull is the first proxy: an asset for slots that show one visual or another."""
         return self.proxies[0].corners()
 
 
@@ -123,6 +123,9 @@ def arranged(visual: Visual, places: npt.ArrayLike) -> Visual:
     Args:
         visual: original of the copy.
         places: (n, 3) x, y [m] and yaw [rad] on level ground, as `Track.marks`, `beside` and `scattered` give them.
+
+    Raises:
+        ModelError: there is no place, or one is not finite.
     """
     rows = np.asarray(places, dtype=np.float64).reshape(-1, 3)
     if not len(rows) or not np.isfinite(rows).all():
@@ -147,7 +150,7 @@ def rotate_all(rotation: Array, points: Array) -> Array:
 
 
 def yaw_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Pose:
-    """At a place [m], turned about z [rad]."""
+    """A pose at (x, y, z) [m], turned by `yaw` about z [rad]."""
     return pose((x, y, z), (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
 
 
@@ -155,7 +158,7 @@ def add_collision(
     builder: ModelBuilder, visual: Visual, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
     **options: Unpack[SurfaceOptions],
 ) -> list[int]:  # fmt: skip
-    """The proxies of a visual as shapes; returns them.
+    """Adds the proxies of a visual as shapes; returns their indices.
 
     Args:
         builder: of the world.
@@ -163,7 +166,7 @@ def add_collision(
         name: of the shapes, with a number after it where there are several.
         at: frame of the visual on the body (from its centre of mass), or in the world.
         body: index, or WORLD.
-        scale: of the visual.
+        scale: factor of the visual's size.
         options: `material`, `margin`, `group`, `mask` of the shapes.
     """
     frame = pose() if at is None else at
@@ -200,7 +203,7 @@ def add_visual(
     visuals: Visuals, visual: Visual, *, name: str, at: Pose | None = None, body: int = WORLD, scale: float = 1.0,
     shapes: list[int] | tuple[int, ...] = (), **appearance: Unpack[AppearanceOptions],
 ) -> int:  # fmt: skip
-    """The picture of a visual; returns the instance, whose number later calls of `Visuals.hide` change.
+    """Adds the picture of a visual; returns the instance, whose index later calls of `Visuals.hide` change.
 
     Args:
         visuals: of the world.
@@ -208,7 +211,7 @@ def add_visual(
         name: of the instance.
         at: as in `add_collision`.
         body: index, or WORLD.
-        scale: of the visual.
+        scale: factor of the visual's size.
         shapes: its proxies in contact, which are hidden.
         appearance: fields of `Appearance`; label and reflectance are the visual's unless given.
     """

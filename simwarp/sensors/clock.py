@@ -102,7 +102,7 @@ class FrameBuffer:
         class Thermometer:
             def __init__(self, model, mount, config, *, name="thermometer", seed=0):
                 self.name = name
-                self.frames = Frames(name, config.schedule, model, {"data": Field((), wp.float32)}, seed=seed)
+                self.frames = FrameBuffer(name, config.schedule, model, {"data": Field((), wp.float32)}, seed=seed)
                 self.mount = mount_arrays(name, mount, model)
 
             data = property(lambda self: self.frames.data["data"])  # likewise timestamp and valid
@@ -150,6 +150,9 @@ class FrameBuffer:
         clock: numbers of the clock, in sub-steps, once recorded.
         steps: the schedule in sub-steps of `dt` seconds, once recorded.
         dt: of a sub-step [s], once recorded.
+
+    Raises:
+        ModelError: `schedule` is no Schedule, or the frames are too many for the memory.
     """
 
     def __init__(
@@ -183,12 +186,12 @@ class FrameBuffer:
 
     @property
     def timestamp(self) -> wp.array:
-        """(W,) float64 [s]."""
+        """(W,) float64, the world's time when the published frame was complete [s]."""
         return self._state.timestamp
 
     @property
     def valid(self) -> wp.array:
-        """(W,) bool."""
+        """(W,) bool, false in frozen worlds."""
         return self._state.valid
 
     @property
@@ -206,6 +209,11 @@ class FrameBuffer:
 
     def record(self, simulation: StepContext, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
         """The launches of a sub-step: the clock, what `sample` records, and publication.
+
+        Args:
+            simulation: the sensor's Simulation.
+            dt: of a sub-step [s].
+            sample: returns the recorded launches that write the ring; called once `ring` has its size.
 
         Raises:
             ModelError: see `check`.
@@ -271,7 +279,7 @@ class FrameBuffer:
         return [advance, *self._samples]
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """Resets the worlds of the mask and publishes a frame of their present state."""
+        """Resets the worlds of the (W,) bool mask and publishes a frame of their present state."""
         wp.launch(
             begin_clock, dim=self.model.world_count, device=self.model.device,
             inputs=[mask, self.clock, simulation.state.arrays], outputs=[self._state, self.tick],

@@ -79,7 +79,11 @@ class Schedule(Configuration):
     phase: Literal["zero", "random"] = "zero"
 
     def check(self) -> None:
-        """A window is within a period."""
+        """Checks that a window is within a period.
+
+        Raises:
+            ModelError: `window` is longer than 1 / `rate`.
+        """
         if self.window > (1.0 + 1.0e-9) / self.rate:
             raise ModelError(
                 f"Schedule: window must not be longer than a period (1 / rate = {1.0 / self.rate:.6g} s), "

@@ -109,7 +109,11 @@ class Saturation(Configuration):
     upper: Bound | tuple[Bound, ...] = math.inf
 
     def check(self) -> None:
-        """The ends are in order."""
+        """Checks that the ends are in order.
+
+        Raises:
+            ModelError: `lower` is not below `upper`.
+        """
         lower, upper = np.atleast_1d(self.lower), np.atleast_1d(self.upper)
         fits = len({1, len(lower), len(upper)}) <= 2
         if fits and not (lower < upper).all():

@@ -86,6 +86,9 @@ class Visuals:
 
     Args:
         builder: with its shapes; those that are added to it later are seen too, and come after what is there by then.
+
+    Raises:
+        ModelError: `builder` is no ModelBuilder; by its methods: a body, mesh or value is not usable.
     """
 
     def __init__(self, builder: ModelBuilder) -> None:
@@ -133,7 +136,15 @@ class Visuals:
     def add_mesh_asset(
         self, vertices: npt.ArrayLike | str | Path | VisualMesh, triangles: npt.ArrayLike | None = None
     ) -> int:
-        """A mesh that no instance shows as built: an index for `Scene.asset`."""
+        """A mesh that no instance shows as built; returns its index for `Scene.asset` and `add_mesh_instance`.
+
+        Args:
+            vertices: (V, 3) [m]; or a file of a mesh, with its colours and textures; or a `VisualMesh`.
+            triangles: (T, 3) indices of vertices; None for a file or a `VisualMesh`.
+
+        Raises:
+            ModelError: the arrays are no usable mesh, or the file cannot be read.
+        """
         if isinstance(vertices, (str, Path)) and triangles is None:
             from simwarp.geometry.mesh_files import load_visual_mesh  # trimesh takes a while to import
 
@@ -155,7 +166,19 @@ class Visuals:
         scale: Vec3 = (1.0, 1.0, 1.0),
         **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
-        """One more thing that shows a mesh of `add_mesh_asset`; returns the instance."""
+        """One more instance that shows a mesh of `add_mesh_asset`; returns its index.
+
+        Args:
+            body: index, or WORLD.
+            asset: index that `add_mesh_asset` returned.
+            name: of the instance.
+            pose: on the body, from its centre of mass [m]; world axes on WORLD.
+            scale: factors of the mesh along its axes.
+            appearance: fields of `Appearance`.
+
+        Raises:
+            ModelError: there is no such mesh or body, or a value is not usable.
+        """
         if isinstance(asset, bool) or not 0 <= asset < len(self.meshes):
             raise ModelError(
                 f"visuals: asset must be in 0..{len(self.meshes) - 1}, got {shown(asset)}; see add_mesh_asset"
@@ -168,48 +191,48 @@ class Visuals:
         self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None,
         **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
-        """A box of half lengths `half` [m]."""
+        """A box of half lengths `half` [m]; returns the instance."""
         return self._add(ShapeType.BOX, body, half, name, pose, appearance)
 
     def add_sphere(
         self, body: int, *, radius: float, name: str | None = None, pose: Pose | None = None,
         **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
-        """A ball."""
+        """A ball of a `radius` [m]; returns the instance."""
         return self._add(ShapeType.SPHERE, body, (radius,) * 3, name, pose, appearance)
 
     def add_ellipsoid(
         self, body: int, *, half: Vec3, name: str | None = None, pose: Pose | None = None,
         **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
-        """An ellipsoid of half axes `half` [m]."""
+        """An ellipsoid of half axes `half` [m]; returns the instance."""
         return self._add(ShapeType.ELLIPSOID, body, half, name, pose, appearance)
 
     def add_cylinder(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
         **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
-        """A cylinder about z."""
+        """A cylinder about z, of a `radius` [m] and from -half_length to half_length [m]; returns the instance."""
         return self._add(ShapeType.CYLINDER, body, (radius, half_length, radius), name, pose, appearance)
 
     def add_capsule(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
         **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
-        """A segment of z from -half_length to half_length, thickened by radius."""
+        """A segment of z from -half_length to half_length [m], thickened by `radius` [m]; returns the instance."""
         return self._add(ShapeType.CAPSULE, body, (radius, half_length, radius), name, pose, appearance)
 
     def add_cone(
         self, body: int, *, radius: float, half_length: float, name: str | None = None, pose: Pose | None = None,
         **appearance: Unpack[AppearanceOptions],
     ) -> int:  # fmt: skip
-        """A cone about z: its base at -half_length, its tip at half_length."""
+        """A cone about z: its base of a `radius` [m] at -half_length, its tip at half_length [m]; returns its index."""
         return self._add(ShapeType.CONE, body, (radius, half_length, radius), name, pose, appearance)
 
     def add_plane(
         self, *, name: str | None = None, pose: Pose | None = None, **appearance: Unpack[AppearanceOptions]
     ) -> int:
-        """The endless plane z = 0 of its frame."""
+        """The endless plane z = 0 of its frame; returns the instance."""
         return self._add(ShapeType.PLANE, WORLD, (0.0, 0.0, 0.0), name, pose, appearance)
 
     def finalize(self, model: Model, *, per_world: Iterable[str] = (), origin_body: int | None = None) -> Scene:
@@ -223,7 +246,11 @@ class Visuals:
         return Scene(self, model, per_world, origin_body)
 
     def index_of(self, shape: int) -> int:
-        """The instance that shows a shape of the model; those after a hidden one move up."""
+        """The instance that shows a shape of the model; those after a hidden one move up.
+
+        Raises:
+            ModelError: there is no such shape, or it is hidden.
+        """
         self._follow()
         for index, instance in enumerate(self.instances):
             if instance.shape == shape and shape >= 0:
@@ -365,7 +392,11 @@ class Scene:
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
 
     def instance(self, name: str) -> int:
-        """Index of an instance by name."""
+        """Index of an instance by name.
+
+        Raises:
+            ModelError: there is no such instance.
+        """
         if name not in self.names:
             raise ModelError(f"scene: there is no instance '{name}'; known: {', '.join(self.names[:20])}")
         return self.names.index(name)

@@ -43,13 +43,18 @@ class ForceElement(Protocol):
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """State that outlives a step: arrays of leading dimension W, of four or eight bytes per number. At
+        """State that outlives a step, by name: contiguous arrays (W, ...) of four or eight bytes per number. At
         construction they hold the values that a reset brings back.
         """
         ...
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """Recorded launches (`wp.launch(..., record_cmd=True)`) that come before each sub-step of `dt` seconds."""
+        """Recorded launches (`wp.launch(..., record_cmd=True)`) that come before each sub-step.
+
+        Args:
+            simulation: the element's Simulation.
+            dt: of a sub-step [s].
+        """
         ...
 
 
@@ -85,11 +90,18 @@ class Sensor(Protocol):
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """Everything that outlives a sub-step, contiguous arrays: part of snapshots. A reset leaves it to `begin`."""
+        """Everything that outlives a sub-step, by name: contiguous arrays (W, ...) or (W·slots, ...), part of
+        snapshots. A reset leaves it to `begin`.
+        """
         ...
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """Recorded launches (`wp.launch(..., record_cmd=True)`) that follow each sub-step of `dt` seconds."""
+        """Recorded launches (`wp.launch(..., record_cmd=True)`) that follow each sub-step.
+
+        Args:
+            simulation: the sensor's Simulation.
+            dt: of a sub-step [s].
+        """
         ...
 
     def begin(self, simulation: StepContext, mask: wp.array[wp.bool]) -> None:

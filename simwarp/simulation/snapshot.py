@@ -56,10 +56,16 @@ class Snapshot:
 
     @classmethod
     def empty(cls, model: Model, *, elements: bool, memory: tuple[wp.array, ...], identity: Identity) -> Snapshot:
-        """One of zeros, with a copy of `memory`.
+        """A snapshot whose state, control and contacts are zeros, with a copy of `memory`.
+
+        Args:
+            model: of the Simulation.
+            elements: True if the Simulation has force elements.
+            memory: arrays (W, ...) or (W·slots, ...) of force elements and sensors.
+            identity: properties that a Simulation must have in common to be restored from it.
 
         Raises:
-            ModelError: it does not fit into memory.
+            ModelError: it does not fit into the device's memory.
         """
         more = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in memory)
         layouts = snapshot_layouts(model.sizes(elements=elements))
@@ -68,7 +74,7 @@ class Snapshot:
         return cls(State(model), Control(model, elements=elements), Contacts(model), kept, identity)
 
     def arrays(self) -> dict[str, wp.array]:
-        """All arrays by the names that files have for them."""
+        """All arrays (W, ...) or (W·slots, ...) by the names that files have for them, such as `state.body_x`."""
         groups: dict[str, State | Control | Contacts] = {
             "state": self.state, "control": self.control, "contacts": self.contacts,
         }  # fmt: skip

@@ -62,6 +62,10 @@ def add_payload(
         position: of its centre in the vehicle's frame of reference [m].
         size: of the box that its inertia is that of [m].
         name: of the body.
+
+    Raises:
+        SpecError: a length of `size` is negative, or more than one is 0.
+        ModelError: another value is not usable, or the name is taken.
     """
     if not all(side >= 0.0 for side in finite_vector(name, "size", size, 3)) or not np.count_nonzero(size) > 1:
         raise SpecError(f"size: must be three lengths that are not negative, one of them 0 at most, got {size!r}")

@@ -117,17 +117,17 @@ class Vehicle:
 
     @property
     def engine_speed(self) -> wp.array:
-        """(W,) [rad/s]."""
+        """(W,) float32, speed of the engine's shaft [rad/s]."""
         return self._powertrain_state.engine_speed
 
     @property
     def engine_torque(self) -> wp.array:
-        """(W,) of the engine alone [N·m]."""
+        """(W,) float32, torque of the engine alone [N·m]."""
         return self._powertrain_state.engine_torque
 
     @property
     def drive_torque(self) -> wp.array:
-        """(W,) of the transmission on the drive shaft [N·m]."""
+        """(W,) float32, torque of the transmission on the drive shaft [N·m]."""
         return self._powertrain_state.drive_torque
 
     # ---- ForceElement ----------------------------------------------------------------------------------------------

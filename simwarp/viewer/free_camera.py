@@ -73,6 +73,9 @@ class FreeCamera:
 
         Returns:
             (views, height, width, channels) of the first output, a copy; the others are in `outputs`.
+
+        Raises:
+            ModelError: the poses are not as many as the views.
         """
         if len(poses) != len(self.worlds):
             raise ModelError(f"free camera: there must be {len(self.worlds)} poses, got {len(poses)}; one per view")

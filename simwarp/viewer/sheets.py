@@ -28,7 +28,13 @@ def grid(pictures: Sequence[Picture], columns: int, *, gap: int = 4) -> Picture:
 
 
 def caption(picture: Picture, text: str, *, size: int = 14) -> Picture:
-    """The picture below a line of text on paper."""
+    """A picture, (height, width, 3) uint8, below a line of text on paper; returns one with more rows.
+
+    Args:
+        picture: (height, width, 3) uint8 sRGB.
+        text: one line.
+        size: of the letters [pixels].
+    """
     band = 2 * ((size + 10) // 2)
     strip = Image.new("RGB", (picture.shape[1], band), PAPER)
     ImageDraw.Draw(strip).text((6, band // 2), text, fill=INK, font=ImageFont.load_default(size), anchor="lm")

@@ -164,7 +164,11 @@ class TaskEnv(gym.Env[Any, Any]):
         return self._first(to_numpy(self.task.restart(seed=seed))), {}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Advance the world; ``action`` is (A,)."""
+        """Advance the world; ``action`` is (A,), each in [-1, 1].
+
+        Returns:
+            Observation, reward, terminated, truncated and info, as ``gymnasium.Env.step``.
+        """
         batch = torch.as_tensor(np.asarray(action, dtype=np.float32), device=self.task.device).reshape(1, -1)
         result = self.task.step(batch)
         terminated, truncated = bool(result.terminated.item()), bool(result.truncated.item())

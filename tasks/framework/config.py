@@ -22,7 +22,11 @@ ConfigT = TypeVar("ConfigT")
 
 
 def require(condition: bool, config: object, field: str, rule: str) -> None:
-    """Raise an :class:`InputError` that names the field, the rule and the value, unless it holds."""
+    """Raise an :class:`InputError` that names the field, the rule and the value, unless it holds.
+
+    Raises:
+        InputError: the condition does not hold.
+    """
     if not condition:
         value = getattr(config, field)
         raise InputError(f"{field.replace('_', '-')} must be {rule}, got {shown(value)}")

@@ -30,7 +30,14 @@ _loaded: list[bool] = []
 
 
 def register(name: str) -> Callable[[TaskT], TaskT]:
-    """Class decorator: make a :class:`Task` known under ``name`` (lower case, digits, hyphens)."""
+    """Class decorator: make a :class:`Task` known under ``name``.
+
+    Args:
+        name: lower-case letters, digits and hyphens.
+
+    Raises:
+        InputError: the name holds anything else, or another task has it.
+    """
     if not name or not all(c.islower() or c.isdigit() or c == "-" for c in name):
         raise InputError(f"task name must be lower-case letters, digits and hyphens, got '{name}'")
 
@@ -99,6 +106,9 @@ def make(
         config: configuration; by default the task's own.
         first_world: global index of world 0, where several processes share one batch.
         overrides: single fields of the configuration.
+
+    Raises:
+        InputError: there is no such task or device, or the configuration or a field is not of this task.
     """
     cls = task_class(name)
     chosen = cls.config_type() if config is None else config

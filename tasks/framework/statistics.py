@@ -23,7 +23,7 @@ class EpisodeSummary:
 
     @property
     def mean_return(self) -> float:
-        """Mean return of an episode; NaN without any."""
+        """Mean over the episodes of their summed rewards, dimensionless; NaN where no episode ended."""
         return self.return_sum / self.episodes if self.episodes else float("nan")
 
 

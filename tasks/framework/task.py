@@ -239,17 +239,16 @@ class Task(ABC, Generic[ConfigT]):
         return None
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the task's own state, such as a curriculum level, that a checkpoint must keep."""
+        """Return the task's own state, such as a curriculum level, that a checkpoint must keep: name -> (...)."""
         return {}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take back what :meth:`extra_state` returned; write into existing buffers."""
+        """Take back what :meth:`extra_state` returned, name -> (...); write into existing buffers."""
 
     def step_limit(self) -> torch.Tensor:
         """Return (W,) int64: control steps after which the running episodes are over at the latest.
 
-        A task whose :meth:`truncations` cut an episode off sooner says so here: training spreads the first time-outs
-        over this many steps.
+        A task whose :meth:`truncations` come sooner says so here: training spreads the first time-outs over them.
         """
         return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
 
@@ -266,7 +265,7 @@ class Task(ABC, Generic[ConfigT]):
     # ---- what runners and adapters call ------------------------------------------------------------------------
 
     def restart(self, seed: int | None = None) -> dict[str, torch.Tensor]:
-        """Begin a new episode in every world and return the observations.
+        """Begin a new episode in every world and return the observations, group name -> (W, ...).
 
         With ``seed`` the randomness starts over: the same seed gives the same episodes again.
         """
@@ -282,12 +281,12 @@ class Task(ABC, Generic[ConfigT]):
             return self._sensors.sense(groups)
 
     def observe(self) -> dict[str, torch.Tensor]:
-        """Return the present observations as a policy gets them: late and noisy where the configuration says so."""
+        """Return the observations as a policy gets them, group name -> (W, ...): late and noisy where configured."""
         with self._acting():
             return self._sensors.sense(self.observations())
 
     def observe_privileged(self) -> torch.Tensor | None:
-        """Return the privileged observations of a critic; None where the task has none."""
+        """Return the privileged observations of a critic, (W, N) float32; None where the task has none."""
         with self._acting():
             return self.privileged()
 
@@ -345,7 +344,11 @@ class Task(ABC, Generic[ConfigT]):
 
     @property
     def views(self) -> PhysicsViews:
-        """Torch views of the simulation's state and control."""
+        """Torch views of the simulation's state and control.
+
+        Raises:
+            TaskError: the task has no physics.
+        """
         if self._views is None:
             raise TaskError(f"task '{self.name}' has no physics")
         return self._views
@@ -381,7 +384,11 @@ class Task(ABC, Generic[ConfigT]):
         return state
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take back what :meth:`state_dict` returned, for the same configuration and number of worlds."""
+        """Take back what :meth:`state_dict` returned, for the same configuration and number of worlds.
+
+        Raises:
+            InputError: it is of another number of worlds, another simulation, or an older version of simwarp.
+        """
         if state["episode_index"].shape != self.episode_index.shape:
             raise InputError(f"saved state has {len(state['episode_index'])} worlds, the task has {self.num_worlds}")
         with self._acting():

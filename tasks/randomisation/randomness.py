@@ -90,7 +90,7 @@ class WorldRandom:
     def uniform(
         self, purpose: str, low: float = 0.0, high: float = 1.0, size: int = 1, *, per_step: bool = False
     ) -> torch.Tensor:
-        """Return (W, size) float32, uniform in [low, high)."""
+        """Return (W, size) float32, uniform in [low, high), in the unit of the bounds."""
         # 24 bits: every value is exact in float32, and 1 is never reached
         unit = ((self.bits(purpose, size, per_step=per_step) >> 40) & 0xFFFFFF).to(torch.float32)
         return unit.mul_((high - low) / (1 << 24)).add_(low)
@@ -98,7 +98,7 @@ class WorldRandom:
     def normal(
         self, purpose: str, mean: float = 0.0, std: float = 1.0, size: int = 1, *, per_step: bool = False
     ) -> torch.Tensor:
-        """Return (W, size) float32, normal with the given mean and standard deviation (Box-Muller)."""
+        """Return (W, size) float32, normal with the given mean and standard deviation, in the unit of both."""
         bits = self.bits(purpose, size, per_step=per_step)
         # The radius from the upper 32 bits (shifted by half a step, so that the logarithm stays finite)
         radius = (((bits >> 32) & 0xFFFFFFFF).to(torch.float64) + 0.5) / (1 << 32)

@@ -81,7 +81,11 @@ class Range(Settings):
     inertia: bool = True
 
     def validate(self) -> None:
-        """Check that the bounds are in order."""
+        """Check that the bounds are in order.
+
+        Raises:
+            InputError: ``low`` is above ``high``, or a factor is negative.
+        """
         if self.low > self.high:
             raise InputError(f"bounds of a Range must be in order, low <= high, got {shown((self.low, self.high))}")
         if self.mode is Mode.SCALE and self.low < 0.0:
@@ -133,11 +137,15 @@ class Curriculum(Settings):
     down: Fraction = 0.025
 
     def validate(self) -> None:
-        """Check that the level rises."""
+        """Check that the level rises.
+
+        Raises:
+            InputError: ``first`` is not below ``last``.
+        """
         if not self.first < self.last:
             rule = "whole numbers, 0 <= first < last"
             raise InputError(f"iterations of a Curriculum must be {rule}, got {shown((self.first, self.last))}")
 
     def at_iteration(self, iteration: int) -> float:
-        """Return the level of a training iteration."""
+        """Return the level of a training iteration, 0 to 1."""
         return min(1.0, max(0.0, (iteration - self.first) / (self.last - self.first)))

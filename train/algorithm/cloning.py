@@ -109,7 +109,7 @@ def clone(
         data: trajectories to imitate.
         config: hyperparameters.
         train_config: its network is built, and is what a later training must have.
-        report: called after each epoch with its number and mean loss.
+        report: called after each epoch with its number and mean loss, a dimensionless squared error of actions.
 
     Raises:
         InputError: the data does not fit the task, or the network is recurrent.

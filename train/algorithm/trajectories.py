@@ -70,7 +70,7 @@ class Trajectories:
         return int(self.episode[-1]) + 1 if self.steps else 0
 
     def returns(self) -> npt.NDArray[np.float64]:
-        """Return the summed rewards of each episode."""
+        """Return the summed rewards of each episode, (episodes,)."""
         sums = np.bincount(self.episode, weights=self.rewards, minlength=self.episodes)
         return sums.astype(np.float64)
 

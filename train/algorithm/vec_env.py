@@ -59,14 +59,14 @@ class TaskVecEnv(VecEnv):
         self.task.episode_clock.copy_(value)
 
     def hand_out(self, groups: dict[str, torch.Tensor]) -> TensorDict:
-        """Return a copy of the observation groups that no later step changes."""
+        """Return a copy of observation groups, name -> (W, ...), that no later step changes."""
         if self._privileged:
             groups = {**groups, **check_observations(self.task, {CRITIC: self.task.observe_privileged()})}
         copies = {name: group.clone() for name, group in groups.items()}
         return TensorDict(copies, batch_size=[self.num_envs], device=self.device)
 
     def get_observations(self) -> TensorDict:
-        """Return the current observations."""
+        """Return a copy of the current observations, group name -> (W, ...)."""
         return self.hand_out(self._groups)
 
     def refresh(self) -> None:

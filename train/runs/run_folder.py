@@ -61,12 +61,12 @@ class RunFolder:
 
     @property
     def progress(self) -> Path:
-        """One line per iteration."""
+        """Path of the table of the training's progress, one line per iteration."""
         return self.path / PROGRESS
 
     @property
     def curve(self) -> Path:
-        """Picture of the learning curve."""
+        """Path of the picture of the learning curve."""
         return self.path / CURVE
 
     def checkpoint_files(self) -> list[Path]:

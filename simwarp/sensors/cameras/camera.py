@@ -86,7 +86,11 @@ class CameraConfig(Configuration):
     groups: GroupBits = ALL_GROUPS
 
     def check(self) -> None:
-        """The lens fits the image, and there is something to see."""
+        """Checks that the lens fits the image, and that there is something to see.
+
+        Raises:
+            ModelError: 0 <= near < far does not hold, or the lens is none or does not fit the image.
+        """
         camera_numbers(self)
 
 
@@ -145,17 +149,17 @@ class Camera:
 
     @property
     def outputs(self) -> dict[str, wp.array]:
-        """The published frames by name of the output."""
+        """The published frames by name of the output: (W, height, width, channels), see `CameraConfig.outputs`."""
         return self.frames.data
 
     @property
     def timestamp(self) -> wp.array:
-        """(W,) float64 [s]: end of the frame."""
+        """(W,) float64, the world's time when the published frame was complete [s]."""
         return self.frames.timestamp
 
     @property
     def valid(self) -> wp.array:
-        """(W,) bool."""
+        """(W,) bool, false in frozen worlds."""
         return self.frames.valid
 
     @property
@@ -164,18 +168,26 @@ class Camera:
         return {**self.frames.memory, **({"sums": self._sums} if self._sums.size else {})}
 
     def check(self, simulation: StepContext, dt: float) -> None:
-        """See `protocols.Sensor`."""
+        """Refuses a Simulation that the camera cannot be part of.
+
+        Raises:
+            ModelError: see `FrameBuffer.check`.
+        """
         lit = any(output in LIGHT_OUTPUTS for output in self.config.outputs)
         blurred = lit and self.config.schedule.steps(dt).window > 1
         sums = 12 * self.scene.model.world_count * self.config.width * self.config.height
         self.frames.check(simulation, dt, sums if blurred else 0)
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """See `protocols.Sensor`."""
+        """The launches of a sub-step of `dt` [s].
+
+        Raises:
+            ModelError: see `FrameBuffer.check`.
+        """
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """See `protocols.Sensor`."""
+        """Resets the worlds of the (W,) bool mask and publishes a picture of their present state."""
         self.frames.begin(simulation, mask)
 
     def _samples(self, simulation: StepContext) -> list[Any]:

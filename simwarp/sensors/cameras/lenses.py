@@ -51,11 +51,14 @@ class Pinhole(Configuration):
     fov: Annotated[float, Gt(0.0), Lt(math.pi), Meaning("radians, FishEye sees more")] = 1.5
 
     def numbers(self, aspect: float) -> LensNumbers:
-        """See `Lens`."""
+        """The lens as kernels read it; `aspect`: ratio of the image's height to its width."""
         return _numbers(LensKind.PINHOLE, math.tan(0.5 * self.fov))
 
     def points(self, directions: npt.ArrayLike) -> Array:
-        """See `Lens`."""
+        """(..., 2) places (u, v) in the image of directions (..., 3) in the camera's axes.
+
+        u runs from -1 at the left edge to 1 at the right, v upwards in the same unit. NaN behind the camera.
+        """
         return _plane(directions) / math.tan(0.5 * self.fov)
 
     def intrinsics(self, width: int, height: int) -> Array:
@@ -80,15 +83,18 @@ class FishEye(Configuration):
     fov: Annotated[float, Gt(0.0), Lt(_FULL_TURN + ROUNDED), Meaning("radians")] = math.pi
 
     def check(self) -> None:
-        """A rounded full turn is one."""
+        """Sets an angle of view that is a rounded full turn to exactly 2 pi [rad]."""
         object.__setattr__(self, "fov", min(self.fov, _FULL_TURN))
 
     def numbers(self, aspect: float) -> LensNumbers:
-        """See `Lens`."""
+        """The lens as kernels read it; `aspect`: ratio of the image's height to its width."""
         return _numbers(LensKind.FISH_EYE, 0.5 * self.fov)
 
     def points(self, directions: npt.ArrayLike) -> Array:
-        """See `Lens`."""
+        """(..., 2) places (u, v) in the image of directions (..., 3) in the camera's axes.
+
+        u runs from -1 at the left edge to 1 at the right, v upwards in the same unit.
+        """
         d = np.asarray(directions, dtype=np.float64)
         across = np.hypot(d[..., 1], d[..., 2])
         angle = np.arctan2(across, d[..., 0])
@@ -115,7 +121,7 @@ class Radial(Configuration):
     k3: float = 0.0
 
     def numbers(self, aspect: float) -> LensNumbers:
-        """See `Lens`.
+        """The lens as kernels read it; `aspect`: ratio of the image's height to its width.
 
         Raises:
             ModelError: the lens folds inside the image: two directions would meet in one pixel.
@@ -129,7 +135,11 @@ class Radial(Configuration):
         return made
 
     def points(self, directions: npt.ArrayLike) -> Array:
-        """See `Lens`. Beyond the place where the law stops rising a lens sees nothing."""
+        """(..., 2) places (u, v) in the image of directions (..., 3) in the camera's axes.
+
+        u runs from -1 at the left edge to 1 at the right, v upwards in the same unit.
+        NaN beyond the place where the law stops rising: a lens sees nothing there.
+        """
         plane = _plane(directions)
         s = (plane**2).sum(axis=-1, keepdims=True)
         moved = plane * (1.0 + s * (self.k1 + s * (self.k2 + s * self.k3)))
@@ -137,7 +147,7 @@ class Radial(Configuration):
         return np.where(s <= fold**2, moved, np.nan) / math.tan(0.5 * self.fov)
 
     def intrinsics(self, width: int, height: int) -> Array:
-        """That of the pinhole, before the image is moved; see `Pinhole.intrinsics`."""
+        """The (3, 3) matrix of the pinhole of the same focal length, before the image is moved; see `Pinhole`."""
         return Pinhole(fov=self.fov).intrinsics(width, height)
 
     def _fold(self) -> float:

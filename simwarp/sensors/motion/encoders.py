@@ -65,7 +65,11 @@ class EncoderConfig(Configuration):
     noise: tuple[Noise, ...] = ()
 
     def check(self) -> None:
-        """One way to count, and counts of something."""
+        """Checks that there is one way to count, and that counts count something.
+
+        Raises:
+            ModelError: both `counts_per_turn` and `step` are given, or neither for the reading "counts".
+        """
         if self.counts_per_turn is not None and self.step is not None:
             raise ModelError("EncoderConfig: give either counts_per_turn or step, got both; a turn is 2 pi")
         if self.reading == "counts" and self.counts_per_turn is None and self.step is None:

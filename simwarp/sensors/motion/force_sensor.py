@@ -93,7 +93,7 @@ class ContactSensor(VectorSensor):
 
     @property
     def touch(self) -> wp.array:
-        """(W,) uint8."""
+        """(W,) uint8, 1 where the measured force reaches the threshold."""
         return self.frames.data["touch"]
 
     @property
@@ -160,7 +160,11 @@ class LoadCell(VectorSensor):
         return self._chains["torque_noise"]
 
     def check(self, simulation: StepContext, dt: float) -> None:
-        """Refuses a Simulation that it cannot be part of."""
+        """Refuses a Simulation that it cannot be part of.
+
+        Raises:
+            ModelError: see `FrameBuffer.check`; or the Simulation records no joint reactions.
+        """
         super().check(simulation, dt)
         if simulation.diagnostics.joint_reaction_force.shape[0] == 0:
             raise ModelError(

@@ -64,7 +64,7 @@ class BeamTable:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns)."""
+        """Numbers of beams: (rows, columns)."""
         rows, columns = self.angles()[0].shape
         return rows, columns
 

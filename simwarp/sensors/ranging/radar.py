@@ -106,7 +106,11 @@ class RadarConfig(Configuration):
     groups: GroupBits = ALL_GROUPS
 
     def check(self) -> None:
-        """There is something between near and far."""
+        """Checks that there is something between near and far.
+
+        Raises:
+            ModelError: `near` is not below `far`.
+        """
         check_reach("RadarConfig", self.near, self.far)
 
 
@@ -195,19 +199,23 @@ class Radar:
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
-        """Clock and frames."""
+        """Clock and frames, arrays (W, ...) or (W·slots, ...) by name."""
         return self.frames.memory
 
     def check(self, simulation: StepContext, dt: float) -> None:
-        """Refuses a Simulation that it cannot be part of."""
+        """Refuses a Simulation that it cannot be part of.
+
+        Raises:
+            ModelError: see `FrameBuffer.check`.
+        """
         self.frames.check(simulation, dt, self._scratch_bytes())
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """The launches of a sub-step."""
+        """The launches of a sub-step of `dt` [s]."""
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
-        """A frame of the present state, as if the worlds of the mask had always stood so."""
+        """Publishes a frame of the present state in the worlds of the (W,) mask, as if they had always stood so."""
         self.frames.begin(simulation, mask)
 
     def _samples(self, simulation: StepContext) -> list[Any]:

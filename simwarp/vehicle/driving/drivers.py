@@ -33,6 +33,9 @@ class ScriptSpec:
 
     Where `speed` [m/s] is not negative, a PI controller holds it with throttle and brake; elsewhere the pedals follow
     their own functions.
+
+    Raises:
+        SpecError: a function has no points, or its times are not in order.
     """
 
     steering: Points = HELD

@@ -74,6 +74,9 @@ class FollowSpec:
 
     Too slow: throttle; too fast with the throttle open by more than `throttle_threshold`: the throttle closes; else
     brakes.
+
+    Raises:
+        SpecError: there is no path, a number is negative or not finite, or the gains do not fit Stanley's law.
     """
 
     paths: tuple[Path, ...]
@@ -150,12 +153,12 @@ class PathFollower:
 
     @property
     def distance(self) -> wp.array:
-        """(W,) [m]."""
+        """(W,) float32, distance of the steered point from the path [m], positive to the left of it."""
         return self._state.distance
 
     @property
     def arc(self) -> wp.array:
-        """(W,) [m]."""
+        """(W,) float32, place of the steered point along the path, from its start [m]."""
         return self._state.arc
 
     @property

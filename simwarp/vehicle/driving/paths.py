@@ -39,6 +39,9 @@ class Path:
     Attributes:
         points: (n, 2) [m]; a closed path has its first point again at the end.
         closed: True if it goes on at its start.
+
+    Raises:
+        SpecError: the points are fewer than two, not finite, not (n, 2), or two that follow each other are the same.
     """
 
     points: Array
@@ -62,7 +65,7 @@ class Path:
 
     @property
     def length(self) -> float:
-        """[m]."""
+        """Length along the line, from the first point to the last [m]."""
         return float(self.arc[-1])
 
     def tangents(self) -> Array:
@@ -92,7 +95,16 @@ class Path:
 
 
 def circle(radius: float, *, start: tuple[float, float] = (0.0, 0.0), spacing: float = SPACING) -> Path:
-    """A circle that leaves `start` along x; to the left, or to the right for a negative radius [m]."""
+    """A circle, closed, that leaves `start` along x.
+
+    Args:
+        radius: [m], not zero; positive: to the left, negative: to the right.
+        start: x, y of the first point [m].
+        spacing: between points, at most [m].
+
+    Raises:
+        SpecError: the radius is zero or not finite, or too large for the spacing.
+    """
     if not (math.isfinite(radius) and radius != 0.0):
         raise SpecError(f"radius: must be a number of metres other than zero, got {radius!r}")
     if 2.0 * math.pi * abs(radius) > MOST_POINTS * spacing:
@@ -109,11 +121,14 @@ def bezier(points: Array, incoming: Array, outgoing: Array, *, closed: bool = Fa
     """Cubic Bezier segments from point to point.
 
     Args:
-        points: (n, 2) on the curve.
-        incoming: (n, 2) control points before them.
-        outgoing: (n, 2) control points after them.
+        points: (n, 2) on the curve [m].
+        incoming: (n, 2) control points before them [m].
+        outgoing: (n, 2) control points after them [m].
         closed: add a segment from the last point to the first.
         spacing: between samples [m].
+
+    Raises:
+        SpecError: the curve has too many points at that spacing, or fewer than two.
     """
     ends = list(range(1, len(points))) + ([0] if closed else [])
     samples = [points[:1]]
@@ -155,7 +170,12 @@ def read_path(file: str | FilePath, *, closed: bool = False, spacing: float = SP
     """A path from a file whose first line is the number of points and 3 or 9: numbers on each of the lines after it.
 
     With 3, points x y z to draw a smooth curve through; with 9, a point, the control point before and the one after
-    it, each x y z. Heights are left out.
+    it, each x y z [m]. Heights are left out.
+
+    Args:
+        file: its path.
+        closed: add a segment from the last point to the first.
+        spacing: between the points of the path, at most [m].
 
     Raises:
         SpecError: the file cannot be read, or does not hold that.

@@ -65,7 +65,7 @@ class Recorder:
         self._wheels = [0, 1, 2 * axles - 2, 2 * axles - 1]
 
     def sample(self) -> None:
-        """One row per world, of the present state."""
+        """Adds one row per world, of the present state; waits for the device."""
         state, parts, w = self.simulation.state, self.vehicle.parts, self.worlds
         t = state.world_time.numpy()[w].copy()  # the array itself goes on
         rotations = matrices(state.body_rot.numpy()[w].astype(float))
@@ -110,7 +110,7 @@ class Recorder:
         self.rows[-1][:, throttle : throttle + 3] = inputs[:, [1, 2, 0]]
 
     def table(self) -> Array:
-        """(samples, worlds, columns)."""
+        """All rows so far: (samples, worlds, columns), in the order of `COLUMNS` and in their units."""
         return np.array(self.rows)
 
     def column(self, name: str) -> Array:

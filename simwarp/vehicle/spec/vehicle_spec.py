@@ -129,7 +129,11 @@ class VehicleSpec(Spec):
     """Of the frame of reference above the ground at the start [m]."""
 
     def check(self) -> None:
-        """Axles, what steers and drives them, and the declared wheelbase fit together."""
+        """Checks that axles, what steers and drives them, and the declared wheelbase fit together.
+
+        Raises:
+            SpecError: they do not; says which part breaks which rule.
+        """
         if (self.engine is None) != (self.transmission is None):
             key, rule = "transmission", "an engine"
             if self.transmission is None:

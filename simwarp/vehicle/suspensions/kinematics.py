@@ -63,14 +63,18 @@ def travel_table(
     spec: VehicleSpec, axle: int, travels: npt.ArrayLike, steering: npt.ArrayLike = 0.0, *,
     right: npt.ArrayLike | None = None, device: str = "cpu",
 ) -> TravelTable:  # fmt: skip
-    """Wheel angles of an axle over travel and steering, which broadcast against each other.
+    """Wheel angles of an axle over travel and steering, which broadcast against each other to n states.
 
     Args:
         spec: the vehicle.
         axle: index, from the front.
-        travels: of the left wheel's centre upwards [m].
-        steering: -1 to 1, positive to the left; without effect on an axle that is not steered.
-        right: travels of the right wheel; those of the left one when None. On a pinned axle it follows by itself.
+        travels: (n,) or one, of the left wheel's centre upwards [m].
+        steering: (n,) or one, -1 to 1, positive to the left; without effect on an axle that is not steered.
+        right: (n,) or one, travels of the right wheel [m]; those of the left one when None. On a pinned axle it follows
+            by itself.
+
+    Returns:
+        Arrays over the n states, those of the wheels (n, 2): columns left and right.
 
     Raises:
         SpecError: no such axle, or a travel other than 0 of rigid wheels.

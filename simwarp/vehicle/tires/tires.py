@@ -68,10 +68,13 @@ def ground(
         asset: index among the model's height fields or meshes; one, or one for each world.
         x: origin [m], (3,) or (W, 3).
         rotation: quaternion xyzw, (4,) or (W, 4); height fields may turn about the vertical only.
-        scale: (3,) or (W, 3).
+        scale: (3,) or (W, 3) factors of the asset along its axes.
         friction_map: (rows along y, columns along x) factors of the friction; None: 1 everywhere.
         friction_origin: corner of its first cell [m].
         friction_cell: size of its cells [m].
+
+    Raises:
+        SpecError: `kind` is none of the three, or a height field is not upright.
     """
     if kind not in (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH):
         raise SpecError(f"terrain: must be a plane, a height field or a mesh, got {kind!r}")
@@ -101,9 +104,12 @@ class Tires:
         world_count: W.
         body_count: B.
         device: of the arrays.
-        friction: of the road, for all worlds until `ground_friction` is written.
+        friction: coefficient of the road, for all worlds until `ground_friction` is written.
         terrain: of `ground`; None: the plane z = 0.
         randomised: True if every world has vectors of its own in `parameter` and an entry in `ground_friction`.
+
+    Raises:
+        SpecError: two tires are on one body, or there is no such body.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ class TireContact(IntEnum):
 
 
 class Common(IntEnum):
-    """Entries of every model."""
+    """Entries at the start of every tire's parameter vector, whatever its model. SI units."""
 
     RADIUS = 0
     """Unloaded [m]."""
