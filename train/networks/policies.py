@@ -116,7 +116,7 @@ class NetworkPolicy:
 
 def reset_memory(policy: Policy, ended: torch.Tensor | None = None) -> None:
     """Reset a policy's hidden state where episodes ended, or everywhere with None; without a memory nothing happens."""
-    clear: Callable[[torch.Tensor | None], None] | None = getattr(policy, "forget", None)
+    clear: Callable[[torch.Tensor | None], None] | None = getattr(policy, "reset_memory", None)
     if clear is not None:
         clear(ended)
 

@@ -1,8 +1,8 @@
 """Scratch of kernels, declared once: named arrays of one world, kept in slots that worlds take in turn.
 
-A class of rooms says which arrays there are. From it are made the struct that device functions take (one slot's arrays
-by name), the struct of memory that kernels take, its layout, and the function that finds a slot's arrays in it. Rooms
-of one type and size share an array: kernels have a limit for the bytes of their arguments.
+A `ScratchGroup` says which arrays there are. From it are made the struct that device functions take (one slot's arrays
+by name), the struct of memory that kernels take, its layout, and the function that finds a slot's arrays in it. Arrays
+of one type and length share a block of memory: kernels have a limit for the bytes of their arguments.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def scratch_number(dtype: Any) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """Rooms that share an array, by the name of the array: (slots, rooms, ...), or (slots, ...) if there is one."""
+    """Scratch arrays that share one array of memory: (slots, arrays, ...), or (slots, ...) if there is one."""
 
     dtype: Any
     lengths: tuple[str | int, ...]
@@ -61,11 +61,11 @@ class Block:
 
 
 class ScratchGroup:
-    """Base of classes whose attributes are rooms.
+    """Base of classes whose attributes are scratch arrays.
 
     Args:
-        packed: whether rooms of one type and size share an array; else each has one of its name.
-        prefix: of the names of arrays, where several groups have rooms of one name.
+        packed: whether arrays of one type and length share one; else each has its own, of its name.
+        prefix: of the names of arrays, where several groups have arrays of one name.
 
     Attributes:
         ROOMS: by name, in the order of declaration.
@@ -81,7 +81,7 @@ class ScratchGroup:
 
     @classmethod
     def blocks(cls) -> dict[str, Block]:
-        """Return the arrays in which the rooms lie."""
+        """Return the arrays of memory by name."""
         alike: dict[tuple[Any, ...], list[str]] = {}
         for name, each in cls.ARRAYS.items():
             if each.lengths:
@@ -130,7 +130,7 @@ def memory_layouts(groups: Sequence[type[ScratchGroup]], slots: int, sizes: Any)
     Args:
         groups: of the struct.
         slots: how many worlds use it at a time.
-        sizes: its attributes are the lengths that rooms name.
+        sizes: its attributes are the lengths that arrays name.
     """
     blocks = memory_blocks(groups)
     return {name: ArrayLayout((slots, *block.shape(sizes)), block.dtype) for name, block in blocks.items()}
