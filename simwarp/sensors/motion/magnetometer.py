@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
-from simwarp.kernels.sensors.motion.gps import sample_magnetometer
+from simwarp.kernels.sensors.motion.magnetometer import sample_magnetometer
 from simwarp.model.model import Model
 from simwarp.sensors.clock import mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config

@@ -1,17 +1,14 @@
-"""Satellite receivers and magnetometers: where on the Earth the sensor is, and the Earth's field there."""
+"""Satellite receivers: where on the Earth the sensor is."""
 
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
-from simwarp.kernels.sensors.clock import ClockSettings, SampleEvents
-from simwarp.kernels.sensors.motion.geodesy import DEGREE, GeoFrame, earth_centred, geographic, local_velocity
-from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_rotation, mount_velocity
+from simwarp.kernels.sensors.clock import SampleEvents
+from simwarp.kernels.sensors.motion.geodesy import DEGREE, GeoFrame, geographic, local_velocity
+from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays, noise_elapsed, noisy
-from simwarp.kernels.sensors.vector_sensor import write_vector
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
-
-FIELD_RADIUS = wp.constant(wp.float64(6371200.0))  # reference radius of geomagnetic models [m]
 
 
 @wp.struct
@@ -69,36 +66,3 @@ def sample_gps(
         rings.position[row, axis] = float(metres[axis])
         rings.velocity_truth[row, axis] = float(v[axis])
         rings.velocity[row, axis] = float(noisy(world, axis, v[axis], elapsed, tick, velocity_noise))
-
-
-@wp.kernel
-def sample_magnetometer(
-    # inputs
-    clock: ClockSettings,
-    frame: GeoFrame,
-    pole: wp.vec3d,  # unit vector to the geomagnetic north pole, Earth-centred
-    strength: wp.float64,  # at the magnetic equator [T]
-    mount: MountArrays,
-    state: StateArrays,
-    tick: SampleEvents,
-    # in and out
-    noise: NoiseArrays,
-    sums: wp.array2d[wp.float64],
-    # outputs
-    truth: wp.array2d[float],
-    data: wp.array2d[float],
-):
-    """The field of a dipole in the Earth's centre, B = B0 (R/r)^3 (m - 3 (m . r) r) with unit vectors m, r: it points
-    to the geomagnetic north pole along the equator, and down into the ground there.
-    """
-    world = wp.tid()
-    if tick.collecting[world] == 0:
-        return
-    place = earth_centred(frame.local * mount_position(world, mount, state), frame)
-    distance = wp.length(place)
-    radial = place / distance
-    ratio = FIELD_RADIUS / distance
-    field = strength * ratio * ratio * ratio * (pole - wp.float64(3.0) * wp.dot(pole, radial) * radial)
-    field_w = wp.transpose(frame.local) * (wp.transpose(frame.axes) * field)
-    value = wp.quat_rotate_inv(mount_rotation(world, mount, state), field_w)
-    write_vector(world, 0, value, clock, tick, state, noise, sums, truth, data)
