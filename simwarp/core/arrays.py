@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from typing import Any, ClassVar, Final, TypeAlias
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, numbers, shown
+from simwarp.core.wording import close_names
 
 CONVERSIONS = {
     np.float32: "float", np.float64: "double", np.int32: "int", np.int64: "long", np.uint8: "byte", np.bool_: "bool",
@@ -254,7 +254,7 @@ class FixedAttributes:
         known = present is not None or name in dir(self)
         if known:
             raise ModelError(f"{thing}: cannot be replaced, it is fixed when the {type(self).__name__} is made")
-        near = difflib.get_close_matches(name, [each for each in vars(self) if not each.startswith("_")], n=1)
+        near = close_names(name, (each for each in vars(self) if not each.startswith("_")))
         hint = f"did you mean '{near[0]}'?" if near else "keep what is yours elsewhere"
         raise ModelError(f"{thing}: there is no such attribute; {hint}")
 
