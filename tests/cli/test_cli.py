@@ -82,7 +82,7 @@ def test_eval_says_what_the_policy_sees_and_that_full_changes_nothing(simwarp):
     told = json.loads(out)["task_config"]
     assert (code, told["obstacles"], told["obs"]) == (0, 3, "camera")
     code, _, err = simwarp("eval", "off-road", "--obs", "state", "--task.obstacles", "-3", *options)
-    assert (code, err) == (2, "simwarp: --task.obstacles must be in 0..500, got -3\n")
+    assert (code, err) == (2, "simwarp: --task.obstacles must be from 0 to 500, got -3\n")
 
 
 def test_full_works_for_a_task_that_drives_no_known_vehicle(monkeypatch, capsys):
