@@ -460,7 +460,7 @@ def test_a_tilted_field_is_an_incline():
 
 @pytest.mark.parametrize("kind", ["field", "mesh"])
 def test_sunk_bodies_come_up(kind):
-    """At the recovery speed, 0.6 m/s, and then rest on the surface."""
+    """At the depenetration velocity, 0.6 m/s, and then rest on the surface."""
     builder = ModelBuilder()
     flat_ground(builder, kind, Material(), (0.0, 0.0, 0.0))
     builder.add_solid("ball", "sphere", 0.2, mass=1.0, pose=pose((0.1, 0.2, -0.1)))

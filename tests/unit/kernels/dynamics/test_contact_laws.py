@@ -155,7 +155,7 @@ def test_slow_impacts_do_not_bounce() -> None:
     builder = ball_on_ground(Material(restitution=1.0), velocity=(0.0, 0.0, -0.1))
     sim = simulate(builder)
     sim.step()
-    assert abs(v(sim)[2]) < 1e-5  # the solver's tolerance; 0.1 m/s is less than the bounce speed
+    assert abs(v(sim)[2]) < 1e-5  # the solver's tolerance; 0.1 m/s is less than the restitution threshold
 
 
 # ---- the contact law itself ------------------------------------------------------------------------------------------
@@ -326,7 +326,7 @@ def test_cohesion_holds_a_ball_under_a_ceiling(share: float, holds: bool) -> Non
 
 @pytest.mark.parametrize("damping", [0.0, 0.05])
 def test_compliant_contact_sinks_by_its_load(damping: float) -> None:
-    compliance, mass = 1e-5, 2.0  # the sum of two materials; sinks by 0.2 mm, less than the recovery speed takes back
+    compliance, mass = 1e-5, 2.0  # the sum of two materials; sinks by 0.2 mm, less than a step takes back
     builder = ball_on_ground(Material(compliance=0.5 * compliance, damping=damping), mass=mass)
     sim = simulate(builder)
     run(sim, 0.5)
@@ -442,7 +442,7 @@ def test_a_bounce_on_a_compliant_surface_does_not_sink_in() -> None:
 
 
 def test_compliance_carries_any_load() -> None:
-    """C m g = 9.8e-4 m; a clamp at the recovery speed would cap the force and let the ball sink through."""
+    """C m g = 9.8e-4 m; a clamp at the depenetration velocity would cap the force and let the ball sink through."""
     builder = sw.ModelBuilder()
     material = Material(compliance=5e-5)
     builder.add_shape_plane(material=material)
