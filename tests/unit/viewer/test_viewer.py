@@ -167,7 +167,7 @@ def test_a_line_runs_where_a_pinhole_sees_it():
     y, x = np.nonzero(cover)
     distance = np.hypot(x[:, None] + 0.5 - column, y[:, None] + 0.5 - row).min(axis=1)
     assert distance.max() < 0.5 * 2.0 + 0.6
-    # as much ink as a band two pixels wide with two half discs, 3.4 pixels together, at its ends; pixels sample it, to 3 %
+    # as much ink as a band two pixels wide and two half discs, 3.4 pixels together, at its ends; sampled: to 3 %
     length = np.hypot(*(np.array([column[-1] - column[0], row[-1] - row[0]])))
     assert cover.sum() == pytest.approx(2.0 * length + 3.4, rel=0.03)
 
