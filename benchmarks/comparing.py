@@ -149,6 +149,7 @@ class Study:
             "device": self.device,
             "seed": seed,
             "logger": LoggerKind.CSV,
+            "threads": 1,  # equal on all machines, and several runs side by side leave each other alone
         }
         if budget.evaluations:
             common |= {"save_interval": max(1, budget.iterations // budget.evaluations), "keep_checkpoints": 0}

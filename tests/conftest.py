@@ -1,9 +1,9 @@
-"""What every test needs: quiet Warp, one numerical thread, and no CUDA test without a CUDA device."""
+"""What every test needs: quiet Warp, one thread, and no CUDA test without a CUDA device."""
 
 import os
 
 # Before NumPy and torch are imported: two test workers with a thread pool each would fight over the cores.
-for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+for _name in ("SIMWARP_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 

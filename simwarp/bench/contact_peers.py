@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib
 import importlib.metadata
 import importlib.util
 import time
@@ -25,6 +26,7 @@ from simwarp.bench.motion import STACK_TORQUE, swing_targets, twist_torques
 from simwarp.bench.mujoco_rollout import Rollout
 from simwarp.bench.timing import array_bytes, measure_speed
 from simwarp.bench.workloads import BenchScene
+from simwarp.core.threads import thread_count
 from simwarp.kernels.bench.motion import hold_swing_by_leg, write_swing
 
 Array = npt.NDArray[np.float64]
@@ -150,6 +152,54 @@ class MuJoCoRun(Rollout):
             self.mujoco.mj_forward(self.model, self.data)
             count += self.data.ncon
         return count / self.worlds
+
+
+class MjBatchRun:
+    """MuJoCo C on the threads of mjbatch, a batch at a time."""
+
+    steps_per_call = 1
+
+    def __init__(self, scene: BenchScene, start: Start, dt: float, horizon_steps: int, observed: bool) -> None:
+        import mujoco
+
+        mjbatch: Any = importlib.import_module("mjbatch")
+        model = mujoco.MjModel.from_xml_string(model_text(scene.name))
+        model.opt.timestep = dt
+        self.worlds, self.horizon_steps, self._model = len(start.time), horizon_steps, model
+        self._batch: Any = mjbatch.Batch(model, self.worlds, num_threads=thread_count())
+        self._fields = {name: self._batch.bind(name) for name in ("time", "qpos", "qvel", "ctrl", "qacc_warmstart")}
+        times = start.time[:, None] + dt * np.arange(horizon_steps)
+        self._targets = swing_targets(times, _ANT_DOFS, self.worlds, scene.variants)
+        self._start = start
+        self.restart()
+
+    def restart(self) -> None:
+        """Back to the start."""
+        for name in ("time", "qpos", "qvel"):
+            values = getattr(self._start, name)
+            self._fields[name][:] = values.reshape(self._fields[name].shape)
+        self._fields["qacc_warmstart"][:] = 0.0
+        self._turn = 0
+
+    def step(self) -> None:
+        """One step of all worlds."""
+        self._fields["ctrl"][:] = self._targets[:, self._turn % self.horizon_steps]
+        self._turn += 1
+        self._batch.step()
+
+    def wait(self) -> None:
+        """Nothing to wait for on a CPU."""
+
+    def heights(self) -> Array:
+        """(W,) of the torso [m]."""
+        return np.asarray(self._fields["qpos"][:, 2], float)
+
+    def contacts(self) -> None:
+        """None: the engine does not hand them out."""
+
+    def bytes_per_world(self) -> int:
+        """Of its state; MuJoCo's data are of the threads."""
+        return 8 * int(self._batch.nstate)
 
 
 class MuJoCoWarpRun:
@@ -280,6 +330,7 @@ Measure = Callable[[BenchScene, int, float | None, float], Row]
 
 _ENGINES: dict[str, tuple[str, type[Any], tuple[str, ...]]] = {
     "mujoco": ("mujoco", MuJoCoRun, ("ant", "stack")),
+    "mjbatch": ("mjbatch", MjBatchRun, ("ant",)),
     "mujoco_warp": ("mujoco-warp", MuJoCoWarpRun, ("ant",)),
     "newton": ("newton", NewtonRun, ("ant",)),
 }

@@ -52,6 +52,7 @@ class Row:
         valid: True if the states were sound.
         problems: reasons why not.
         split: shares of the time of a task's step.
+        threads: of a CPU that shared the worlds.
     """
 
     engine: str
@@ -79,6 +80,7 @@ class Row:
     valid: bool = False
     problems: tuple[str, ...] = ()
     split: dict[str, float] | None = None
+    threads: int = 1
 
     def take_speed(self, speed: Any) -> None:
         """Fills the rates in."""
@@ -261,7 +263,7 @@ def measure_run(name: str, worlds: int, seconds: float, make: Callable[[int], Ti
     run.set_motion()
     row.tolerance = run.sim.solver.tolerance
     with counted_launches() as launches:
-        run.sim.step()
+        single.sim.step()
     row.launches_per_step = launches.total
     run.restart()
     run.capture()

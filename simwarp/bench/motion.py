@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import warp as wp
 
 from simwarp.kernels.bench.motion import SWING, SWING_HZ, TWIST_HZ, aim_swing, hold_swing, twist
 from simwarp.simulation.simulation import Simulation
@@ -34,8 +33,8 @@ def twist_torques(time: npt.ArrayLike, torque: float, worlds: int, variants: int
 def swinging_joints(sim: Simulation, variants: int) -> Any:
     """The benchmark motion of the ant: 20 (target - q) - 1.0 qd [N·m], target = 0.3 sin(2π 1.5 Hz t + dof)."""
     state = sim.state
-    return wp.launch(
-        hold_swing, dim=sim.model.world_count, device=sim.model.device, record_cmd=True,
+    return sim.shares.record(
+        hold_swing,
         inputs=[variants, state.world_time, state.joint_q, state.joint_qd], outputs=[sim.control.joint_force],
     )  # fmt: skip
 
@@ -43,8 +42,8 @@ def swinging_joints(sim: Simulation, variants: int) -> Any:
 def swinging_drives(sim: Simulation, variants: int) -> Any:
     """The benchmark motion of the hexapod: its drives aim at 0.3 sin(2π 1.5 Hz t + dof)."""
     state = sim.state
-    return wp.launch(
-        aim_swing, dim=sim.model.world_count, device=sim.model.device, record_cmd=True,
+    return sim.shares.record(
+        aim_swing,
         inputs=[variants, state.world_time], outputs=[sim.control.joint_target_q],
     )  # fmt: skip
 
@@ -54,7 +53,7 @@ STACK_TORQUE = 1.2
 
 def twisted_bodies(sim: Simulation, variants: int) -> Any:
     """1.2 N·m sin(2π 2 Hz t) about Z on every body: a little more than friction holds in a stack of cubes."""
-    return wp.launch(
-        twist, dim=sim.model.world_count, device=sim.model.device, record_cmd=True,
+    return sim.shares.record(
+        twist,
         inputs=[variants, STACK_TORQUE, sim.state.world_time], outputs=[sim.control.body_torque],
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""MuJoCo C in motion for comparisons: worlds one after the other on one thread, with no Python in its loop."""
+"""MuJoCo C in motion for comparisons: worlds one after the other on each thread, with no Python in its loop."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from simwarp.core.threads import thread_count
 
 Array = npt.NDArray[np.float64]
 
@@ -40,7 +42,9 @@ class Rollout:
         self.mujoco: Any = mujoco
         self.model: Any = mujoco.MjModel.from_xml_string(text)
         self.model.opt.timestep = dt
+        self.threads = min(thread_count(), len(start))
         self.data = mujoco.MjData(self.model)
+        self._data = [self.data, *(mujoco.MjData(self.model) for _ in range(self.threads - 1))]
         self.worlds = len(start)
         self.steps_per_call = min(steps_per_call or max(1, MOST_STEPS // self.worlds), horizon_steps)
         self.horizon_steps = max(1, horizon_steps // self.steps_per_call)
@@ -48,7 +52,8 @@ class Rollout:
         self._start = start
         self._states = np.zeros((self.worlds, self.steps_per_call, start.shape[1]))
         self._sensors = np.zeros((self.worlds, self.steps_per_call, 0))
-        self._rollout: Any = rollout.rollout
+        # as many threads as data; with one it stays on this thread
+        self._rollout: Any = rollout.Rollout(nthread=self.threads if self.threads > 1 else 0).rollout
         self.restart()
 
     def restart(self) -> None:
@@ -59,7 +64,7 @@ class Rollout:
     def step(self) -> None:
         """`steps_per_call` steps."""
         self._rollout(
-            self.model, self.data, self.now, self.parts[self._turn % len(self.parts)], control_spec=self.spec,
+            self.model, self._data, self.now, self.parts[self._turn % len(self.parts)], control_spec=self.spec,
             nstep=self.steps_per_call, state=self._states, sensordata=self._sensors,
         )  # fmt: skip
         self._turn += 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import time
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -83,15 +83,12 @@ class RayRun:
         tables = self.scene.tables()
         inputs = [tables, self.sim.model.assets, wp.array(np.array(self.start), dtype=wp.vec3d, device=device),
                   wp.array(self.direction, dtype=wp.vec3, device=device), REACH]  # fmt: skip
-        self._place = self.scene.place(self.sim.state, tables, record=True)
-        self._cast: Any = wp.launch(
-            cast_rays, dim=shape, device=device, record_cmd=True, inputs=inputs, outputs=outputs
-        )
+        self._place = self.scene.record_place(self.sim, tables)
+        self._cast = self.sim.shares.record(cast_rays, shape[1], inputs=inputs, outputs=outputs)
 
     def step(self) -> None:
         """Places the ball, casts all rays."""
-        self._place.launch()
-        self._cast.launch()
+        self.sim.shares.run([self._place, self._cast])
 
     def restart(self) -> None:
         """Nothing moves."""
@@ -119,8 +116,10 @@ def measure_rays(name: str, worlds: int, device: str, dt: float | None, seconds:
     row = Row("simwarp", name, worlds, 0.0, compile_s=time.perf_counter() - began)
     first, second = (array_bytes(RayRun(TRIANGLES[name], count, device)) for count in (1, 2))
     row.bytes_per_world, row.bytes_shared = second - first, 2 * first - second
+    single = RayRun(TRIANGLES[name], 1, device)
+    single.step()
     with counted_launches() as launches:
-        run.step()
+        single.step()
     row.launches_per_step = launches.total
     verdicts = [run.examine()]
     if not verdicts[0].problems:

@@ -83,17 +83,13 @@ class TaskRun:
             self.wait()
             spent[part] += time.perf_counter() - start
 
-        def launch(commands: list[Any]) -> None:
-            for command in commands:
-                command.launch()
-
-        def step() -> None:
-            for _ in range(sim.substeps):
-                timed("physics", lambda: launch(sim.physics_commands))
-                timed("sensors", lambda: launch(sim.sensor_commands))
+        def advance(steps: int) -> None:
+            for _ in range(steps * sim.substeps):
+                timed("physics", lambda: sim.shares.run(sim.physics_commands))
+                timed("sensors", lambda: sim.shares.run(sim.sensor_commands))
 
         if sim is not None:
-            sim.step = step
+            sim.advance = advance
         try:
             begin = time.perf_counter()
             steps = 0
@@ -105,7 +101,7 @@ class TaskRun:
             total = time.perf_counter() - begin
         finally:
             if sim is not None:
-                del sim.step
+                del sim.advance
         shares = {part: seconds / total for part, seconds in spent.items()}
         return {
             "physics": shares["physics"], "sensors": shares["sensors"], "task": max(0.0, 1.0 - sum(shares.values())),
@@ -159,7 +155,7 @@ def measure_task(name: str, worlds: int, device: str, dt: float | None, seconds:
         check_memory(name, worlds, row.bytes_per_world, single.task.simulation.model.device)
     run = TaskRun(name, worlds, device, config)
     with counted_launches() as launches:
-        run.step()
+        single.step()
     row.launches_per_step = launches.total
     verdicts: list[Health] = []
     speed = measure_speed(run, worlds, seconds, lambda: verdicts.append(run.examine()))

@@ -13,6 +13,8 @@ from unittest import mock
 
 import warp as wp
 
+from simwarp.simulation.world_launches import WorldProgram
+
 REPEATS = 5
 _CHUNK_SECONDS = 0.05
 
@@ -112,9 +114,9 @@ class LaunchCount:
 
 @contextlib.contextmanager
 def counted_launches() -> Iterator[LaunchCount]:
-    """Counts what is launched through Warp inside the block."""
+    """Counts what is launched through Warp inside the block, as for one chunk of worlds."""
     count = LaunchCount()
-    launch, replay, graph = wp.launch, wp.Launch.launch, wp.capture_launch
+    launch, replay, graph, program = wp.launch, wp.Launch.launch, wp.capture_launch, WorldProgram.run
 
     def fresh(*args: Any, **kwargs: Any) -> Any:
         count.kernels += not kwargs.get("record_cmd", False)
@@ -128,7 +130,14 @@ def counted_launches() -> Iterator[LaunchCount]:
         count.graphs += 1
         return graph(*args, **kwargs)
 
+    def advanced(self: WorldProgram, times: int) -> None:
+        before = dataclasses.replace(count)
+        program(self, times)
+        # on a CPU a graph is but a way to launch its kernels
+        count.kernels, count.graphs = before.kernels + times * len(self.commands), before.graphs
+
     with (
+        mock.patch.object(WorldProgram, "run", advanced),
         mock.patch.object(wp, "launch", fresh),
         mock.patch.object(wp.Launch, "launch", recorded),
         mock.patch.object(wp, "capture_launch", captured),

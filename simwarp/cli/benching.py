@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from collections.abc import Sequence
 from typing import Annotated, Any, Final
 
 import tyro
@@ -15,11 +16,12 @@ from rich.table import Table
 from simwarp.bench.compiling import cold_and_warm
 from simwarp.bench.machine import describe
 from simwarp.bench.measure import Row
-from simwarp.bench.subjects import find_subject
+from simwarp.bench.subjects import Measure, find_subject
 from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, display_names
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import CommonOptions, option_value, parse_options
 from simwarp.cli.values import LARGEST_COUNT
+from simwarp.core.threads import MOST_THREADS, default_threads, thread_count
 from simwarp.model.model import resolve_device
 
 _SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
@@ -57,6 +59,8 @@ class BenchOptions(CommonOptions):
     """Observations of a task that has a choice: state or camera."""
     compile: Flag = False
     """Also measure a cold start: a new process with an empty kernel cache, then one with a filled one (slow)."""
+    threads: Annotated[str | None, tyro.conf.arg(metavar="N,N,...")] = None
+    """Numbers of CPU threads, a row each for every number of worlds; by default one thread, and all processors."""
     peers: Flag = False
     """Other engines on the same scene, where they are installed."""
 
@@ -67,7 +71,7 @@ def run(arguments: list[str]) -> int:
     subject = find_subject(name, _task_names, option_value(rest, "--obs"))
     options = parse_options(BenchOptions, rest, f"simwarp bench {name}")
     options.check()
-    worlds = _world_counts(options.worlds)
+    worlds = _counts("worlds", options.worlds, LARGEST_COUNT)
     _require_positive("dt", options.dt)
     _require_positive("seconds", options.seconds)
     if options.dt is not None and not SHORTEST_STEP <= options.dt <= LONGEST_STEP:
@@ -75,18 +79,19 @@ def run(arguments: list[str]) -> int:
     if options.seconds > LONGEST:
         raise UsageError(f"seconds must be at most {LONGEST}, got {options.seconds:g}")
     device = resolve_device(None if options.device == "auto" else options.device)
+    threads = _thread_counts(options.threads, device)
     machine = describe(device)
     console = options.console()
 
     numbers = str(device), options.dt, options.seconds
-    rows = [measure(count, *numbers) for measure in subject.measures for count in worlds]
+    rows = _rows(subject.measures, worlds, threads, numbers)
     if options.compile and subject.cold_name is not None:
         _enter_cold_start(rows, subject.cold_name, str(device))
     peers: list[Row] = []
     notes: tuple[str, ...] = ()
     if options.peers:
         notes = subject.notes
-        peers = [measure(count, *numbers) for measure in subject.peers for count in worlds]
+        peers = _rows(subject.peers, worlds, threads, numbers)
     _print(console, name, rows, peers, notes, machine)
     options.emit(
         {
@@ -123,19 +128,38 @@ def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
     raise UsageError(f"which scene? usage: simwarp bench SCENE [options]; there are: {', '.join(names)}")
 
 
-def _world_counts(text: str) -> list[int]:
+def _counts(name: str, text: str, most: int) -> list[int]:
     words = [word.strip() for word in text.split(",")]
     if not all(re.fullmatch("-?[0-9]{1,20}", word) for word in words):
-        rule = "worlds must be whole numbers with commas between, such as 1,256,1024"
+        example = "1,256,1024" if name == "worlds" else "1,2"
+        rule = f"{name} must be whole numbers with commas between, such as {example}"
         raise UsageError(f"{rule}, got '{shortened(text)}'")
     counts = [int(word) for word in words]
     if min(counts) < 1:
-        raise UsageError(f"worlds must each be at least 1, got '{shortened(text)}'")
-    if max(counts) > LARGEST_COUNT:
-        raise UsageError(f"worlds must each be at most {LARGEST_COUNT}, got '{shortened(text)}'; use fewer worlds")
+        raise UsageError(f"{name} must each be at least 1, got '{shortened(text)}'")
+    if max(counts) > most:
+        raise UsageError(f"{name} must each be at most {most}, got '{shortened(text)}'; use fewer {name}")
     if len(counts) > MOST_ROWS:
-        raise UsageError(f"worlds must be at most {MOST_ROWS} numbers, got {len(counts)}")
+        raise UsageError(f"{name} must be at most {MOST_ROWS} numbers, got {len(counts)}")
     return counts
+
+
+def _thread_counts(text: str | None, device: Any) -> list[int]:
+    """One thread and all of them, unless told; on a GPU one."""
+    if text is not None:
+        return _counts("threads", text, MOST_THREADS)
+    return [1] if device.is_cuda else sorted({1, thread_count()})
+
+
+def _rows(measures: Sequence[Measure], worlds: list[int], threads: list[int], numbers: tuple[Any, ...]) -> list[Row]:
+    """A row for every measure, number of worlds and number of threads."""
+    rows = []
+    for measure in measures:
+        for count in worlds:
+            for shared in threads:
+                with default_threads(shared):
+                    rows.append(dataclasses.replace(measure(count, *numbers), threads=shared))
+    return rows
 
 
 def _require_positive(name: str, value: float | None) -> None:
@@ -161,17 +185,23 @@ def _print(
     )
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("engine", no_wrap=True)
-    headings = ["worlds", "steps/s", "steps/CPU-s", "residual", "joints apart"]
+    headings = ["worlds", "threads", "steps/s", "steps/CPU-s", "residual", "joints apart"]
     if name in SENSOR_SCENES:
         unit = "rays" if name == "rays" else "frames"
-        headings[1:] = [f"{unit}/s", f"{unit}/CPU-s"]
+        headings[2:] = [f"{unit}/s", f"{unit}/CPU-s"]
     touching = any(row.contacts is not None for row in rows + peers)
     if touching:
-        headings[4:] = ["contacts", "iterations"]
+        headings[5:] = ["contacts", "iter."]
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows + peers:
-        cells = [f"{row.worlds:,}", _rate(row.steps_per_s), _rate(row.steps_per_cpu_s), _small(row.residual)]
+        cells = [
+            f"{row.worlds:,}",
+            str(row.threads),
+            _rate(row.steps_per_s),
+            _rate(row.steps_per_cpu_s),
+            _small(row.residual),
+        ]
         cells += [_mean(row.contacts), _mean(row.iterations)] if touching else [_small(row.position_error)]
         table.add_row(row.engine if row.scene == name else f"{row.engine} {row.scene}", *cells[: len(headings)])
     console.print(table)

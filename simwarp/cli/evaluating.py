@@ -43,6 +43,8 @@ class EvalOptions(CommonOptions):
     """Seed of the worlds, other than that of training."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
+    capture: bool = True
+    """Capture each control step into a CUDA graph; of no effect on a CPU."""
     grid: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KEY=a,b,c")] = ()
     """Evaluate for each value of a field of the task's configuration; given again, for every combination."""
     baselines: bool = True
@@ -93,6 +95,7 @@ def run(arguments: list[str]) -> int:
         device=resolve_device(options.device),
         num_envs=options.num_envs,
         baselines=options.baselines,
+        capture=options.capture,
         paths_driven=bool(options.grid) or options.plot is not None,
     )
     source = source or find_policy(name, options.checkpoint, options.runs, chosen_obs(arguments))

@@ -28,6 +28,8 @@ class PlayOptions(CommonOptions):
     """Seed of the worlds."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
+    capture: bool = True
+    """Capture each control step into a CUDA graph; of no effect on a CPU."""
     runs: Path = Path("runs")
     """Folder of the run folders."""
 
@@ -57,7 +59,10 @@ def run(arguments: list[str]) -> int:
         raise UsageError(f"num-envs must be from 1 to 64, got {options.num_envs}")
     console = options.console()
     console.print(f"building worlds of '{name}' ...", highlight=False)
-    task = make(name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task)
+    task = make(
+        name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task,
+        capture=options.capture,
+    )  # fmt: skip
     video = target.suffix.lower() in VIDEO_SUFFIXES
     policy = network_policy(source.content, task)
     film = Film(task, video)

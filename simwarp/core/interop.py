@@ -7,11 +7,16 @@ one made inside ``torch.inference_mode`` can never be written in place outside i
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, Final
 
 import torch
 import warp as wp
+
+THREADS: Final = 32
+"""Threads of a block on a GPU: a batch of worlds is small, and is to reach all of its processors."""
+_STREAMS: Final[dict[tuple[int | None, int], wp.Stream]] = {}
+"""Warp's streams over those of torch, by device and address: each is made once."""
 
 
 def to_torch(array: wp.array) -> torch.Tensor:
@@ -35,20 +40,79 @@ def from_torch(tensor: torch.Tensor, dtype: Any = None) -> wp.array:
     """
     if not tensor.is_contiguous():
         raise ValueError(f"from_torch needs a contiguous tensor, got strides {tensor.stride()}; call .contiguous()")
+    return array_over(tensor, dtype)
+
+
+def array_over(tensor: torch.Tensor, dtype: Any = None) -> wp.array:
+    """Return a Warp array over a tensor's memory, with its strides."""
+    wp.init()  # where this is the first that is asked of it
     array = wp.from_torch(tensor.detach(), dtype=dtype, requires_grad=False)
     assert isinstance(array, wp.array)  # it can also return a C struct, for callers that ask for one
     return array
 
 
+class TensorLaunch:
+    """A recorded launch of a kernel whose arguments may be torch tensors, of any strides.
+
+    Args:
+        kernel: to launch.
+        dim: of the launch.
+        arguments: of the kernel: numbers, structs, Warp arrays, and tensors; one of vectors has their components last.
+            They are kept alive.
+        device: name of the device.
+    """
+
+    HOST_STATE: ClassVar[frozenset[str]] = frozenset({"_shown"})
+    """Attributes that a launch itself does not read."""
+
+    def __init__(self, kernel: wp.Kernel, dim: int | Sequence[int], arguments: Sequence[Any], device: Any) -> None:
+        self._shown: dict[int, tuple[Any, ...]] = {}
+        self._dtypes: dict[int, Any] = {}
+        values = []
+        for index, value in enumerate(arguments):
+            if isinstance(value, torch.Tensor):
+                self._shown[index] = _memory(value)
+                kind: Any = kernel.adj.args[index].type
+                self._dtypes[index] = kind.dtype
+                value = array_over(value, self._dtypes[index])
+            values.append(value)
+        self._command: Any = wp.launch(
+            kernel, dim=dim, inputs=values, device=str(device), block_dim=THREADS, record_cmd=True
+        )  # fmt: skip
+
+    def launch(self) -> None:
+        """Launch on the arguments as they are."""
+        self._command.launch()
+
+    def on(self, *tensors: torch.Tensor) -> None:
+        """Launch with other tensors in place of the first tensors among the arguments, of the same dtypes and shapes.
+
+        The launch keeps them until it gets others; they are looked at anew only where their memory is another one.
+        """
+        for index, tensor in zip(self._shown, tensors, strict=False):
+            memory = _memory(tensor)
+            if memory != self._shown[index]:
+                self._command.set_param_at_index(index, array_over(tensor, self._dtypes[index]))
+                self._shown[index] = memory
+        self._command.launch()
+
+
+def _memory(tensor: torch.Tensor) -> tuple[Any, ...]:
+    return (tensor.data_ptr(), tensor.shape, tensor.stride())
+
+
 @contextlib.contextmanager
-def shared_stream(device: str) -> Iterator[None]:
+def shared_stream(device: str) -> Iterator[wp.Stream | None]:
     """Let Warp launch on torch's current stream of ``device``, so that both see each other's results in order.
 
-    Nothing happens on a CPU, where every launch is synchronous.
+    Gives Warp's view of the stream. Nothing happens on a CPU, where every launch is synchronous.
     """
     if not device.startswith("cuda"):
-        yield
+        yield None
         return
-    stream = wp.stream_from_torch(torch.cuda.current_stream(torch.device(device)))
-    with wp.ScopedStream(stream, sync_enter=False):
-        yield
+    current = torch.cuda.current_stream(torch.device(device))
+    key = (current.device_index, current.cuda_stream)
+    if key not in _STREAMS:
+        _STREAMS[key] = wp.stream_from_torch(current)
+    with wp.ScopedStream(_STREAMS[key], sync_enter=False):
+        yield _STREAMS[key]

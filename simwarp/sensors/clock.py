@@ -113,7 +113,7 @@ class FrameBuffer:
 
             def record(self, simulation, dt):
                 def sample():  # called once the ring has its size
-                    return [wp.launch(read_temperature, dim=simulation.model.world_count, record_cmd=True, inputs=[
+                    return [simulation.shares.record(read_temperature, inputs=[
                         self.mount, simulation.state.arrays, self.frames.tick], outputs=[self.frames.ring["data"]])]
 
                 return self.frames.record(simulation, dt, sample)
@@ -125,8 +125,9 @@ class FrameBuffer:
                 self.frames.begin(simulation, mask)
 
         @wp.kernel
-        def read_temperature(mount: MountArrays, state: StateArrays, tick: Tick, ring: wp.array[float]):
-            world = wp.tid()
+        def read_temperature(worlds: WorldRange, mount: MountArrays, state: StateArrays, tick: Tick,
+                             ring: wp.array[float]):
+            world = worlds.first + wp.tid()
             if tick.complete[world] == 1:
                 ring[tick.row[world]] = 300.0 - 0.0065 * float(mount_position(world, mount, state)[2])
 
@@ -182,7 +183,7 @@ class FrameBuffer:
         self.clock = ClockSettings()
         self.steps = ScheduleSteps(0, 0, 0)
         self.dt = 0.0
-        self._samples: list[Any] = []
+        self._beginning: list[Any] = []
 
     @property
     def timestamp(self) -> wp.array:
@@ -269,23 +270,22 @@ class FrameBuffer:
         return (steps.lag + (steps.window if self._gradual else 0)) // steps.period + 1
 
     def _record(self, simulation: StepContext, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
-        worlds, device = self.model.world_count, self.model.device
         self._set_clock(simulation, dt)
-        advance = wp.launch(
-            advance_clock, dim=worlds, device=device, record_cmd=True,
+        advance = simulation.shares.record(
+            advance_clock,
             inputs=[self.clock, simulation.state.arrays], outputs=[self._state, self.tick],
         )  # fmt: skip
-        self._samples = [*sample(), *self._publications()]
-        return [advance, *self._samples]
+        samples = [*sample(), *self._publications(simulation)]
+        begin = simulation.shares.record(
+            begin_clock, inputs=[self.valid, self.clock, simulation.state.arrays], outputs=[self._state, self.tick]
+        )
+        self._beginning = [begin, *samples]
+        return [advance, *samples]
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Resets the worlds of the (W,) bool mask and publishes a frame of their present state."""
-        wp.launch(
-            begin_clock, dim=self.model.world_count, device=self.model.device,
-            inputs=[mask, self.clock, simulation.state.arrays], outputs=[self._state, self.tick],
-        )  # fmt: skip
-        for command in self._samples:
-            command.launch()
+        self._beginning[0].use(0, mask)
+        simulation.shares.run(self._beginning)
 
     def _set_clock(self, simulation: StepContext, dt: float) -> None:
         """Rounds the schedule to sub-steps and makes room for the frames in waiting."""
@@ -304,7 +304,7 @@ class FrameBuffer:
             fresh = wp.zeros((worlds * slots, *field.shape), dtype=field.dtype, device=device) if not direct else None
             self.ring[name] = self.data[name] if fresh is None else fresh
 
-    def _publications(self) -> list[Any]:
+    def _publications(self, simulation: StepContext) -> list[Any]:
         """Launches that copy frames that are due out of the ring."""
         commands = []
         for name, ring in self.ring.items():
@@ -316,9 +316,8 @@ class FrameBuffer:
             count = size // 4 if whole else size
             threads = min(THREADS, count) if self.model.device.is_cuda else 1
             commands.append(
-                wp.launch(
-                    publish_words if whole else publish_bytes, dim=(self.model.world_count, threads),
-                    device=self.model.device, record_cmd=True,
+                simulation.shares.record(
+                    publish_words if whole else publish_bytes, threads,
                     inputs=[threads, self.tick, _rows(ring, count, whole)], outputs=[_rows(data, count, whole)],
                 )
             )  # fmt: skip

@@ -17,6 +17,7 @@ from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.instances import RayScene, place_instances
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
@@ -24,6 +25,7 @@ from simwarp.model.model import Model
 from simwarp.model.shapes import checked_size, loaded_mesh
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.interface import wanted_arrays
+from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.state import State
 
 ALL_GROUPS: Final = 0x7FFFFFFF
@@ -411,13 +413,20 @@ class Scene:
             setattr(scene, name, getattr(self, name))
         return scene
 
-    def place(self, state: State, tables: RayScene, due: wp.array | None = None, *, record: bool = False) -> Any:
+    def place(self, state: State, tables: RayScene, due: wp.array | None = None) -> None:
         """Places the instances of the worlds that are due, (W,) int32, as the state has them, for rays to follow."""
-        return wp.launch(
-            place_instances, dim=self.model.world_count, device=self.model.device, record_cmd=record,
-            inputs=[self._everyone if due is None else due, self.model.parameters, self.model.assets, state.arrays],
-            outputs=[tables],
-        )  # fmt: skip
+        inputs = [WorldRange(), *self._place_inputs(state, due)]
+        wp.launch(
+            place_instances, dim=self.model.world_count, device=self.model.device, inputs=inputs, outputs=[tables]
+        )
+
+    def record_place(self, simulation: StepContext, tables: RayScene, due: wp.array | None = None) -> Any:
+        """Records `place` as a launch of a simulation, for the worlds that are due, (W,) int32."""
+        inputs = self._place_inputs(simulation.state, due)
+        return simulation.shares.record(place_instances, inputs=inputs, outputs=[tables])
+
+    def _place_inputs(self, state: State, due: wp.array | None) -> list[Any]:
+        return [self._everyone if due is None else due, self.model.parameters, self.model.assets, state.arrays]
 
 
 def _constants(visuals: Visuals, device: Any) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from simwarp.model.model import Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics
 from simwarp.simulation.state import Control, State
+from simwarp.simulation.world_launches import WorldShares
 
 
 class StepContext(Protocol):
@@ -23,6 +24,7 @@ class StepContext(Protocol):
 
     Attributes:
         model, state, control, contacts, diagnostics: those of the Simulation.
+        shares: records launches whose worlds are shared among threads.
         substeps: sub-steps of one step.
         read_every: steps between two looks at the sensors' data.
     """
@@ -32,6 +34,7 @@ class StepContext(Protocol):
     control: Control
     contacts: Contacts
     diagnostics: Diagnostics
+    shares: WorldShares
     substeps: int
     read_every: int
 
@@ -49,7 +52,9 @@ class ForceElement(Protocol):
         ...
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """Recorded launches (`wp.launch(..., record_cmd=True)`) that come before each sub-step.
+        """Recorded launches (`simulation.shares.record`) that come before each sub-step.
+
+        Those of `wp.launch(..., record_cmd=True)` will do, but run on one thread.
 
         Args:
             simulation: the element's Simulation.
@@ -96,7 +101,7 @@ class Sensor(Protocol):
         ...
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """Recorded launches (`wp.launch(..., record_cmd=True)`) that follow each sub-step.
+        """Recorded launches (`simulation.shares.record`) that follow each sub-step, as those of a `ForceElement`.
 
         Args:
             simulation: the sensor's Simulation.

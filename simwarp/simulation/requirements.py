@@ -6,11 +6,12 @@ from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.collide import CollisionSizes, collision_layouts
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
 from simwarp.model.model import Model
+from simwarp.simulation.world_launches import WorldShares
 
 
-def scratch_slots_of(model: Model) -> int:
-    """Worlds that work at the same time: one on a CPU, whose launches are serial; all on a GPU."""
-    return model.world_count if model.device.is_cuda else 1
+def scratch_slots_of(shares: WorldShares) -> int:
+    """Places for scratch: one for each chunk of worlds, or one for each world."""
+    return shares.worlds if shares.own_slots else len(shares.ranges)
 
 
 def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes:
@@ -39,9 +40,8 @@ def collision_sizes(model: Model) -> CollisionSizes:
     )
 
 
-def step_layouts(model: Model, sizes: ScratchSizes) -> dict[str, ArrayLayout]:
-    """Scratch of a step and of collision."""
-    slots = scratch_slots_of(model)
+def step_layouts(model: Model, sizes: ScratchSizes, slots: int) -> dict[str, ArrayLayout]:
+    """Scratch of a step and of collision, in so many slots."""
     groups = {
         "scratch": scratch_layouts(slots, sizes),
         "collision": collision_layouts(slots, collision_sizes(model)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Final, NoReturn, cast
 
@@ -12,17 +13,18 @@ import warp as wp
 
 from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
+from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
 from simwarp.kernels.collision.collide import collide_worlds, make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.energy import measure_energy
 from simwarp.kernels.dynamics.world import (
-    Operation,
+    assemble_worlds,
     copy_rows,
     copy_worlds,
     flag_worlds,
     make_scratch,
-    run_worlds_kernel,
+    measure_worlds,
 )
 from simwarp.model.checks import checked_flag, whole_number
 from simwarp.model.identity import run_parts
@@ -35,6 +37,8 @@ from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, s
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
 from simwarp.simulation.state import Control, State, initial_arrays
+from simwarp.simulation.step_recording import StepArrays, record_step
+from simwarp.simulation.world_launches import WorldLaunch, WorldProgram, WorldShares, unshared
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 
@@ -61,6 +65,8 @@ class Simulation(FixedAttributes):
         sensors: cameras, inertial units and others of `simwarp.sensors`, launched after each sub-step.
         read_every: calls of `step` between two looks at the sensors' data; frames that nobody would see are not taken.
             With 1, every frame that is the latest after some `step` is there.
+        threads: of a CPU that share the worlds; None: `SIMWARP_THREADS`, else all that the process may use. Results are
+            the same bits for any number. A GPU needs one.
 
     Raises:
         ModelError: dt, substeps or read_every is not usable, two sensors have the same name, or one cannot be part of
@@ -69,7 +75,7 @@ class Simulation(FixedAttributes):
 
     FIXED: ClassVar = (
         "model", "dt", "substeps", "solver", "read_every", "elements", "sensors", "state", "control", "contacts",
-        "diagnostics", "memory", "identity",
+        "diagnostics", "memory", "identity", "shares",
     )  # fmt: skip
 
     def __init__(
@@ -83,6 +89,7 @@ class Simulation(FixedAttributes):
         elements: Sequence[ForceElement] = (),
         sensors: Sequence[Sensor] = (),
         read_every: int = 1,
+        threads: int | None = None,
     ) -> None:
         if not isinstance(model, Model):
             raise ModelError(f"Simulation: model must be a Model, got {shown(model)}; pass what finalize returned")
@@ -105,7 +112,10 @@ class Simulation(FixedAttributes):
             reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
         ]
         layouts = run_layouts(model.sizes(elements=bool(self.elements), reactions=reactions))
-        layouts |= step_layouts(model, sizes)
+        self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
+        """Records launches whose worlds are shared among threads."""
+        slots = scratch_slots_of(self.shares)
+        layouts |= step_layouts(model, sizes, slots)
         copies = sum(4 * array.size for array in element_memory)
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
         self.control = Control(model, elements=bool(self.elements))
@@ -114,24 +124,34 @@ class Simulation(FixedAttributes):
         for sensor in self.sensors:  # all of them before any belongs to this Simulation
             if hasattr(sensor, "check"):
                 sensor.check(self, self._config.dt)
-        self._kernel = run_worlds_kernel(all_solvers)
-        self._no_coordinates = wp.zeros((1, 1), dtype=wp.float32, device=model.device)
         self._all_worlds = wp.full(model.world_count, True, dtype=wp.bool, device=model.device)
-        self._scratch = make_scratch(model.device, scratch_slots_of(model), sizes)
+        self._scratch = make_scratch(model.device, slots, sizes)
         self.contacts = Contacts(model)
-        self._collision_scratch = make_collision_scratch(model.device, scratch_slots_of(model), collision_sizes(model))
+        self._collision_scratch = make_collision_scratch(model.device, slots, collision_sizes(model))
         self.state = initial_arrays(model)
-        self._launch(Operation.MEASURE, self._all_worlds)
+        self._measuring = self.shares.record(
+            measure_worlds, inputs=[self._all_worlds, model.topology, model.parameters, self._scratch],
+            outputs=[self.state.arrays],
+        )  # fmt: skip
+        self._measuring.launch()
         self._initial = State(model)
         self._initial.copy_from(self.state)
         self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
-        self.physics_commands = self._record_step()
+        self._resetting = self._record_reset()
+        self.physics_commands = self._record_step(all_solvers)
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = [launch for sensor in self.sensors for launch in sensor.record(self, self._config.dt)]
+        self._program = WorldProgram(self.shares, [*self.physics_commands, *self.sensor_commands])
         self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
         """State of force elements and sensors; `Snapshot.memory` holds a copy."""
         self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
         """Properties that a snapshot must have in common with this Simulation."""
+        self._setting = self._record_setting()
+        self._weighing = self.shares.record(
+            measure_energy, inputs=[model.topology, model.parameters, self.state.arrays],
+            outputs=[self.diagnostics.energy],
+        )  # fmt: skip
+        self._warn_of_unshared()
         self._begin_sensors(self._all_worlds)
         self._fix()
 
@@ -142,11 +162,19 @@ class Simulation(FixedAttributes):
 
     def step(self) -> None:
         """Advances every world by `dt`, in `substeps` parts. Frozen (non-finite) worlds stay as they are."""
-        for _ in range(self.substeps):
-            for command in self.physics_commands:
-                command.launch()
-            for command in self.sensor_commands:
-                command.launch()
+        self.advance(1)
+
+    def advance(self, steps: int) -> None:
+        """Advances every world by `steps` times `dt`. Threads meet once, at the end, not at every step.
+
+        Args:
+            steps: how many.
+        """
+        self._program.run(steps * self.substeps)
+
+    def program(self, before: Sequence[WorldLaunch]) -> WorldProgram:
+        """A step with launches before it (`shares.record`), to be run many times over without Python in between."""
+        return WorldProgram(self.shares, [*before, *self.substeps * self._program.commands])
 
     def reset(self, world_mask: Any = None, *, sensors: bool = True) -> None:
         """Puts the worlds of the mask (all when None) back to the model's initial state.
@@ -157,15 +185,7 @@ class Simulation(FixedAttributes):
                 `begin_sensors`.
         """
         mask = self._mask(world_mask)
-        wp.launch(
-            copy_worlds, dim=self.model.world_count, device=self.model.device,
-            inputs=[mask, self._initial.arrays], outputs=[self.state.arrays, self.contacts.arrays],
-        )  # fmt: skip
-        for present, initial in self._initial_memory:
-            wp.launch(
-                copy_rows, dim=self.model.world_count, device=self.model.device,
-                inputs=[mask, initial], outputs=[present],
-            )  # fmt: skip
+        self._run_in(mask, self._resetting)
         if sensors:
             self._begin_sensors(mask)
 
@@ -198,14 +218,12 @@ class Simulation(FixedAttributes):
         """
         shape = (self.model.world_count, self.model.dof_count)
         mask = self._mask(world_mask)
-        position = wp.clone(self.state.joint_q) if q is None else self._values("q", q, shape, mask)
-        rate = self._values("qd", np.zeros(shape, np.float32) if qd is None else qd, shape, mask)
-        self._launch(Operation.ASSEMBLE, mask, position, rate)
-        if self.model.device.is_cuda:
-            wp.launch(
-                flag_worlds, dim=self.model.world_count, device=self.model.device,
-                inputs=[mask, position, rate], outputs=[self.state.world_status],
-            )  # fmt: skip
+        position = self.state.joint_q if q is None else self._values("q", q, shape, mask)
+        rate = self._no_rates if qd is None else self._values("qd", qd, shape, mask)
+        for command, first in self._setting:
+            command.use(first, position)
+            command.use(first + 1, rate)
+        self._run_in(mask, [command for command, _ in self._setting])
         self._begin_sensors(mask)
 
     def measure(self, world_mask: Any = None, *, sensors: bool = True) -> None:
@@ -214,16 +232,13 @@ class Simulation(FixedAttributes):
         `sensors`: as in `reset`.
         """
         mask = self._mask(world_mask)
-        self._launch(Operation.MEASURE, mask)
+        self._run_in(mask, [self._measuring])
         if sensors:
             self._begin_sensors(mask)
 
     def measure_energy(self) -> wp.array:
         """`diagnostics.energy` of the present state: (W,) float64 [J], kinetic, of weights and of linear springs."""
-        wp.launch(
-            measure_energy, dim=self.model.world_count, device=self.model.device,
-            inputs=[self.model.topology, self.model.parameters, self.state.arrays], outputs=[self.diagnostics.energy],
-        )  # fmt: skip
+        self._weighing.launch()
         return self.diagnostics.energy
 
     def problems(self) -> list[str]:
@@ -298,28 +313,13 @@ class Simulation(FixedAttributes):
         config.dense_rows = self.solver.dense_rows
         return config
 
-    def _launch(
-        self, operation: Operation, mask: wp.array, q: wp.array | None = None, qd: wp.array | None = None,
-        *, record: bool = False,
-    ) -> Any:  # fmt: skip
-        q = self._no_coordinates if q is None else q
-        qd = self._no_coordinates if qd is None else qd
-        return wp.launch(
-            self._kernel, dim=self.model.world_count, device=self.model.device, record_cmd=record,
-            inputs=[
-                int(operation), self._config, self.model.topology, self.model.parameters, self.control.arrays,
-                mask, q, qd, self._scratch, self.state.arrays, self.contacts.arrays,
-            ],
-            outputs=[self.diagnostics.arrays],
-        )  # fmt: skip
-
-    def _record_step(self) -> list[Any]:
+    def _record_step(self, all_solvers: bool) -> list[Any]:
         """The physics of a step as recorded launches: a fifth of the host time of fresh ones."""
         commands = [command for part in self.elements for command in part.record(self, self._config.dt)]
         if self.model.topology.pair_count > 0:
             commands.append(
-                wp.launch(
-                    collide_worlds, dim=self.model.world_count, device=self.model.device, record_cmd=True,
+                self.shares.record(
+                    collide_worlds,
                     inputs=[
                         self._config, self.model.topology, self.model.parameters, self.model.assets,
                         self.state.arrays, self._collision_scratch,
@@ -327,9 +327,60 @@ class Simulation(FixedAttributes):
                     outputs=[self.contacts.arrays],
                 )
             )  # fmt: skip
-        commands.append(self._launch(Operation.STEP, self._all_worlds, record=True))
+        arrays = StepArrays(
+            config=self._config, topology=self.model.topology, parameters=self.model.parameters,
+            control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
+            reports=self.diagnostics.arrays, scratch=self._scratch, all_solvers=all_solvers,
+        )  # fmt: skip
+        commands += record_step(self.shares, arrays)
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
         return commands + [command for record in measuring for command in record(self, self._config.dt)]
+
+    def _record_reset(self) -> list[Any]:
+        """Launches that bring the initial state back in the worlds of the mask."""
+        state = self.shares.record(
+            copy_worlds,
+            inputs=[self._all_worlds, self._initial.arrays],
+            outputs=[self.state.arrays, self.contacts.arrays],
+        )
+        return [state] + [
+            self.shares.record(copy_rows, inputs=[self._all_worlds, initial], outputs=[present])
+            for present, initial in self._initial_memory
+        ]
+
+    def _record_setting(self) -> list[tuple[WorldLaunch, int]]:
+        """Launches that set worlds to coordinates and rates, each with the index of these inputs."""
+        self._no_rates = wp.zeros_like(self.state.joint_qd)
+        assemble = self.shares.record(
+            assemble_worlds,
+            inputs=[
+                self._all_worlds, self._config, self.model.topology, self.model.parameters, self.control.arrays,
+                self.state.joint_q, self._no_rates, self._scratch,
+            ],
+            outputs=[self.state.arrays],
+        )  # fmt: skip
+        if not self.model.device.is_cuda:
+            return [(assemble, 5)]
+        flag = self.shares.record(
+            flag_worlds, inputs=[self._all_worlds, self.state.joint_q, self._no_rates],
+            outputs=[self.state.world_status],
+        )  # fmt: skip
+        return [(assemble, 5), (flag, 1)]
+
+    def _warn_of_unshared(self) -> None:
+        names = unshared(self._program.commands)
+        if names and self.shares.threads > 1:
+            warnings.warn(
+                f"Simulation: {', '.join(names)} will run on one of {self.shares.threads} threads, as wp.launch "
+                "recorded it; record it with simulation.shares.record",
+                stacklevel=3,
+            )
+
+    def _run_in(self, mask: wp.array, commands: Sequence[WorldLaunch]) -> None:
+        """Launches for the worlds of a mask, which is the first input of each."""
+        for command in commands:
+            command.use(0, mask)
+        self.shares.run(commands)
 
     def _begin_sensors(self, mask: wp.array) -> None:
         """A frame of the present state, in worlds where somebody set it."""

@@ -152,15 +152,15 @@ class Vehicle:
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
         model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
-        inputs = wp.launch(
-            run_vehicle, dim=model.world_count, device=model.device, record_cmd=True,
+        inputs = simulation.shares.record(
+            run_vehicle,
             inputs=[dt, self._tables, self._powertrain, self.input, self.lock, model.parameters, state],
             outputs=[self._powertrain_state, self._motion, control],
         )  # fmt: skip
         if isinstance(self.tires, RigidTires):
             return [inputs, *self.tires.record(simulation)]
-        tires = wp.launch(
-            apply_tires, dim=self.tires.shape, device=model.device, record_cmd=True,
+        tires = simulation.shares.record(
+            apply_tires, self.tires.shape[1],
             inputs=[
                 dt, self.tires.tables, self.tires.parameter, self.tires.ground_friction, self.tires.terrain,
                 model.assets, state, self.tires.state, self.tires.reports,
@@ -171,12 +171,11 @@ class Vehicle:
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that measures the motion after a sub-step."""
-        model = simulation.model
         loads = self.tires.record_after(simulation) if isinstance(self.tires, RigidTires) else []
         return [
             *loads,
-            wp.launch(
-                measure_vehicle, dim=model.world_count, device=model.device, record_cmd=True,
+            simulation.shares.record(
+                measure_vehicle,
                 inputs=[dt, self._tables, simulation.state.arrays], outputs=[self._motion],
             ),
         ]  # fmt: skip

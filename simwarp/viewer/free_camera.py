@@ -11,8 +11,16 @@ import warp as wp
 
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError, Pose
-from simwarp.kernels.sensors.cameras.image import aim_freely
-from simwarp.sensors.cameras.camera import OUTPUTS, CameraConfig, camera_numbers, launch_render, lights_of, make_views
+from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.sensors.cameras.image import aim_freely, render
+from simwarp.sensors.cameras.camera import (
+    OUTPUTS,
+    CameraConfig,
+    camera_numbers,
+    lights_of,
+    make_views,
+    render_arguments,
+)
 from simwarp.sensors.cameras.image_processing import ImageProcessing
 from simwarp.sensors.cameras.lights import Lighting, Lights
 from simwarp.sensors.clock import Field, check_frames
@@ -85,13 +93,14 @@ class FreeCamera:
         self.scene.place(state, self._tables, self._due)
         wp.launch(
             aim_freely, dim=len(poses), device=self._device,
-            inputs=[self._numbers, wp.array(place, dtype=wp.vec3d, device=self._device), self._tables],
+            inputs=[WorldRange(), self._numbers, wp.array(place, dtype=wp.vec3d, device=self._device), self._tables],
             outputs=[self._views],
         )  # fmt: skip
-        launch_render(
+        inputs, outputs, parts = render_arguments(
             self._numbers, self._views, self.scene, self._tables, self.lights, self._image_processing, self._sums,
             self.outputs,
         )  # fmt: skip
+        wp.launch(render, dim=(len(poses), parts), device=self._device, inputs=[WorldRange(), *inputs], outputs=outputs)
         return self.outputs[self.config.outputs[0]].numpy().copy()
 
     def extent(self, state: State) -> npt.NDArray[np.float64]:

@@ -5,6 +5,8 @@ Worlds differ by where they are in the motion: `variants` of them are spread ove
 
 import warp as wp
 
+from simwarp.kernels.core.world_range import WorldRange
+
 wp.set_module_options({"enable_backward": False})
 
 PD_STIFFNESS = 20.0
@@ -25,20 +27,22 @@ def swing(time: wp.float64, dof: int, world: int, variants: int) -> float:
 
 @wp.kernel
 def hold_swing(
-    variants: int, world_time: wp.array[wp.float64], joint_q: wp.array2d[float], joint_qd: wp.array2d[float],
-    joint_force: wp.array2d[float],
+    worlds: WorldRange, variants: int, world_time: wp.array[wp.float64], joint_q: wp.array2d[float],
+    joint_qd: wp.array2d[float], joint_force: wp.array2d[float],
 ) -> None:  # fmt: skip
     """A PD torque towards the target on every degree of freedom."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     for dof in range(joint_q.shape[1]):
         error = swing(world_time[world], dof, world, variants) - joint_q[world, dof]
         joint_force[world, dof] = PD_STIFFNESS * error - PD_DAMPING * joint_qd[world, dof]
 
 
 @wp.kernel
-def aim_swing(variants: int, world_time: wp.array[wp.float64], joint_target_q: wp.array2d[float]) -> None:
+def aim_swing(
+    worlds: WorldRange, variants: int, world_time: wp.array[wp.float64], joint_target_q: wp.array2d[float]
+) -> None:
     """The targets for drives in the joints."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     for dof in range(joint_target_q.shape[1]):
         joint_target_q[world, dof] = swing(world_time[world], dof, world, variants)
 
@@ -67,10 +71,10 @@ def hold_swing_by_leg(
 
 @wp.kernel
 def twist(
-    variants: int, torque: float, world_time: wp.array[wp.float64], body_torque: wp.array2d[wp.vec3]
+    worlds: WorldRange, variants: int, torque: float, world_time: wp.array[wp.float64], body_torque: wp.array2d[wp.vec3]
 ) -> None:  # fmt: skip
     """A torque about Z on every body: a sine of 2 Hz, the same for all bodies of a world."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     turns = wp.float64(TWIST_HZ) * world_time[world]
     turns = turns - wp.floor(turns)
     phase = 2.0 * wp.pi * (float(turns) + float(world % variants) / float(variants))

@@ -32,6 +32,7 @@ from simwarp.kernels.core.scratch import (
 )
 from simwarp.kernels.core.spatial import contact_frame, matrix_to_float, to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
+from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -408,6 +409,7 @@ def collide_world(
 @wp.kernel(enable_backward=False)
 def collide_worlds(
     # inputs
+    worlds: WorldRange,
     config: StepConfig,
     topology: Topology,
     parameters: Parameters,
@@ -418,10 +420,10 @@ def collide_worlds(
     contacts: ContactArrays,
 ):
     """Finds the contacts of all worlds that are not frozen."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
-    scratch_slot = world_row(world, scratch.x.shape[0])
+    scratch_slot = scratch_slot_of(world, worlds)
     collide_world(
         world,
         scratch_slot,

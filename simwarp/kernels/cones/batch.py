@@ -137,6 +137,7 @@ def pack_cones(index: int, scratch_slot: int, batch: BatchInput, scratch: BatchS
     problem.dense = 1
     problem.tree_dof_count = 0
     problem.loop_count = 0
+    problem.rolling_count = 0
     problem.block_row = batch.block_row
     problem.block_kind = batch.block_kind
     problem.friction = batch.friction[index]

@@ -6,15 +6,10 @@ a velocity [m/s or rad/s]. Blocks that nothing moves (zero diagonal) keep the pr
 
 import warp as wp
 
-from simwarp.kernels.cones.problem import (
-    BOX,
-    CONTACT,
-    EXACT,
-    R_EFF,
-    WEIGHT,
-    ConeProblem,
-)
-from simwarp.kernels.cones.projection import joint_projection_normal, project_contact, shortened, slopes_of
+from simwarp.core.types import BlockKind, FrictionLaw
+from simwarp.kernels.cones.problem import EXACT, R_EFF, ROLLING, WEIGHT, ConeProblem
+from simwarp.kernels.cones.projection import NEAREST_IN_CONE, joint_projection_normal, shortened, slopes_of
+from simwarp.kernels.cones.sparse_rows import add_rows, subtract_loops, sum_rows
 
 wp.set_module_options({"enable_backward": False})
 
@@ -124,21 +119,24 @@ def multiply_wide(n: int, s: wp.array2d[float], wide: wp.array2d[wp.float64], so
 
 @wp.func
 def multiply_free(problem: ConeProblem, source: int, target: int) -> float:
-    """vectors[target] <- (Y Y^T - W W^T + compliance) vectors[source]. Returns their product."""
+    """vectors[target] <- (Y Y^T - W W^T + compliance) vectors[source]. Returns their product.
+
+    `tree_dof_sum` and `loop_sum` keep Y^T and W^T of the source.
+    """
     for tree_dof in range(problem.tree_dof_count):
         problem.tree_dof_sum[tree_dof] = 0.0
-    for k in range(problem.loop_count):
-        problem.loop_sum[k] = 0.0
-    for block in range(problem.block_count):
-        for row in range(problem.block_row[block], problem.block_row[block + 1]):
-            add_row(problem, block, row, problem.vectors[source, row])
-    dot = float(0.0)
-    for block in range(problem.block_count):
-        for row in range(problem.block_row[block], problem.block_row[block + 1]):
-            value = problem.vectors[source, row]
-            total = problem.compliance[row] * value + row_sum(problem, block, row)
-            problem.vectors[target, row] = total
-            dot += total * value
+    x = problem.vectors[source]
+    ax = problem.vectors[target]
+    add_rows(
+        problem.block_count, problem.block_row, problem.block_entries, problem.block_tree_dof, problem.y, x,
+        problem.tree_dof_sum,
+    )  # fmt: skip
+    dot = sum_rows(
+        problem.block_count, problem.block_row, problem.block_entries, problem.block_tree_dof, problem.y,
+        problem.compliance, problem.tree_dof_sum, x, ax,
+    )  # fmt: skip
+    if problem.loop_count > 0:
+        dot -= subtract_loops(problem.row_count, problem.loop_count, problem.w, x, problem.loop_sum, ax)
     return dot
 
 
@@ -213,45 +211,84 @@ def start_from_gamma(problem: ConeProblem, target: int):
         problem.vectors[target, row] = start
 
 
-@wp.func
+SLIDING = """
+    auto sliding = [](float t1, float t2, float bound) {
+        return t1 * t1 + t2 * t2 < 0.99f * bound * bound ? 0.0f : 1.0f;
+    };
+"""
+
+
+@wp.func_native(SLIDING + "return sliding(t1, t2, bound);")
 def sliding(t1: float, t2: float, bound: float) -> float:
     """1 where a tangential impulse is at its bound, else 0: what sticks has no sliding speed in the end, and that of
     the iterates is noise, which De Saxcé's term would carry into the normal rows (ten times the iterations of a stack).
     """
-    return wp.where(t1 * t1 + t2 * t2 < 0.99 * bound * bound, 0.0, 1.0)
+    ...
 
 
-@wp.func
-def contact_residual(
-    problem: ConeProblem, block: int, row: int, x: int, ax: int, friction_law: int, shift: int
-) -> float:
-    """Squared residual of a CONTACT block; with `shift`, De Saxcé's term at these velocities goes to R_EFF."""
-    un = problem.vectors[ax, row] + problem.r[row]
-    u1 = problem.vectors[ax, row + 1] + problem.r[row + 1]
-    u2 = problem.vectors[ax, row + 2] + problem.r[row + 2]
-    friction = problem.friction[block]
-    if friction_law == EXACT:
-        term = friction * wp.sqrt(u1 * u1 + u2 * u2)
-        un += term
-        if shift == 1:
-            slide = sliding(
-                problem.vectors[x, row + 1], problem.vectors[x, row + 2],
-                friction * (problem.vectors[x, row] + problem.cohesion[block]),
-            )  # fmt: skip
-            problem.vectors[R_EFF, row] = problem.r[row] + slide * term
-    mean = (problem.diagonal[row] + problem.diagonal[row + 1] + problem.diagonal[row + 2]) * (1.0 / 3.0)
-    gamma = wp.vec3(problem.vectors[x, row], problem.vectors[x, row + 1], problem.vectors[x, row + 2])
-    inverse = 1.0 / mean
-    moved = wp.vec3(gamma[0] - un * inverse, gamma[1] - u1 * inverse, gamma[2] - u2 * inverse)
-    gap = gamma - project_contact(moved, friction, problem.cohesion[block])
-    return mean * mean * wp.dot(gap, gap)
+@wp.func_native(
+    f"""
+    constexpr int BOX = {int(BlockKind.BOX)}, CONTACT = {int(BlockKind.CONTACT)};
+    constexpr int EXACT = {int(FrictionLaw.EXACT)};
+"""
+    + NEAREST_IN_CONE
+    + SLIDING
+    + """
+    const size_t pitch = vectors.strides[0] / sizeof(float);
+    const float* __restrict__ x = vectors.data + source * pitch;
+    const float* __restrict__ ax = vectors.data + product * pitch;
+    float* __restrict__ r_eff = vectors.data + 3 * pitch;
+    const float* __restrict__ free = r.data;
+    float worst = 0.0f, poison = 0.0f;
+    for (int b = 0; b < blocks; ++b) {
+        const int row = block_row.data[b], kind = block_kind.data[b];
+        if (!(scale.data[row] > 0.0f)) continue;
+        float square;
+        if (kind == CONTACT) {
+            const float slope = friction.data[b], apex = cohesion.data[b];
+            float un = ax[row] + free[row];
+            const float u1 = ax[row + 1] + free[row + 1], u2 = ax[row + 2] + free[row + 2];
+            if (friction_law == EXACT) {
+                const float term = slope * sqrtf(u1 * u1 + u2 * u2);
+                un += term;
+                if (shift == 1)
+                    r_eff[row] = free[row] + sliding(x[row + 1], x[row + 2], slope * (x[row] + apex)) * term;
+            }
+            const float mean = (diagonal.data[row] + diagonal.data[row + 1] + diagonal.data[row + 2]) * (1.0f / 3.0f);
+            const float inverse = 1.0f / mean;
+            float q[3];
+            nearest_in_cone(
+                x[row] - un * inverse, x[row + 1] - u1 * inverse, x[row + 2] - u2 * inverse, slope, apex, q);
+            const float d0 = x[row] - q[0], d1 = x[row + 1] - q[1], d2 = x[row + 2] - q[2];
+            square = mean * mean * (d0 * d0 + d1 * d1 + d2 * d2);
+        } else if (kind == BOX) {
+            const float moved = x[row] - (ax[row] + free[row]) / diagonal.data[row];
+            const float gap = diagonal.data[row] * (x[row] - wp::clamp(moved, lower.data[row], upper.data[row]));
+            square = gap * gap;
+        } else {
+            continue;
+        }
+        worst = square > worst ? square : worst;
+        poison += 0.0f * square;
+    }
+    return worst + poison;
+"""
+)
+def native_residual(
+    blocks: int, block_row: wp.array[int], block_kind: wp.array[int], friction: wp.array[float],
+    cohesion: wp.array[float], lower: wp.array[float], upper: wp.array[float], r: wp.array[float],
+    diagonal: wp.array[float], scale: wp.array[float], vectors: wp.array2d[float], source: int, product: int,
+    friction_law: int, shift: int,
+) -> float:  # fmt: skip
+    """Greatest squared residual of the BOX and CONTACT blocks, see `natural_residual`; NaN if one is not finite."""
+    ...
 
 
 @wp.func
 def rolling_residual(
     problem: ConeProblem, block: int, row: int, x: int, ax: int, friction_law: int, shift: int
 ) -> float:
-    """Squared residual of a ROLLING block, as `contact_residual`."""
+    """Squared residual of a ROLLING block, as the native ones."""
     slopes = slopes_of(problem, block)
     cohesion = problem.cohesion[block]
     u0 = problem.vectors[ax, row] + problem.r[row]
@@ -303,24 +340,17 @@ def natural_residual(problem: ConeProblem, x: int, ax: int, friction_law: int, s
 
     With `shift` = 1 and the exact law, R_EFF gets De Saxcé's term at these velocities.
     """
-    worst = float(0.0)
-    poison = float(0.0)
-    for block in range(problem.block_count):
-        row = problem.block_row[block]
-        kind = problem.block_kind[block]
-        if problem.scale[row] > 0.0:
-            square = float(0.0)
-            if kind == CONTACT:
-                square = contact_residual(problem, block, row, x, ax, friction_law, shift)
-            elif kind == BOX:
-                diagonal = problem.diagonal[row]
-                gamma = problem.vectors[x, row]
-                moved = gamma - (problem.vectors[ax, row] + problem.r[row]) / diagonal
-                gap = diagonal * (gamma - wp.clamp(moved, problem.lower[row], problem.upper[row]))
-                square = gap * gap
-            else:
+    worst = native_residual(
+        problem.block_count, problem.block_row, problem.block_kind, problem.friction, problem.cohesion, problem.lower,
+        problem.upper, problem.r, problem.diagonal, problem.scale, problem.vectors, x, ax, friction_law, shift,
+    )  # fmt: skip
+    poison = 0.0 * worst
+    if problem.rolling_count > 0:
+        for block in range(problem.block_count):
+            row = problem.block_row[block]
+            if problem.block_kind[block] == ROLLING and problem.scale[row] > 0.0:
                 square = rolling_residual(problem, block, row, x, ax, friction_law, shift)
-            worst = wp.max(worst, square)
-            # A NaN or infinity stays, whatever max() does with it.
-            poison += 0.0 * square
+                worst = wp.max(worst, square)
+                # A NaN or infinity stays, whatever max() does with it.
+                poison += 0.0 * square
     return wp.sqrt(worst) + poison

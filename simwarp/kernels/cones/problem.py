@@ -7,6 +7,7 @@ with u = S gamma + r the velocities [m/s or rad/s] and gamma the impulses [N·s 
 import warp as wp
 
 from simwarp.core.types import BlockKind, FrictionLaw
+from simwarp.kernels.cones.sparse_rows import GROUP
 from simwarp.kernels.core.scratch import ScratchGroup, scratch_array, scratch_number
 
 wp.set_module_options({"enable_backward": False})
@@ -44,6 +45,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     dense = scratch_number(int)
     tree_dof_count = scratch_number(int)
     loop_count = scratch_number(int)
+    rolling_count = scratch_number(int)  # ROLLING blocks
 
     block_row = scratch_array(wp.int32, "block_ends")  # first row of each block, and the total at the end
     block_kind = scratch_array(wp.int32, "block_ends")  # BlockKind
@@ -68,6 +70,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
 
     tree_dof_sum = scratch_array(wp.float32, "tree_dofs")
     loop_sum = scratch_array(wp.float32, "rows")
+    spread = scratch_array(wp.float32, "tree_dofs", GROUP)
     vectors = scratch_array(wp.float32, SOLVER_VECTORS, "cone_rows")
     factor = scratch_array(wp.float32, "factor_rows", "factor_rows")  # of solvers that factorise
     wide = scratch_array(wp.float64, WIDE_VECTORS, "factor_rows")  # of the interior point

@@ -6,24 +6,57 @@ the contact, so that the six rows are projected together: one cone after another
 
 import warp as wp
 
-from simwarp.kernels.cones.problem import BOX, CONTACT, ConeProblem
+from simwarp.core.types import BlockKind
+from simwarp.kernels.cones.problem import ROLLING, ConeProblem
 
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.func
-def project_contact(p: wp.vec3, friction: float, cohesion: float) -> wp.vec3:
-    """The point nearest to p = (n, t1, t2) [N·s] with |t| <= friction (n + cohesion)."""
-    n = p[0] + cohesion
-    square = p[1] * p[1] + p[2] * p[2]
-    # Compared as squares: only sliding needs the root.
-    if n <= 0.0 and friction * friction * square <= n * n:
-        return wp.vec3(-cohesion, 0.0, 0.0)
-    if n >= 0.0 and square <= friction * friction * n * n:
-        return p
-    t = wp.sqrt(square)
-    pull = (n + friction * t) / (t * (1.0 + friction * friction))
-    return wp.vec3(pull * t - cohesion, friction * pull * p[1], friction * pull * p[2])
+NEAREST_IN_CONE = """
+    // Compared as squares: only sliding needs the root.
+    auto nearest_in_cone = [](float n, float t1, float t2, float slope, float apex, float* q) {
+        const float m = n + apex;
+        const float square = t1 * t1 + t2 * t2;
+        q[0] = n;
+        q[1] = t1;
+        q[2] = t2;
+        if (m <= 0.0f && slope * slope * square <= m * m) {
+            q[0] = -apex;
+            q[1] = q[2] = 0.0f;
+        } else if (!(m >= 0.0f && square <= slope * slope * m * m)) {
+            const float t = sqrtf(square);
+            const float pull = (m + slope * t) / (t * (1.0f + slope * slope));
+            q[0] = pull * t - apex;
+            q[1] = slope * pull * t1;
+            q[2] = slope * pull * t2;
+        }
+    };
+"""
+"""C++: q <- the point nearest to (n, t1, t2) [N·s] with |t| <= slope (n + apex), `apex` the cohesion."""
+
+
+@wp.func_native(
+    f"""
+    constexpr int BOX = {int(BlockKind.BOX)}, CONTACT = {int(BlockKind.CONTACT)};
+"""
+    + NEAREST_IN_CONE
+    + """
+    float* __restrict__ x = values.data;
+    for (int b = first; b < end; ++b) {
+        const int row = block_row.data[b], kind = block_kind.data[b];
+        if (kind == CONTACT)
+            nearest_in_cone(x[row], x[row + 1], x[row + 2], friction.data[b], cohesion.data[b], x + row);
+        else if (kind == BOX)
+            x[row] = wp::clamp(x[row], lower.data[row], upper.data[row]);
+    }
+"""
+)
+def project_simple(
+    first: int, end: int, block_row: wp.array[int], block_kind: wp.array[int], friction: wp.array[float],
+    cohesion: wp.array[float], lower: wp.array[float], upper: wp.array[float], values: wp.array[float],
+):  # fmt: skip
+    """The rows of the BOX and CONTACT blocks in first..end-1 <- their projection."""
+    ...
 
 
 @wp.func
@@ -85,24 +118,19 @@ def slopes_of(problem: ConeProblem, block: int) -> wp.vec3:
 
 
 @wp.func
-def project_block(problem: ConeProblem, values: wp.array[float], block: int):
-    """The rows of one block in `values` <- their projection onto the block's set."""
-    row = problem.block_row[block]
-    kind = problem.block_kind[block]
-    if kind == CONTACT:
-        p = wp.vec3(values[row], values[row + 1], values[row + 2])
-        q = project_contact(p, problem.friction[block], problem.cohesion[block])
-        values[row] = q[0]
-        values[row + 1] = q[1]
-        values[row + 2] = q[2]
-    elif kind == BOX:
-        values[row] = wp.clamp(values[row], problem.lower[row], problem.upper[row])
-    else:
-        project_rolling(values, row, slopes_of(problem, block), problem.cohesion[block])
+def project_blocks(problem: ConeProblem, values: wp.array[float], first: int, end: int):
+    """The rows of the blocks first..end-1 in `values` <- their projection onto the blocks' sets."""
+    project_simple(
+        first, end, problem.block_row, problem.block_kind, problem.friction, problem.cohesion, problem.lower,
+        problem.upper, values,
+    )  # fmt: skip
+    if problem.rolling_count > 0:
+        for block in range(first, end):
+            if problem.block_kind[block] == ROLLING:
+                project_rolling(values, problem.block_row[block], slopes_of(problem, block), problem.cohesion[block])
 
 
 @wp.func
 def project_all(problem: ConeProblem, values: wp.array[float]):
     """All rows of `values` <- their projection."""
-    for block in range(problem.block_count):
-        project_block(problem, values, block)
+    project_blocks(problem, values, 0, problem.block_count)

@@ -15,7 +15,7 @@ from simwarp.kernels.cones.operator import (
     start_from_gamma,
 )
 from simwarp.kernels.cones.problem import AX, BEST, BOX, EXACT, LOW, ConeConfig, ConeProblem, SolveReport, X
-from simwarp.kernels.cones.projection import project_all, project_block
+from simwarp.kernels.cones.projection import project_all, project_blocks
 from simwarp.kernels.cones.vectors import copy, dot_row_vector
 
 wp.set_module_options({"enable_backward": False})
@@ -99,7 +99,7 @@ def sweep(problem: ConeProblem, friction_law: int):
             for row in range(first, last):
                 problem.vectors[OLD, row] = values[row]
                 values[row] = values[row] - problem.vectors[STEP, row] * problem.vectors[AX, row]
-            project_block(problem, values, block)
+            project_blocks(problem, values, block, block + 1)
             if problem.dense == 0:
                 for row in range(first, last):
                     add_row(problem, block, row, values[row] - problem.vectors[OLD, row])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import linecache
+import math
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -16,6 +17,9 @@ import warp as wp
 
 from simwarp.core.fields import type_name
 from simwarp.core.types import ArrayLayout
+
+LINES = 128
+"""Bytes of a pair of cache lines."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,11 +141,31 @@ def memory_layouts(groups: Sequence[type[ScratchGroup]], slots: int, sizes: Any)
 
 
 def make_memory(struct: Any, layouts: dict[str, ArrayLayout], device: Any) -> Any:
-    """Allocate a `memory_struct`, zero."""
+    """Allocate a `memory_struct`, zero.
+
+    Slots of a CPU, which threads write side by side, share no cache line.
+    """
     memory = struct()
     for name, layout in layouts.items():
-        setattr(memory, name, wp.zeros(layout.shape, dtype=layout.dtype, device=device))
+        apart = layout.shape[0] > 1 and not wp.get_device(device).is_cuda
+        make = _slots_apart if apart else wp.zeros
+        setattr(memory, name, make(layout.shape, dtype=layout.dtype, device=device))
     return memory
+
+
+def _slots_apart(shape: tuple[int, ...], *, dtype: Any, device: Any) -> Any:
+    """Zeros whose first axis moves by whole pairs of cache lines, as processors fetch them."""
+    size = int(wp.types.type_size_in_bytes(dtype))
+    lengths = list(shape[1:])
+    strides = [size * math.prod(lengths[axis + 1 :]) for axis in range(len(lengths))]
+    pitch = -(-size * math.prod(lengths) // LINES) * LINES
+    memory = wp.zeros((shape[0] + 1) * pitch, dtype=wp.uint8, device=device)
+    start = -(-int(memory.ptr) // LINES) * LINES
+    slots: Any = wp.array(
+        ptr=start, dtype=dtype, shape=shape, strides=(pitch, *strides), capacity=shape[0] * pitch, device=device
+    )
+    slots.memory = memory  # lives as long as it
+    return slots
 
 
 def slot_function(name: str, module: str, group: type[ScratchGroup], struct: Any, memory: Any) -> Any:

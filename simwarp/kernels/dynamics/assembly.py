@@ -11,6 +11,7 @@ from simwarp.kernels.dynamics.bilateral_rows import (
     coupling_row,
     dof_rate,
     loop_joint_rows,
+    loop_responses,
     rows_residual,
 )
 from simwarp.kernels.dynamics.bodies import load_bodies, load_poses, load_tree_dofs, publish_coordinates, publish_poses
@@ -170,6 +171,7 @@ def factor_at_poses(
     factor_tree(topology, work)
     for index in range(topology.loop_joint_count):
         loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work)
+    loop_responses(topology, work)
     for coupling in range(topology.row_count - topology.joint_row_count):
         coupling_row(coupling, world, dt, topology, parameters, state, config, work)
     factor_rows(topology, config.pivot_tolerance, work)

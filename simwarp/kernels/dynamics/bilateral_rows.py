@@ -163,7 +163,7 @@ def loop_joint_rows(
     index: int, world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work,
 ) -> float:  # fmt: skip
-    """Jacobians, right-hand sides and responses of one loop joint's rows; returns its largest violation."""
+    """Wrenches and right-hand sides of one loop joint's rows; returns its largest violation."""
     joint = topology.loop_joint[index]
     frames = joint_frames(joint, world, topology, parameters, work)
     link0 = link_of(topology.joint_body0[joint], topology)
@@ -205,10 +205,26 @@ def loop_joint_rows(
         work.row_scale[row] = free_mobility(
             topology.joint_body0[joint], world, geometry.w0, parameters
         ) + free_mobility(topology.joint_body1[joint], world, geometry.w1, parameters)
-        for entry in range(topology.row_path[row], topology.row_path[row + 1]):
-            work.y[row, topology.path_tree_dof[entry]] = 0.0
-        walk_to_root(row, link0, geometry.w0, link1, geometry.w1, topology, work, work.y)
     return violation
+
+
+@wp.func
+def loop_responses(topology: Topology, work: Work):
+    """Y of the rows of loop joints, whose wrenches are there: what they move."""
+    for index in range(topology.loop_joint_count):
+        joint = topology.loop_joint[index]
+        link0 = link_of(topology.joint_body0[joint], topology)
+        link1 = link_of(topology.joint_body1[joint], topology)
+        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+            for entry in range(topology.row_path[row], topology.row_path[row + 1]):
+                work.y[row, topology.path_tree_dof[entry]] = 0.0
+            w0 = Wrench()
+            w0.ang = work.j0_ang[row]
+            w0.lin = work.j0_lin[row]
+            w1 = Wrench()
+            w1.ang = work.j1_ang[row]
+            w1.lin = work.j1_lin[row]
+            walk_to_root(row, link0, w0, link1, w1, topology, work, work.y)
 
 
 @wp.func

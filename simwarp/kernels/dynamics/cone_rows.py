@@ -5,6 +5,7 @@ complement S = Y Y^T - W W^T + C of everything bilateral.
 import warp as wp
 
 from simwarp.kernels.cones.problem import ConeProblem
+from simwarp.kernels.cones.sparse_rows import add_rows, finish_gram, form_gram
 from simwarp.kernels.core.tables import Topology, Work
 from simwarp.kernels.dynamics.bilateral_rows import apply_rows
 from simwarp.kernels.dynamics.dense_rows import solve_rows_backward, solve_rows_forward
@@ -169,70 +170,19 @@ def loop_share(block: int, row: int, count: int, topology: Topology, work: Work,
 
 
 @wp.func
-def gram(r: int, c: int, other: int, entries: int, cone: ConeProblem) -> float:
-    """y_r . y_c, with y_r spread out in `tree_dof_sum`."""
-    total = float(0.0)
-    for e in range(entries):
-        total += cone.y[c, e] * cone.tree_dof_sum[cone.block_tree_dof[other, e]]
-    return total
-
-
-@wp.func
-def gram3(c: int, other: int, entries: int, cone: ConeProblem) -> wp.vec3:
-    """y_r . y of three rows from c on."""
-    total = wp.vec3()
-    for e in range(entries):
-        value = cone.tree_dof_sum[cone.block_tree_dof[other, e]]
-        total += wp.vec3(cone.y[c, e], cone.y[c + 1, e], cone.y[c + 2, e]) * value
-    return total
-
-
-@wp.func
 def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
-    """The dense S = Y Y^T - W W^T + C. `tree_dof_sum` is zero before and after."""
-    for block in range(blocks):
-        entries = cone.block_entries[block]
-        for r in range(cone.block_row[block], cone.block_row[block + 1]):
-            for e in range(entries):
-                cone.tree_dof_sum[cone.block_tree_dof[block, e]] = cone.y[r, e]
-            for other in range(block + 1):
-                other_entries = cone.block_entries[other]
-                first = cone.block_row[other]
-                end = cone.block_row[other + 1]
-                c = int(first)
-                while c + 2 < end:
-                    total = gram3(c, other, other_entries, cone)
-                    for i in range(3):
-                        cone.s[r, c + i] = total[i]
-                        cone.s[c + i, r] = total[i]
-                    c += 3
-                if c < end:
-                    total1 = gram(r, c, other, other_entries, cone)
-                    cone.s[r, c] = total1
-                    cone.s[c, r] = total1
-            for e in range(entries):
-                cone.tree_dof_sum[cone.block_tree_dof[block, e]] = 0.0
-    for r in range(cone.block_row[blocks]):
-        if topology.row_count > 0:
-            for c in range(r + 1):
-                total2 = float(0.0)
-                for loop_row in range(topology.row_count):
-                    total2 += cone.w[r, loop_row] * cone.w[c, loop_row]
-                cone.s[r, c] = cone.s[r, c] - total2
-                cone.s[c, r] = cone.s[r, c]
-        cone.s[r, r] = cone.s[r, r] + cone.compliance[r]
+    """The dense S = Y Y^T - W W^T + C."""
+    form_gram(
+        blocks, topology.tree_dof_count, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.spread,
+        cone.s,
+    )  # fmt: skip
+    finish_gram(cone.block_row[blocks], topology.row_count, cone.w, cone.compliance, cone.s)
 
 
 @wp.func
 def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
     """Impulses of the blocks and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
-    for block in range(blocks):
-        entries = cone.block_entries[block]
-        for r in range(cone.block_row[block], cone.block_row[block + 1]):
-            gamma = cone.gamma[r]
-            for e in range(entries):
-                tree_dof = cone.block_tree_dof[block, e]
-                work.xi[tree_dof] = work.xi[tree_dof] + cone.y[r, e] * gamma
+    add_rows(blocks, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.gamma, work.xi)
     if topology.row_count > 0:
         for row in range(topology.row_count):
             total = float(0.0)

@@ -19,7 +19,16 @@ def padded(count: int) -> int:
     return (count + BLOCK - 1) // BLOCK * BLOCK
 
 
-@wp.func_native("""
+_LANES = """
+#ifndef __CUDA_ARCH__
+    typedef float lanes8 __attribute__((ext_vector_type(8), aligned(4)));
+#endif
+"""
+
+
+@wp.func_native(
+    _LANES
+    + """
     const int pitch = n.strides[0] / (int)sizeof(float);
     const int tree_dofs_pitch = y.strides[0] / (int)sizeof(float);
     float* __restrict__ a = n.data;
@@ -31,21 +40,42 @@ def padded(count: int) -> int:
             t[tree_dof.data[e] * pitch + r] = y.data[r * tree_dofs_pitch + tree_dof.data[e]];
     for (int r = 0; r < count; ++r) {
         float* __restrict__ row = a + r * pitch;
-        for (int k = 0; k <= r; k += 8)
-            for (int j = 0; j < 8; ++j)
-                row[k + j] = 0.0f;
-        for (int e = path.data[r]; e < path.data[r + 1]; ++e) {
-            const float f = y.data[r * tree_dofs_pitch + tree_dof.data[e]];
-            const float* __restrict__ other = t + tree_dof.data[e] * pitch;
-            for (int k = 0; k <= r; k += 8)
-                for (int j = 0; j < 8; ++j)
-                    row[k + j] += f * other[k + j];
+        const float* __restrict__ mine = y.data + r * tree_dofs_pitch;
+#ifndef __CUDA_ARCH__
+        int k = 0;
+        for (; k + 8 <= r; k += 16) {
+            lanes8 low = 0.0f, high = 0.0f;
+            for (int e = path.data[r]; e < path.data[r + 1]; ++e) {
+                const int dof = tree_dof.data[e];
+                const float* __restrict__ other = t + dof * pitch + k;
+                low += *(const lanes8*)other * mine[dof];
+                high += *(const lanes8*)(other + 8) * mine[dof];
+            }
+            *(lanes8*)(row + k) = low;
+            *(lanes8*)(row + k + 8) = high;
         }
+        if (k <= r) {
+            lanes8 low = 0.0f;
+            for (int e = path.data[r]; e < path.data[r + 1]; ++e) {
+                const int dof = tree_dof.data[e];
+                low += *(const lanes8*)(t + dof * pitch + k) * mine[dof];
+            }
+            *(lanes8*)(row + k) = low;
+        }
+#else
+        for (int k = 0; k <= r; ++k) {
+            float total = 0.0f;
+            for (int e = path.data[r]; e < path.data[r + 1]; ++e)
+                total += t[tree_dof.data[e] * pitch + k] * mine[tree_dof.data[e]];
+            row[k] = total;
+        }
+#endif
         row[r] += compliance.data[r];
         if (row[r] > scale.data[r])
             scale.data[r] = row[r];
     }
-""")
+"""
+)
 def assemble(
     count: int, tree_dofs: int, path: wp.array[int], tree_dof: wp.array[int], y: wp.array2d[float],
     compliance: wp.array[float], y_t: wp.array2d[float], n: wp.array2d[float], scale: wp.array[float],
@@ -54,7 +84,9 @@ def assemble(
     ...
 
 
-@wp.func_native("""
+@wp.func_native(
+    _LANES
+    + """
     const int pitch = n.strides[0] / (int)sizeof(float);
     float* __restrict__ a = n.data;
     float* __restrict__ t = work.data;
@@ -75,12 +107,17 @@ def assemble(
             if (f == 0.0f)
                 continue;
             float* __restrict__ row = a + r * pitch;
+#ifndef __CUDA_ARCH__
             for (int k = (c + 1) & ~7; k <= r; k += 8)
-                for (int j = 0; j < 8; ++j)
-                    row[k + j] -= f * t[k + j];
+                *(lanes8*)(row + k) -= *(const lanes8*)(t + k) * f;
+#else
+            for (int k = c + 1; k <= r; ++k)
+                row[k] -= f * t[k];
+#endif
         }
     }
-""")
+"""
+)
 def factor(
     count: int, tolerance: float, scale: wp.array[float], n: wp.array2d[float], inverse_pivot: wp.array[float],
     work: wp.array[float],

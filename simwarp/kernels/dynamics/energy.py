@@ -5,6 +5,7 @@ import warp as wp
 from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import Topology, world_row
+from simwarp.kernels.core.world_range import WorldRange
 
 wp.set_module_options({"enable_backward": False})
 
@@ -12,6 +13,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel(enable_backward=False)
 def measure_energy(
     # inputs
+    worlds: WorldRange,
     topology: Topology,
     parameters: Parameters,
     state: StateArrays,
@@ -21,7 +23,7 @@ def measure_energy(
     """Kinetic energy of bodies, shafts and armatures, energy of the weights (zero at the origin), and that of linear
     joint springs [J].
     """
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     total = wp.float64(0.0)
     gravity = parameters.gravity[world_row(world, parameters.gravity.shape[0])]
     for link in range(topology.link_count):

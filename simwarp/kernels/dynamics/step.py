@@ -3,11 +3,17 @@
 import warp as wp
 
 from simwarp.core.types import WorldStatus
-from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, SolveReport
-from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
+from simwarp.kernels.cones.problem import ROLLING, ConeConfig, ConeProblem
+from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.bilateral_rows import apply_rows, coupling_row, loop_joint_rows, rows_residual
+from simwarp.kernels.dynamics.bilateral_rows import (
+    apply_rows,
+    coupling_row,
+    loop_joint_rows,
+    loop_responses,
+    rows_residual,
+)
 from simwarp.kernels.dynamics.bodies import (
     apply_row_forces,
     load_bodies,
@@ -22,8 +28,6 @@ from simwarp.kernels.dynamics.cone_rows import apply_cones, assemble_dense
 from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
 from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
-from simwarp.kernels.dynamics.position_projection import project_positions
-from simwarp.kernels.dynamics.reactions import record_reactions
 from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
 
@@ -42,26 +46,6 @@ def tree_geometry(
         kind = topology.link_type[link]
         if kind != FREE and kind != SHAFT:
             worst = wp.max(worst, link_geometry(link, world, inv_dt, topology, parameters, config, work))
-    return worst
-
-
-@wp.func
-def bilateral_rows(
-    world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
-    control: ControlArrays, config: StepConfig, work: Work,
-) -> float:  # fmt: skip
-    """Loop, coupling and compliant rows, factorised; returns the largest loop violation."""
-    worst = float(0.0)
-    for row in range(topology.row_count):
-        work.row_impulse[row] = 0.0
-    for index in range(topology.loop_joint_count):
-        worst = wp.max(
-            worst,
-            loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work),
-        )
-    for coupling in range(topology.row_count - topology.joint_row_count):
-        coupling_row(coupling, world, dt, topology, parameters, state, config, work)
-    factor_rows(topology, config.pivot_tolerance, work)
     return worst
 
 
@@ -116,7 +100,7 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
 
 @wp.struct
 class StepProgress:
-    """Results that the first part of a step passes to the second: blocks of the cone problem, and residuals."""
+    """Results that one part of a step passes to the next: blocks of the cone problem, and residuals."""
 
     limits: int  # blocks on coordinates, in front
     blocks: int  # all
@@ -143,6 +127,10 @@ def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: Cone
     problem.row_count = cone.block_row[blocks]
     problem.tree_dof_count = topology.tree_dof_count
     problem.loop_count = topology.row_count
+    problem.rolling_count = 0
+    for block in range(blocks):
+        if cone.block_kind[block] == ROLLING:
+            problem.rolling_count = problem.rolling_count + 1
     problem.dense = 0
     if problem.row_count <= config.dense_rows:
         problem.dense = 1
@@ -150,24 +138,28 @@ def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: Cone
     return problem
 
 
-@wp.func
-def begin_step(
+@wp.func(inline=True)
+def load_step(
     world: int, config: StepConfig, topology: Topology, parameters: Parameters, control: ControlArrays,
-    state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+    state: StateArrays, contacts: ContactArrays, work: Work,
 ) -> StepProgress:  # fmt: skip
-    """Free motion with all joints in force, and the rows that the cone problem has to decide on."""
+    """Bodies, their forces, and the tree's geometry at the present state."""
     dt = config.dt
-    time = state.world_time[world]
     progress = StepProgress()
     load_poses(world, topology, state, work)
     load_bodies(world, dt, topology, parameters, state, control, config, work)
     apply_row_forces(world, dt, topology, parameters, control, work)
     if config.contact_model != RIGID and topology.pair_count > 0:
         apply_smooth_contacts(world, dt, topology, parameters, contacts, config, work)
-    load_tree_dofs(world, dt, time, topology, parameters, state, control, config, work)
+    load_tree_dofs(world, dt, state.world_time[world], topology, parameters, state, control, config, work)
     progress.position_error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
     load_distances(world, dt, topology, parameters, state, control, work)
+    return progress
 
+
+@wp.func(inline=True)
+def move_freely(world: int, config: StepConfig, topology: Topology, parameters: Parameters, work: Work):
+    """The motion with the joints of the tree in force, and nothing else."""
     factor_tree(topology, work)
     for link in range(topology.link_count):
         work.f_ang[link] = work.p_ang[link]
@@ -176,78 +168,85 @@ def begin_step(
     forward_pass(topology, work)
     for _ in range(config.refinement):
         refine_free_motion(world, topology, parameters, work)
-    if topology.row_count > 0:
-        error = bilateral_rows(world, dt, time, topology, parameters, state, control, config, work)
-        progress.position_error = wp.max(progress.position_error, error)
-        progress.row_residual = enforce_rows(world, 2, topology, parameters, config, work)
 
-    if topology.box_count > 0 or topology.pair_count > 0:
-        total_velocities(topology, work)
-        for tree_dof in range(topology.tree_dof_count):
-            cone.tree_dof_sum[tree_dof] = 0.0
-        limits = collect_boxes(world, dt, topology, parameters, state, control, config, work, cone)
-        for index in range(topology.box_count):
-            state.box_impulse[world, index] = 0.0
-        progress.limits = limits
-        progress.blocks = limits
-        cone.block_row[limits] = limits
-        if config.contact_model == RIGID:
-            progress.blocks = collect_contacts(
-                world, dt, limits, limits, topology, parameters, contacts, config, work, cone
-            )
+
+@wp.func(inline=True)
+def form_rows(
+    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
+    control: ControlArrays, state: StateArrays, work: Work,
+) -> StepProgress:  # fmt: skip
+    """Wrenches and right-hand sides of the rows of loop joints."""
+    progress = before
+    for row in range(topology.row_count):
+        work.row_impulse[row] = 0.0
+    for index in range(topology.loop_joint_count):
+        error = loop_joint_rows(
+            index, world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
+        )
+        progress.position_error = wp.max(progress.position_error, error)
     return progress
 
 
-@wp.func
-def take_impulses(
-    world: int, progress: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
-    state: StateArrays, work: Work, cone: ConeProblem,
-) -> float:  # fmt: skip
-    """Velocities after the impulses of the cone problem; returns the residual of the bilateral rows."""
-    apply_cones(cone, progress.blocks, topology, work)
-    forward_pass(topology, work)
-    residual = progress.row_residual
-    if topology.row_count > 0:
-        residual = enforce_rows(world, 1, topology, parameters, config, work)
-    for block in range(progress.limits):
-        state.box_impulse[world, work.active[block]] = work.b_sign[block] * cone.gamma[block]
-    return residual
+@wp.func(inline=True)
+def answer_rows(
+    world: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
+):
+    """Responses of the loop and coupling rows, and their factor."""
+    loop_responses(topology, work)
+    for coupling in range(topology.row_count - topology.joint_row_count):
+        coupling_row(coupling, world, config.dt, topology, parameters, state, config, work)
+    factor_rows(topology, config.pivot_tolerance, work)
 
 
-@wp.func
-def finish_step(
-    world: int, progress: StepProgress, solution: SolveReport, config: StepConfig, topology: Topology,
-    parameters: Parameters, control: ControlArrays, state: StateArrays, contacts: ContactArrays, reports: Reports,
-    work: Work, cone: ConeProblem,
-):  # fmt: skip
-    """Applies the impulses of the cone problem, moves the poses and publishes."""
-    dt = config.dt
-    residual = progress.row_residual
-    if progress.blocks > 0:
-        residual = take_impulses(world, progress, config, topology, parameters, state, work, cone)
-    if topology.pair_count > 0:
-        publish_contacts(world, dt, progress.limits, progress.blocks, topology, contacts, work, cone)
-    reports.constraint_count[world] = progress.blocks
-    reports.iterations[world] = solution.iterations
-    reports.cone_residual[world] = solution.residual
-    reports.row_residual[world] = residual
-
+@wp.func(inline=True)
+def collect_cones(
+    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
+    control: ControlArrays, state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+) -> StepProgress:  # fmt: skip
+    """The rows that the cone problem has to decide on: limits, drives, friction and contacts."""
+    progress = before
     total_velocities(topology, work)
-    error = progress.position_error
-    projected = int(0)
-    if config.projection_iterations > 0:
-        error = project_positions(world, dt, topology, parameters, state, config, work)
-        projected = 1
-    reports.position_error[world] = error
-    if config.reactions == 1:
-        if projected == 1:
-            load_poses(world, topology, state, work)
-            projected = 0
-        record_reactions(
-            world, dt, progress.limits, progress.blocks, topology, parameters, state, control, contacts, config, work,
-            cone, reports,
-        )  # fmt: skip
-    if publish(world, projected, topology, parameters, dt, state, work) == 0:
+    for tree_dof in range(topology.tree_dof_count):
+        cone.tree_dof_sum[tree_dof] = 0.0
+    limits = collect_boxes(world, config.dt, topology, parameters, state, control, config, work, cone)
+    for index in range(topology.box_count):
+        state.box_impulse[world, index] = 0.0
+    progress.limits = limits
+    progress.blocks = limits
+    cone.block_row[limits] = limits
+    if config.contact_model == RIGID:
+        progress.blocks = collect_contacts(
+            world, config.dt, limits, limits, topology, parameters, contacts, config, work, cone
+        )
+    return progress
+
+
+@wp.func(inline=True)
+def take_impulses(
+    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
+    state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+) -> StepProgress:  # fmt: skip
+    """Velocities after the impulses of the cone problem, and the forces of the contacts."""
+    progress = before
+    if progress.blocks > 0:
+        apply_cones(cone, progress.blocks, topology, work)
+        forward_pass(topology, work)
+        if topology.row_count > 0:
+            progress.row_residual = enforce_rows(world, 1, topology, parameters, config, work)
+        for block in range(progress.limits):
+            state.box_impulse[world, work.active[block]] = work.b_sign[block] * cone.gamma[block]
+    if topology.pair_count > 0:
+        publish_contacts(world, config.dt, progress.limits, progress.blocks, topology, contacts, work, cone)
+    return progress
+
+
+@wp.func(inline=True)
+def finish_step(
+    world: int, moved: int, config: StepConfig, topology: Topology, parameters: Parameters, state: StateArrays,
+    work: Work,
+):  # fmt: skip
+    """Publishes the state after the step; `moved` = 1: its positions were projected already."""
+    if publish(world, moved, topology, parameters, config.dt, state, work) == 0:
         state.world_status[world] = state.world_status[world] | NON_FINITE
     else:
-        state.world_time[world] = state.world_time[world] + wp.float64(dt)
+        state.world_time[world] = state.world_time[world] + wp.float64(config.dt)

@@ -1,4 +1,4 @@
-"""The one kernel that works on worlds: a step, an assembly, or a measurement, one thread per world.
+"""The kernels that work on whole worlds, one thread each: a step, an assembly, a measurement, and resets.
 
 All sizes are data, so one compiled kernel serves every model. Intermediate values live in a scratch of few slots,
 packed under names as a `Work`: a world writes everything that it reads there, so that slots can be reused.
@@ -6,7 +6,6 @@ packed under names as a `Work`: a world writes everything that it reads there, s
 
 import dataclasses
 import functools
-from enum import IntEnum
 from typing import Any
 
 import warp as wp
@@ -25,9 +24,26 @@ from simwarp.kernels.core.scratch import (
     slot_function,
 )
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, WorkScratch
+from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
+from simwarp.kernels.dynamics.bodies import load_poses, total_velocities
 from simwarp.kernels.dynamics.dense_rows import padded
-from simwarp.kernels.dynamics.step import NON_FINITE, begin_step, cone_config, cone_problem, finish_step
+from simwarp.kernels.dynamics.position_projection import project_positions
+from simwarp.kernels.dynamics.reactions import record_reactions
+from simwarp.kernels.dynamics.step import (
+    NON_FINITE,
+    StepProgress,
+    answer_rows,
+    collect_cones,
+    cone_config,
+    cone_problem,
+    enforce_rows,
+    finish_step,
+    form_rows,
+    load_step,
+    move_freely,
+    take_impulses,
+)
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.
@@ -39,18 +55,6 @@ CPU_FLAGS = (
 MODULE_OPTIONS = {"enable_backward": False, "max_unroll": 0, "cpu_compiler_flags": CPU_FLAGS}
 
 wp.set_module_options(MODULE_OPTIONS)
-
-
-class Operation(IntEnum):
-    """Operation that a launch performs."""
-
-    STEP = 0
-    ASSEMBLE = 1
-    MEASURE = 2
-
-
-OP_STEP = wp.constant(int(Operation.STEP))
-OP_ASSEMBLE = wp.constant(int(Operation.ASSEMBLE))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -106,7 +110,7 @@ def scratch_layouts(slots: int, sizes: ScratchSizes) -> dict[str, ArrayLayout]:
 
 
 def make_scratch(device: wp.Device, slots: int, sizes: ScratchSizes) -> Any:
-    """Allocates the scratch: on a CPU one slot, which stays in the cache, serves all worlds in turn."""
+    """Allocates the scratch: on a CPU a slot for each chunk of worlds, which stays in the cache."""
     return make_memory(Scratch, scratch_layouts(slots, sizes), device)
 
 
@@ -122,22 +126,29 @@ def solve_or_fall_back(problem: ConeProblem, config: ConeConfig, kept: wp.array[
     return solve_with_fallback(problem, config, 1, kept)
 
 
+@wp.func
+def report_progress(world: int, progress: StepProgress, solution: SolveReport, reports: Reports):
+    """The numbers that users read."""
+    reports.constraint_count[world] = progress.blocks
+    reports.iterations[world] = solution.iterations
+    reports.cone_residual[world] = solution.residual
+    reports.row_residual[world] = progress.row_residual
+    reports.position_error[world] = progress.position_error
+
+
 @functools.cache
-def run_worlds_kernel(all_solvers: bool) -> wp.Kernel:
+def step_worlds_kernel(all_solvers: bool) -> wp.Kernel:
     """The kernel, with accelerated gradient descent as its only solver, or with all of them (twice the code)."""
     solve = solve_or_fall_back if all_solvers else solve_quickly
 
     @wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
-    def run_worlds(
+    def step_worlds(
         # inputs
-        operation: int,
+        worlds: WorldRange,
         config: StepConfig,
         topology: Topology,
         parameters: Parameters,
         control: ControlArrays,
-        mask: wp.array[wp.bool],
-        joint_q: wp.array2d[float],
-        joint_qd: wp.array2d[float],
         scratch: Scratch,
         # in and out
         state: StateArrays,
@@ -145,48 +156,102 @@ def run_worlds_kernel(all_solvers: bool) -> wp.Kernel:
         # outputs
         reports: Reports,
     ):
-        """Steps, assembles or measures (`Operation`) the worlds: all that are not frozen, or those in the mask."""
-        world = wp.tid()
-        if operation == OP_STEP:
-            if (state.world_status[world] & NON_FINITE) != 0:
-                return
-        elif not mask[world]:
+        """Steps all worlds that are not frozen."""
+        world = worlds.first + wp.tid()
+        if (state.world_status[world] & NON_FINITE) != 0:
             return
-        scratch_slot = world % scratch.x.shape[0]
+        scratch_slot = scratch_slot_of(world, worlds)
         work = pack(scratch, scratch_slot)
-        if operation == OP_STEP:
-            cone = pack_cone(scratch, scratch_slot)
-            progress = begin_step(world, config, topology, parameters, control, state, contacts, work, cone)
-            solution = SolveReport()
-            if progress.blocks > 0:
-                problem = cone_problem(progress.blocks, topology, config, cone)
-                solution = solve(problem, cone_config(config), scratch.kept[scratch_slot])
-            finish_step(
-                world, progress, solution, config, topology, parameters, control, state, contacts, reports, work, cone
+        cone = pack_cone(scratch, scratch_slot)
+        progress = load_step(world, config, topology, parameters, control, state, contacts, work)
+        move_freely(world, config, topology, parameters, work)
+        if topology.row_count > 0:
+            progress = form_rows(world, progress, config, topology, parameters, control, state, work)
+            answer_rows(world, config, topology, parameters, state, work)
+            progress.row_residual = enforce_rows(world, 2, topology, parameters, config, work)
+        if topology.box_count > 0 or topology.pair_count > 0:
+            progress = collect_cones(
+                world, progress, config, topology, parameters, control, state, contacts, work, cone
             )
-        elif operation == OP_ASSEMBLE:
-            assemble_world(world, config, topology, parameters, control, joint_q, joint_qd, state, work)
-        else:
-            measure_world(world, topology, parameters, state, work)
+        solution = SolveReport()
+        if progress.blocks > 0:
+            problem = cone_problem(progress.blocks, topology, config, cone)
+            solution = solve(problem, cone_config(config), scratch.kept[scratch_slot])
+        progress = take_impulses(world, progress, config, topology, parameters, state, contacts, work, cone)
+        total_velocities(topology, work)
+        moved = int(0)
+        if config.projection_iterations > 0:
+            progress.position_error = project_positions(world, config.dt, topology, parameters, state, config, work)
+            moved = 1
+        report_progress(world, progress, solution, reports)
+        if config.reactions == 1:
+            if moved == 1:
+                load_poses(world, topology, state, work)
+                moved = 0
+            record_reactions(
+                world, config.dt, progress.limits, progress.blocks, topology, parameters, state, control, contacts,
+                config, work, cone, reports,
+            )  # fmt: skip
+        finish_step(world, moved, config, topology, parameters, state, work)
 
-    return run_worlds
+    return step_worlds
+
+
+@wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
+def assemble_worlds(
+    # inputs
+    worlds: WorldRange,
+    mask: wp.array[wp.bool],
+    config: StepConfig,
+    topology: Topology,
+    parameters: Parameters,
+    control: ControlArrays,
+    joint_q: wp.array2d[float],
+    joint_qd: wp.array2d[float],
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+):
+    """Sets the worlds of the mask to coordinates and rates (`assemble_world`)."""
+    world = worlds.first + wp.tid()
+    if mask[world]:
+        work = pack(scratch, scratch_slot_of(world, worlds))
+        assemble_world(world, config, topology, parameters, control, joint_q, joint_qd, state, work)
+
+
+@wp.kernel(enable_backward=False, module="unique", module_options=MODULE_OPTIONS)
+def measure_worlds(
+    # inputs
+    worlds: WorldRange,
+    mask: wp.array[wp.bool],
+    topology: Topology,
+    parameters: Parameters,
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+):
+    """Publishes what follows from the poses and velocities of record, in the worlds of the mask (`measure_world`)."""
+    world = worlds.first + wp.tid()
+    if mask[world]:
+        measure_world(world, topology, parameters, state, pack(scratch, scratch_slot_of(world, worlds)))
 
 
 def kernels_for_cuda_check() -> list[wp.Kernel]:
-    """The small one: minutes of compilation. The solvers that the other one adds are those of `cones.batch`."""
-    return [run_worlds_kernel(False)]
+    """All but the step in one kernel, which a GPU runs in parts (step_parts.py)."""
+    return [assemble_worlds, measure_worlds]
 
 
 @wp.kernel(enable_backward=False)
 def copy_rows(
     # inputs
+    worlds: WorldRange,
     mask: wp.array[wp.bool],
     source: wp.array2d[int],
     # outputs
     target: wp.array2d[int],
 ):
     """Masked reset of any array whose rows belong to worlds, seen as whole words."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if mask[world]:
         for word in range(source.shape[1]):
             target[world, word] = source[world, word]
@@ -195,6 +260,7 @@ def copy_rows(
 @wp.kernel(enable_backward=False)
 def flag_worlds(
     # inputs
+    worlds: WorldRange,
     mask: wp.array[wp.bool],
     joint_q: wp.array2d[float],
     joint_qd: wp.array2d[float],
@@ -202,7 +268,7 @@ def flag_worlds(
     world_status: wp.array[int],
 ):
     """Freezes the worlds of the mask that were given coordinates or rates which are not finite."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if not mask[world]:
         return
     for dof in range(joint_q.shape[1]):
@@ -213,6 +279,7 @@ def flag_worlds(
 @wp.kernel(enable_backward=False)
 def copy_worlds(
     # inputs
+    worlds: WorldRange,
     mask: wp.array[wp.bool],
     source: StateArrays,
     # outputs
@@ -220,7 +287,7 @@ def copy_worlds(
     contacts: ContactArrays,
 ):
     """Masked reset: every array of the state, for the worlds in the mask, which forget their contacts."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if not mask[world]:
         return
     for body in range(source.body_x.shape[1]):

@@ -11,6 +11,7 @@ import warp as wp
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, HULL, MESH, Assets
 from simwarp.kernels.collision.surfaces import SurfaceHit, height_field_ray
 from simwarp.kernels.core.spatial import to_double
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.rays.primitives import primitive_ray
 from simwarp.kernels.rays.wide_tree import tree_ray
@@ -220,11 +221,13 @@ def any_hit(world: int, start: wp.vec3, direction: wp.vec3, reach: float, scene:
 
 @wp.kernel
 def cast_rays(
-    scene: RayScene, assets: Assets, start: wp.array2d[wp.vec3d], direction: wp.array2d[wp.vec3], reach: float,
+    worlds: WorldRange, scene: RayScene, assets: Assets, start: wp.array2d[wp.vec3d], direction: wp.array2d[wp.vec3],
+    reach: float,
     distance: wp.array2d[float], normal: wp.array2d[wp.vec3], instance: wp.array2d[int],
 ):  # fmt: skip
     """Closest hits of (W, R) rays from world positions: distance (-1: nothing), normal, instance."""
-    world, ray = wp.tid()
+    index, ray = wp.tid()
+    world = worlds.first + index
     hit = closest_hit(world, start_of_ray(world, start[world, ray], scene), direction[world, ray], reach, scene, assets)
     distance[world, ray] = hit.t
     normal[world, ray] = hit.normal

@@ -22,6 +22,7 @@ from simwarp.kernels.collision.shape import (
 from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float, turned_extent
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.wide_tree import Trees
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -212,10 +213,10 @@ def instance_bounds(instance: int, world: int, scene: RayScene, assets: Assets):
 
 @wp.kernel
 def place_instances(
-    due: wp.array[int], parameters: Parameters, assets: Assets, state: StateArrays, scene: RayScene
+    worlds: WorldRange, due: wp.array[int], parameters: Parameters, assets: Assets, state: StateArrays, scene: RayScene
 ):  # fmt: skip
     """Places the instances of the worlds that are due and builds their tree. One thread per world."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if due[world] == 0:
         return
     origin = wp.vec3d()

@@ -9,6 +9,7 @@ import warp as wp
 
 from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.random import frame_key
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -88,6 +89,7 @@ def clear_events(world: int, mode: int, tick: SampleEvents):
 @wp.kernel
 def advance_clock(
     # inputs
+    worlds: WorldRange,
     clock: ClockSettings,
     state: StateArrays,
     # outputs
@@ -95,7 +97,7 @@ def advance_clock(
     tick: SampleEvents,
 ):
     """After a sub-step."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         clear_events(world, IDLE, tick)
         memory.valid[world] = False
@@ -137,6 +139,7 @@ def advance_clock(
 @wp.kernel
 def begin_clock(
     # inputs
+    worlds: WorldRange,
     mask: wp.array[wp.bool],
     clock: ClockSettings,
     state: StateArrays,
@@ -145,7 +148,7 @@ def begin_clock(
     tick: SampleEvents,
 ):
     """Restarts clocks of worlds whose state was set: pending frames are dropped, one of the new state is published."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if not mask[world]:
         clear_events(world, IDLE, tick)
         return
@@ -175,6 +178,7 @@ def begin_clock(
 @wp.kernel
 def publish_words(
     # inputs
+    worlds: WorldRange,
     threads: int,
     tick: SampleEvents,
     ring: wp.array2d[int],  # (W·slots, words)
@@ -182,7 +186,8 @@ def publish_words(
     data: wp.array2d[int],  # (W, words)
 ):
     """Rows of the ring that are due become the data; `threads` threads share a row."""
-    world, thread = wp.tid()
+    index, thread = wp.tid()
+    world = worlds.first + index
     if tick.publish[world] == 1:
         row = tick.publish_row[world]
         for word in range(thread, data.shape[1], threads):
@@ -192,6 +197,7 @@ def publish_words(
 @wp.kernel
 def publish_bytes(
     # inputs
+    worlds: WorldRange,
     threads: int,
     tick: SampleEvents,
     ring: wp.array2d[wp.uint8],  # (W·slots, bytes)
@@ -199,7 +205,8 @@ def publish_bytes(
     data: wp.array2d[wp.uint8],  # (W, bytes)
 ):
     """The same for rows that are no whole number of words."""
-    world, thread = wp.tid()
+    index, thread = wp.tid()
+    world = worlds.first + index
     if tick.publish[world] == 1:
         row = tick.publish_row[world]
         for byte in range(thread, data.shape[1], threads):

@@ -4,6 +4,7 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.piecewise_linear import bounded_value
+from simwarp.kernels.core.world_range import WorldRange
 
 wp.set_module_options({"enable_backward": False})
 
@@ -40,6 +41,7 @@ def forward_speed(world: int, chassis: int, reference: wp.vec3, state: StateArra
 @wp.kernel
 def run_script(
     # inputs
+    worlds: WorldRange,
     dt: float,
     script: Script,
     chassis: int,
@@ -50,7 +52,7 @@ def run_script(
     vehicle_input: wp.array2d[float],
 ):
     """A script's inputs at this time; the speed controller is a PI whose integral rests while a pedal is at its end."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     time = float(state.world_time[world])
     vehicle_input[world, 0] = bounded_value(STEERING, time, script.start, script.time, script.value)
     target = bounded_value(SPEED, time, script.start, script.time, script.value)

@@ -4,6 +4,7 @@ import warp as wp
 
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.vehicle.powertrain import Powertrain, PowertrainState, run_powertrain
 
 wp.set_module_options({"enable_backward": False})
@@ -46,6 +47,7 @@ def point_velocity(world: int, body: int, arm: wp.vec3, state: StateArrays) -> w
 @wp.kernel
 def measure_vehicle(
     # inputs
+    worlds: WorldRange,
     dt: float,
     vehicle: VehicleTables,
     state: StateArrays,
@@ -53,7 +55,7 @@ def measure_vehicle(
     motion: VehicleMotion,
 ):
     """Motion of the vehicle's point after a step."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     q = state.body_rot[world, vehicle.chassis]
     r = wp.quat_to_matrix(q)
     arm = wp.quat_rotate(q, to_double(vehicle.point))
@@ -73,6 +75,7 @@ def measure_vehicle(
 @wp.kernel
 def run_vehicle(
     # inputs
+    worlds: WorldRange,
     dt: float,
     vehicle: VehicleTables,
     powertrain: Powertrain,
@@ -86,7 +89,7 @@ def run_vehicle(
     control: ControlArrays,
 ):
     """Turns the driver's inputs into targets, bounds and torques."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     steering = wp.clamp(vehicle_input[world, 0], -1.0, 1.0)
     throttle = wp.clamp(vehicle_input[world, 1], 0.0, 1.0)
     braking = wp.clamp(vehicle_input[world, 2], 0.0, 1.0)

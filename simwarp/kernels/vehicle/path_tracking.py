@@ -6,6 +6,7 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.vehicle.drivers import forward_speed
 from simwarp.kernels.vehicle.paths import PathTables, nearest_on_path
 
@@ -119,6 +120,7 @@ def pedals(
 @wp.kernel
 def follow_path(
     # inputs
+    worlds: WorldRange,
     dt: float,
     tracker: PathTrackerTables,
     paths: PathTables,
@@ -130,7 +132,7 @@ def follow_path(
     vehicle_input: wp.array2d[float],
 ):
     """Steering, throttle and braking of all worlds; the clutch is left alone."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     q = state.body_rot[world, tracker.chassis]
     ahead = tracker.reference + wp.vec3(tracker.ahead, 0.0, 0.0)
     offset = wp.quat_rotate(q, wp.vec3d(wp.float64(ahead[0]), wp.float64(ahead[1]), wp.float64(ahead[2])))
@@ -177,6 +179,7 @@ def follow_path(
 @wp.kernel
 def approach_target(
     # inputs
+    worlds: WorldRange,
     dt: float,
     gain: wp.vec4,  # [1/s]; a negative one is no lag at all
     rate: wp.vec4,  # most change per second; a negative one is no limit
@@ -185,7 +188,7 @@ def approach_target(
     vehicle_input: wp.array2d[float],
 ):
     """Moves a vehicle's inputs towards what a person or a policy asks for: a lag of first order within a rate."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     for channel in range(4):
         low = wp.where(channel == 0, -1.0, 0.0)
         change = wp.clamp(target[world, channel], low, 1.0) - vehicle_input[world, channel]

@@ -200,15 +200,16 @@ class Camera:
             pixels = config.width * config.height
             self._sums = wp.zeros((model.world_count, pixels), dtype=wp.vec3, device=model.device)
         due = tick.collecting if lit else tick.complete
-        aim = wp.launch(
-            aim_views, dim=model.world_count, device=model.device, record_cmd=True,
+        aim = simulation.shares.record(
+            aim_views,
             inputs=[self.numbers, self.mount, tick, simulation.state.arrays, self._tables], outputs=[self._views],
         )  # fmt: skip
-        cast = launch_render(
+        inputs, outputs, parts = render_arguments(
             self.numbers, self._views, self.scene, self._tables, self.lights, self.image_processing, self._sums,
-            self.frames.ring, record=True,
+            self.frames.ring,
         )  # fmt: skip
-        return [self.scene.place(simulation.state, self._tables, due, record=True), aim, cast]
+        cast = simulation.shares.record(render, parts, inputs=inputs, outputs=outputs)
+        return [self.scene.record_place(simulation, self._tables, due), aim, cast]
 
 
 def look_at(eye: Vec3, target: Vec3, up: Vec3 = (0.0, 0.0, 1.0)) -> Pose:
@@ -290,11 +291,13 @@ def make_views(count: int, device: Any) -> Views:
     return views
 
 
-def launch_render(
+def render_arguments(
     numbers: CameraNumbers, views: Views, scene: Scene, tables: Any, lights: Lights, image_processing: ImageProcessing,
-    sums: wp.array, frames: Mapping[str, wp.array], *, record: bool = False,
-) -> Any:  # fmt: skip
-    """Casts and develops all views that are due into rows of `frames`."""
+    sums: wp.array, frames: Mapping[str, wp.array],
+) -> tuple[list[Any], list[Any], int]:  # fmt: skip
+    """Inputs and outputs of `render`, which casts and develops all views that are due into rows of `frames`, and the
+    threads of a view.
+    """
     device = scene.model.device
     outputs = Outputs()
     for name, frame in frames.items():
@@ -305,11 +308,7 @@ def launch_render(
     pixels = numbers.width * numbers.height
     # a launch on a CPU is serial: few threads; on a GPU one each
     chunk = 1 if device.is_cuda else numbers.width
-    return wp.launch(
-        render, dim=(views.world.shape[0], -(-pixels // chunk)), device=device, record_cmd=record,
-        inputs=[
-            chunk, numbers, views, tables, scene.model.assets, scene.appearance, lights.arrays,
-            image_processing.arrays,
-        ],
-        outputs=[sums, outputs],
-    )  # fmt: skip
+    inputs = [
+        chunk, numbers, views, tables, scene.model.assets, scene.appearance, lights.arrays, image_processing.arrays,
+    ]  # fmt: skip
+    return inputs, [sums, outputs], -(-pixels // chunk)

@@ -155,10 +155,10 @@ class Encoder(VectorSensor):
         return TURN / np.asarray(self.config.counts_per_turn, dtype=np.float64)
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
-        model, frames = simulation.model, self.frames
+        frames = self.frames
         return [
-            wp.launch(
-                sample_encoder, dim=model.world_count, device=model.device, record_cmd=True,
+            simulation.shares.record(
+                sample_encoder,
                 inputs=[
                     frames.dt, frames.clock, simulation.state.arrays, frames.tick, self._encoder, self.noise.arrays,
                 ],
@@ -293,9 +293,9 @@ def _meter(mount: Any, axis: Any) -> Any:
 
 
 def _record_rate(sensor: Tachometer | Speedometer, meter: Any, simulation: StepContext) -> Any:
-    model, frames = simulation.model, sensor.frames
-    return wp.launch(
-        sample_rate, dim=model.world_count, device=model.device, record_cmd=True,
+    frames = sensor.frames
+    return simulation.shares.record(
+        sample_rate,
         inputs=[frames.clock, meter, simulation.state.arrays, frames.tick, sensor.noise.arrays, sensor._sums],
         outputs=[frames.ring["truth"], frames.ring["data"]],
     )  # fmt: skip

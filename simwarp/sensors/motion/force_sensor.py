@@ -105,8 +105,8 @@ class ContactSensor(VectorSensor):
         model, frames = simulation.model, self.frames
         forces = simulation.contacts.body_contact_force
         no_torques = wp.zeros((model.world_count, 0), dtype=wp.vec3, device=model.device)
-        touch = wp.launch(
-            sample_touch, dim=model.world_count, device=model.device, record_cmd=True,
+        touch = simulation.shares.record(
+            sample_touch,
             inputs=[self.config.threshold, frames.tick, frames.ring["data"]], outputs=[frames.ring["touch"]],
         )  # fmt: skip
         return [_record_forces(self, self.mount, forces, no_torques, self._body, simulation), touch]
@@ -184,10 +184,10 @@ class LoadCell(VectorSensor):
 def _record_forces(
     sensor: ContactSensor | LoadCell, mount: Any, force: wp.array, torque: wp.array, index: int, simulation: StepContext
 ) -> Any:
-    model, frames = simulation.model, sensor.frames
+    frames = sensor.frames
     torque_noise = sensor.torque_noise if isinstance(sensor, LoadCell) else sensor.noise
-    return wp.launch(
-        sample_forces, dim=model.world_count, device=model.device, record_cmd=True,
+    return simulation.shares.record(
+        sample_forces,
         inputs=[
             frames.dt, frames.clock, mount, force, torque, index, simulation.state.arrays, frames.tick,
             sensor.noise.arrays, torque_noise.arrays, sensor._sums,

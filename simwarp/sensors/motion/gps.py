@@ -175,13 +175,13 @@ class Gps(VectorSensor):
         return self._chains["velocity_noise"]
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
-        model, frames = simulation.model, self.frames
+        frames = self.frames
         rings = cast(Any, GpsRings())
         for name, ring in frames.ring.items():
             setattr(rings, name, ring)
         return [
-            wp.launch(
-                sample_gps, dim=model.world_count, device=model.device, record_cmd=True,
+            simulation.shares.record(
+                sample_gps,
                 inputs=[
                     self._frame, self.mount, simulation.state.arrays, frames.tick, self.noise.arrays,
                     self.velocity_noise.arrays,

@@ -103,8 +103,8 @@ class Imu(VectorSensor):
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
         model, frames = simulation.model, self.frames
         return [
-            wp.launch(
-                sample_inertial, dim=model.world_count, device=model.device, record_cmd=True,
+            simulation.shares.record(
+                sample_inertial,
                 inputs=[
                     frames.dt, frames.clock, self.mount, model.parameters, simulation.state.arrays, frames.tick,
                     self._inertial, self.accelerometer_noise.arrays, self.gyroscope_noise.arrays,

@@ -85,10 +85,10 @@ class Magnetometer(VectorSensor):
         return self._chains["noise"]
 
     def _sample(self, simulation: StepContext) -> Sequence[Any]:
-        model, frames = simulation.model, self.frames
+        frames = self.frames
         return [
-            wp.launch(
-                sample_magnetometer, dim=model.world_count, device=model.device, record_cmd=True,
+            simulation.shares.record(
+                sample_magnetometer,
                 inputs=[
                     frames.clock, self._frame, self._pole, self.config.strength, self.mount, simulation.state.arrays,
                     frames.tick, self.noise.arrays, self._sums,

@@ -220,19 +220,19 @@ class Lidar:
         threads = thread_count(self.config.beams, frames, device)
         flat = {name: rows_of(frames.ring[name]) for name in self.config.outputs}
         points, ranges = (flat.get(name, self._nowhere) for name in OUTPUTS)
-        scan = wp.launch(
-            scan_lidar, dim=(self.model.world_count, threads), device=device, record_cmd=True,
+        scan = simulation.shares.record(
+            scan_lidar, threads,
             inputs=[
                 threads, self._scan, self._settings, self._noise, state.arrays, tables, self.model.assets, frames.tick,
             ],
             outputs=[points, ranges],
         )  # fmt: skip
         first = self.config.outputs[0]
-        count = wp.launch(
-            count_returns, dim=self.model.world_count, device=device, record_cmd=True,
+        count = simulation.shares.record(
+            count_returns,
             inputs=[frames.tick, 4 if first == "points" else 2, flat[first]], outputs=[frames.ring["count"]],
         )  # fmt: skip
-        return [self.scene.place(state, tables, frames.tick.collecting, record=True), scan, count]
+        return [self.scene.record_place(simulation, tables, frames.tick.collecting), scan, count]
 
     def _output(self, name: str) -> wp.array:
         if name not in self.config.outputs:

@@ -224,26 +224,28 @@ class Radar:
         set_sweep(self._scan, frames, self.config.sweep)
         threads = thread_count(self.config.rays, frames, device)
         returns = rows_of(frames.ring["returns"])
-        scan = wp.launch(
-            scan_radar, dim=(self.model.world_count, threads), device=device, record_cmd=True,
+        scan = simulation.shares.record(
+            scan_radar, threads,
             inputs=[
                 threads, self._scan, float(self.config.falloff), self.backscatter, self._noise, state.arrays, tables,
                 self.model.assets, frames.tick,
             ],
             outputs=[returns],
         )  # fmt: skip
-        commands = [self.scene.place(state, tables, frames.tick.collecting, record=True), scan]
-        return commands if self.config.clusters is None else [*commands, self._gather(self.config.clusters, returns)]
+        commands = [self.scene.record_place(simulation, tables, frames.tick.collecting), scan]
+        if self.config.clusters is not None:
+            commands.append(self._gather(simulation, self.config.clusters, returns))
+        return commands
 
-    def _gather(self, config: Clusters, returns: wp.array) -> Any:
+    def _gather(self, simulation: StepContext, config: Clusters, returns: wp.array) -> Any:
         """The launch that finds the clusters."""
         worlds, device, ring = self.model.world_count, self.model.device, self.frames.ring
         results: Any = ClusterFrames()
         results.cluster = rows_of(ring["clusters"])
         results.count, results.overflow = ring["cluster_count"], ring["cluster_overflow"]
         self._scratch = cluster_scratch(worlds, returns.shape[1] // CHANNELS, device)
-        return wp.launch(
-            cluster_returns, dim=worlds, device=device, record_cmd=True,
+        return simulation.shares.record(
+            cluster_returns,
             inputs=[
                 float(config.distance), int(config.least), int(config.capacity), returns, self._scratch,
                 self.frames.tick,

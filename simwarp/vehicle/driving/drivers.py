@@ -158,8 +158,8 @@ class ScriptedDriver:
         """The launch that writes the inputs."""
         parts = self.vehicle.parts
         return [
-            wp.launch(
-                run_script, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
+            simulation.shares.record(
+                run_script,
                 inputs=[dt, self._script, parts.chassis, wp.vec3(*parts.reference), simulation.state.arrays],
                 outputs=[self.error_sum, self.vehicle.input],
             )

@@ -169,8 +169,8 @@ class PathTracker:
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that writes the inputs."""
         return [
-            wp.launch(
-                follow_path, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
+            simulation.shares.record(
+                follow_path,
                 inputs=[dt, self._tracker, self._tables, self.path, self.target_speed, simulation.state.arrays],
                 outputs=[self._state, self.vehicle.input],
             )
@@ -231,8 +231,8 @@ class InteractiveDriver:
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that writes the inputs."""
         return [
-            wp.launch(
-                approach_target, dim=simulation.model.world_count, device=simulation.model.device, record_cmd=True,
+            simulation.shares.record(
+                approach_target,
                 inputs=[dt, self._gain, self._rate, self.target], outputs=[self.vehicle.input],
             )
         ]  # fmt: skip

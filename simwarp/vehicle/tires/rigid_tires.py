@@ -86,17 +86,17 @@ class RigidTires:
         """The launch before a sub-step: the road's friction."""
         friction = simulation.model.shape_friction
         return [
-            wp.launch(
-                limit_friction, dim=(friction.shape[0], self.shape[1]), device=simulation.model.device,
-                record_cmd=True, inputs=[self._shapes, self._own_friction, self.ground_friction], outputs=[friction],
+            simulation.shares.record(
+                limit_friction, self.shape[1],
+                inputs=[self._shapes, self._own_friction, self.ground_friction], outputs=[friction],
             )
         ]  # fmt: skip
 
     def record_after(self, simulation: StepContext) -> list[Any]:
         """The launch after a sub-step: the loads."""
         return [
-            wp.launch(
-                measure_rigid_tires, dim=self.shape, device=simulation.model.device, record_cmd=True,
+            simulation.shares.record(
+                measure_rigid_tires, self.shape[1],
                 inputs=[self._bodies, simulation.contacts.body_contact_force], outputs=[self.load, self.force_w],
             )
         ]  # fmt: skip

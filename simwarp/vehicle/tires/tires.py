@@ -24,6 +24,7 @@ from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ShapeType
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import TireReports, TireTables, apply_tires, reset_tires
 from simwarp.vehicle.spec.vehicle_spec import SpecError
@@ -186,7 +187,7 @@ class Tires:
             apply_tires,
             self.shape,
             inputs=[
-                dt, self.tables, self.parameter, self.ground_friction, self.terrain,
+                WorldRange(), dt, self.tables, self.parameter, self.ground_friction, self.terrain,
                 Assets() if assets is None else assets, state, self.state, self.reports,
             ],
             outputs=[self.force if force is None else force, self.torque if torque is None else torque],

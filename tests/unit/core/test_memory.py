@@ -80,7 +80,9 @@ def test_what_is_computed_is_what_is_allocated():
         *((part, part._cls.vars) for part in scratch),
     ]  # fmt: skip
     taken = sum(getattr(part, name).capacity for part, names in groups for name in names)
-    layouts = run_layouts(model.sizes(reactions=True)) | step_layouts(model, step_sizes(model, 128, True))
+    layouts = run_layouts(model.sizes(reactions=True)) | step_layouts(
+        model, step_sizes(model, 128, True), len(sim.shares.ranges)
+    )
     assert taken == memory.layout_bytes(layouts.values())
     kept = sum(array.capacity for array in sim.snapshot().arrays().values())
     assert kept == memory.layout_bytes(snapshot_layouts(model.sizes()).values())

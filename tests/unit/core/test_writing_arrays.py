@@ -15,6 +15,7 @@ import warp as wp
 import simwarp as sw
 from simwarp import scenes
 from simwarp.core.types import WORLD, Material, PositionDrive, WorldStatus, pose
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import PARAMETERS
 
@@ -299,7 +300,8 @@ def test_on_a_gpu_such_worlds_are_frozen_instead():
     status = wp.zeros(4, dtype=wp.int32, device="cpu")
     mask: wp.array = wp.array([True, True, True, False], dtype=wp.bool, device="cpu")
     given: wp.array = wp.array(values, dtype=wp.float32, device="cpu")
-    wp.launch(flag_worlds, dim=4, inputs=[mask, given, wp.zeros_like(given)], outputs=[status], device="cpu")
+    wp.launch(flag_worlds, dim=4, inputs=[WorldRange(), mask, given, wp.zeros_like(given)], outputs=[status],
+              device="cpu")  # fmt: skip
     assert status.numpy().tolist() == [0, WorldStatus.NON_FINITE, WorldStatus.NON_FINITE, 0]
 
 

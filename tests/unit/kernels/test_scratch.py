@@ -2,12 +2,16 @@
 """Scratch that is declared once: its layout, its structs, and the function that finds a slot's arrays."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
 
+import simwarp as sw
+from simwarp import scenes
 from simwarp.kernels.core.scratch import (
+    LINES,
     ScratchGroup,
     make_memory,
     memory_layouts,
@@ -72,3 +76,14 @@ def test_arrays_of_one_name_are_refused() -> None:
 
     with pytest.raises(ValueError, match="Again: another group has an array 'pair_table'; give one of them a prefix"):
         memory_struct("Both", __name__, (PairScratch, Again))
+
+
+def test_slots_of_a_cpu_share_no_cache_line():
+    """Threads write them side by side: a line of two slots would go back and forth between their processors."""
+    sim = sw.Simulation(scenes.ant().finalize(9, "cpu"), 5e-3, threads=2)
+    for part in (sim._scratch, sim._collision_scratch):
+        memory: Any = part
+        for name in memory._cls.vars:
+            array = getattr(memory, name)
+            assert array.shape[0] == 8
+            assert array.ptr % LINES == array.strides[0] % LINES == 0

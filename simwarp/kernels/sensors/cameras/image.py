@@ -8,6 +8,7 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.sensors.cameras.appearance import AppearanceArrays
@@ -82,6 +83,7 @@ class Outputs:
 @wp.kernel
 def aim_views(
     # inputs
+    worlds: WorldRange,
     camera: Camera,
     mount: MountArrays,
     tick: SampleEvents,
@@ -91,7 +93,7 @@ def aim_views(
     views: Views,
 ):
     """The views of a mounted camera, one per world, as its clock says."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     views.world[world] = world
     views.sample_from[world] = 0
     views.sample_to[world] = 0
@@ -123,6 +125,7 @@ def aim_views(
 @wp.kernel
 def aim_freely(
     # inputs
+    worlds: WorldRange,
     camera: Camera,
     place: wp.array[wp.vec3d],  # world [m]
     scene: RayScene,
@@ -130,7 +133,7 @@ def aim_freely(
     views: Views,
 ):
     """Views whose world and axes are set already: a whole frame from these places, now."""
-    view = wp.tid()
+    view = worlds.first + wp.tid()
     views.start[view] = start_of_ray(views.world[view], place[view], scene)
     views.samples[view] = camera.samples
     views.sample_from[view] = 0
@@ -208,6 +211,7 @@ def write_geometry(
 @wp.kernel
 def render(
     # inputs
+    worlds: WorldRange,
     chunk: int,
     camera: Camera,
     views: Views,
@@ -221,7 +225,8 @@ def render(
     outputs: Outputs,
 ):
     """A thread takes `chunk` pixels of a view."""
-    view, part = wp.tid()
+    index, part = wp.tid()
+    view = worlds.first + index
     sample_from = views.sample_from[view]
     sample_to = views.sample_to[view]
     complete = views.complete[view]

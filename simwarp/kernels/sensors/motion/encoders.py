@@ -4,6 +4,7 @@ import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.clock import BEGIN, IDLE, STEP, ClockSettings, SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, mount_rotation, mount_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays, noisy
@@ -46,6 +47,7 @@ def on_a_step(shaft: wp.float64, step: wp.float64) -> wp.float64:
 @wp.kernel
 def sample_encoder(
     # inputs
+    worlds: WorldRange,
     dt: wp.float64,
     clock: ClockSettings,
     state: StateArrays,
@@ -58,7 +60,7 @@ def sample_encoder(
     data: wp.array2d[float],
 ):
     """The latest position or count of a frame's window; the speed is its change over the window."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.mode[world] == IDLE:
         return
     elapsed = frame_elapsed(world, tick, state, noise)
@@ -123,6 +125,7 @@ def measured_rate(world: int, meter: RateMeter, state: StateArrays) -> wp.float6
 @wp.kernel
 def sample_rate(
     # inputs
+    worlds: WorldRange,
     clock: ClockSettings,
     meter: RateMeter,
     state: StateArrays,
@@ -135,7 +138,7 @@ def sample_rate(
     data: wp.array2d[float],
 ):
     """The mean of a rate over the window."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.collecting[world] == 0:
         return
     value = meter.scale * measured_rate(world, meter, state)

@@ -5,6 +5,7 @@ import warp as wp
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float, turned
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.clock import STEP, ClockSettings, SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate
 from simwarp.kernels.sensors.noise import NoiseArrays
@@ -26,6 +27,7 @@ def axes_of_forces(world: int, dt: wp.float64, mount: MountArrays, state: StateA
 @wp.kernel
 def sample_forces(
     # inputs
+    worlds: WorldRange,
     dt: wp.float64,
     clock: ClockSettings,
     mount: MountArrays,
@@ -43,7 +45,7 @@ def sample_forces(
     data: wp.array2d[float],
 ):
     """A force, and a torque where there is one, in axes of the sensor; zero before the first step."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.collecting[world] == 0:
         return
     q = axes_of_forces(world, dt, mount, state)
@@ -60,6 +62,7 @@ def sample_forces(
 @wp.kernel
 def sample_touch(
     # inputs
+    worlds: WorldRange,
     threshold: float,
     tick: SampleEvents,
     data: wp.array2d[float],  # of this frame, measured
@@ -67,7 +70,7 @@ def sample_touch(
     touch: wp.array[wp.uint8],
 ):
     """Touch signal: 1 if the measured force is at least the threshold."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.complete[world] == 1:
         row = tick.row[world]
         size = wp.length(wp.vec3(data[row, 0], data[row, 1], data[row, 2]))

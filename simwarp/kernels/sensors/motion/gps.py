@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.clock import SampleEvents
 from simwarp.kernels.sensors.motion.geodesy import DEGREE, GeoFrame, geographic, local_velocity
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_velocity
@@ -33,6 +34,7 @@ def in_degrees(place: wp.vec3d) -> wp.vec3d:
 @wp.kernel
 def sample_gps(
     # inputs
+    worlds: WorldRange,
     frame: GeoFrame,
     mount: MountArrays,
     state: StateArrays,
@@ -44,7 +46,7 @@ def sample_gps(
     rings: GpsRings,
 ):
     """The latest sample of a frame's window; position noise acts east, north and up."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.complete[world] == 0:
         return
     row = tick.row[world]

@@ -5,6 +5,7 @@ import warp as wp
 from simwarp.kernels.core.fields import Parameters, StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float, turned
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.clock import BEGIN, IDLE, ClockSettings, SampleEvents
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, body_rate, body_velocity
 from simwarp.kernels.sensors.noise import NoiseArrays
@@ -26,6 +27,7 @@ class InertialArrays:
 @wp.kernel
 def sample_inertial(
     # inputs
+    worlds: WorldRange,
     dt: wp.float64,
     clock: ClockSettings,
     mount: MountArrays,
@@ -46,7 +48,7 @@ def sample_inertial(
     by the acceleration at the end of the first, in whose axes it is given. So a steady turn shows omega^2 r along the
     radius alone, up to (omega dt)^2 / 24 of it.
     """
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.mode[world] == IDLE:
         return
     rotation = mount.rotation[world_row(world, mount.rotation.shape[0])]

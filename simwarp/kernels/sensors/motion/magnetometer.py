@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.clock import ClockSettings, SampleEvents
 from simwarp.kernels.sensors.motion.geodesy import GeoFrame, earth_centred
 from simwarp.kernels.sensors.motion.mount_motion import MountArrays, mount_position, mount_rotation
@@ -17,6 +18,7 @@ FIELD_RADIUS = wp.constant(wp.float64(6371200.0))  # reference radius of geomagn
 @wp.kernel
 def sample_magnetometer(
     # inputs
+    worlds: WorldRange,
     clock: ClockSettings,
     frame: GeoFrame,
     pole: wp.vec3d,  # unit vector to the geomagnetic north pole, Earth-centred
@@ -34,7 +36,7 @@ def sample_magnetometer(
     """The field of a dipole in the Earth's centre, B = B0 (R/r)^3 (m - 3 (m . r) r) with unit vectors m, r: it points
     to the geomagnetic north pole along the equator, and down into the ground there.
     """
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.collecting[world] == 0:
         return
     place = earth_centred(frame.local * mount_position(world, mount, state), frame)

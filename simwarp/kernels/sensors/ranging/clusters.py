@@ -10,6 +10,7 @@ rays, clusters are numbered by their first ray.
 
 import warp as wp
 
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.clock import SampleEvents
 from simwarp.kernels.sensors.ranging.radar import CHANNELS
 
@@ -162,6 +163,7 @@ def add_return(
 @wp.kernel
 def cluster_returns(
     # inputs
+    worlds: WorldRange,
     distance: float,  # between neighbours, at most [m]
     least: int,  # returns of a cluster, at least
     capacity: int,
@@ -172,7 +174,7 @@ def cluster_returns(
     frames: ClusterFrames,
 ):
     """The clusters of frames that are complete."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.complete[world] == 0:
         return
     row = tick.row[world]

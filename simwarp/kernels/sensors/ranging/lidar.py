@@ -6,6 +6,7 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.cast import closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.sensors.clock import SampleEvents
@@ -91,6 +92,7 @@ def measured(found: wp.vec2, key: wp.uint64, draw: int, near: float, world: int,
 @wp.kernel
 def scan_lidar(
     # inputs
+    worlds: WorldRange,
     threads: int,
     scan: Scan,
     settings: LidarSettings,
@@ -104,7 +106,8 @@ def scan_lidar(
     ranges: wp.array2d[float],
 ):
     """The columns whose time falls into this sub-step; `threads` threads share them."""
-    world, thread = wp.tid()
+    index, thread = wp.tid()
+    world = worlds.first + index
     if tick.collecting[world] == 0:
         return
     columns = scan.direction.shape[1]
@@ -156,6 +159,7 @@ def scan_lidar(
 @wp.kernel
 def count_returns(
     # inputs
+    worlds: WorldRange,
     tick: SampleEvents,
     channels: int,
     frame: wp.array2d[float],  # (W·slots, values): intensities are the last of each `channels`
@@ -163,7 +167,7 @@ def count_returns(
     count: wp.array[int],  # (W·slots,)
 ):
     """Returns in a frame that is complete."""
-    world = wp.tid()
+    world = worlds.first + wp.tid()
     if tick.complete[world] == 0:
         return
     row = tick.row[world]

@@ -14,6 +14,7 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_double
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.cast import RayHit, closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray, world_position
 from simwarp.kernels.sensors.clock import SampleEvents
@@ -122,6 +123,7 @@ def write_return(place: int, row: int, found: RadarReturn, returns: wp.array2d[f
 @wp.kernel
 def scan_radar(
     # inputs
+    worlds: WorldRange,
     threads: int,
     scan: Scan,
     falloff: float,  # exponent k of the range law
@@ -135,7 +137,8 @@ def scan_radar(
     returns: wp.array2d[float],  # (W·slots, rows · columns · CHANNELS)
 ):
     """The columns whose time falls into this sub-step; `threads` threads share them."""
-    world, thread = wp.tid()
+    index, thread = wp.tid()
+    world = worlds.first + index
     if tick.collecting[world] == 0:
         return
     columns = scan.direction.shape[1]

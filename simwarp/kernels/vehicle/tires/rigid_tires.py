@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 
 wp.set_module_options({"enable_backward": False})
 
@@ -10,14 +11,18 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def limit_friction(
     # inputs
+    worlds: WorldRange,
     shapes: wp.array[int],
     own_friction: wp.array[float],
     ground_friction: wp.array[float],
     # outputs
     shape_friction: wp.array2d[float],
 ):
-    """The smaller of the tire's and the road's friction; dim (copies of shape_friction, wheels)."""
-    world, wheel = wp.tid()
+    """The smaller of the tire's and the road's friction; dim (W, wheels). Where worlds share it, the first writes."""
+    index, wheel = wp.tid()
+    world = worlds.first + index
+    if world >= shape_friction.shape[0]:
+        return
     ground = ground_friction[world_row(world, ground_friction.shape[0])]
     shape_friction[world, shapes[wheel]] = wp.min(own_friction[wheel], ground)
 
@@ -25,6 +30,7 @@ def limit_friction(
 @wp.kernel
 def measure_rigid_tires(
     # inputs
+    worlds: WorldRange,
     bodies: wp.array[int],
     body_contact_force: wp.array2d[wp.vec3],
     # outputs
@@ -32,7 +38,8 @@ def measure_rigid_tires(
     force_w: wp.array2d[wp.vec3],
 ):
     """Force of the contacts on each wheel, and its vertical part; dim (W, wheels)."""
-    world, wheel = wp.tid()
+    index, wheel = wp.tid()
+    world = worlds.first + index
     force = body_contact_force[world, bodies[wheel]]
     force_w[world, wheel] = force
     load[world, wheel] = force[2]

@@ -14,6 +14,7 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.vehicle.tires.common import vertical_load
 from simwarp.kernels.vehicle.tires.fiala import fiala_force
 from simwarp.kernels.vehicle.tires.ground import TerrainTables, friction_at
@@ -94,7 +95,7 @@ def model_force(
 
 @wp.kernel
 def apply_tires(
-    dt: float,
+    worlds: WorldRange, dt: float,
     tables: TireTables,
     tire_parameter: wp.array3d[float],
     ground_friction: wp.array[float],
@@ -121,7 +122,8 @@ def apply_tires(
         applied_force: (W, B) out [N], world axes, at the centre of mass: entries of bodies with tires are overwritten.
         applied_torque: (W, B) out [N·m].
     """
-    world, wheel = wp.tid()
+    index, wheel = wp.tid()
+    world = worlds.first + index
     p = tire_parameter[world_row(world, tire_parameter.shape[0]), wheel]
     z = tire_state[world, wheel]
     moving = wheel_state(world, wheel, tables, state)

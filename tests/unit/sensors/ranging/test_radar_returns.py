@@ -9,6 +9,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp.core.types import ModelError
+from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.sensors.clock import SampleEvents
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS
@@ -176,7 +177,7 @@ def gather(returns, distance, least=1, capacity=64):
     flat: Any = wp.array(returns.reshape(worlds, rays * CHANNELS), dtype=float, device="cpu")
     wp.launch(
         cluster_returns, dim=worlds, device="cpu", outputs=[frames],
-        inputs=[distance, least, capacity, flat, scratch, tick],
+        inputs=[WorldRange(), distance, least, capacity, flat, scratch, tick],
     )  # fmt: skip
     found = frames.cluster.numpy().reshape(worlds, capacity, CLUSTER_CHANNELS)
     return found, frames.count.numpy(), frames.overflow.numpy()

@@ -1,0 +1,1 @@
+"""Device halves of the tasks: what a control step does beside the physics."""

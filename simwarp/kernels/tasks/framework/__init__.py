@@ -1,0 +1,1 @@
+"""Device halves of the loop that all tasks share."""

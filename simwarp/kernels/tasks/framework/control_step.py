@@ -1,0 +1,267 @@
+"""The loop that all tasks share, one thread per world: actions, clocks, verdicts, statistics, and the last steps.
+
+Nothing is summed over worlds: statistics have a row for each, which the host adds up when it looks.
+"""
+
+import warp as wp
+
+# Sums and products are rounded one by one, as torch does
+wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
+
+
+@wp.struct
+class Clocks:
+    """Counters of the running episodes."""
+
+    episode: wp.array[wp.int64]  # (W,)
+    steps: wp.array[wp.int64]  # (W,) since the last reset
+    limit: wp.array[wp.int64]  # (W,) what the step limit looks at
+
+
+@wp.struct
+class Recording:
+    """The last control steps; a world's part stays as it is once its physics broke down. Of no length: none is made."""
+
+    count: wp.array[wp.int64]  # (W,) control steps so far
+    broken_at: wp.array[wp.int64]  # (W,) the count of the first break, -1 without one
+    episode: wp.array[wp.int64]  # (W,) of the first break
+    steps: wp.array[wp.int64]  # (W,)
+    level: wp.array[float]  # (W,)
+    request: wp.array3d[float]  # (rows, W, A), in a ring
+    joint_q: wp.array3d[float]  # (rows, W, dofs)
+    joint_qd: wp.array3d[float]
+
+
+@wp.struct
+class Rules:
+    """What a verdict hangs on."""
+
+    terminal_count: int  # the first reasons, which are ends; the others cut off
+    step_limit: wp.int64
+    winning: wp.array[wp.bool]  # (R,) reasons that count as a success
+    judged: int  # 1: a metric tells success
+    climbing: wp.array[int]  # (1,) 1: successes move the level
+    up: float
+    down: float
+
+
+@wp.struct
+class Verdict:
+    """What a control step hands out beside observations."""
+
+    terms: wp.array2d[float]  # (W, T), finite afterwards
+    rewards: wp.array[float]  # (W,)
+    end_reason: wp.array[wp.int64]  # (W,)
+    terminated: wp.array[wp.bool]  # (W,)
+    truncated: wp.array[wp.bool]
+    success: wp.array[wp.bool]
+    non_finite: wp.array[wp.bool]
+    ended: wp.array[wp.bool]
+
+
+@wp.struct
+class Tally:
+    """Statistics of every world."""
+
+    running: wp.array2d[float]  # (W, T) of the running episode
+    term_sums: wp.array2d[wp.float64]  # (W, T) of those that ended
+    length_sums: wp.array[wp.int64]  # (W,)
+    reason_counts: wp.array2d[wp.int64]  # (W, R)
+    bad_terms: wp.array2d[wp.int64]  # (W, T)
+
+
+@wp.func
+def clipped(value: float) -> float:
+    """Within -1 and 1; NaN stays."""
+    result = value
+    if value < -1.0:
+        result = -1.0
+    if value > 1.0:
+        result = 1.0
+    return result
+
+
+@wp.func
+def moved(request: float, action: float, reach: float) -> float:
+    """As near to a request as a reach takes an action; NaN of either stays."""
+    result = wp.max(wp.min(request, action + reach), action - reach)
+    if wp.isnan(request) or wp.isnan(action):
+        result = request + action
+    return result
+
+
+@wp.func
+def follow(world: int, reach: wp.array[float], request: wp.array2d[float], action: wp.array2d[float]):
+    """Clip what the policy asks for, and move the action towards it for a physics step; without a reach, to it."""
+    for i in range(action.shape[1]):
+        asked = clipped(request[world, i])
+        request[world, i] = asked
+        if reach.shape[0] > 0:
+            asked = moved(asked, action[world, i], reach[i])
+        action[world, i] = asked
+
+
+@wp.func
+def is_broken(status: wp.array[int], world: int) -> bool:
+    """Whether the physics of a world broke down; a task without physics has no status."""
+    broken = False
+    if status.shape[0] > 0:
+        broken = (status[world] & 1) != 0
+    return broken
+
+
+@wp.kernel
+def move_actions(
+    steps: float, reach: wp.array[float], request: wp.array2d[float], action: wp.array2d[float]
+):  # fmt: skip
+    """Clip what the policy asks for, and move the actions towards it for so many physics steps, or to it."""
+    world, i = wp.tid()
+    request[world, i] = clipped(request[world, i])
+    if reach.shape[0] > 0:
+        action[world, i] = moved(request[world, i], action[world, i], reach[i] * steps)
+    else:
+        action[world, i] = request[world, i]
+
+
+@wp.kernel
+def count_step(
+    status: wp.array[int], level: wp.array[float], request: wp.array2d[float], joint_q: wp.array2d[float],
+    joint_qd: wp.array2d[float], clocks: Clocks, recording: Recording,
+):  # fmt: skip
+    """Count a control step whose physics is done, and record it."""
+    world = wp.tid()
+    clocks.steps[world] = clocks.steps[world] + wp.int64(1)
+    clocks.limit[world] = clocks.limit[world] + wp.int64(1)
+    rows = recording.request.shape[0]
+    if rows == 0:
+        return
+    count = recording.count[world]
+    recording.count[world] = count + wp.int64(1)
+    if recording.broken_at[world] >= wp.int64(0):
+        return
+    row = int(count % wp.int64(rows))
+    for i in range(request.shape[1]):
+        recording.request[row, world, i] = request[world, i]
+    for i in range(joint_q.shape[1]):
+        recording.joint_q[row, world, i] = joint_q[world, i]
+        recording.joint_qd[row, world, i] = joint_qd[world, i]
+    if is_broken(status, world):
+        recording.broken_at[world] = count
+        recording.episode[world] = clocks.episode[world]
+        recording.steps[world] = clocks.steps[world]
+        recording.level[world] = level[world]
+
+
+@wp.func
+def first_reason(
+    world: int, broken: bool, step_limit: wp.int64, flags: wp.array2d[wp.bool], clocks: Clocks
+) -> int:  # fmt: skip
+    """Index of the first reason to end: broken physics, those of the task, the step limit; -1 where it goes on."""
+    if broken:
+        return 0
+    for i in range(flags.shape[1]):
+        if flags[world, i]:
+            return i + 1
+    if clocks.limit[world] >= step_limit:
+        return flags.shape[1] + 1
+    return -1
+
+
+@wp.func
+def is_terminal(world: int, broken: bool, terminal_count: int, flags: wp.array2d[wp.bool]) -> bool:
+    """Whether one of the reasons that are ends holds: one that cuts off counts only where none does."""
+    terminal = broken
+    for i in range(terminal_count - 1):
+        terminal = terminal or flags[world, i]
+    return terminal
+
+
+@wp.kernel
+def judge(
+    status: wp.array[int], flags: wp.array2d[wp.bool], won: wp.array[wp.bool], rules: Rules, clocks: Clocks,
+    level: wp.array[float], verdict: Verdict, tally: Tally,
+):  # fmt: skip
+    """Add up the rewards of a step, find out whether the episode is over and why, and keep statistics."""
+    world = wp.tid()
+    broken = is_broken(status, world)
+    reason = first_reason(world, broken, rules.step_limit, flags, clocks)
+    ended = reason >= 0
+    terminated = is_terminal(world, broken, rules.terminal_count, flags)
+    reward = float(0.0)
+    for i in range(verdict.terms.shape[1]):
+        term = verdict.terms[world, i]
+        if not wp.isfinite(term) or broken:
+            if not broken:
+                tally.bad_terms[world, i] = tally.bad_terms[world, i] + wp.int64(1)
+            term = 0.0
+        verdict.terms[world, i] = term
+        reward = reward + term
+        running = tally.running[world, i] + term
+        if ended:
+            tally.term_sums[world, i] = tally.term_sums[world, i] + wp.float64(running)
+            running = 0.0
+        tally.running[world, i] = running
+    success = False
+    if ended:
+        tally.length_sums[world] = tally.length_sums[world] + clocks.steps[world]
+        tally.reason_counts[world, reason] = tally.reason_counts[world, reason] + wp.int64(1)
+        if rules.judged == 1:
+            success = won[world]
+        else:
+            success = rules.winning[reason]
+    if rules.climbing[0] == 1 and ended:
+        change = -rules.down
+        if success:
+            change = rules.up
+        level[world] = wp.clamp(level[world] + change, 0.0, 1.0)
+    verdict.rewards[world] = reward
+    verdict.end_reason[world] = wp.int64(reason)
+    verdict.terminated[world] = terminated
+    verdict.truncated[world] = ended and not terminated
+    verdict.success[world] = success
+    verdict.non_finite[world] = broken
+    verdict.ended[world] = ended
+
+
+@wp.kernel
+def begin_episodes(mask: wp.array[wp.bool], clocks: Clocks, action: wp.array2d[float]):
+    """Count an episode, and forget the action, in the worlds of the mask."""
+    world = wp.tid()
+    if mask[world]:
+        clocks.episode[world] = clocks.episode[world] + wp.int64(1)
+        clocks.steps[world] = wp.int64(0)
+        clocks.limit[world] = wp.int64(0)
+        for i in range(action.shape[1]):
+            action[world, i] = 0.0
+
+
+@wp.kernel
+def count_bad(group: wp.array2d[float], column: int, counts: wp.array2d[wp.int64]):
+    """Count the worlds whose observation is not finite."""
+    world = wp.tid()
+    for i in range(group.shape[1]):
+        if not wp.isfinite(group[world, i]):
+            counts[world, column] = counts[world, column] + wp.int64(1)
+            return
+
+
+@wp.func
+def is_kept(broken_at: wp.array[wp.int64], row: int, rows: int) -> bool:
+    """Whether a row of an array, of which each world has the same number, belongs to a world that still runs well."""
+    return broken_at[row * broken_at.shape[0] // rows] < wp.int64(0)
+
+
+@wp.kernel
+def keep_words(broken_at: wp.array[wp.int64], present: wp.array2d[int], kept: wp.array2d[int]):
+    """Copy rows of the present state, in the worlds that have not broken down."""
+    row, i = wp.tid()
+    if is_kept(broken_at, row, present.shape[0]):
+        kept[row, i] = present[row, i]
+
+
+@wp.kernel
+def keep_bytes(broken_at: wp.array[wp.int64], present: wp.array2d[wp.uint8], kept: wp.array2d[wp.uint8]):
+    """The same of rows that are no whole words."""
+    row, i = wp.tid()
+    if is_kept(broken_at, row, present.shape[0]):
+        kept[row, i] = present[row, i]

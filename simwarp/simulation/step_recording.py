@@ -1,0 +1,94 @@
+"""The launches of a step: one kernel where worlds take scratch in turn, several where each has its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import warp as wp
+
+from simwarp.kernels.dynamics.step_parts import (
+    StepState,
+    answer_worlds,
+    collect_worlds,
+    form_worlds,
+    hold_worlds,
+    load_worlds,
+    move_worlds,
+    project_worlds,
+    publish_worlds,
+    push_worlds,
+    solve_worlds_kernel,
+    step_state_layouts,
+    weigh_worlds,
+)
+from simwarp.kernels.dynamics.world import step_worlds_kernel
+from simwarp.simulation.world_launches import WorldLaunch, WorldShares
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class StepArrays:
+    """Everything that a step reads and writes, as kernels take it.
+
+    Attributes:
+        config: numbers of the step.
+        topology, parameters: of the model.
+        control, state, contacts, reports: of the simulation.
+        scratch: for intermediate values.
+        all_solvers: other solvers than accelerated gradient descent may run.
+    """
+
+    config: Any
+    topology: Any
+    parameters: Any
+    control: Any
+    state: Any
+    contacts: Any
+    reports: Any
+    scratch: Any
+    all_solvers: bool
+
+
+def record_step(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
+    """Record the launches of a step of all worlds."""
+    if shares.own_slots:
+        return _record_parts(shares, arrays)
+    inputs = [arrays.config, arrays.topology, arrays.parameters, arrays.control, arrays.scratch, arrays.state]
+    kernel = step_worlds_kernel(arrays.all_solvers)
+    return [shares.record(kernel, inputs=[*inputs, arrays.contacts], outputs=[arrays.reports])]
+
+
+def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
+    """The kernels that this model needs, in turn."""
+    step: Any = StepState()
+    for name, layout in step_state_layouts(shares.worlds).items():
+        setattr(step, name, wp.zeros(layout.shape, dtype=layout.dtype, device=shares.device))
+    config, topology, parameters, scratch = arrays.config, arrays.topology, arrays.parameters, arrays.scratch
+    control, state, contacts = arrays.control, arrays.state, arrays.contacts
+    model = [config, topology, parameters]
+
+    def part(kernel: wp.Kernel, *parameters: Any) -> WorldLaunch:
+        return shares.record(kernel, inputs=parameters)
+
+    commands = [
+        part(load_worlds, *model, control, scratch, state, contacts, step),
+        part(move_worlds, *model, scratch, state),
+    ]
+    if topology.row_count > 0:
+        commands += [
+            part(form_worlds, *model, control, scratch, state, step),
+            part(answer_worlds, *model, scratch, state),
+            part(hold_worlds, *model, scratch, state, step),
+        ]
+    if topology.box_count > 0 or topology.pair_count > 0:
+        solve = solve_worlds_kernel(arrays.all_solvers)
+        commands += [
+            part(collect_worlds, *model, control, scratch, state, contacts, step),
+            part(solve, config, topology, scratch, state, step),
+            part(push_worlds, *model, scratch, state, contacts, step),
+        ]
+    if config.projection_iterations > 0:
+        commands.append(part(project_worlds, *model, scratch, state, step))
+    if config.reactions == 1:
+        commands.append(part(weigh_worlds, *model, control, scratch, step, state, contacts, arrays.reports))
+    return [*commands, part(publish_worlds, *model, scratch, step, state, arrays.reports)]

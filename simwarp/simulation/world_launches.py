@@ -1,0 +1,202 @@
+"""Recorded launches whose worlds are shared among the threads of a CPU.
+
+A launch of Warp on a CPU is a loop over worlds on one thread, which releases Python's lock. Here each launch is
+recorded once per chunk of worlds, and a thread takes a chunk through all launches of a control step before it takes the
+next one: threads meet once per control step, the state of a chunk stays in the cache, and chunks balance worlds that
+take longer than others. Worlds never share anything that a launch writes: any number of threads gives the same bits.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import os
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, ClassVar, Final
+
+import warp as wp
+
+from simwarp.core.threads import Workers
+from simwarp.kernels.core.world_range import WorldRange
+
+CHUNKS_PER_THREAD: Final = 4
+"""More balance uneven worlds better; each has scratch of its own and costs its launches."""
+
+
+def chunk_count(worlds: int, threads: int, device: Any) -> int:
+    """Chunks that the worlds are divided into: one on a GPU and for one thread."""
+    return 1 if device.is_cuda or threads == 1 else min(worlds, CHUNKS_PER_THREAD * threads)
+
+
+BLOCK: Final = int(os.environ.get("SIMWARP_BLOCK_DIM", "32"))
+"""Threads of a block on a GPU: kernels take many registers, so that larger blocks leave multiprocessors idle."""
+
+
+def has_own_slots(device: Any) -> bool:
+    """True if every world has scratch of its own, as on a GPU, where all work at a time."""
+    return bool(device.is_cuda)
+
+
+class WorldLaunch:
+    """A launch over all worlds, recorded chunk by chunk.
+
+    Attributes:
+        kernel: that is launched.
+        parts: one `wp.Launch` per chunk.
+    """
+
+    HOST_STATE: ClassVar[frozenset[str]] = frozenset({"_used"})
+    """Attributes that no launch reads."""
+
+    def __init__(self, kernel: wp.Kernel, parts: Sequence[Any], shares: WorldShares) -> None:
+        self.kernel, self.parts, self._shares = kernel, tuple(parts), shares
+        self._used: dict[int, tuple[Any, ...]] = {}
+
+    def use(self, index: int, array: wp.array) -> None:
+        """From now on it takes this array for input `index`; not for launches that a `WorldProgram` runs."""
+        memory = (array.ptr, array.shape, array.strides)
+        if self._used.get(index) != memory:
+            self._used[index] = memory
+            for part in self.parts:
+                part.set_param_at_index(1 + index, array)
+
+    def launch(self) -> None:
+        """Launches the kernel once for all worlds."""
+        self._shares.run([self])
+
+
+class WorldShares:
+    """The worlds of a simulation, divided among threads.
+
+    Args:
+        worlds: how many there are.
+        threads: of a CPU that work on them.
+        device: of the worlds.
+
+    Attributes:
+        ranges: the chunks.
+        own_slots: every world has scratch of its own; otherwise those of a chunk take it in turn.
+        launches: so far, of kernels over all worlds.
+    """
+
+    HOST_STATE: ClassVar[frozenset[str]] = frozenset({"launches"})
+    """Attributes that no launch reads."""
+
+    def __init__(self, worlds: int, threads: int, device: Any) -> None:
+        self.worlds, self.device = worlds, device
+        chunks = chunk_count(worlds, threads, device)
+        ends = [worlds * k // chunks for k in range(chunks + 1)]
+        self.own_slots = has_own_slots(device)
+        self.ranges = [_world_range(first, k, self.own_slots) for k, first in enumerate(ends[:-1])]
+        self._lengths = [end - first for first, end in itertools.pairwise(ends)]
+        self.threads = min(threads, chunks)
+        self.launches = 0
+        self._workers = Workers(self.threads) if self.threads > 1 else None
+
+    def record(
+        self, kernel: wp.Kernel, threads_per_world: int | None = None, *, inputs: Sequence[Any],
+        outputs: Sequence[Any] = (),
+    ) -> WorldLaunch:  # fmt: skip
+        """Record a launch over all worlds.
+
+        Args:
+            kernel: its first parameter is a `WorldRange`; `wp.tid()` counts from the first world of that.
+            threads_per_world: second axis of the launch; None: it has but one.
+            inputs: its parameters after the `WorldRange`.
+            outputs: and those that it writes.
+        """
+        parts = [
+            wp.launch(
+                kernel, dim=length if threads_per_world is None else (length, threads_per_world), device=self.device,
+                record_cmd=True, block_dim=BLOCK, inputs=[worlds, *inputs], outputs=list(outputs),
+            )
+            for worlds, length in zip(self.ranges, self._lengths, strict=True)
+        ]  # fmt: skip
+        return WorldLaunch(kernel, parts, self)
+
+    def run(self, commands: Sequence[Any], times: int = 1) -> None:
+        """Launches recorded commands in turn, `times` over.
+
+        A plain `wp.Launch` among them runs on the calling thread, between the others.
+        """
+        self.launches += times * len(commands)
+        for_all = [command for command in commands if _is_shared(command)]
+        if len(for_all) == len(commands):
+            self.share([_launching(parts) for parts in zip(*(each.parts for each in for_all), strict=True)], times)
+            return
+        for _ in range(times):
+            for command in commands:
+                if _is_shared(command):
+                    self.share([_launching([part]) for part in command.parts], 1)
+                else:
+                    command.launch()
+
+    def share(self, chunks: Sequence[Callable[[], None]], times: int) -> None:
+        """Calls each of `chunks` `times` over, different ones side by side."""
+        if self._workers is None or len(chunks) == 1:
+            for chunk in chunks:
+                for _ in range(times):
+                    chunk()
+            return
+        turn = itertools.count()  # its next() is atomic
+
+        def work() -> None:
+            while (mine := next(turn)) < len(chunks):
+                for _ in range(times):
+                    chunks[mine]()
+
+        self._workers.run(work)
+
+
+class WorldProgram:
+    """Commands that run over and over: on a CPU one graph per chunk, which launches them without Python in between.
+
+    Args:
+        shares: of the worlds.
+        commands: recorded launches, in turn.
+    """
+
+    def __init__(self, shares: WorldShares, commands: Sequence[Any]) -> None:
+        self.shares, self.commands = shares, tuple(commands)
+        self._graphs: list[functools.partial[None]] = []
+        # others may launch in between, and a GPU has graphs of whole control steps
+        self._plain = shares.device.is_cuda or not all(_is_shared(command) for command in commands)
+
+    def run(self, times: int) -> None:
+        """Launches the commands in turn, `times` over."""
+        if self._plain or not self.commands or self.shares.device.is_capturing:
+            self.shares.run(self.commands, times)
+            return
+        if not self._graphs:
+            self._graphs = [self._graph(parts) for parts in zip(*(each.parts for each in self.commands), strict=True)]
+        self.shares.launches += times * len(self.commands)
+        self.shares.share(self._graphs, times)
+
+    def _graph(self, parts: Iterable[Any]) -> functools.partial[None]:
+        with wp.ScopedCapture(device=self.shares.device) as capture:
+            for part in parts:
+                part.launch()
+        return functools.partial(wp.capture_launch, capture.graph)
+
+
+def unshared(commands: Iterable[Any]) -> list[str]:
+    """Names of the kernels whose worlds cannot be shared: they were recorded by `wp.launch`."""
+    return [str(command.kernel.key) for command in commands if not _is_shared(command)]
+
+
+def _launching(parts: Sequence[Any]) -> Callable[[], None]:
+    def launch() -> None:
+        for part in parts:
+            part.launch()
+
+    return launch
+
+
+def _is_shared(command: Any) -> bool:
+    return isinstance(command, WorldLaunch)
+
+
+def _world_range(first: int, chunk: int, own_slots: bool) -> Any:
+    worlds = WorldRange()
+    worlds.first, worlds.slot, worlds.own_slots = first, chunk, int(own_slots)
+    return worlds

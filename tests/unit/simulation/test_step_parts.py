@@ -1,0 +1,80 @@
+"""The step in parts, as a GPU runs it, against the step in one kernel: the same functions, so the same motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import simwarp as sw
+from simwarp import scenes
+from simwarp.simulation import world_launches
+from tests.reference.mechanisms import random_mechanism
+
+pytestmark = pytest.mark.slow  # the parts compile for half a minute
+
+MODELS: dict[str, Any] = {
+    "pendulum": scenes.pendulum, "four_bar": scenes.four_bar, "ant": scenes.ant, "stack": lambda: scenes.stack(count=3),
+    "everything": lambda: random_mechanism(0, bounds=True, couplings=True),
+}  # fmt: skip
+TOLERANCE = 2e-5
+"""Compilers fuse multiplications and additions of one kernel differently from those of ten: after 20 steps rounding
+(1e-7) has grown by what a mechanism amplifies and by solves to 1e-6 m/s."""
+
+
+def moved(name: str, threads: int, reactions: bool) -> tuple[sw.Simulation, dict[str, np.ndarray]]:
+    model = MODELS[name]().finalize(5, "cpu")
+    solver = sw.SolverOptions(tolerance=1e-6, position_projection=1)
+    sim = sw.Simulation(model, 2e-3, solver=solver, joint_reactions=reactions, threads=threads)
+    rng = np.random.default_rng(3)
+    sim.control.joint_force.assign(rng.uniform(-0.2, 0.2, (5, model.dof_count)).astype(np.float32))
+    sim.advance(20)
+    names = ("body_x", "body_v", "body_omega", "joint_q", "joint_qd", "world_time")
+    return sim, {name: getattr(sim.state, name).numpy().astype(float) for name in names}
+
+
+@pytest.mark.parametrize("reactions", [False, True])
+@pytest.mark.parametrize("name", MODELS)
+def test_the_same_motion(name, reactions, monkeypatch):
+    whole, expected = moved(name, 1, reactions)
+    monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
+    parts, found = moved(name, 1, reactions)
+    assert len(parts.physics_commands) > len(whole.physics_commands)
+    for key, values in expected.items():
+        np.testing.assert_allclose(
+            found[key], values, rtol=0.0, atol=TOLERANCE * max(1.0, np.abs(values).max(initial=0.0))
+        )
+    for key in ("constraint_count", "position_error"):
+        report = getattr(parts.diagnostics, key).numpy()
+        np.testing.assert_allclose(report, getattr(whole.diagnostics, key).numpy(), atol=1e-6)
+    if reactions:
+        force = whole.diagnostics.joint_reaction_force.numpy()
+        np.testing.assert_allclose(
+            parts.diagnostics.joint_reaction_force.numpy(), force, atol=2e-3 * max(1.0, np.abs(force).max(initial=0.0))
+        )
+
+
+def test_the_same_bits_for_any_number_of_threads(monkeypatch):
+    monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
+    _, alone = moved("ant", 1, False)
+    for threads in (2, 3):
+        _, shared = moved("ant", threads, False)
+        assert all(np.array_equal(shared[key], values) for key, values in alone.items())
+
+
+def test_only_the_parts_that_a_model_needs(monkeypatch):
+    monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
+
+    def kernels(name: str, **options: Any) -> list[str]:
+        sim = sw.Simulation(MODELS[name]().finalize(2, "cpu"), 1e-3, **options)
+        return [command.kernel.key.rpartition("__")[2] for command in sim.physics_commands]
+
+    tree = ["load_worlds", "move_worlds", "publish_worlds"]
+    cones = ["collect_worlds", "solve_worlds", "push_worlds"]
+    assert kernels("pendulum") == tree
+    assert kernels("four_bar") == [
+        *tree[:2], "form_worlds", "answer_worlds", "hold_worlds", "project_worlds", tree[2]
+    ]  # fmt: skip
+    assert kernels("ant") == ["collide_worlds", *tree[:2], *cones, tree[2]]
+    assert kernels("pendulum", joint_reactions=True) == [*tree[:2], "weigh_worlds", tree[2]]
