@@ -20,7 +20,9 @@ from .framework.registry import ENTRY_POINT_GROUP, make, register, task_class, t
 from .framework.replay import ReplayReport
 from .framework.simulation_access import Attachments
 from .framework.statistics import EpisodeSummary
-from .framework.task import NON_FINITE, TIME_LIMIT, StepResult, Task
+from .framework.step_check import StepReport, check_step
+from .framework.step_result import StepResult
+from .framework.task import NON_FINITE, TIME_LIMIT, Task
 from .randomisation.randomness import WorldRandom
 from .randomisation.uncertainty import Curriculum, Driver, Mode, Range, Sensing, When
 
@@ -47,6 +49,7 @@ __all__ = [
     "Range",
     "ReplayReport",
     "Sensing",
+    "StepReport",
     "StepResult",
     "Task",
     "TaskConfig",
@@ -57,6 +60,7 @@ __all__ = [
     "Whole",
     "WorldRandom",
     "available_devices",
+    "check_step",
     "config_from_plain",
     "config_to_plain",
     "make",

@@ -71,7 +71,7 @@ class FastTask(Task[FastConfig]):
         """Start anywhere in the start square."""
         radius = self.config.start_radius
         start = self.random.uniform("start", -radius, radius, size=2)
-        self.position.copy_(torch.where(world_mask.unsqueeze(1), start, self.position))
+        torch.where(world_mask.unsqueeze(1), start, self.position, out=self.position)
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return ``final_distance`` [m], and ``success`` where it is below ``goal_radius``."""

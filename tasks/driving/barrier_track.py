@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
+from simwarp.kernels.tasks.driving.barrier_track import find_corners_outside, pay_aside
+
+from ..framework.launching import TensorFunction, launch_over
 from ..framework.registry import register
 from .base import BY_CAMERA, DrivingConfig, corners
 from .lapping import LappingConfig, LappingTask, Start
@@ -114,26 +117,20 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
         visuals.add_plane(name="ground", texture=grass, color=(1.0, 1.0, 1.0), label=1, pose=sw.pose((0.0, 0.0, -0.01)))
 
     def setup(self) -> None:
-        """Make buffers, and the corners of the car."""
+        """Make the corners of the car, and record what is this task's own."""
         super().setup()
-        self._corners = corners(self.chassis_half, self.device)
-
-    def outside(self) -> torch.Tensor:
-        """Return (W,) bool: a corner of the car is in a barrier."""
-        point, heading = self.pose()
-        cosine, sine = heading.cos(), heading.sin()
-        touching = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
-        for x, y in self._corners:
-            place = point[:, :2].float() + torch.stack([cosine * x - sine * y, sine * x + cosine * y], dim=1)
-            _, aside = self.routes.locate(self.route, place)
-            touching |= aside.abs() > 0.5 * WIDTH
-        return touching
+        where = [self._car, self.simulation.state.arrays, self.routes.tables, self.lap]
+        fixed = [0.5 * WIDTH, corners(self.chassis_half, self.device), *where]
+        self._tell_outside = TensorFunction(find_corners_outside, fixed, [(torch.bool, ())], self.device)
+        self._aside_term = torch.zeros(self.num_worlds, device=self.device)
+        self._pay_aside = launch_over(self, pay_aside, self.config.aside_weight, *where, self._aside_term)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``lap``, ``failure`` and how far ``aside`` of the middle the car drives."""
-        aside, _, _ = self.lane()
-        return super().rewards() | {"aside": -self.config.aside_weight * aside.abs()}
+        self._pay_aside.launch()
+        return super().rewards() | {"aside": self._aside_term}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``collision`` with a barrier, ``upset`` and ``lap``."""
-        return {"collision": self.outside(), "upset": self.upset(), "lap": self._lapped()}
+        ends = super().terminations()
+        return {"collision": ends["off_lane"], "upset": ends["upset"], "lap": ends["lap"]}

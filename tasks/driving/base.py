@@ -11,11 +11,28 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 import torch
+import warp as wp
 
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.base import (
+    Car,
+    Drive,
+    begin_drive,
+    begin_drive_episode,
+    drive_on,
+    finish_physics,
+    place_cars,
+    steer,
+    tell_motion,
+    tell_pose,
+    tell_tilt,
+    tell_upset,
+)
+from simwarp.kernels.tasks.driving.navigation import Navigator
 from simwarp.tasks import Ge, Gt, Lt, NotNegative, Positive
 
 from ..framework.config import TaskConfig
-from ..framework.frames import heading_of, heading_quaternion, quat_product, rotate, tilt_to
+from ..framework.launching import TensorFunction, filled, launch_over, share_over, zeros_of
 from ..framework.simulation_access import Attachments
 from ..framework.task import Task
 from .navigation import Navigation
@@ -25,6 +42,8 @@ if TYPE_CHECKING:
     from simwarp.sensors import Camera, Scene, Visuals
     from simwarp.vehicle import Vehicle, VehicleParts, VehicleSpec
     from simwarp.viewer import Shot
+
+    from ..framework.launching import WorldLaunch
 
 SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""
@@ -150,6 +169,9 @@ class DrivingTask(Task[DrivingT]):
     def end_step(self) -> None:
         """Called after the physics of a control step, before rewards. Optional."""
 
+    def record_world(self) -> None:
+        """Record launches that read or write what is seen; called once, and again when a scene is bound. Optional."""
+
     def seen_per_world(self) -> Sequence[str]:
         """Return the arrays of the scene that differ by world."""
         return ()
@@ -221,6 +243,8 @@ class DrivingTask(Task[DrivingT]):
         scene = self._scene_of(self.simulation.model)
         if known is None:
             self.bind_scene(scene)
+            self.record_world()
+            self._record_physics()
             self.draw_world(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
         return scene
 
@@ -252,25 +276,53 @@ class DrivingTask(Task[DrivingT]):
         return VEHICLE_SOLVER
 
     def setup(self) -> None:
-        """Let the vehicle settle on its springs, make views, store the positions of its bodies."""
-        from simwarp import to_torch
-
+        """Let the vehicle settle on its springs, store the positions of its bodies, record what a step launches."""
         self.input = to_torch(self.vehicle.input)
         self._settle()
         state = self.simulation.state
-        self._x, self._rotation = to_torch(state.body_x), to_torch(state.body_rot)
-        self._velocity, self._omega = to_torch(state.body_v), to_torch(state.body_omega)
-        self._start_x, self._start_rotation = self._x[0].clone(), self._rotation[0].clone()
-        self._reference = torch.as_tensor(self.parts.reference, dtype=torch.float64, device=self.device)
-        start, _ = self.pose()
-        self._start_x[:, :2] -= start[0, :2]
-        contacts = to_torch(self.simulation.contacts.shape_contact_force)
-        self._chassis_force = contacts[:, self.chassis_shape]
-        self._hit = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
-        self.difficulty = torch.ones(self.num_worlds, device=self.device)
-        self._substep = 0
+        start_x, start_rot = wp.clone(state.body_x[0]), wp.clone(state.body_rot[0])
+        self._car = filled(
+            Car,
+            chassis=self.parts.chassis,
+            shape=self.chassis_shape,
+            reference=wp.vec3d(*self.parts.reference),
+            start_x=start_x,
+            start_rot=start_rot,
+            force=self.simulation.contacts.shape_contact_force,
+            input=self.vehicle.input,
+        )
+        self._drive = zeros_of(Drive, self)
+        self.difficulty = to_torch(self._drive.difficulty).fill_(1.0)
+        """(W,) float32: of the running episodes, in [0, 1]."""
+        self.hit = to_torch(self._drive.hit)
+        """(W,) bool: the chassis touched something in this control step."""
+        self._image = None if self.camera is None else to_torch(self.camera.data)
+        self._record_vehicle()
+        to_torch(start_x)[:, :2] -= self.pose()[0][0, :2]
         if self._scene is not None:
             self.bind_scene(self._scene)
+
+    def _record_vehicle(self) -> None:
+        """Record what every driving task launches."""
+        car, drive, state, device = self._car, self._drive, self.simulation.state.arrays, self.device
+        flag, point, turn = (torch.bool, ()), (torch.float64, (3,)), (torch.float32, ())
+        self._tell_pose = TensorFunction(tell_pose, [car, state], [point, turn], device)
+        self._tell_motion = TensorFunction(tell_motion, [car, state], [(torch.float32, (3,))], device)
+        self._tell_tilt = TensorFunction(tell_tilt, [car, state], [(torch.float32, (2,))], device)
+        self._tell_upset = TensorFunction(tell_upset, [car, state], [flag], device)
+        self._navigator = Navigator() if self.navigation is None else self.navigation.tables
+        self._place = TensorFunction(place_cars, [car, self._navigator, state], [], device)
+        self._level_ground = torch.zeros(self.num_worlds, 3, dtype=torch.float64, device=device)
+        self._level_ground[:, 2] = 1.0
+        self._begin_drive = launch_over(self, begin_drive, drive)
+        self._begin_drive_episode = launch_over(self, begin_drive_episode, self._every_world, self.level, drive)
+        self._steer = launch_over(self, steer, self.action, car)
+        self._notice = launch_over(self, finish_physics, car, drive)
+
+    def _physics_launches(self) -> Sequence[WorldLaunch]:
+        """Return what stands for `apply` and `after_physics`: the action's way, steering and pedals, and touches."""
+        path = self._path
+        return [share_over(self.simulation, drive_on, path.reach, path.request, self.action, self._car, self._drive)]
 
     def _settle(self) -> None:
         self.input.zero_()
@@ -282,24 +334,19 @@ class DrivingTask(Task[DrivingT]):
 
     def apply(self, action: torch.Tensor) -> None:
         """Steering, throttle and brake."""
-        self.input[:, 0] = action[:, 0]
-        self.input[:, 1] = action[:, 1].clamp(min=0.0)
-        self.input[:, 2] = (-action[:, 1]).clamp(min=0.0)
+        self._steer.on(action)
 
     def reset(self, world_mask: torch.Tensor) -> None:
         """Draw a world and start in it."""
-        self.difficulty.copy_(torch.where(world_mask, self.level, self.difficulty))
+        self._begin_drive_episode.on(world_mask)
         self.draw_world(world_mask)
         self.start(world_mask)
-        self._hit.masked_fill_(world_mask, False)
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return the image and what is measured, or the exact state."""
-        if self.camera is None:
+        if self._image is None:
             return {"policy": self.exact_state()}
-        from simwarp import to_torch
-
-        return {"policy": self.measured(), "camera": to_torch(self.camera.data)}
+        return {"policy": self.measured(), "camera": self._image}
 
     def privileged(self) -> torch.Tensor | None:
         """Return the exact state where the policy sees images."""
@@ -307,17 +354,18 @@ class DrivingTask(Task[DrivingT]):
 
     def begin_step(self) -> None:
         """Clear the touches of the step before."""
-        self._hit.zero_()
-        self._substep = 0
+        self._begin_drive.launch()
 
     def after_physics(self) -> None:
         """Notice a touch that may be over before the control step is."""
-        self._hit |= (self._chassis_force != 0.0).any(dim=1)
-        self._substep += 1
-        if self._substep == self.config.decimation:
-            if self.navigation is not None:
-                self.navigation.advance()
-            self.end_step()
+        self._notice.launch()
+
+    def _finish_physics(self) -> None:
+        """Notice the last touch, read the instruments, and end the step."""
+        self._notice.launch()
+        if self.navigation is not None:
+            self.navigation.advance()
+        self.end_step()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the difficulty of the running episodes, from which their worlds are drawn, and what is measured."""
@@ -345,50 +393,26 @@ class DrivingTask(Task[DrivingT]):
             heading: (W,) [rad].
             normal: (W, 3) of the ground there; None: level ground.
         """
-        turn = heading_quaternion(heading.double())
-        if normal is not None:
-            turn = quat_product(tilt_to(normal.double()), turn)
-        turn = turn.unsqueeze(1)
-        moved = place.double().unsqueeze(1) + rotate(turn, self._start_x)
-        turned = quat_product(turn, self._start_rotation)
-        where = world_mask.view(-1, 1, 1)
-        self._x.copy_(torch.where(where, moved, self._x))
-        self._rotation.copy_(torch.where(where, turned, self._rotation))
-        for rates in (self._velocity, self._omega):
-            rates.masked_fill_(where, 0.0)
-        if self.navigation is not None:
-            self.navigation.begin(world_mask, heading)
+        normals = self._level_ground if normal is None else normal.double()
+        self._place(world_mask, place.double().contiguous(), heading.double(), normals.contiguous())
         self.simulation.measure(world_mask, sensors=False)
 
     def pose(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the reference point (W, 3) float64 [m] and the heading (W,) float32 [rad]."""
-        rotation = self._rotation[:, self.parts.chassis]
-        point = self._x[:, self.parts.chassis] + rotate(rotation, self._reference)
-        return point, heading_of(rotation).float()
+        point, heading = self._tell_pose(shape=(self.num_worlds,))
+        return point, heading
 
     def motion(self) -> torch.Tensor:
         """Return (W, 3) float32: speed ahead and to the left [m/s], yaw rate [rad/s], in axes of the heading."""
-        _, heading = self.pose()
-        v = self._velocity[:, self.parts.chassis]
-        cosine, sine = heading.cos(), heading.sin()
-        return torch.stack(
-            [
-                cosine * v[:, 0] + sine * v[:, 1],
-                cosine * v[:, 1] - sine * v[:, 0],
-                self._omega[:, self.parts.chassis, 2],
-            ],
-            dim=1,
-        )
+        return self._tell_motion(shape=(self.num_worlds,))[0]
 
     def tilt(self) -> torch.Tensor:
         """Return (W, 2) float32: how far the axes ahead and to the left rise, as sines."""
-        x, y, z, w = self._rotation[:, self.parts.chassis].unbind(dim=1)
-        return torch.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x)], dim=1).float()
+        return self._tell_tilt(shape=(self.num_worlds,))[0]
 
     def upset(self) -> torch.Tensor:
         """Return (W,) bool: the chassis leans more than 60 degrees."""
-        x, y, _, _ = self._rotation[:, self.parts.chassis].unbind(dim=1)
-        return 1.0 - 2.0 * (x * x + y * y) < 0.5
+        return self._tell_upset(shape=(self.num_worlds,))[0]
 
 
 def corners(half: tuple[float, float, float], device: torch.device | str) -> torch.Tensor:

@@ -13,14 +13,35 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 import torch
+import warp as wp
 
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.convoy import (
+    BESIDE,
+    LEADERS,
+    Column,
+    Follow,
+    aim_next,
+    draw_path,
+    draw_roadside,
+    drive_on_behind,
+    end_column,
+    follow_path,
+    measure_column,
+    observe_column,
+    pay_column,
+    show_now,
+    start_following,
+    tell_column,
+    tell_leaders,
+)
 from simwarp.tasks import Ge, Gt, Le, Positive
 
 from ..framework.config import require
 from ..framework.drawing import Drawing, Line
-from ..framework.frames import heading_quaternion, to_heading
+from ..framework.launching import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
 from ..framework.registry import register
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, corners, outline
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
 from .routes import Routes
@@ -29,15 +50,12 @@ if TYPE_CHECKING:
     from simwarp import ModelBuilder
     from simwarp.sensors import Scene, Visuals
 
-LEADERS = 3
-APART = 0.05
-"""Distance of the vehicles along the path, as a share of it."""
-DURATION = 60.0
-"""Time in which a leader that starts at the beginning comes to the end, ever faster [s]."""
-OBSTACLES, LARGE = 8, 4
+    from ..framework.launching import WorldLaunch
+
+LARGE = 4
+"""Large obstacles that generated paths pass."""
 LEADER_HALF = (2.45, 1.1, 0.9)
 _REACH, _RAYS, _FAN = 20.0, 17, math.radians(200.0)
-_LENGTHS, _SPEED = 20.0, 10.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +131,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             Kind(tree("spruce", 1), (0.7, 1.0)),
         ]
         large = LARGE if self.config.generated else 0
-        self.obstacles = Obstacles(kinds, OBSTACLES + large, group=1, mask=CHASSIS_GROUP)
+        self.obstacles = Obstacles(kinds, BESIDE + large, group=1, mask=CHASSIS_GROUP)
         self.obstacles.build(builder)
 
     def visuals(self, visuals: Visuals) -> None:
@@ -138,126 +156,130 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         return Obstacles.scene_arrays
 
     def setup(self) -> None:
-        """Make paths, views and buffers."""
+        """Make paths, tables and buffers, and record what a step launches."""
         from simwarp.scenery import CONVOY_PATHS, convoy_path, detour
 
-        super().setup()
         detours = [detour(seed, count=LARGE) for seed in range(CONVOY_PATHS)] if self.config.generated else []
         paths = [way.path for way in detours] or [convoy_path(index) for index in range(CONVOY_PATHS)]
         self.routes = Routes(paths, 0.5, self.device)
-        self._large = torch.tensor(
-            np.array([way.obstacles for way in detours]).reshape(-1, LARGE, 3), dtype=torch.float32, device=self.device
-        )
-        self.obstacles.bind(self.simulation.model)
-        worlds = self.num_worlds
-        self.route = torch.zeros(worlds, dtype=torch.int64, device=self.device)
-        self._begun = torch.zeros(worlds, device=self.device)
-        self._deviation = torch.zeros(worlds, device=self.device)
-        self._own_corners, self._leader_corners = (
-            corners(half, self.device) for half in (self.chassis_half, LEADER_HALF)
-        )
-        self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
+        self.column = self._make_column(np.array([way.obstacles for way in detours], np.float32))
+        self.follow = zeros_of(Follow, self)
+        fill(self.follow, steps=self.episode_steps)
+        self.route, self._begun = to_torch(self.follow.route), to_torch(self.follow.begun)
+        self._deviation = to_torch(self.follow.deviation)
+        self.obstacles.bind(self.simulation.model, self.random)
+        super().setup()
         if self.camera is not None:
-            self._frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
+            self.column.frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
+        self._names = ("following", "failure", "speed")[: 3 if self.config.speed_weight > 0.0 else 2]
+        worlds, device = self.num_worlds, self.device
+        self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (17 + _RAYS, 6))
+        self._terms = torch.zeros(len(self._names), worlds, device=device)
+        self._ends = torch.zeros(5, worlds, dtype=torch.bool, device=device)
+        self._distance, self._hits = (torch.zeros(worlds, device=device) for _ in range(2))
+        self.record_world()
+
+    def _make_column(self, large: np.ndarray[Any, np.dtype[np.float32]]) -> Column:
+        """Return the numbers of the task, for kernels; ``large`` are the obstacles of generated paths (K, L, 3)."""
+        config = self.config
+        named = (
+            "control_dt", "dt", "latest_start", "cone", "near", "softness", "following_weight", "failure_weight",
+            "speed_weight", "lost_distance",
+        )  # fmt: skip
+        purposes = {
+            "path": "path", "begin": "begin", "sides": "sides", "gaps": "gaps", "headings": "obstacle headings",
+        }  # fmt: skip
+        return filled(
+            Column,
+            own_half=wp.vec2(*self.chassis_half[:2]),
+            leader_half=wp.vec2(*LEADER_HALF[:2]),
+            in_world_axes=int(config.place_frame is Frame.WORLD),
+            reach=_REACH,
+            direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
+            large=wp.array(large.reshape(-1, LARGE, 3), dtype=wp.vec3, device=str(self.device)),
+            **{name: getattr(config, name) for name in named},
+            **{name: self.random.stream(purpose) for name, purpose in purposes.items()},
+        )
 
     def bind_scene(self, scene: Scene) -> None:
-        """Make views of obstacles and leaders."""
-        from simwarp import to_torch
-
+        """Show obstacles and leaders."""
         self.obstacles.bind_scene(scene)
-        first, after = self._ghosts[0], self._ghosts[0] + LEADERS
-        self._ghost_x = to_torch(scene.x)[:, first:after]
-        self._ghost_rot = to_torch(scene.rot)[:, first:after]
+        fill(self.column, ghost=self._ghosts[0], shown_x=scene.x, shown_rot=scene.rot)
+
+    def record_world(self) -> None:
+        """Record what a step launches: all of it hangs on what is known of column and scene."""
+        column, routes, follow, slots = self.column, self.routes.tables, self.follow, self.obstacles.slots
+        car, drive, state, every, draws = (
+            self._car,
+            self._drive,
+            self.simulation.state.arrays,
+            self._every_world,
+            self.random.draws,
+        )
+        where = [column, car, drive, state, routes, follow]
+        self._draw_path = launch_over(self, draw_path, every, column, draws, routes, follow)
+        arguments = [every, column, draws, routes, follow, slots, *self.obstacles.arrays]
+        self._draw_roadside = TensorLaunch(draw_roadside, self.obstacles.radius.shape, arguments, self.device)
+        self._start = launch_over(self, start_following, every, column, car, self._navigator, state, routes, follow)
+        self._aim_first, self._aim_next = (
+            launch_over(self, aim_next, ahead, column, routes, follow, drive) for ahead in (0, 1)
+        )
+        self._follow_path = launch_over(self, follow_path, car, state, routes, follow)
+        estimated = [column, self._navigator, draws, routes, follow, self._measured]
+        self._measure = launch_over(self, measure_column, *estimated) if self.navigation is not None else None
+        seen = [column, car, state, self.action, routes, follow, slots, self._policy]
+        self._observe = launch_over(self, observe_column, *seen)
+        self._pay = launch_over(self, pay_column, *where, self._terms)
+        self._end = launch_over(self, end_column, *where, self._ends)
+        self._tell = launch_over(self, tell_column, *where, self._distance, self._hits)
+        places = [(torch.float32, (LEADERS, 3))]
+        self._leaders_at = TensorFunction(tell_leaders, [routes, follow], places, self.device)
+        self._show = TensorFunction(show_now, [column, routes, follow], [], self.device)
 
     # ---- an episode ----------------------------------------------------------------------------------------------
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Draw path, start, and what stands beside the path."""
-        random = self.random
-        route = random.uniform("path", 0.0, len(self.routes.length)).squeeze(1).long()
-        begun = APART + random.uniform("begin", 0.0, self.config.latest_start).squeeze(1)
-        self.route.copy_(torch.where(world_mask, route, self.route))
-        self._begun.copy_(torch.where(world_mask, begun, self._begun))
-        self._place_obstacles(world_mask)
-        self._show_leaders(self._time())
-
-    def _place_obstacles(self, world_mask: torch.Tensor) -> None:
-        """At equal steps along the path, to either side, so far away that it stays free; and large ones between."""
-        random, count = self.random, self.obstacles.count
-        kind, scale = self.obstacles.draw_kinds(random)
-        heading = random.uniform("obstacle headings", -math.pi, math.pi, count)
-        share = (torch.arange(OBSTACLES, device=self.device) + 1.0) / (OBSTACLES + 1.0)
-        length = self.routes.length[self.route].unsqueeze(1)
-        along = self.routes.at(self.route, share * length)
-        if self.config.generated:
-            large = self._large[self.route]
-            kind[:, OBSTACLES:] = 0
-            scale[:, OBSTACLES:] = large[..., 2] / self.obstacles.reach(kind, torch.ones_like(scale))[:, OBSTACLES:]
-        reach = self.obstacles.reach(kind, scale)
-        side = 1.0 - 2.0 * (random.uniform("sides", size=OBSTACLES) < 0.5).float()
-        aside = side * (reach[:, :OBSTACLES] + LEADER_HALF[1] + 1.5 + random.uniform("gaps", 0.0, 2.0, OBSTACLES))
-        place = torch.stack(
-            [along[..., 0] - aside * along[..., 2].sin(), along[..., 1] + aside * along[..., 2].cos()], dim=2
-        )
-        if self.config.generated:
-            place = torch.cat([place, large[..., :2]], dim=1)
-        free = torch.stack(
-            [self.routes.distance(self.route, place[:, slot]) for slot in range(count)], dim=1
-        ) > reach + LEADER_HALF[1] + 0.5  # fmt: skip
-        sunk = -0.1 * self.obstacles.tallness(kind, scale)
-        self.obstacles.fill(world_mask, place, sunk, heading, kind, scale, free)
+        self._draw_path.on(world_mask)
+        self._draw_roadside.on(world_mask)
 
     def start(self, world_mask: torch.Tensor) -> None:
         """On the path behind the leaders."""
-        arc = (self._begun - APART) * self.routes.length[self.route]
-        at = self.routes.at(self.route, arc.unsqueeze(1)).squeeze(1)
-        self.place_vehicle(world_mask, torch.nn.functional.pad(at[:, :2], (0, 1)), at[:, 2])
-        self._deviation.masked_fill_(world_mask, 0.0)
-        self._show_leaders(torch.where(world_mask, 0.0, self._time()))
+        self._start.on(world_mask)
+        self.simulation.measure(world_mask, sensors=False)
 
-    def _time(self) -> torch.Tensor:
-        """(W,) since the episode began, at the end of the last control step [s]."""
+    def time(self) -> torch.Tensor:
+        """Return (W,) the time since the episode began, at the end of the last control step [s]."""
         return self.episode_steps * self.config.control_dt
 
-    def _leaders(self, time: torch.Tensor) -> torch.Tensor:
-        """(W, 3, 3) places and headings of the leaders, the nearest first."""
-        ahead = APART * torch.arange(LEADERS, device=self.device)
-        share = self._begun.unsqueeze(1) + ahead + (time / DURATION).square().unsqueeze(1)
-        return self.routes.at(self.route, share * self.routes.length[self.route].unsqueeze(1))
+    def leaders(self, time: torch.Tensor) -> torch.Tensor:
+        """Return (W, 3, 3) places and headings of the leaders at a time (W,), the nearest first [m, rad]."""
+        return self._leaders_at(time)[0]
 
-    def _leader_speed(self) -> torch.Tensor:
-        """(W,) [m/s]."""
-        return 2.0 * self._time() / DURATION**2 * self.routes.length[self.route]
+    def show_leaders(self, time: torch.Tensor) -> None:
+        """Show the leaders where they are at a time (W,) [s], if there is a scene."""
+        self._show(time)
 
-    def _show_leaders(self, time: torch.Tensor) -> None:
-        if self._scene is None:
-            return
-        at = self._leaders(time)
-        self._ghost_x[..., :2] = at[..., :2]
-        turn = heading_quaternion(at[..., 2].reshape(-1)).view(*at.shape[:2], 4)
-        self._ghost_rot.copy_(turn)
+    def _physics_launches(self) -> Sequence[WorldLaunch]:
+        """Return the action's way, steering and pedals, and the leaders' where an image is taken."""
+        path = self._path
+        moved = [path.reach, path.request, self.action, self._car, self._drive]
+        return [share_over(self.simulation, drive_on_behind, self.column, self.routes.tables, self.follow, *moved)]
 
     def begin_step(self) -> None:
         """Move the leaders, if there is an image at the end of the first physics step."""
         super().begin_step()
-        self._aim_leaders()
+        if self._physics is None:
+            self._aim_first.launch()
 
     def after_physics(self) -> None:
         """Move the leaders, if there is an image at the end of the next physics step."""
         super().after_physics()
-        self._aim_leaders()
-
-    def _aim_leaders(self) -> None:
-        """Show the leaders where they are when the coming image is taken; it is taken within the physics step."""
-        if self.camera is not None and (self._substep + 1) % self._frame_steps == 0:
-            self._show_leaders(self._time() + (self._substep + 1) * self.config.dt)
+        self._aim_next.launch()
 
     def end_step(self) -> None:
         """Store the truck's distance from the path."""
-        point, _ = self.pose()
-        deviation = self.routes.distance(self.route, point[:, :2])
-        steps = self.episode_steps + 1
-        self._deviation += (deviation - self._deviation) / steps
+        self._follow_path.launch()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the truck's distance from the path, too."""
@@ -267,94 +289,39 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         """Take it back."""
         super().load_extra_state(state)
         self._deviation.copy_(state["deviation"])
-        self._show_leaders(self._time())
+        self.show_leaders(self.time())
 
     # ---- what a policy sees and is paid for ----------------------------------------------------------------------
 
     def measured(self) -> torch.Tensor:
-        """Return (W, 6): place of the first leader, heading and speed by GPS and IMU, the leader's speed."""
-        assert self.navigation is not None
-        place, heading, speed = self.navigation.estimate()
-        away = self._leaders(self._time())[:, :1, :2] - place.unsqueeze(1)
-        seen = to_heading(away, heading) if self.config.place_frame is Frame.VEHICLE else away
-        own = torch.stack([heading.sin(), heading.cos(), speed / _SPEED, self._leader_speed() / _SPEED], dim=1)
-        return torch.cat([seen.squeeze(1) / _LENGTHS, own], dim=1)
+        """Return (W, 6): place of the first leader, heading and speed by GPS and IMU, the leader's speed; the buffer
+        itself.
+        """
+        assert self._measure is not None
+        self._measure.launch()
+        return self._measured
 
     def exact_state(self) -> torch.Tensor:
-        """Return the leaders' places, the first one's heading and speed, motion, tilt, inputs, ranges to obstacles."""
-        leaders = self._leaders(self._time())
-        leader_speed = self._leader_speed() / _SPEED
-        point, heading = self.pose()
-        motion = self.motion()
-        motion[:, 0] /= _SPEED
-        away = to_heading(leaders[..., :2] - point[:, :2].float().unsqueeze(1), heading)
-        turn = leaders[:, 0, 2] - heading
-        obstacles = to_heading(self.obstacles.place - point[:, :2].float().unsqueeze(1), heading)
-        ranges = self._fan.ranges(obstacles, self.obstacles.radius)
-        return torch.cat(
-            [
-                (away / _LENGTHS).flatten(1),
-                torch.stack([turn.sin(), turn.cos(), leader_speed, away[:, 0].norm(dim=1) / _LENGTHS], dim=1),
-                motion,
-                self.tilt(),
-                self.action,
-                1.0 - ranges / _REACH,
-            ],
-            dim=1,
-        )
-
-    def _behind(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """(W,) distance to the nearest leader [m], and whether the truck is in the cone behind it."""
-        point, _ = self.pose()
-        leader = self._leaders(self._time())[:, 0]
-        away = to_heading((leader[:, :2] - point[:, :2].float()).unsqueeze(1), leader[:, 2]).squeeze(1)
-        return away.norm(dim=1), torch.atan2(away[:, 1], away[:, 0]).abs() < self.config.cone
+        """Return the leaders' places, the first one's heading and speed, motion, tilt, inputs, ranges to obstacles; the
+        buffer itself.
+        """
+        self._observe.launch()
+        return self._policy
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``following``, ``failure`` and, if it counts, the difference in ``speed``."""
-        config = self.config
-        distance, inside = self._behind()
-        pay = config.softness / ((distance - config.near).clamp(min=0.0) + config.softness)
-        failed = self._hit | self._bumped() | self.upset() | (distance > config.lost_distance)
-        terms = {
-            "following": config.following_weight * pay * inside,
-            "failure": -config.failure_weight * failed.float(),
-        }
-        if config.speed_weight > 0.0:
-            speed = self.motion()[:, 0]
-            terms["speed"] = -config.speed_weight * ((self._leader_speed() - speed) / (speed.abs() + 0.05)).abs()
-        return terms
-
-    def _bumped(self) -> torch.Tensor:
-        """(W,) whether a corner of the truck is within a leader, or the other way round."""
-        point, heading = self.pose()
-        leaders = self._leaders(self._time())
-        touching = torch.zeros(self.num_worlds, dtype=torch.bool, device=self.device)
-        for leader in leaders.unbind(dim=1):
-            away = (leader[:, :2] - point[:, :2].float()).unsqueeze(1)
-            turn = leader[:, 2] - heading
-            touching |= corners_inside(to_heading(away, heading), turn, self._leader_corners, self.chassis_half)
-            touching |= corners_inside(to_heading(-away, leader[:, 2]), -turn, self._own_corners, LEADER_HALF)
-        return touching
-
-    def _at_end(self) -> torch.Tensor:
-        return (self._begun + (self._time() / DURATION).square() > 0.999) & ~self._hit
+        self._pay.launch()
+        return dict(zip(self._names, self._terms, strict=True))
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``goal``, ``collision`` with an obstacle, ``bumped`` into a leader, ``lost`` it, and ``upset``."""
-        distance, _ = self._behind()
-        return {
-            "collision": self._hit.clone(),
-            "bumped": self._bumped(),
-            "lost": distance > self.config.lost_distance,
-            "upset": self.upset(),
-            "goal": self._at_end(),
-        }
+        self._end.launch()
+        return dict(zip(("collision", "bumped", "lost", "upset", "goal"), self._ends, strict=True))
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the ``distance`` to the leader, the mean ``path_deviation`` [m] and ``obstacle_hits``."""
-        distance, _ = self._behind()
-        return {"distance": distance, "path_deviation": self._deviation, "obstacle_hits": self._hit.float()}
+        self._tell.launch()
+        return {"distance": self._distance, "path_deviation": self._deviation, "obstacle_hits": self._hits}
 
     # ---- pictures ------------------------------------------------------------------------------------------------
 
@@ -365,25 +332,8 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         path = self.routes.at(self.route, share * self.routes.length[self.route].unsqueeze(1))
         lines = [Line(torch.nn.functional.pad(path[..., :2], (0, 1)), "0.7", 1.0), *self.obstacles.rings()]
         for index in range(LEADERS):
-            leader = self._leaders(self._time())[:, index]
+            leader = self.leaders(self.time())[:, index]
             lines.append(Line(outline(leader.double(), leader[:, 2], LEADER_HALF), "tab:red", 1.5))
         point, heading = self.pose()
         lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
         return Drawing(tuple(lines), ((-110.0, 110.0), (-110.0, 110.0)))
-
-
-def corners_inside(
-    away: torch.Tensor, turn: torch.Tensor, corner: torch.Tensor, half: tuple[float, float, float]
-) -> torch.Tensor:
-    """Return (W,) bool: a corner of a rectangle lies within another one, which is about the origin.
-
-    Args:
-        away: (W, 1, 2) middle of the first, in axes of the second [m].
-        turn: (W,) of the first against the second [rad].
-        corner: (4, 2) of the first, in its own axes [m].
-        half: lengths of the second; the first two count [m].
-    """
-    cosine, sine = turn.cos().unsqueeze(1), turn.sin().unsqueeze(1)
-    x = away[..., 0] + cosine * corner[:, 0] - sine * corner[:, 1]
-    y = away[..., 1] + sine * corner[:, 0] + cosine * corner[:, 1]
-    return ((x.abs() < half[0]) & (y.abs() < half[1])).any(dim=1)

@@ -8,11 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
+import warp as wp
 
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.hallway import SpeedControl, begin_control, drive_on_held, hold_on, steer_held
+
+from ..framework.launching import filled, launch_over, share_over
 from ..framework.registry import register
 from .base import BY_CAMERA, DrivingConfig
 from .lapping import LappingConfig, LappingTask
@@ -22,12 +27,13 @@ if TYPE_CHECKING:
     from simwarp.sensors import Lighting
     from simwarp.viewer import Shot
 
+    from ..framework.launching import WorldLaunch
+
 WIDTH = 1.1
 """Of the lane between the cones [m]."""
 CORRIDOR = 2.2
 """Width of the corridor [m]."""
 _CONE_APART = 0.8
-_PROPORTIONAL, _INTEGRAL = 0.4, 0.4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,12 +138,18 @@ class HallwayTask(LappingTask[HallwayConfig]):
     def setup(self) -> None:
         """Make the speed controller's memory."""
         super().setup()
-        self._integral = torch.zeros(self.num_worlds, device=self.device)
+        config, state, car = self.config, self.simulation.state.arrays, self._car
+        integral = wp.zeros(self.num_worlds, dtype=float, device=str(self.device))
+        self._integral = to_torch(integral)
+        self._control = filled(SpeedControl, speed=config.speed, dt=config.dt, integral=integral)
+        self._begin_control = launch_over(self, begin_control, self._every_world, self._control)
+        self._steer_held = launch_over(self, steer_held, self.action, self._control, state, car)
+        self._hold_on = launch_over(self, hold_on, self._control, state, car)
 
     def start(self, world_mask: torch.Tensor) -> None:
         """In the lane, at rest."""
         super().start(world_mask)
-        self._integral.masked_fill_(world_mask, 0.0)
+        self._begin_control.on(world_mask)
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the speed controller's memory too."""
@@ -148,25 +160,29 @@ class HallwayTask(LappingTask[HallwayConfig]):
         super().load_extra_state(state)
         self._integral.copy_(state["integral"])
 
+    def _physics_launches(self) -> Sequence[WorldLaunch]:
+        """Return the action's way, steering, and the pedals by policy or controller."""
+        if self.config.pedals:
+            return super()._physics_launches()
+        path, state = self._path, self.simulation.state.arrays
+        arguments = [self._control, state, path.reach, path.request, self.action, self._car, self._drive]
+        return [share_over(self.simulation, drive_on_held, *arguments)]
+
+    def begin_step(self) -> None:
+        """Count physics steps anew."""
+        super().begin_step()
+        self._physics_step = 0
+
     def apply(self, action: torch.Tensor) -> None:
         """Steer; pedals as the policy says, or as the speed controller does."""
         if self.config.pedals:
             super().apply(action)
-            return
-        self.input[:, 0] = action[:, 0]
-        self._hold_speed()
+        else:
+            self._steer_held.on(action)
 
     def after_physics(self) -> None:
         """Let the controller act before the next physics step, where `apply` does not come again."""
         super().after_physics()
-        if self._reach is None and not self.config.pedals and self._substep < self.config.decimation:
-            self._hold_speed()
-
-    def _hold_speed(self) -> None:
-        """Work the pedals for one physics step."""
-        error = self.config.speed - self.motion()[:, 0]
-        self._integral += self.config.dt * error
-        self._integral.clamp_(-1.0, 1.0)
-        pedal = (_PROPORTIONAL * error + _INTEGRAL * self._integral).clamp(-1.0, 1.0)
-        self.input[:, 1] = pedal.clamp(min=0.0)
-        self.input[:, 2] = (-pedal).clamp(min=0.0)
+        self._physics_step += 1
+        if not self._path.limited and not self.config.pedals and self._physics_step < self.config.decimation:
+            self._hold_on.launch()

@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import torch
+import warp as wp
+
+from simwarp.kernels.tasks.driving.hills import FLATTEST, HillTables, tell_heights, tell_normals
+
+from ..framework.launching import TensorFunction, filled
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder
 
-FLATTEST = 1e-3
-"""Least factor of the heights: a height field must not be flat altogether."""
+__all__ = ["FLATTEST", "Hills"]
 
 
 class Hills:
@@ -21,7 +25,12 @@ class Hills:
         count: number of fields.
         side: length of their sides [m].
         seed: of their form.
+
+    Attributes:
+        tables: the fields, and what each world shows of them, for kernels; once bound.
     """
+
+    tables: HillTables
 
     model_arrays: ClassVar[tuple[str, ...]] = ("shape_asset", "shape_size")
 
@@ -52,47 +61,29 @@ class Hills:
         return self._terrain
 
     def bind(self, model: Model) -> None:
-        """Make views of what a reset changes."""
-        from simwarp import to_torch
-
+        """Make tables of what a reset changes."""
+        device = torch.device(str(model.device))
         terrain: Any = self._terrain
-        self._asset, self._scale = to_torch(terrain.asset), to_torch(terrain.scale)
-        self._shape_asset = to_torch(model.shape_asset)[:, self.shape]
-        self._shape_size = to_torch(model.shape_size)[:, self.shape]
-        device = self._asset.device
-        self._known = torch.tensor(self._assets, dtype=torch.int32, device=device)
-        self._heights = torch.tensor(np.stack(self.fields), device=device)
-        self._field = torch.zeros(len(self._asset), dtype=torch.int64, device=device)
-        self._around = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]], device=device)
-
-    def choose(self, world_mask: torch.Tensor, field: torch.Tensor, amplitude: torch.Tensor) -> None:
-        """Give the worlds of a mask (W,) a field (W,) and an amplitude (W,) [m]."""
-        self._field.copy_(torch.where(world_mask, field, self._field))
-        asset = self._known[self._field]
-        self._asset.copy_(asset)
-        self._shape_asset.copy_(asset)
-        factor = amplitude.clamp(min=FLATTEST)
-        for size in (self._scale, self._shape_size):
-            size[:, 2] = torch.where(world_mask, factor, size[:, 2])
+        self.tables = filled(
+            HillTables,
+            side=self.side,
+            heights=wp.array(np.stack(self.fields), dtype=float, device=model.device),
+            assets=wp.array(self._assets, dtype=int, device=model.device),
+            shape=self.shape,
+            field=wp.zeros(model.world_count, dtype=wp.int64, device=model.device),
+            asset=terrain.asset,
+            scale=terrain.scale,
+            shape_asset=model.shape_asset,
+            shape_size=model.shape_size,
+        )
+        number, vector = (torch.float32, ()), (torch.float32, (3,))
+        self._height = TensorFunction(tell_heights, [self.tables], [number], device, dimensions=2)
+        self._normal = TensorFunction(tell_normals, [self.tables], [vector], device)
 
     def height(self, place: torch.Tensor) -> torch.Tensor:
         """Return heights (W, N) [m] of the ground at places (W, N, 2), of the triangles that tires stand on."""
-        rows, columns = self._heights.shape[1:]
-        u = ((place[..., 0] / self.side + 0.5) * (columns - 1)).clamp(0.0, columns - 1.001)
-        v = ((place[..., 1] / self.side + 0.5) * (rows - 1)).clamp(0.0, rows - 1.001)
-        i, j = u.long(), v.long()
-        s, t = u - i, v - j
-        field = self._field.unsqueeze(1)
-        low, high = self._heights[field, j, i], self._heights[field, j + 1, i + 1]
-        # cells are cut from node (i, j) to node (i + 1, j + 1)
-        above = t > s
-        other = self._heights[field, j + above.long(), i + (~above).long()]
-        first, second = torch.where(above, t, s), torch.where(above, s, t)
-        return self._scale[:, 2:] * (low + first * (other - low) + second * (high - other))
+        return self._height(place.float().contiguous())[0]
 
-    def normal(self, place: torch.Tensor, over: float = 1.2) -> torch.Tensor:
-        """Return (W, 3) unit normals of the plane through the ground `over` metres around places (W, 2)."""
-        height = self.height(place.unsqueeze(1) + over * self._around)
-        slope = torch.stack([height[:, 0] - height[:, 1], height[:, 2] - height[:, 3]], dim=1) / (2.0 * over)
-        normal = torch.cat([-slope, torch.ones_like(slope[:, :1])], dim=1)
-        return normal / normal.norm(dim=1, keepdim=True)
+    def normal(self, place: torch.Tensor) -> torch.Tensor:
+        """Return (W, 3) unit normals of the plane through the ground 1.2 metres around places (W, 2)."""
+        return self._normal(place.float().contiguous())[0]

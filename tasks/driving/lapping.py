@@ -8,21 +8,37 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
 
+import numpy as np
 import torch
+import warp as wp
 
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.lapping import (
+    PREVIEW,
+    Course,
+    Lap,
+    advance_lap,
+    draw_lap,
+    end_lap,
+    find_slow,
+    measure_lap,
+    observe_lap,
+    pay_lap,
+    start_lap,
+    tell_lane,
+    tell_lap,
+    tell_outside,
+)
 from simwarp.tasks import Ge, Gt, Le, Positive, Whole
 
 from ..framework.drawing import Drawing, Line
-from ..framework.frames import to_heading
+from ..framework.launching import TensorFunction, fill, filled, launch_over, zeros_of
 from .base import DrivingConfig, DrivingTask, outline
 from .routes import Routes
 
 if TYPE_CHECKING:
     from simwarp.scenery import Track, VisualMesh
     from simwarp.sensors import Scene, Visuals
-
-PREVIEW = 5
-"""Number of points of the lane ahead in exact observations."""
 
 
 class Start(enum.Enum):
@@ -71,8 +87,6 @@ class LappingTask(DrivingTask[LappingT]):
     preview: ClassVar[float] = 1.0
     """Distance of the points ahead in exact observations [m]."""
 
-    _shown: torch.Tensor | None = None
-
     @abstractmethod
     def make_track(self, number: int) -> Track:
         """Return one of the tracks."""
@@ -104,58 +118,85 @@ class LappingTask(DrivingTask[LappingT]):
         return ("asset",) if self.config.tracks > 1 else ()
 
     def setup(self) -> None:
-        """Make paths and buffers."""
-        super().setup()
+        """Make paths and buffers, and record what a step launches."""
         self.tracks = self.make_tracks()
         self.routes = Routes([track.path for track in self.tracks], self.preview / 8.0, self.device)
-        starts = [track.arc[track.starts(self.config.start.value)] for track in self.tracks]
-        self._starts = torch.zeros(len(starts), max(map(len, starts)), device=self.device)
-        for row, arcs in zip(self._starts, starts, strict=True):
-            row[: len(arcs)] = torch.as_tensor(arcs, dtype=torch.float32)
-        self._start_counts = torch.tensor([len(arcs) for arcs in starts], device=self.device)
-        worlds = self.num_worlds
-        self.route = torch.zeros(worlds, dtype=torch.int64, device=self.device)
-        self.begun = torch.zeros(worlds, device=self.device)
-        self.progress = torch.zeros(worlds, device=self.device)
-        self._gain = torch.zeros(worlds, device=self.device)
-        self._arc = torch.zeros(worlds, device=self.device)
+        self.course = self._make_course()
+        self.lap = zeros_of(Lap, self)
+        lap = self.lap
+        self.route, self.begun = to_torch(lap.route), to_torch(lap.begun)
+        self.progress, self._arc = to_torch(lap.progress), to_torch(lap.arc)
+        super().setup()
+        car, state, course, routes = self._car, self.simulation.state.arrays, self.course, self.routes.tables
+        worlds, device, number = self.num_worlds, self.device, (torch.float32, ())
+        width = 3 + 2 * PREVIEW + 3 + self.action_size
+        self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (width, 3))
+        self._terms = torch.zeros(3, worlds, device=device)
+        self._ends = torch.zeros(3, worlds, dtype=torch.bool, device=device)
+        self._slow = torch.zeros(worlds, dtype=torch.bool, device=device)
+        self._laps, self._aside = (torch.zeros(worlds, device=device) for _ in range(2))
+        self._start = launch_over(self, start_lap, self._every_world, car, self._navigator, state, routes, lap)
+        self._advance_lap = launch_over(self, advance_lap, car, state, routes, lap)
+        self._measure = launch_over(self, measure_lap, car, state, course, self.action, self._measured)
+        self._observe = launch_over(self, observe_lap, car, state, course, routes, lap, self.action, self._policy)
+        self._pay = launch_over(self, pay_lap, self._slow, car, state, course, routes, lap, self._terms)
+        self._end = launch_over(self, end_lap, self._slow, car, state, routes, lap, self._ends)
+        self._find_slow = launch_over(self, find_slow, self.episode_clock, course, lap, self._slow)
+        self._tell_lap = launch_over(self, tell_lap, car, state, routes, lap, self._laps, self._aside)
+        fixed = [car, state, course, routes, lap]
+        self._tell_lane = TensorFunction(tell_lane, fixed, [number, number, (torch.float32, (PREVIEW, 2))], device)
+        self._tell_outside = TensorFunction(tell_outside, fixed, [(torch.bool, ())], device)
+        self.record_world()
+
+    def _make_course(self) -> Course:
+        """Return the numbers of the task, for kernels."""
+        config, device = self.config, str(self.device)
+        starts = [track.arc[track.starts(config.start.value)] for track in self.tracks]
+        table = np.zeros((len(starts), max(map(len, starts))), np.float32)
+        for row, arcs in zip(table, starts, strict=True):
+            row[: len(arcs)] = arcs
+        return filled(
+            Course,
+            lane_half=self.lane_half,
+            preview=self.preview,
+            speed=config.speed,
+            progress_weight=config.progress_weight,
+            lap_weight=config.lap_weight,
+            failure_weight=config.failure_weight,
+            starts=wp.array(table, dtype=float, device=device),
+            start_counts=wp.array([len(arcs) for arcs in starts], dtype=int, device=device),
+            limits=wp.array(self._lap_limits().numpy(), dtype=wp.int64, device=device),
+            track=self.random.stream("track"),
+            begin=self.random.stream("begin"),
+        )
+
+    def _lap_limits(self) -> torch.Tensor:
+        """(K,) int64, what a lap of each track may take [control steps]."""
+        time = self.config.patience * self.routes.length.cpu() / self.config.speed
+        return (time / self.config.control_dt).ceil().long()
 
     def bind_scene(self, scene: Scene) -> None:
-        """Make a view of the course that each world shows."""
-        from simwarp import to_torch
-
+        """Show the course that each world drives on, if there are several."""
         if self.config.tracks > 1:
-            self._shown = to_torch(scene.asset)[:, self._course]
-            self._known = torch.tensor(self._courses, dtype=torch.int32, device=self.device)
+            known: wp.array = wp.array(self._courses, dtype=int, device=str(self.device))
+            fill(self.course, course=self._course, shown=scene.asset, known=known)
+
+    def record_world(self) -> None:
+        """Record the draw of track and start."""
+        self._draw = launch_over(self, draw_lap, self._every_world, self.course, self.random.draws, self.lap)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Draw track and start."""
-        route = self.random.uniform("track", 0.0, len(self.tracks)).squeeze(1).long()
-        chance = self.random.uniform("begin").squeeze(1)
-        begun = self._starts[route, (chance * self._start_counts[route]).long()]
-        self.route.copy_(torch.where(world_mask, route, self.route))
-        self.begun.copy_(torch.where(world_mask, begun, self.begun))
-        if self._shown is not None:
-            self._shown.copy_(self._known[self.route])
+        self._draw.on(world_mask)
 
     def start(self, world_mask: torch.Tensor) -> None:
         """In the middle of the lane, along it."""
-        at = self.routes.at(self.route, self.begun.unsqueeze(1)).squeeze(1)
-        self.place_vehicle(world_mask, torch.nn.functional.pad(at[:, :2], (0, 1)), at[:, 2])
-        self._arc.copy_(torch.where(world_mask, self.begun, self._arc))
-        for passed in (self.progress, self._gain):
-            passed.masked_fill_(world_mask, 0.0)
+        self._start.on(world_mask)
+        self.simulation.measure(world_mask, sensors=False)
 
     def end_step(self) -> None:
         """See how far the vehicle has come."""
-        point, _ = self.pose()
-        arc, _ = self.routes.locate(self.route, point[:, :2])
-        length = self.routes.length[self.route]
-        gain = arc - self._arc
-        gain -= length * (gain / length).round()
-        self._gain.copy_(gain)
-        self.progress += gain
-        self._arc.copy_(arc)
+        self._advance_lap.launch()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return the progress of the vehicles."""
@@ -173,74 +214,47 @@ class LappingTask(DrivingTask[LappingT]):
         """Return the vehicle's pose in the lane: (W,) aside of its middle [m] and heading off it [rad]; and (W, 5, 2)
         points of the middle ahead, in axes of the vehicle [m].
         """
-        point, heading = self.pose()
-        arc, aside = self.routes.locate(self.route, point[:, :2])
-        ahead = self.preview * torch.arange(PREVIEW + 1, device=self.device)
-        at = self.routes.at(self.route, arc.unsqueeze(1) + ahead)
-        turn = heading - at[:, 0, 2]
-        return (
-            aside,
-            torch.atan2(turn.sin(), turn.cos()),
-            to_heading(at[:, 1:, :2] - point[:, :2].float().unsqueeze(1), heading),
-        )
+        aside, turn, ahead = self._tell_lane(shape=(self.num_worlds,))
+        return aside, turn, ahead
 
     def measured(self) -> torch.Tensor:
-        """Return (W, 3): speed, yaw rate, steering."""
-        motion = self._scaled_motion()
-        return torch.stack([motion[:, 0], motion[:, 2], self.action[:, 0]], dim=1)
+        """Return (W, 3): speed, yaw rate, steering; the buffer itself."""
+        self._measure.launch()
+        return self._measured
 
     def exact_state(self) -> torch.Tensor:
-        """Return the place in the lane, points of the lane ahead, motion and inputs."""
-        aside, turn, ahead = self.lane()
-        place = torch.stack([aside / self.lane_half, turn.sin(), turn.cos()], dim=1)
-        points = (ahead / (PREVIEW * self.preview)).flatten(1)
-        return torch.cat([place, points, self._scaled_motion(), self.action], dim=1)
-
-    def _scaled_motion(self) -> torch.Tensor:
-        """(W, 3) float32: speeds ahead and aside over the target speed, and the yaw rate."""
-        motion = self.motion()
-        motion[:, :2] /= self.config.speed
-        return motion
+        """Return the place in the lane, points of the lane ahead, motion and inputs; the buffer itself."""
+        self._observe.launch()
+        return self._policy
 
     def outside(self) -> torch.Tensor:
         """Return (W,) bool: the vehicle has left its lane."""
-        point, _ = self.pose()
-        _, aside = self.routes.locate(self.route, point[:, :2])
-        return aside.abs() > self.lane_half
-
-    def _lapped(self) -> torch.Tensor:
-        return (self.progress >= self.routes.length[self.route]) & ~self.outside() & ~self.upset()
+        return self._tell_outside(shape=(self.num_worlds,))[0]
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``lap`` and ``failure``."""
-        config = self.config
-        return {
-            "progress": config.progress_weight * self._gain,
-            "lap": config.lap_weight * self._lapped().float(),
-            "failure": -config.failure_weight * (self.outside() | self.upset()).float(),
-        }
+        self._pay.on(self.outside())
+        return dict(zip(("progress", "lap", "failure"), self._terms, strict=True))
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``off_lane``, ``upset`` and ``lap``."""
-        return {"off_lane": self.outside(), "upset": self.upset(), "lap": self._lapped()}
+        self._end.on(self.outside())
+        return dict(zip(("off_lane", "upset", "lap"), self._ends, strict=True))
 
     def step_limit(self) -> torch.Tensor:
         """Return (W,) int64, what a lap may take: the lesser of both limits."""
-        return self._lap_limit().clamp(max=self.config.max_episode_steps)
-
-    def _lap_limit(self) -> torch.Tensor:
-        """(W,) int64 [control steps]."""
-        time = self.config.patience * self.routes.length[self.route] / self.config.speed
-        return (time / self.config.control_dt).ceil().long()
+        limits = self._lap_limits().to(self.device)
+        return limits[self.route].clamp(max=self.config.max_episode_steps)
 
     def truncations(self) -> dict[str, torch.Tensor]:
         """Return ``too_slow``: the time for a lap is over."""
-        return {"too_slow": self.episode_clock >= self._lap_limit()}
+        self._find_slow.launch()
+        return {"too_slow": self._slow}
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the share of the lap and the distance from the middle of the lane [m]."""
-        aside, _, _ = self.lane()
-        return {"laps": self.progress / self.routes.length[self.route], "aside": aside.abs()}
+        self._tell_lap.launch()
+        return {"laps": self._laps, "aside": self._aside}
 
     def drawing(self) -> Drawing:
         """Draw both sides of the lane and the vehicle from above."""

@@ -5,6 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import torch
+import warp as wp
+
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.navigation import Navigator, advance_heading, tell_estimate
+
+from ..framework.launching import TensorFunction, TensorLaunch, filled
 
 if TYPE_CHECKING:
     from simwarp import Model
@@ -38,39 +44,47 @@ class Navigation:
     Attributes:
         sensors: to be given to the simulation.
         heading: (W,) float32, integrated [rad].
+        tables: readings and heading, for kernels.
     """
 
     def __init__(self, model: Model, parts: VehicleParts, dt: float, decimation: int, random: WorldRandom) -> None:
         from simwarp import pose
         from simwarp.sensors import Gps, GpsConfig, Imu, ImuConfig, Mount, Schedule
 
-        self._period = dt * decimation
-        self._random = random
-        rate = 1.0 / self._period
+        period = dt * decimation
         mount = Mount(body=parts.chassis, pose=pose(parts.reference))
-        self._gps = Gps(model, mount, GpsConfig(schedule=Schedule(rate=rate)))
-        self._imu = Imu(
-            model, mount, ImuConfig(schedule=Schedule(rate=rate, window=self._period), outputs=("gyroscope",))
+        gps = Gps(model, mount, GpsConfig(schedule=Schedule(rate=1.0 / period)))
+        imu = Imu(model, mount, ImuConfig(schedule=Schedule(rate=1.0 / period, window=period), outputs=("gyroscope",)))
+        self.sensors: list[Any] = [gps, imu]
+        heading = wp.zeros(model.world_count, dtype=float, device=model.device)
+        self.heading = to_torch(heading)
+        self.tables = filled(
+            Navigator,
+            position=gps.position,
+            velocity=gps.velocity,
+            rate=imu.data,
+            heading=heading,
+            period=period,
+            place_noise=PLACE_NOISE,
+            speed_noise=SPEED_NOISE,
+            rate_noise=RATE_NOISE,
+            rate_bias=RATE_BIAS,
+            place_stream=random.stream("receiver"),
+            speed_stream=random.stream("receiver velocity"),
+            rate_stream=random.stream("gyroscope"),
+            bias_stream=random.stream("gyroscope bias"),
         )
-        self.sensors: list[Any] = [self._gps, self._imu]
-        from simwarp import to_torch
-
-        self._position, self._velocity = to_torch(self._gps.position), to_torch(self._gps.velocity)
-        self._rate = to_torch(self._imu.data)[:, 2]
-        self.heading = torch.zeros_like(self._rate)
-
-    def begin(self, world_mask: torch.Tensor, heading: torch.Tensor) -> None:
-        """Set the heading (W,) [rad] at the beginning of an episode."""
-        self.heading.copy_(torch.where(world_mask, heading.float(), self.heading))
+        device = self.heading.device
+        fixed = [self.tables, random.draws]
+        self._advance = TensorLaunch(advance_heading, model.world_count, fixed, device)
+        results = [(torch.float32, (2,)), (torch.float32, ()), (torch.float32, ())]
+        self._estimate = TensorFunction(tell_estimate, fixed, results, device)
 
     def advance(self) -> None:
         """Turn the heading by what the gyroscope measured over the control step that ends."""
-        bias = self._random.normal("gyroscope bias", std=RATE_BIAS)
-        noise = self._random.normal("gyroscope", std=RATE_NOISE, per_step=True)
-        self.heading += self._period * (self._rate + (bias + noise).squeeze(1))
+        self._advance.launch()
 
     def estimate(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return place (W, 2) [m], heading (W,) [rad] and speed (W,) [m/s]."""
-        place = self._position[:, :2] + self._random.normal("receiver", std=PLACE_NOISE, size=2, per_step=True)
-        noise = self._random.normal("receiver velocity", std=SPEED_NOISE, size=2, per_step=True)
-        return place, self.heading, (self._velocity[:, :2] + noise).norm(dim=1)
+        place, heading, speed = self._estimate(shape=(len(self.heading),))
+        return place, heading, speed

@@ -12,11 +12,23 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
+import warp as wp
 
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.obstacle_avoidance import (
+    Road,
+    begin_way,
+    draw_pillars,
+    end_way,
+    measure_way,
+    observe_way,
+    pay_way,
+    tell_way,
+)
 from simwarp.tasks import Ge, Le, Positive
 
 from ..framework.drawing import Drawing, Line
-from ..framework.frames import to_heading
+from ..framework.launching import filled, launch_over
 from ..framework.registry import register
 from .base import VEHICLE_ARRAYS, DrivingConfig, DrivingTask, outline
 from .ranging import RangeFan
@@ -28,11 +40,8 @@ if TYPE_CHECKING:
 PILLARS_X = (25.0, 50.0, 75.0)
 PILLAR_HALF = (1.0, 1.0, 5.0)
 ROAD_HALF_WIDTH = 7.5
-TRUCK_HALF_WIDTH = 1.2
 PILLAR_COLOR = (0.04, 0.04, 0.7)
-_LENGTHS = 25.0
 _REACH, _RAYS, _FAN = 30.0, 25, math.radians(150.0)
-_SPEED = 10.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,97 +117,77 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         )  # fmt: skip
 
     def setup(self) -> None:
-        """Make views of the pillars."""
-        from simwarp import to_torch
-
+        """Make buffers, and record what a step launches."""
         super().setup()
-        self._shape_x = to_torch(self.simulation.model.shape_x)
-        first = self.pillars[0]
-        self._pillar_x = self._shape_x[:, first : first + len(self.pillars)]
-        self._before = torch.zeros(self.num_worlds, dtype=torch.float64, device=self.device)
-        self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
-        radius = math.hypot(*PILLAR_HALF[:2])
-        self._pillar_radius = torch.full((self.num_worlds, len(PILLARS_X)), radius, device=self.device)
-        self._far = torch.tensor([2.0 * _LENGTHS, 0.0], device=self.device)
+        config, model, worlds, device = self.config, self.simulation.model, self.num_worlds, self.device
+        fan = RangeFan(_RAYS, _FAN, _REACH, device)
+        road = filled(
+            Road,
+            end=config.end,
+            spread=config.spread,
+            progress_weight=config.progress_weight,
+            bonus=config.bonus,
+            failure_weight=config.failure_weight,
+            reach=_REACH,
+            radius=math.hypot(*PILLAR_HALF[:2]),
+            direction=fan.direction,
+            aside=self.random.stream("pillars"),
+            first=self.pillars[0],
+            shape_x=model.shape_x,
+            before=wp.zeros(worlds, dtype=wp.float64, device=str(device)),
+        )
+        self._pillar_x = to_torch(model.shape_x)[:, self.pillars[0] : self.pillars[-1] + 1]
+        car, drive, state = self._car, self._drive, self.simulation.state.arrays
+        self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (13 + _RAYS, 3))
+        self._terms = torch.zeros(3, worlds, device=device)
+        self._ends = torch.zeros(3, worlds, dtype=torch.bool, device=device)
+        self._distance = torch.zeros(worlds, device=device)
+        self._draw = launch_over(self, draw_pillars, self._every_world, road, self.random.draws)
+        self._begin_way = launch_over(self, begin_way, road, car, state)
+        self._measure = launch_over(self, measure_way, car, state, self.action, self._measured)
+        self._observe = launch_over(self, observe_way, road, car, state, self.action, self._policy)
+        self._pay = launch_over(self, pay_way, road, car, drive, state, self._terms)
+        self._end = launch_over(self, end_way, road, car, drive, state, self._ends)
+        self._tell_way = launch_over(self, tell_way, car, state, self._distance)
 
     def begin_step(self) -> None:
         """Store the distance to the end."""
         super().begin_step()
-        self._before.copy_(self._distance())
-
-    def _distance(self) -> torch.Tensor:
-        """(W,) from the end of the road, at its middle [m]."""
-        point, _ = self.pose()
-        return torch.hypot(self.config.end - point[:, 0], point[:, 1])
+        self._begin_way.launch()
 
     def measured(self) -> torch.Tensor:
-        """Return (W, 3): speed, yaw rate, steering."""
-        motion = self.motion()
-        return torch.stack([motion[:, 0] / _SPEED, motion[:, 2], self.action[:, 0]], dim=1)
+        """Return (W, 3): speed, yaw rate, steering; the buffer itself."""
+        self._measure.launch()
+        return self._measured
 
     def exact_state(self) -> torch.Tensor:
-        """Return (W, 38): place across the road, heading, motion, inputs, the next two pillars, ranges to pillars."""
-        motion = self.motion()
-        point, heading = self.pose()
-        passed = (self._pillar_x[..., 0] < point[:, :1] - 3.0).sum(dim=1, keepdim=True)
-        place = to_heading((self._pillar_x[..., :2] - point[:, :2].unsqueeze(1)).float(), heading)
-        places = torch.cat([place, self._far.expand(self.num_worlds, 2, 2)], dim=1)
-        index = (passed + torch.arange(2, device=self.device)).unsqueeze(2).expand(-1, -1, 2)
-        ranges = self._fan.ranges(place, self._pillar_radius)
-        following = places.gather(1, index) / _LENGTHS
-        return torch.cat(
-            [
-                self.measured(),
-                motion[:, 1:2],
-                self.action[:, 1:],
-                (point[:, 1:2] / ROAD_HALF_WIDTH).float(),
-                heading.sin().unsqueeze(1),
-                heading.cos().unsqueeze(1),
-                ((self.config.end - point[:, :1]) / self.config.end).float(),
-                following.flatten(1),
-                1.0 - ranges / _REACH,
-            ],
-            dim=1,
-        )
+        """Return (W, 38): place across the road, heading, motion, inputs, the next two pillars, ranges to pillars; the
+        buffer itself.
+        """
+        self._observe.launch()
+        return self._policy
 
     def rewards(self) -> dict[str, torch.Tensor]:
-        """Return ``progress`` towards the end, the ``goal``'s bonus, and what a ``failure`` costs."""
-        return {
-            "failure": -self.config.failure_weight * (self._hit | self._off_road()).float(),
-            "progress": (self.config.progress_weight * (self._before - self._distance())).float(),
-            "goal": self.config.bonus * self._at_end().float(),
-        }
-
-    def _at_end(self) -> torch.Tensor:
-        point, _ = self.pose()
-        return (point[:, 0] > self.config.end) & ~self._hit & ~self._off_road()
+        """Return what a ``failure`` costs, ``progress`` towards the end, and the ``goal``'s bonus."""
+        self._pay.launch()
+        return dict(zip(("failure", "progress", "goal"), self._terms, strict=True))
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``goal``, ``collision`` with a pillar, and ``off_road``."""
-        return {
-            "goal": self._at_end(),
-            "collision": self._hit.clone(),
-            "off_road": self._off_road(),
-        }
-
-    def _off_road(self) -> torch.Tensor:
-        """(W,) bool: beside the road, or turned over."""
-        point, _ = self.pose()
-        return (point[:, 1].abs() + TRUCK_HALF_WIDTH > ROAD_HALF_WIDTH) | self.upset()
+        self._end.launch()
+        return dict(zip(("goal", "collision", "off_road"), self._ends, strict=True))
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Pillars anywhere across the road."""
-        spread = self.config.spread
-        aside = self.random.uniform("pillars", -spread, spread, size=len(PILLARS_X)).double()
-        self._pillar_x[..., 1] = torch.where(world_mask.unsqueeze(1), aside, self._pillar_x[..., 1])
+        self._draw.on(world_mask)
 
     def start(self, world_mask: torch.Tensor) -> None:
         """Stand at the beginning of the road, where the simulation's initial state is."""
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the ``distance`` along the road [m]."""
-        point, _ = self.pose()
-        return {"distance": point[:, 0].float()}
+        self._tell_way.launch()
+        return {"distance": self._distance}
 
     def drawing(self) -> Drawing:
         """Draw road, pillars and truck from above."""

@@ -9,9 +9,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import torch
+import warp as wp
+
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.obstacles import UNDERGROUND, SlotArrays, Slots, fill_slots
 
 from ..framework.drawing import Line
-from ..framework.frames import heading_quaternion
+from ..framework.launching import TensorFunction, filled
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder
@@ -19,9 +23,6 @@ if TYPE_CHECKING:
     from simwarp.sensors import Scene, Visuals
 
     from ..randomisation.randomness import WorldRandom
-
-UNDERGROUND = -100.0
-"""Height of obstacles that do not take part [m]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +41,8 @@ class Obstacles:
     Attributes:
         place: (W, N, 2) float32, feet of the obstacles [m].
         radius: (W, N) float32, of the upright cylinder around what contact sees [m]; -1 where a slot is empty.
+        slots: the kinds, and what stands in the slots, for kernels.
+        arrays: slots of the model and of the scene, for kernels; the latter is empty where there is none.
     """
 
     model_arrays: ClassVar[tuple[str, ...]] = ("shape_x", "shape_rot", "shape_size", "shape_asset", "shape_enabled")
@@ -47,11 +50,12 @@ class Obstacles:
 
     place: torch.Tensor
     radius: torch.Tensor
+    slots: Slots
+    arrays: tuple[SlotArrays, SlotArrays]
 
     def __init__(self, kinds: Sequence[Kind], count: int, *, group: int, mask: int) -> None:
         self.kinds, self.count = tuple(kinds), count
         self._group, self._mask = group, mask
-        self._seen: dict[str, torch.Tensor] = {}
 
     def build(self, builder: ModelBuilder) -> None:
         """Add the slots as shapes; they meet the groups of the mask."""
@@ -85,37 +89,37 @@ class Obstacles:
             for slot in range(self.count)
         ]  # fmt: skip
 
-    def bind(self, model: Model) -> None:
-        """Make views of the arrays of a model."""
-        from simwarp import to_torch
-
-        first, after = self.shapes[0], self.shapes[0] + self.count
-        views = {name: to_torch(getattr(model, name))[:, first:after] for name in self.model_arrays}
-        self._x, self._rot, self._size = views["shape_x"], views["shape_rot"], views["shape_size"]
-        self._asset, self._enabled = views["shape_asset"], views["shape_enabled"]
-        device = self._x.device
-        self._hull = torch.tensor(self._hulls, dtype=torch.int32, device=device)
+    def bind(self, model: Model, random: WorldRandom) -> None:
+        """Make tables of a model's slots; things are drawn from ``random``."""
+        device, worlds = str(model.device), model.world_count
         hulls = [kind.visual.hull for kind in self.kinds]
         reach = [float(np.linalg.norm(hull[:, :2], axis=1).max()) for hull in hulls]
-        self._reach = torch.tensor(reach, dtype=torch.float32, device=device)
-        self._height = torch.tensor([float(hull[:, 2].max()) for hull in hulls], device=device)
-        self._scale = torch.tensor([kind.scale for kind in self.kinds], device=device)
-        self.place = self._x[..., :2].float()
-        self.radius = torch.full(self.place.shape[:2], -1.0, device=device)
+        place = wp.zeros((worlds, self.count), dtype=wp.vec2, device=device)
+        radius = wp.full((worlds, self.count), -1.0, dtype=float, device=device)
+        self.place, self.radius = to_torch(place), to_torch(radius)
+        self.slots = filled(
+            Slots,
+            reach=wp.array(reach, dtype=float, device=device),
+            tallness=wp.array([float(hull[:, 2].max()) for hull in hulls], dtype=float, device=device),
+            scale=wp.array([kind.scale for kind in self.kinds], dtype=wp.vec2, device=device),
+            kinds=random.stream("obstacle kinds"),
+            scales=random.stream("obstacle scales"),
+            place=place,
+            radius=radius,
+        )
+        arrays = {name: getattr(model, f"shape_{name}") for name in self.scene_arrays}
+        assets: wp.array = wp.array(self._hulls, dtype=int, device=device)
+        self._bound(filled(SlotArrays, first=self.shapes[0], assets=assets, **arrays), SlotArrays())
 
     def bind_scene(self, scene: Scene) -> None:
-        """Make views of the arrays of what cameras see."""
-        from simwarp import to_torch
+        """Make tables of the slots of what cameras see."""
+        arrays = {name: getattr(scene, name) for name in self.scene_arrays}
+        assets: wp.array = wp.array(self._visuals, dtype=int, device=scene.x.device)
+        self._bound(self.arrays[0], filled(SlotArrays, first=self._instances[0], assets=assets, **arrays))
 
-        first, after = self._instances[0], self._instances[0] + self.count
-        self._seen = {name: to_torch(getattr(scene, name))[:, first:after] for name in self.scene_arrays}
-        self._visual = torch.tensor(self._visuals, dtype=torch.int32, device=self._seen["asset"].device)
-
-    def draw_kinds(self, random: WorldRandom) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the index of the thing in each slot (W, N) int64, and its scale (W, N)."""
-        kind = random.uniform("obstacle kinds", 0.0, len(self.kinds), self.count).to(torch.int64)
-        low, high = self._scale[kind].unbind(dim=2)
-        return kind, low + (high - low) * random.uniform("obstacle scales", size=self.count)
+    def _bound(self, model: SlotArrays, scene: SlotArrays) -> None:
+        self.arrays = (model, scene)
+        self._fill = TensorFunction(fill_slots, [self.slots, *self.arrays], [], self.place.device, dimensions=2)
 
     def fill(
         self, world_mask: torch.Tensor, place: torch.Tensor, height: torch.Tensor, heading: torch.Tensor,
@@ -132,25 +136,8 @@ class Obstacles:
             scale: (W, N).
             present: (W, N) bool: slots that are filled; the others are empty.
         """
-        where = world_mask.unsqueeze(1)
-        wide = where.unsqueeze(2)
-        level = torch.where(present, height, UNDERGROUND)
-        turn = heading_quaternion(heading.reshape(-1)).view(*heading.shape, 4)
-        values = {
-            "x": torch.cat([place, level.unsqueeze(2)], dim=2).double(), "rot": turn,
-            "size": scale.unsqueeze(2).expand(-1, -1, 3),
-        }  # fmt: skip
-        shapes = {"x": self._x, "rot": self._rot, "size": self._size}
-        for name, value in values.items():
-            for target in (shapes[name], *([self._seen[name]] if self._seen else [])):
-                target.copy_(torch.where(wide, value.to(target.dtype), target))
-        self._asset.copy_(torch.where(where, self._hull[kind], self._asset))
-        self._enabled.copy_(torch.where(where, present.int(), self._enabled))
-        if self._seen:
-            self._seen["asset"].copy_(torch.where(where, self._visual[kind], self._seen["asset"]))
-            self._seen["enabled"].copy_(torch.where(where, present.int(), self._seen["enabled"]))
-        self.place.copy_(torch.where(wide, place, self.place))
-        self.radius.copy_(torch.where(where, torch.where(present, scale * self._reach[kind], -1.0), self.radius))
+        numbers = [part.float().contiguous() for part in (place, height, heading)]
+        self._fill(world_mask, *numbers, kind, scale.float(), present)
 
     def rings(self) -> list[Line]:
         """Return their outlines from above."""
@@ -164,11 +151,3 @@ class Obstacles:
             )
             for slot in range(self.count)
         ]  # fmt: skip
-
-    def reach(self, kind: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-        """Return the radius of the upright cylinder around a thing [m]."""
-        return scale * self._reach[kind]
-
-    def tallness(self, kind: torch.Tensor, scale: torch.Tensor) -> torch.Tensor:
-        """Return the height of what contact sees of a thing [m]."""
-        return scale * self._height[kind]

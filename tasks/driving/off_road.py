@@ -11,12 +11,28 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
+import warp as wp
 
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.hills import HillTables
+from simwarp.kernels.tasks.driving.off_road import (
+    Ground,
+    Trip,
+    begin_trip,
+    draw_ground,
+    draw_obstacles,
+    end_trip,
+    measure_trip,
+    observe_trip,
+    pay_trip,
+    start_trip,
+    tell_trip,
+)
 from simwarp.tasks import Ge, Gt, Le, NotNegative
 
 from ..framework.config import require
 from ..framework.drawing import Drawing, Line
-from ..framework.frames import to_heading
+from ..framework.launching import TensorLaunch, fill, filled, launch_over, zeros_of
 from ..framework.registry import register
 from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
 from .hills import Hills
@@ -29,11 +45,9 @@ if TYPE_CHECKING:
 
 _FIELDS = 8
 _SIDE = 160.0
-_SPEED = 8.0
 _REACH = 20.0
 _RAYS = 25
 _FAN = math.radians(240.0)
-_TRIES = 6
 GROUND_TEXTURES = ("grass", "dirt", "gravel", "sand")
 
 
@@ -116,8 +130,6 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     navigates: ClassVar[bool] = True
     camera_place: ClassVar[tuple[float, float, float]] = (0.65, 0.0, 0.75)
 
-    _texture: torch.Tensor | None = None
-
     # ---- the world -----------------------------------------------------------------------------------------------
 
     def build_world(self, builder: ModelBuilder) -> None:
@@ -162,148 +174,116 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         return None if self.hills is None else self.hills.terrain(model)
 
     def setup(self) -> None:
-        """Make views and buffers."""
-        super().setup()
-        model = self.simulation.model
-        self.obstacles.bind(model)
+        """Make tables and buffers, and record what a step launches."""
+        config, worlds, device = self.config, self.num_worlds, self.device
+        self.terrain = self._make_ground()
+        self.trip = zeros_of(Trip, self, last_action=self.action_size)
+        self.goal = to_torch(self.trip.goal)
+        self.obstacles.bind(self.simulation.model, self.random)
+        self._slopes = HillTables()
         if self.hills is not None:
-            self.hills.bind(model)
-        worlds = self.num_worlds
-        self.goal = torch.zeros(worlds, 2, dtype=torch.float64, device=self.device)
-        self._before = torch.zeros(worlds, dtype=torch.float64, device=self.device)
-        self._last_action = torch.zeros(worlds, self.action_size, device=self.device)
-        self._fan = RangeFan(_RAYS, _FAN, _REACH, self.device)
+            self.hills.bind(self.simulation.model)
+            self._slopes = self.hills.tables
+        super().setup()
+        terrain, car, drive, state, trip = self.terrain, self._car, self._drive, self.simulation.state.arrays, self.trip
+        self._names = ("progress", "goal", "failure", "change")[: 4 if config.change_weight > 0.0 else 3]
+        self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (13 + _RAYS, 6))
+        self._terms = torch.zeros(len(self._names), worlds, device=device)
+        self._ends = torch.zeros(4, worlds, dtype=torch.bool, device=device)
+        self._distance, self._present = (torch.zeros(worlds, device=device) for _ in range(2))
+        slots = self.obstacles.slots
+        self._start = launch_over(
+            self, start_trip, self._every_world, terrain, self.random.draws, self._slopes, car, self._navigator, state,
+            trip,
+        )  # fmt: skip
+        self._begin_trip = launch_over(self, begin_trip, car, state, self.action, trip)
+        self._observe = launch_over(self, observe_trip, terrain, car, state, self.action, slots, trip, self._policy)
+        estimated = [terrain, self._navigator, self.random.draws, trip, self._measured]
+        self._measure = launch_over(self, measure_trip, *estimated) if self.navigation is not None else None
+        self._pay = launch_over(self, pay_trip, terrain, car, drive, state, self.action, trip, self._terms)
+        self._end = launch_over(self, end_trip, terrain, car, drive, state, trip, self._ends)
+        self._tell = launch_over(self, tell_trip, car, state, slots, trip, self._distance, self._present)
+        self.record_world()
+
+    def _make_ground(self) -> Ground:
+        """Return the numbers of the task, for kernels."""
+        config = self.config
+        named = (
+            "obstacles", "obstacle_scale", "hill_height", "hills", "half", "border", "radius", "goal_radius",
+            "clearance", "progress_weight", "goal_weight", "failure_weight", "change_weight",
+        )  # fmt: skip
+        purposes = {
+            "start": "start", "target": "goal", "field": "hills", "texture": "texture", "places": "places",
+            "headings": "obstacle headings",
+        }  # fmt: skip
+        return filled(
+            Ground,
+            in_world_axes=int(config.goal_frame is Frame.WORLD),
+            reach=_REACH,
+            direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
+            **{name: getattr(config, name) for name in named},
+            **{name: self.random.stream(purpose) for name, purpose in purposes.items()},
+        )
 
     def bind_scene(self, scene: Scene) -> None:
-        """Make views of obstacles and of the ground's texture."""
-        from simwarp import to_torch
-
+        """Show obstacles, and the ground's texture."""
         self.obstacles.bind_scene(scene)
-        self._texture = to_torch(scene.texture)[:, self._ground]
-        self._known_textures = torch.tensor(self._textures, dtype=torch.int32, device=self.device)
+        textures: wp.array = wp.array(self._textures, dtype=int, device=str(self.device))
+        fill(self.terrain, ground=self._ground, shown=scene.texture, textures=textures)
 
     # ---- an episode ----------------------------------------------------------------------------------------------
 
+    def record_world(self) -> None:
+        """Record the draws of start, goal, ground and obstacles."""
+        drawn = [self._every_world, self.terrain, self.random.draws, self._slopes, self._drive]
+        self._draw_ground = launch_over(self, draw_ground, *drawn, self.trip)
+        arguments = [*drawn, self.obstacles.slots, *self.obstacles.arrays]
+        self._draw_obstacles = TensorLaunch(draw_obstacles, self.obstacles.radius.shape, arguments, self.device)
+
     def draw_world(self, world_mask: torch.Tensor) -> None:
         """Draw start, goal, ground and obstacles."""
-        config, random = self.config, self.random
-        start_angle = random.uniform("start", -math.pi, math.pi).squeeze(1)
-        goal_angle = start_angle + math.pi + random.uniform("goal", -0.5 * math.pi, 0.5 * math.pi).squeeze(1)
-        start, goal = (
-            config.radius * torch.stack([angle.cos(), angle.sin()], dim=1) for angle in (start_angle, goal_angle)
-        )
-        self.goal.copy_(torch.where(world_mask.unsqueeze(1), goal.double(), self.goal))
-        if self.hills is not None:
-            field = random.uniform("hills", 0.0, _FIELDS).squeeze(1).long()
-            rise = (2.0 * self.difficulty - 1.0).clamp(0.0, 1.0) * config.hills * config.hill_height
-            self.hills.choose(world_mask, field, rise)
-        self._place_obstacles(world_mask, start, goal)
-        if self._texture is not None:
-            chosen = random.uniform("texture", 0.0, len(self._textures)).squeeze(1).long()
-            self._texture.copy_(torch.where(world_mask, self._known_textures[chosen], self._texture))
-        self._start, self._start_heading = start, start_angle + math.pi
+        self._draw_ground.on(world_mask)
+        self._draw_obstacles.on(world_mask)
 
     def start(self, world_mask: torch.Tensor) -> None:
         """On the circle, facing its middle."""
-        start, heading = self._start, self._start_heading
-        height, normal = torch.zeros_like(heading), None
-        if self.hills is not None:
-            height, normal = self.hills.height(start.unsqueeze(1)).squeeze(1), self.hills.normal(start)
-        self.place_vehicle(world_mask, torch.cat([start, height.unsqueeze(1)], dim=1), heading, normal)
-        self._last_action.masked_fill_(world_mask.unsqueeze(1), 0.0)
-
-    def _place_obstacles(self, world_mask: torch.Tensor, start: torch.Tensor, goal: torch.Tensor) -> None:
-        """Anywhere in the square, but far enough from start and goal: the first of some tries that is."""
-        config, random, count = self.config, self.random, self.obstacles.count
-        kind, scale = self.obstacles.draw_kinds(random)
-        scale = scale * config.obstacle_scale
-        tries = random.uniform("places", -config.half, config.half, count * _TRIES * 2)
-        tries = tries.view(self.num_worlds, count, _TRIES, 2)
-        clear = config.clearance + self.obstacles.reach(kind, scale).unsqueeze(2)
-        free = torch.ones_like(tries[..., 0], dtype=torch.bool)
-        for point in (start, goal):
-            free &= (tries - point.view(-1, 1, 1, 2)).norm(dim=3) > clear
-        chosen = free.float().argmax(dim=2)
-        place = tries.gather(2, chosen.view(*chosen.shape, 1, 1).expand(-1, -1, 1, 2)).squeeze(2)
-        wanted = config.obstacles * (2.0 * self.difficulty).clamp(max=1.0)
-        present = free.any(dim=2) & (torch.arange(count, device=self.device) < wanted.round().unsqueeze(1))
-        height = torch.zeros_like(scale) if self.hills is None else self.hills.height(place)
-        sunk = 0.1 * self.obstacles.tallness(kind, scale)
-        heading = random.uniform("obstacle headings", -math.pi, math.pi, count)
-        self.obstacles.fill(world_mask, place, height - sunk, heading, kind, scale, present)
+        self._start.on(world_mask)
+        self.simulation.measure(world_mask, sensors=False)
 
     def begin_step(self) -> None:
         """Store the distance to the goal and the previous action."""
         super().begin_step()
-        self._before.copy_(self._distance())
-        self._last_action.copy_(self.action)
-
-    def _distance(self) -> torch.Tensor:
-        """(W,) to the goal [m]."""
-        point, _ = self.pose()
-        return (self.goal - point[:, :2]).norm(dim=1)
+        self._begin_trip.launch()
 
     # ---- what a policy sees --------------------------------------------------------------------------------------
 
     def measured(self) -> torch.Tensor:
-        """Return (W, 6): goal, heading and speed by GPS and IMU."""
-        assert self.navigation is not None
-        return self._goal_seen(*self.navigation.estimate())
+        """Return (W, 6): goal, heading and speed by GPS and IMU; the buffer itself."""
+        assert self._measure is not None
+        self._measure.launch()
+        return self._measured
 
     def exact_state(self) -> torch.Tensor:
-        """Return goal, heading, motion, tilt, inputs, ranges to obstacles, and the distance to the goal."""
-        point, heading = self.pose()
-        motion = self.motion()
-        goal = self._goal_seen(point[:, :2], heading, motion[:, 0])
-        away = self.obstacles.place - point[:, :2].float().unsqueeze(1)
-        ranges = self._fan.ranges(to_heading(away, heading), self.obstacles.radius)
-        tilt = self.tilt()
-        own = torch.cat([goal, motion[:, 1:], tilt, self.action, 1.0 - ranges / _REACH], dim=1)
-        return torch.cat([own, (self._distance() / self.config.radius).float().unsqueeze(1)], dim=1)
-
-    def _goal_seen(self, place: torch.Tensor, heading: torch.Tensor, speed: torch.Tensor) -> torch.Tensor:
-        """(W, 6): goal (x, y), direction to it, heading (sine, cosine), speed; scaled."""
-        away = (self.goal - place).float()
-        local = to_heading(away.unsqueeze(1), heading).squeeze(1)
-        seen = local if self.config.goal_frame is Frame.VEHICLE else away
-        turn = torch.atan2(seen[:, 1], seen[:, 0]) / math.pi
-        return torch.cat(
-            [
-                seen / self.config.radius,
-                torch.stack([turn, heading.sin(), heading.cos(), speed / _SPEED], dim=1),
-            ],
-            dim=1,
-        )
+        """Return goal, heading, motion, tilt, inputs, ranges to obstacles, and the distance to the goal; the buffer
+        itself.
+        """
+        self._observe.launch()
+        return self._policy
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return ``progress``, ``goal``, ``failure`` and, if it counts, ``change`` of the action."""
-        config = self.config
-        terms = {
-            "progress": (config.progress_weight * (self._before - self._distance())).float(),
-            "goal": config.goal_weight * self._at_goal().float(),
-            "failure": -config.failure_weight * (self._hit | self._off_map() | self.upset()).float(),
-        }
-        if config.change_weight > 0.0:
-            terms["change"] = -config.change_weight * (self.action - self._last_action).norm(dim=1)
-        return terms
-
-    def _at_goal(self) -> torch.Tensor:
-        return (self._distance() < self.config.goal_radius) & ~self._hit & ~self.upset()
-
-    def _off_map(self) -> torch.Tensor:
-        point, _ = self.pose()
-        return (point[:, :2].abs() > self.config.border).any(dim=1)
+        self._pay.launch()
+        return dict(zip(self._names, self._terms, strict=True))
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``goal``, ``collision`` with an obstacle, ``off_map`` and ``upset``."""
-        return {
-            "goal": self._at_goal(), "collision": self._hit.clone(), "off_map": self._off_map(), "upset": self.upset(),
-        }  # fmt: skip
+        self._end.launch()
+        return dict(zip(("goal", "collision", "off_map", "upset"), self._ends, strict=True))
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return the ``distance`` to the goal [m], and how many obstacles there are: the rest found no room."""
-        present = (self.obstacles.radius >= 0.0).sum(dim=1)
-        return {"distance": self._distance().float(), "obstacles_present": present.float()}
+        self._tell.launch()
+        return {"distance": self._distance, "obstacles_present": self._present}
 
     # ---- pictures ------------------------------------------------------------------------------------------------
 

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import torch
+import warp as wp
+
+from simwarp.kernels.tasks.driving.ranging import tell_ranges
+
+from ..framework.launching import TensorFunction
 
 
 class RangeFan:
@@ -13,29 +18,26 @@ class RangeFan:
         width: angle from the rightmost to the leftmost one [rad].
         reach: distance at which a ray ends [m].
         device: of the directions.
+
+    Attributes:
+        direction: (rays,) vec2, unit vectors: ahead, to the left.
     """
 
     def __init__(self, rays: int, width: float, reach: float, device: torch.device) -> None:
+        wp.init()
         half = 0.5 * width if rays > 1 else 0.0
-        angle = torch.linspace(-half, half, rays, device=device)
-        self.direction = torch.stack([angle.cos(), angle.sin()], dim=1)
-        """(rays, 2) unit vectors: ahead, to the left."""
+        angle = torch.linspace(-half, half, rays)
+        unit = torch.stack([angle.cos(), angle.sin()], dim=1).numpy()
+        self.direction: wp.array = wp.array(unit, dtype=wp.vec2, device=str(device))
         self.reach = reach
+        fixed = [reach, self.direction]
+        self._ranges = TensorFunction(tell_ranges, fixed, [(torch.float32, ())], device, dimensions=2)
 
     def ranges(self, place: torch.Tensor, radius: torch.Tensor) -> torch.Tensor:
         """Return (W, rays) distances [m] to the first disc on each ray, at most the reach; 0 inside a disc.
 
         Args:
-            place: (W, N, 2) centres in the vehicle's axes [m].
-            radius: (W, N) [m]; a disc of negative radius is not there.
+            place: (W, N, 2) float32, centres in the vehicle's axes [m].
+            radius: (W, N) float32 [m]; a disc of negative radius is not there.
         """
-        ahead = place @ self.direction.T
-        square = (place * place).sum(dim=2, keepdim=True)
-        radius = radius.unsqueeze(2)
-        # half a chord, squared: negative where the ray passes the disc
-        chord = radius * radius - (square - ahead * ahead)
-        entry = ahead - chord.clamp(min=0.0).sqrt()
-        inside = square < radius * radius
-        met = (radius >= 0.0) & (chord > 0.0) & ((ahead > 0.0) | inside)
-        distance = torch.where(met, entry.clamp(min=0.0), self.reach)
-        return distance.amin(dim=1).clamp(max=self.reach)
+        return self._ranges(place, radius, shape=(len(place), self.direction.shape[0]))[0]

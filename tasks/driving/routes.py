@@ -8,6 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+import warp as wp
+
+from simwarp.kernels.tasks.driving.routes import RouteTables, tell_distances, tell_locations, tell_places
+
+from ..framework.launching import TensorFunction, filled
 
 if TYPE_CHECKING:
     from simwarp.vehicle import Path
@@ -23,65 +28,47 @@ class Routes:
 
     Attributes:
         length: (K,) float32 [m].
+        tables: the paths, for kernels.
     """
 
     def __init__(self, paths: Sequence[Path], step: float, device: torch.device) -> None:
-        self.closed = paths[0].closed
+        wp.init()
         counts = [max(4, math.ceil(path.length / step)) for path in paths]
-        points = np.zeros((len(paths), max(counts) + 1, 3))
+        points = np.zeros((len(paths), max(counts) + 1, 3), np.float32)
         for row, path, count in zip(points, paths, counts, strict=True):
             arc = np.linspace(0.0, path.length, count + 1)
             tangent = path.tangents()
             heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
             for column, values in enumerate((path.points[:, 0], path.points[:, 1], heading)):
                 row[: count + 1, column] = np.interp(arc, path.arc, values)
-            row[count + 1 :] = row[count]
-        self.length = torch.tensor([path.length for path in paths], dtype=torch.float32, device=device)
-        self._points = torch.tensor(points, dtype=torch.float32, device=device)
-        self._steps = torch.tensor(counts, device=device)
-        # points beyond a path's end are never the nearest ones
-        index = torch.arange(points.shape[1], device=device)
-        self._beyond = torch.where(index > self._steps.unsqueeze(1), 1e9, 0.0)
+        lengths = [path.length for path in paths]
+        self.length = torch.tensor(lengths, dtype=torch.float32, device=device)
+        self.tables = filled(
+            RouteTables,
+            closed=int(paths[0].closed),
+            length=wp.array(lengths, dtype=float, device=str(device)),
+            steps=wp.array(counts, dtype=int, device=str(device)),
+            points=wp.array(points, dtype=wp.vec3, device=str(device)),
+        )
+        number, place = (torch.float32, ()), (torch.float32, (3,))
+        self._at = TensorFunction(tell_places, [self.tables], [place], device, dimensions=2)
+        self._distance = TensorFunction(tell_distances, [self.tables], [number], device)
+        self._locate = TensorFunction(tell_locations, [self.tables], [number, number], device)
 
     def at(self, route: torch.Tensor, arc: torch.Tensor) -> torch.Tensor:
         """Return (W, M, 3) x, y [m] and heading [rad] at lengths (W, M) along the routes (W,).
 
         Closed ones go on with the next lap, the heading without a jump; open ones end straight.
         """
-        length, steps = self.length[route].unsqueeze(1), self._steps[route].unsqueeze(1)
-        laps = torch.floor(arc / length) if self.closed else torch.zeros_like(arc)
-        inside = (arc - laps * length).clamp(min=0.0)
-        u = (inside / length).clamp(max=1.0) * steps
-        low = torch.minimum(u.long(), steps - 1)
-        share = (u - low).unsqueeze(2)
-        row = route.unsqueeze(1)
-        first, second = self._points[row, low], self._points[row, low + 1]
-        place = first + share * (second - first)
-        if self.closed:
-            turn = self._points[route, self._steps[route], 2] - self._points[route, 0, 2]
-            place[..., 2] += laps * turn.unsqueeze(1)
-        else:
-            over = arc - torch.minimum(inside, length)
-            place[..., 0] += over * place[..., 2].cos()
-            place[..., 1] += over * place[..., 2].sin()
-        return place
+        return self._at(route, arc.float().contiguous())[0]
 
     def distance(self, route: torch.Tensor, place: torch.Tensor) -> torch.Tensor:
         """Return (W,) the distance of places (W, 2) from the routes (W,), but for a quarter of a step squared [m]."""
-        away = place.float().unsqueeze(1) - self._points[route][..., :2]
-        return ((away * away).sum(dim=2) + self._beyond[route]).amin(dim=1).sqrt()
+        return self._distance(route, place.float())[0]
 
     def locate(self, route: torch.Tensor, place: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the arc lengths on the routes (W,) of the points nearest to places (W, 2), and the lateral offsets
         of the places, positive to the left; both (W,) [m].
         """
-        points = self._points[route]
-        away = place.float().unsqueeze(1) - points[..., :2]
-        nearest = ((away * away).sum(dim=2) + self._beyond[route]).argmin(dim=1)
-        world = torch.arange(len(route), device=place.device)
-        here, offset = points[world, nearest], away[world, nearest]
-        cosine, sine = here[:, 2].cos(), here[:, 2].sin()
-        ahead = cosine * offset[:, 0] + sine * offset[:, 1]
-        aside = cosine * offset[:, 1] - sine * offset[:, 0]
-        step = self.length[route] / self._steps[route]
-        return nearest * step + ahead, aside
+        arc, aside = self._locate(route, place.float())
+        return arc, aside

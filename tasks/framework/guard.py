@@ -1,8 +1,8 @@
 """Record of the last states and actions in case the physics of a world breaks down, and the file of such a dump.
 
-Two snapshots of all worlds, taken in turn, and a ring of the last actions and joint states are always at hand. A break
-is noted on the device (which world, when); the host looks every few dozen steps, while a snapshot from before the break
-still exists, and then keeps that world's part: once per run.
+Two snapshots of all worlds, taken in turn, and a ring of the last actions and joint states are always at hand. What
+belongs to a world is recorded until its physics breaks down and stays as it is then: the host may look at any time, and
+keeps the part of the world that broke first, once per run.
 """
 
 from __future__ import annotations
@@ -11,22 +11,26 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TypeAlias
+from typing import Annotated, Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 import torch
+import warp as wp
 
 from simwarp.core.constraints import Fraction, Ge, Lt
 from simwarp.core.files import FileError, OutputError
+from simwarp.core.interop import TensorLaunch, from_torch
+from simwarp.kernels.tasks.framework.control_step import Recording, keep_bytes, keep_words
 
 from ..randomisation.randomising import drawn_parameters
 from ..randomisation.randomness import WorldRandom
 from .argument_checks import check_room
 from .config import require
 from .interface_checks import Worlds
+from .launching import filled
 from .npz import write_arrays
 from .plain import Settings, config_to_plain
-from .simulation_access import copy_snapshot, pack_snapshot
+from .simulation_access import arrays_of, pack_snapshot
 
 FORMAT = 1
 
@@ -108,19 +112,46 @@ class Guarded(Worlds, Protocol):
 
 
 class _Keep:
-    """A snapshot of all worlds, and what the task adds to the simulation's state."""
+    """A snapshot of all worlds, and what the task adds to the simulation's state.
 
-    def __init__(self, task: Guarded) -> None:
+    Args:
+        task: the task.
+        recording: in worlds that broke down nothing is taken any more.
+    """
+
+    def __init__(self, task: Guarded, recording: Recording) -> None:
         self.simulation = task.simulation.snapshot()
         self.action = task.action.clone()
         self.extra: dict[str, torch.Tensor] = {}
-        self.taken = -1
+        pairs = list(zip(arrays_of(task.simulation), arrays_of(self.simulation), strict=True))
+        pairs.append((from_torch(task.action), from_torch(self.action)))
+        self._launches = [
+            _copying(recording.broken_at, present, copy, task.device) for present, copy in pairs if present.size
+        ]
 
-    def take(self, task: Guarded, count: int) -> None:
-        copy_snapshot(task.simulation, self.simulation)
-        self.action.copy_(task.action)
-        self.extra = {name: value.clone() for name, value in task.extra_state().items()}
-        self.taken = count
+    def take(self, task: Guarded, sound: torch.Tensor) -> None:
+        """Bring it up to date in the worlds of a mask (W,) bool: those that have not broken down."""
+        for launch in self._launches:
+            launch.launch()
+        for name, value in _rows(task).items():
+            kept = self.extra.setdefault(name, value.clone())
+            kept.copy_(torch.where(sound.view(-1, *(1,) * (value.dim() - 1)), value, kept))
+
+
+def _rows(task: Guarded) -> dict[str, torch.Tensor]:
+    """Return the task's own state that each world has a row of."""
+    return {name: value for name, value in task.extra_state().items() if value.shape[:1] == (task.num_worlds,)}
+
+
+def _copying(broken_at: wp.array, present: wp.array, copy: wp.array, device: torch.device) -> TensorLaunch:
+    """Return the launch that copies rows of an array, whatever they hold."""
+    size = present.size * wp.types.type_size_in_bytes(present.dtype) // present.shape[0]
+    kernel, dtype, width = (keep_bytes, wp.uint8, size) if size % 4 else (keep_words, wp.int32, size // 4)
+    shape = (present.shape[0], width)
+    rows: list[wp.array] = [
+        wp.array(ptr=part.ptr, dtype=dtype, shape=shape, device=part.device, copy=False) for part in (present, copy)
+    ]
+    return TensorLaunch(kernel, shape, [broken_at, *rows], device)
 
 
 class Guard:
@@ -131,9 +162,13 @@ class Guard:
         steps: control steps remembered.
 
     Attributes:
-        path: of the dump, written as soon as the host notices a break; None keeps it in memory.
+        path: of the dump, written when the host looks after a break; None keeps it in memory.
         dump: the kept arrays of the first break, or None.
+        recording: for the kernel that counts control steps.
     """
+
+    HOST_STATE: ClassVar[frozenset[str]] = frozenset({"path", "dump", "_keeps", "_until", "_turn"})
+    """Attributes that no captured step reads."""
 
     def __init__(self, task: Guarded, steps: int) -> None:
         self.path: Path | None = None
@@ -147,42 +182,46 @@ class Guard:
         what = f"guard-steps: the last {self._steps} steps of {worlds} worlds"
         check_room(what, (self._steps, worlds, sum(widths)), torch.float32, device, "keep fewer steps, or none with 0")
 
-        def ring(width: int) -> torch.Tensor:
-            return torch.zeros(self._steps, worlds, width, device=device)
-
-        self._requests, self._joint_q, self._joint_qd = (ring(width) for width in widths)
-        self._keeps = (_Keep(task), _Keep(task))
-        self._count = 0
-        # world, step count, episode and step in it of the first break; -1 without one
-        self._first = torch.full((4,), -1, dtype=torch.int64, device=device)
-        self._level = torch.ones(1, device=device)
-
-    def before_step(self, request: torch.Tensor) -> None:
-        """Take in the action of a control step that is about to run."""
-        if self._count % self._half == 0:
-            self.look()
-            self._keeps[(self._count // self._half) % 2].take(self._task, self._count)
-        self._requests[self._count % self._steps] = request
-
-    def after_step(self, broken: torch.Tensor) -> None:
-        """Take in the state reached, and note the first world that broke ((W,) bool)."""
-        task, row = self._task, self._count % self._steps
-        self._joint_q[row] = task.views.joint_q
-        self._joint_qd[row] = task.views.joint_qd
-        # Indexing by a tensor of no dimension would make the host wait for its value
-        world = broken.to(torch.uint8).argmax().view(1)
-        now = torch.cat(
-            [
-                world,
-                torch.full_like(world, self._count),
-                task.episode_index.index_select(0, world),
-                task.episode_steps.index_select(0, world),
-            ]
+        self._requests, self._joint_q, self._joint_qd = (
+            torch.zeros(self._steps, worlds, width, device=device) for width in widths
         )
-        fresh = broken.any() & (self._first[0] < 0)
-        self._first.copy_(torch.where(fresh, now, self._first))
-        self._level.copy_(torch.where(fresh, task.level.index_select(0, world), self._level))
-        self._count += 1
+        self._counted, self._episode, self._episode_steps = (
+            torch.zeros(worlds, dtype=torch.int64, device=device) for _ in range(3)
+        )
+        self._broken_at = torch.full((worlds,), -1, dtype=torch.int64, device=device)
+        self._level = torch.ones(worlds, device=device)
+        self.recording = filled(
+            Recording,
+            count=self._counted,
+            broken_at=self._broken_at,
+            episode=self._episode,
+            steps=self._episode_steps,
+            level=self._level,
+            request=self._requests,
+            joint_q=self._joint_q,
+            joint_qd=self._joint_qd,
+        )
+        self._keeps = (_Keep(task, self.recording), _Keep(task, self.recording))
+        self._until = 0
+        self._turn = 0
+
+    def before_step(self) -> None:
+        """Take a snapshot, if one is due: never twice within as many steps as it is to reach back."""
+        if self._until == 0:
+            self._keeps[self._turn].take(self._task, self._broken_at < 0)
+            self._turn = 1 - self._turn
+            self._until = self._half
+        self._until -= 1
+
+    def notice(self) -> None:
+        """Keep the part of the world that broke first. This waits for the device."""
+        broken_at = self._broken_at.cpu()
+        broken = broken_at >= 0
+        if self.dump is not None or not bool(broken.any()):
+            return
+        world = int(torch.where(broken, broken_at, broken_at.max() + 1).argmin())
+        episode, steps = int(self._episode[world]), int(self._episode_steps[world])
+        self.dump = self._cut_out(world, int(broken_at[world]), episode, steps)
 
     def look(self) -> None:
         """Keep the part of the first broken world, and write it where ``path`` says. This waits for the device.
@@ -190,12 +229,8 @@ class Guard:
         Raises:
             OutputError: the disk did not take it.
         """
-        if self.dump is None:
-            world, count, episode, steps = self._first.tolist()
-            if world < 0:
-                return
-            self.dump = self._cut_out(world, count, episode, steps)
-        if self.path is None or self.path.exists():
+        self.notice()
+        if self.dump is None or self.path is None or self.path.exists():
             return
         try:
             self.write(self.path)
@@ -219,8 +254,10 @@ class Guard:
     def _cut_out(self, world: int, count: int, episode: int, steps: int) -> dict[str, np.ndarray[Any, Any]]:
         """Return the arrays of one world, from a snapshot or the beginning of its episode to the break."""
         task = self._task
-        keep = min((item for item in self._keeps if 0 <= item.taken <= count), key=lambda item: item.taken)
-        since = count + 1 - keep.taken
+        # The older one of the two that were taken before the break
+        taken = max(0, count // self._half - 1)
+        keep = self._keeps[taken % 2]
+        since = count + 1 - taken * self._half
         from_reset = steps <= since
         kept = min(count + 1, self._steps)
         rows = [number % self._steps for number in range(count + 1 - kept, count + 1)]
@@ -234,7 +271,7 @@ class Guard:
             episode_steps=steps,
             replay_steps=steps if from_reset else since,
             from_reset=from_reset,
-            level=float(self._level),
+            level=float(self._level[world]),
             iteration=task.iteration,
             device=str(task.device),
         )
@@ -248,8 +285,7 @@ class Guard:
         packed = _flat(pack_snapshot(keep.simulation))
         # A leading dimension of 1 is shared by all worlds
         arrays |= {f"start/{name}": part[world % len(part)] for name, part in packed}
-        extra = {name: value for name, value in keep.extra.items() if value.shape[:1] == (task.num_worlds,)}
-        arrays |= {f"extra/{name}": value[world].cpu().numpy() for name, value in extra.items()}
+        arrays |= {f"extra/{name}": value[world].cpu().numpy() for name, value in keep.extra.items()}
         for name in sorted({*task.per_world, *drawn_parameters(task.config.randomise)}):
             arrays[f"model/{name}"] = getattr(task.simulation.model, name).numpy()[world]
         return arrays

@@ -94,6 +94,7 @@ def make(
     seed: int = 0,
     config: TaskConfig | None = None,
     first_world: int = 0,
+    capture: bool = True,
     **overrides: Any,
 ) -> Task[Any]:
     """Build a task with ``num_worlds`` worlds, reset and ready to step.
@@ -105,6 +106,7 @@ def make(
         seed: seed of all randomness.
         config: configuration; by default the task's own.
         first_world: global index of world 0, where several processes share one batch.
+        capture: capture control steps into a CUDA graph, where there is a CUDA device.
         overrides: single fields of the configuration.
 
     Raises:
@@ -115,4 +117,6 @@ def make(
     if not isinstance(chosen, cls.config_type):
         raise InputError(f"task '{name}' wants a {cls.config_type.__name__}, got {type(chosen).__name__}")
     chosen = replace_fields(chosen, overrides)
-    return cls(chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)
+    task = cls(chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)
+    task.capture = capture
+    return task

@@ -157,9 +157,6 @@ def unpack_snapshot(saved: Mapping[str, Any], snapshot: Any) -> Any:
     return snapshot
 
 
-def copy_snapshot(simulation: Any, snapshot: Any) -> None:
-    """Bring an existing snapshot up to date: what ``Simulation.snapshot`` holds, without new memory."""
-    for group, parts in _rooms(snapshot):
-        current = dict(_rooms(getattr(simulation, group)))
-        for name, array in _rooms(parts):
-            wp.copy(array, current[name])
+def arrays_of(owner: Any) -> list[wp.array]:
+    """Return the arrays of a simulation that a snapshot keeps, or those of a snapshot, in the same order."""
+    return [array for group in _GROUPS for _, array in _rooms(getattr(owner, group))]

@@ -1,10 +1,14 @@
-"""Counts of what happened in finished episodes, kept on the device and read once in a while."""
+"""Counts of what happened in finished episodes, kept on the device for every world and added up once in a while."""
 
 from __future__ import annotations
 
 import dataclasses
 
 import torch
+
+from simwarp.kernels.tasks.framework.control_step import Tally
+
+from .launching import filled
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +40,11 @@ class EpisodeStatistics:
         reasons: names of the reasons an episode ends for.
         groups: names of the observation groups.
         device: torch device.
+
+    Attributes:
+        running: (W, T) float32, each reward term summed over the running episode.
+        bad_groups: (W, groups) int64, steps in which an observation was not finite.
+        tally: the accumulators, for the kernel that judges a step.
     """
 
     def __init__(
@@ -44,50 +53,39 @@ class EpisodeStatistics:
         self.terms = terms
         self.reasons = reasons
         self.groups = groups
-        self.running = torch.zeros(num_worlds, len(terms), device=device)
-        """(W, T) float32: each reward term summed over the running episode."""
-        self._term_sums = torch.zeros(len(terms), dtype=torch.float64, device=device)
-        self._length_sum = torch.zeros((), dtype=torch.int64, device=device)
-        self._reason_counts = torch.zeros(len(reasons), dtype=torch.int64, device=device)
-        self._bad_terms = torch.zeros(len(terms), dtype=torch.int64, device=device)
-        self._bad_groups = torch.zeros(len(groups), dtype=torch.int64, device=device)
 
-    def add_rewards(self, terms: torch.Tensor, bad: torch.Tensor) -> None:
-        """Add one step: (W, T) reward terms, and (W, T) bool where a term was not finite."""
-        self.running += terms
-        self._bad_terms += bad.sum(dim=0)
+        def sums(*width: int, dtype: torch.dtype = torch.int64) -> torch.Tensor:
+            return torch.zeros(num_worlds, *width, dtype=dtype, device=device)
 
-    def add_bad_observations(self, bad: torch.Tensor) -> None:
-        """Add (groups,) int64, the number of worlds whose group was not finite."""
-        self._bad_groups += bad
-
-    def add_endings(self, ended: torch.Tensor, length: torch.Tensor, first_reason: torch.Tensor) -> None:
-        """Add the episodes that end in this step and forget their running sums.
-
-        Args:
-            ended: (W,) bool.
-            length: (W,) int64, control steps of the running episodes.
-            first_reason: (W, R) bool, at most one set per world.
-        """
-        self._term_sums += torch.where(ended.unsqueeze(1), self.running, 0.0).sum(dim=0)
-        self._length_sum += torch.where(ended, length, 0).sum()
-        self._reason_counts += first_reason.sum(dim=0)
-        self.running.masked_fill_(ended.unsqueeze(1), 0.0)
+        self.running = sums(len(terms), dtype=torch.float32)
+        self._term_sums = sums(len(terms), dtype=torch.float64)
+        self._length_sums = sums()
+        self._reason_counts = sums(len(reasons))
+        self._bad_terms = sums(len(terms))
+        self.bad_groups = sums(len(groups))
+        self.tally = filled(
+            Tally,
+            running=self.running,
+            term_sums=self._term_sums,
+            length_sums=self._length_sums,
+            reason_counts=self._reason_counts,
+            bad_terms=self._bad_terms,
+        )
 
     def drain(self) -> EpisodeSummary:
         """Read and clear the sums. This waits for the device."""
-        counts = self._reason_counts.tolist()
-        sums = self._term_sums.tolist()
-        bad = dict(zip((f"reward '{t}'" for t in self.terms), self._bad_terms.tolist(), strict=True))
-        bad |= dict(zip((f"observation '{g}'" for g in self.groups), self._bad_groups.tolist(), strict=True))
+        kept = (self._term_sums, self._reason_counts, self._bad_terms, self.bad_groups)
+        sums, counts, bad_terms, bad_groups = (each.sum(dim=0).tolist() for each in kept)
+        bad = dict(zip((f"reward '{t}'" for t in self.terms), bad_terms, strict=True))
+        bad |= dict(zip((f"observation '{g}'" for g in self.groups), bad_groups, strict=True))
         summary = EpisodeSummary(
             episodes=sum(counts),
             return_sum=sum(sums),
-            length_sum=float(self._length_sum.item()),
+            length_sum=float(self._length_sums.sum()),
             terms=dict(zip(self.terms, sums, strict=True)),
             end_reasons=dict(zip(self.reasons, counts, strict=True)),
             bad_values={name: count for name, count in bad.items() if count},
         )
-        for tensor in (self._term_sums, self._length_sum, self._reason_counts, self._bad_terms, self._bad_groups):
+        for tensor in (*kept, self._length_sums):
             tensor.zero_()
         return summary

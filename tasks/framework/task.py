@@ -9,68 +9,47 @@ Choose with ``torch.where`` instead.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import torch
 
 from simwarp.core.interop import shared_stream
 from simwarp.core.renames import warn_renamed
+from simwarp.kernels.tasks.framework.control_step import Clocks, Recording, begin_episodes, count_step
 
 from ..randomisation.randomising import check_ranges, drawn_parameters, randomiser_of
 from ..randomisation.randomness import WorldRandom
-from ..randomisation.sensing import DelayLine, Sensors
+from ..randomisation.sensing import Sensors
 from ..randomisation.uncertainty import Driver
+from .action_path import ActionPath
 from .argument_checks import check_room, whole
+from .capture import StepCapture, recorder_of
 from .config import TaskConfig
 from .drawing import Drawing
 from .errors import InputError, TaskError
+from .finite_observations import FiniteObservations
 from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
+from .judge import Judge, Terms
+from .launching import filled, launch_over
 from .simulation_access import Attachments, PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
 from .statistics import EpisodeStatistics, EpisodeSummary
+from .step_result import StepResult
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder, SolverOptions
     from simwarp.sensors import Lighting, Scene, Visuals
+    from simwarp.simulation.world_launches import WorldLaunch
     from simwarp.viewer import Shot
 
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
+Groups: TypeAlias = dict[str, torch.Tensor]
+
 TIME_LIMIT = "time_limit"
 NON_FINITE = "non_finite"
-
-
-@dataclasses.dataclass(frozen=True)
-class StepResult:
-    """Result of one control step. ``W`` worlds; worlds that ended have already been reset.
-
-    Attributes:
-        observations: group name -> (W, ...), of the new episode where one ended. May share memory with the
-            simulation: the next step overwrites it. The adapters hand out clones.
-        rewards: (W,) float32, the sum of the terms.
-        terminated: (W,) bool, ended by failure or goal: no future reward.
-        truncated: (W,) bool, cut off by the clock: the future is unknown, not empty. Never with ``terminated``.
-        end_reason: (W,) int64, index into ``Task.end_reasons``; -1 while the episode runs.
-        success: (W,) bool, the episode ended and counts as a success.
-        non_finite: (W,) bool, the physics of the world broke down in this step.
-        reward_terms: (W, T) float32 in the order of ``Task.reward_terms``.
-        metrics: name -> (W,), what ``Task.metrics`` said before the reset.
-        final_observations: like ``observations``, before the reset; only where ``keep_final_observations``.
-    """
-
-    observations: dict[str, torch.Tensor]
-    rewards: torch.Tensor
-    terminated: torch.Tensor
-    truncated: torch.Tensor
-    end_reason: torch.Tensor
-    success: torch.Tensor
-    non_finite: torch.Tensor
-    reward_terms: torch.Tensor
-    metrics: dict[str, torch.Tensor]
-    final_observations: dict[str, torch.Tensor] | None
 
 
 class Task(ABC, Generic[ConfigT]):
@@ -114,8 +93,10 @@ class Task(ABC, Generic[ConfigT]):
         self.num_worlds = num_worlds
         self.device = torch.device(device)
         self.keep_final_observations = True
-        self.iteration = 0
-        """Training iteration, set by the trainer; for a curriculum."""
+        self.capture = True
+        """Capture control steps into a CUDA graph, where there is a CUDA device."""
+        self._captured = StepCapture(self, recorder_of(self.device))
+        self._iteration = 0
         self.first_world = first_world
         self.before_reset: Callable[[], None] | None = None
         """Called in every control step once it is judged, while the worlds that ended still are where they ended."""
@@ -125,7 +106,9 @@ class Task(ABC, Generic[ConfigT]):
             self._randomiser = randomiser_of(config.randomise, self.simulation, f"task '{self.name}'")
             self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
             """Recorder of the last steps, for the dump of a world whose physics breaks down."""
+            self._record()
             self.setup()
+            self._record_physics()
             self._probe()
             self.restart(seed=seed)
 
@@ -259,7 +242,7 @@ class Task(ABC, Generic[ConfigT]):
         if curriculum.driver is Driver.ITERATION:
             self.level.fill_(curriculum.at_iteration(iteration))
         elif curriculum.driver is Driver.PROGRESS and not self._climbing:
-            self._climbing = True
+            self._climb(True)
             self.level.zero_()
 
     # ---- what runners and adapters call ------------------------------------------------------------------------
@@ -271,11 +254,13 @@ class Task(ABC, Generic[ConfigT]):
         """
         with self._acting():
             if seed is not None:
+                if self.guard is not None:
+                    self.guard.notice()  # while the seed is still that of the break
                 self.random.reseed(seed)
                 self.episode_index.fill_(-1)
-            self._reset_worlds(torch.ones_like(self._every_world))
-            if self._statistics is not None:
-                self._statistics.running.zero_()
+            self._judge.ended.fill_(True)
+            self._reset_worlds(self._judge.ended)
+            self._statistics.running.zero_()
             groups = self.observations()
             self._sensors.begin(self._every_world, groups)
             return self._sensors.sense(groups)
@@ -298,14 +283,12 @@ class Task(ABC, Generic[ConfigT]):
         """
         check_action(self, action)
         with self._acting():
-            request = action.to(self.device, torch.float32).clamp(-1.0, 1.0)
-            if self._action_line is not None:
-                self._action_line.push(request)
-                request = self._action_line.read()
+            self._path.asked.copy_(action)
             if self.guard is not None:
-                self.guard.before_step(request)
-            self.advance(request)
-            return self._conclude()
+                self.guard.before_step()
+            metrics, final, groups = self._control_step()
+            verdict = self._judge.hand_out()
+        return StepResult(**vars(verdict), observations=groups, metrics=metrics, final_observations=final)
 
     def advance(self, request: torch.Tensor) -> None:
         """Take the physics through one control step towards ``request`` (W, A): no rewards, no reset.
@@ -313,20 +296,8 @@ class Task(ABC, Generic[ConfigT]):
         What :meth:`step` does after the action's delay, and what a replay repeats.
         """
         with self._acting():
-            if self._randomiser is not None:
-                self._randomiser.begin_step(self.random, self._every_world, self.level)
-            self.begin_step()
-            if self._reach is None or self.simulation is None:
-                self._move_action(request, self.config.decimation)
-                self.apply(self.action)
-            for _ in range(self.config.decimation if self.simulation is not None else 0):
-                if self._reach is not None:
-                    self._move_action(request, 1)
-                    self.apply(self.action)
-                self.simulation.step()
-                self.after_physics()
-            self.episode_steps += 1
-            self.episode_clock += 1
+            self._path.request.copy_(request)
+            self._advance()
 
     def drain_statistics(self) -> EpisodeSummary:
         """Read and clear the statistics of the episodes that ended. This waits for the device.
@@ -334,13 +305,28 @@ class Task(ABC, Generic[ConfigT]):
         Raises:
             TaskError: a reward term or an observation held NaN or infinity while the physics was sound.
         """
-        summary = self._stats.drain()
+        summary = self._statistics.drain()
         if self.guard is not None:
             self.guard.look()
         if summary.bad_values:
             name, count = next(iter(summary.bad_values.items()))
             raise TaskError(f"task '{self.name}': {name} was NaN or infinite in {count} world-steps")
         return summary
+
+    @property
+    def iteration(self) -> int:
+        """Training iteration, set by the trainer; for a curriculum."""
+        self._captured.iteration_read = True
+        return self._iteration
+
+    @iteration.setter
+    def iteration(self, value: int) -> None:
+        self._iteration = value
+
+    @property
+    def not_captured(self) -> str:
+        """Reason for which control steps are not captured into a CUDA graph; empty where they are, or will be."""
+        return self._captured.reason if self.capture else "it is switched off"
 
     @property
     def views(self) -> PhysicsViews:
@@ -356,12 +342,12 @@ class Task(ABC, Generic[ConfigT]):
     @property
     def reward_terms(self) -> list[str]:
         """Names of the reward terms."""
-        return self._stats.terms
+        return self._statistics.terms
 
     @property
     def end_reasons(self) -> list[str]:
         """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
-        return self._stats.reasons
+        return self._statistics.reasons
 
     def state_dict(self) -> dict[str, Any]:
         """Return everything that a later :meth:`load_state_dict` needs to go on exactly from here."""
@@ -372,10 +358,10 @@ class Task(ABC, Generic[ConfigT]):
             "episode_steps": self.episode_steps.clone(),
             "episode_clock": self.episode_clock.clone(),
             "action": self.action.clone(),
-            "running_terms": self._stats.running.clone(),
+            "running_terms": self._statistics.running.clone(),
             "level": self.level.clone(),
             "climbing": self._climbing,
-            "sensing": self._sensors.state() | (self._action_line.state("action") if self._action_line else {}),
+            "sensing": self._sensors.state() | self._path.state(),
             "extra": {key: value.clone() for key, value in self.extra_state().items()},
         }
         if self.simulation is not None:
@@ -398,14 +384,13 @@ class Task(ABC, Generic[ConfigT]):
             self.episode_steps.copy_(state["episode_steps"])
             self.episode_clock.copy_(state["episode_clock"])
             self.action.copy_(state["action"])
-            self._stats.running.copy_(state["running_terms"])
+            self._statistics.running.copy_(state["running_terms"])
             if "level" not in state:
                 raise InputError("saved state of the task was made by an older version of simwarp: start a new run")
             self.level.copy_(state["level"])
-            self._climbing = bool(state["climbing"])
+            self._climb(bool(state["climbing"]))
             self._sensors.load(state["sensing"])
-            if self._action_line is not None:
-                self._action_line.load("action", state["sensing"])
+            self._path.load(state["sensing"])
             if self._randomiser is not None:
                 self._randomiser.begin_episodes(self.random, self._every_world, self.level)
             if self.simulation is not None:
@@ -440,32 +425,18 @@ class Task(ABC, Generic[ConfigT]):
         self.action = torch.zeros(worlds, self.action_size, device=device)
         """(W, A) float32: the action in force, clipped and rate-limited."""
         self._every_world = torch.ones(worlds, dtype=torch.bool, device=device)
-        self._nowhere = torch.zeros(worlds, dtype=torch.bool, device=device)
         self.level = torch.ones(worlds, device=device)
         """(W,) float32: the curriculum's level in [0, 1]; 1 outside training."""
         self._climbing = False
-        self._action_line = self._make_action_line()
-        self._reach = self._make_reach()
+        self._path = ActionPath(self.action, self.config, self.name, in_physics=self.physics)
         self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
-        self._statistics: EpisodeStatistics | None = None
+        self._clocks = filled(
+            Clocks, episode=self.episode_index, steps=self.episode_steps, limit=self.episode_clock
+        )  # fmt: skip
 
-    def _make_action_line(self) -> DelayLine | None:
-        bounds = self.config.action_delay
-        return DelayLine(self.action, bounds, "delay of actions") if bounds[1] else None
-
-    def _make_reach(self) -> torch.Tensor | None:
-        """(A,) how far an action may move in one physics step; None where nothing limits it."""
-        times = self.config.action_rise_time
-        if isinstance(times, tuple) and len(times) != self.action_size:
-            raise InputError(f"action-rise-time has {len(times)} values, task '{self.name}' {self.action_size} actions")
-        rise = torch.tensor(times, dtype=torch.float32, device=self.device).expand(self.action_size)
-        reach = torch.where(rise > 0.0, self.config.dt / rise, 2.0)
-        return reach if bool((rise > 0.0).any()) else None
-
-    @property
-    def _stats(self) -> EpisodeStatistics:
-        assert self._statistics is not None
-        return self._statistics
+    def _climb(self, climbing: bool) -> None:
+        self._climbing = climbing
+        self._judge.climb(climbing)
 
     def _make_physics(self, device: str) -> tuple[Any, PhysicsViews | None, ModelBuilder | None]:
         check_ranges(self.config.randomise)
@@ -484,6 +455,24 @@ class Task(ABC, Generic[ConfigT]):
             attach=self.attach,
         )  # fmt: skip
 
+    def _record_physics(self) -> None:
+        """Record what is launched before each physics step; again, where the memory of it is another one."""
+        names = {"_physics_launches", "apply", "after_physics"}
+        nearest = next(vars(kind) for kind in type(self).__mro__ if names & vars(kind).keys())
+        launches = self._physics_launches() if "_physics_launches" in nearest else None
+        self._physics = None if launches is None else self.simulation.program(launches)
+
+    def _record(self) -> None:
+        """Record the launches that bracket the author's methods, but for the verdict, which hangs on their names."""
+        views, nothing = self._views, torch.zeros(0, dtype=torch.int32, device=self.device)
+        self._status = nothing if views is None else views.world_status
+        no_joints = torch.zeros(self.num_worlds, 0, device=self.device)
+        joints = (no_joints, no_joints) if views is None else (views.joint_q, views.joint_qd)
+        recording = Recording() if self.guard is None else self.guard.recording
+        counted = [self._status, self.level, self._path.request, *joints, self._clocks, recording]
+        self._count = launch_over(self, count_step, *counted)
+        self._begin = launch_over(self, begin_episodes, self._every_world, self._clocks, self.action)
+
     def _probe(self) -> None:
         """Call the author's methods once to learn their names and hold them to the contract."""
         self._reset_worlds(self._every_world)
@@ -496,99 +485,106 @@ class Task(ABC, Generic[ConfigT]):
         terms = list(check_terms(self, self.rewards()))
         terminations = list(check_flags(self, "termination", self.terminations()))
         truncations = list(check_flags(self, "truncation", self.truncations()))
-        check_terms(self, self.metrics(), kind="metric", floating=False)
-        self._terminal_count = 1 + len(terminations)
+        metrics = check_terms(self, self.metrics(), kind="metric", floating=False)
         reasons = [NON_FINITE, *terminations, *truncations, TIME_LIMIT]
         if len(set(reasons)) != len(reasons):
             raise TaskError(f"task '{self.name}': end reasons must have different names, got {reasons}")
         unknown = self.success_reasons - set(reasons)
         if unknown:
             raise TaskError(f"task '{self.name}': success_reasons names {sorted(unknown)}, not among {reasons}")
-        wins = [reason in self.success_reasons for reason in reasons]
-        self._winning = torch.tensor(wins, device=self.device)
-        self._reason_index = torch.arange(1, len(reasons) + 1, device=self.device)
         self._statistics = EpisodeStatistics(self.num_worlds, terms, reasons, list(groups), self.device)
+        wins = [reason in self.success_reasons for reason in reasons]
+        judged = Terms(
+            len(terminations), len(truncations), wins, self.config.max_episode_steps, "success" in metrics,
+            self.config.curriculum,
+        )  # fmt: skip
+        self._judge = Judge(judged, self._status, self._clocks, self.level, self._statistics)
+        self._finite = FiniteObservations(groups, self._statistics.bad_groups)
 
-    def _move_action(self, request: torch.Tensor, physics_steps: int) -> None:
-        if self._reach is not None:
-            reach = self._reach * physics_steps
-            request = torch.minimum(torch.maximum(request, self.action - reach), self.action + reach)
-        self.action.copy_(request)
+    def _control_step(self) -> tuple[Groups, Groups | None, Groups]:
+        """A control step from the action that is asked for to the observations after the reset.
 
-    def _conclude(self) -> StepResult:
-        """Judge the state reached, reset the worlds that ended, and observe."""
-        broken = self._nowhere if self._views is None else self._views.broken()
-        if self.guard is not None:
-            self.guard.after_step(broken)
-        terms = torch.stack(list(self.rewards().values()), dim=1)
-        sane = torch.isfinite(terms)
-        terms = torch.where(sane & ~broken.unsqueeze(1), terms, 0.0)
-        self._stats.add_rewards(terms, ~sane & ~broken.unsqueeze(1))
+        Returns:
+            Metrics, observations before the reset where they are kept, observations after it.
+        """
+        if self.before_reset is None:
+            (metrics, final, groups), written_again = self._captured.run("step", self._whole_step)
+        else:
+            (metrics, final), written_again = self._captured.run("until the reset", self._until_reset)
+            self.before_reset()
+            groups, _ = self._captured.run("from the reset on", self._from_reset)
+        if written_again:
+            metrics = {name: value.clone() for name, value in metrics.items()}
+        return metrics, final, groups
 
-        reasons = [broken, *self.terminations().values(), *self.truncations().values()]
-        reasons.append(self.episode_clock >= self.config.max_episode_steps)
-        flags = torch.stack(reasons, dim=1)
-        first = flags & (flags.cumsum(dim=1) == 1)
-        terminated = flags[:, : self._terminal_count].any(dim=1)
-        ended = flags.any(dim=1)
+    def _whole_step(self) -> tuple[Groups, Groups | None, Groups]:
+        return (*self._until_reset(), self._from_reset())
+
+    def _advance(self) -> None:
+        if self._randomiser is not None:
+            self._randomiser.begin_step(self.random, self._every_world, self.level)
+        self.begin_step()
+        decimation = self.config.decimation if self.simulation is not None else 0
+        if self._physics is not None:
+            self._physics.run(decimation)
+        else:
+            self._step_by_methods(decimation)
+        self._finish_physics()
+        self._count.launch()
+
+    def _physics_launches(self) -> Sequence[WorldLaunch] | None:
+        """Return launches before each physics step that stand for ``apply``, ``after_physics`` and the action's way.
+
+        None: those are called. They are also called where a subclass overrides one of them.
+        """
+        return None
+
+    def _finish_physics(self) -> None:
+        """Called after the last physics step of a control step. Optional."""
+
+    def _step_by_methods(self, decimation: int) -> None:
+        """Take the physics through its steps, between which an author's methods act."""
+        gradual = self._path.limited and decimation > 0
+        if not gradual:
+            self._path.move()
+            self.apply(self.action)
+        if not gradual and type(self).after_physics is Task.after_physics:
+            if decimation > 0:
+                self.simulation.advance(decimation)
+            return
+        for _ in range(decimation):
+            if gradual:
+                self._path.move()
+                self.apply(self.action)
+            self.simulation.step()
+            self.after_physics()
+
+    def _until_reset(self) -> tuple[Groups, Groups | None]:
+        """Take the physics through a control step, and judge the state reached."""
+        self._path.delay()
+        self._advance()
+        rewards = self.rewards()
+        flags = [*self.terminations().values(), *self.truncations().values()]
         metrics = {name: value.clone() for name, value in self.metrics().items()}
-        success = metrics["success"].bool() & ended if "success" in metrics else (first & self._winning).any(dim=1)
-        end_reason = (first * self._reason_index).sum(dim=1) - 1
-        self._stats.add_endings(ended, self.episode_steps, first)
-
-        if self._climbing:
-            curriculum = self.config.curriculum
-            self.level += torch.where(success, curriculum.up, torch.where(ended, -curriculum.down, 0.0))
-            self.level.clamp_(0.0, 1.0)
-
+        self._judge.judge(rewards, flags, metrics.get("success"))
         if self._sensors.late:
             self._sensors.push(self.observations())
-        final = self._final_observations(broken) if self.keep_final_observations else None
-        if self.before_reset is not None:
-            self.before_reset()
-        self._reset_worlds(ended)
+        if not self.keep_final_observations:
+            return metrics, None
+        return metrics, self._finite.kept(self.observe(), self._judge.views.non_finite)
+
+    def _from_reset(self) -> Groups:
+        """Reset the worlds that ended, and observe."""
+        self._reset_worlds(self._judge.ended)
         groups = self.observations()
-        self._watch_observations(groups)
-        self._sensors.begin(ended, groups)
-        groups = self._sensors.sense(groups)
-        return StepResult(
-            observations=groups,
-            rewards=terms.sum(dim=1),
-            terminated=terminated,
-            truncated=ended & ~terminated,
-            end_reason=end_reason,
-            success=success,
-            non_finite=broken.clone(),
-            reward_terms=terms,
-            metrics=metrics,
-            final_observations=final,
-        )
-
-    def _final_observations(self, broken: torch.Tensor) -> dict[str, torch.Tensor]:
-        """Clone the observations before the reset; those of a world whose physics broke down become finite."""
-        final = {}
-        for name, group in self.observe().items():
-            if group.is_floating_point():
-                mask = broken.view(-1, *(1,) * (group.dim() - 1))
-                final[name] = torch.where(mask, torch.nan_to_num(group, 0.0, 0.0, 0.0), group)
-            else:
-                final[name] = group.clone()
-        return final
-
-    def _watch_observations(self, groups: dict[str, torch.Tensor]) -> None:
-        counts = [
-            (~torch.isfinite(group)).flatten(1).any(dim=1).sum() if group.is_floating_point() else self._nowhere.sum()
-            for group in groups.values()
-        ]
-        self._stats.add_bad_observations(torch.stack(counts))
+        self._finite.count(groups)
+        self._sensors.begin(self._judge.ended, groups)
+        return self._sensors.sense(groups)
 
     def _reset_worlds(self, mask: torch.Tensor) -> None:
-        self.episode_index += mask
-        self.episode_steps.masked_fill_(mask, 0)
-        self.episode_clock.masked_fill_(mask, 0)
-        self.action.masked_fill_(mask.unsqueeze(1), 0.0)
-        if self._action_line is not None:
-            self._action_line.fill(mask, self.action, self.random)
+        """Begin an episode in the worlds of a mask (W,) bool."""
+        self._begin.on(mask)
+        self._path.begin(mask, self.random)
         if self._randomiser is not None:
             self._randomiser.begin_episodes(self.random, mask, self.level)
         if self.simulation is None:

@@ -13,11 +13,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
+import warp as wp
+
+from simwarp.kernels.tasks.locomotion import ant as kernels
 
 from ..framework.config import TaskConfig
-from ..framework.frames import Orientation, euler_123
+from ..framework.launching import filled, launch_over
 from ..framework.registry import register
-from .walking import BASE, NEAR_LIMIT, WalkingConfig, WalkingTask
+from .walking import BASE, Orientation, Touching, WalkingConfig, WalkingTask
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
 
 _HIP_LIMIT = math.pi / 3.0
 _ANKLE_LIMITS = (-math.pi / 2.0, math.pi / 4.0)
+_TERMS = ("progress", "alive", "effort", "limits")
+_WALK_TERMS = (*_TERMS, "straight", "heading", "line")
 
 
 class AntReward(enum.Enum):
@@ -38,6 +43,9 @@ class AntReward(enum.Enum):
     WALK = "walk"
     CODE = "code"
     THESIS = "thesis"
+
+
+_VARIANTS = {AntReward.WALK: kernels.WALK, AntReward.CODE: kernels.CODE, AntReward.THESIS: kernels.THESIS}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,65 +91,47 @@ class AntTask(WalkingTask[AntConfig]):
 
         return ant()
 
-    def setup(self) -> None:
-        """Make views of contact forces and compute the ranges of the joints."""
-        from simwarp import to_torch
+    @property
+    def lateral(self) -> bool:
+        """Observe the sideways position in place of the height."""
+        return self.config.lateral
 
+    def touching(self) -> Touching:
+        """The shins end in feet; the torso must not touch the ground."""
+        simulation = self.simulation
+        feet = [simulation.model.body(f"ankle_{leg}") for leg in range(self.legs)]
+        return Touching(simulation.contacts.body_contact_force, feet, [BASE])
+
+    def setup(self) -> None:
+        """Compute the ranges of the joints, and record the reward."""
         super().setup()
-        simulation, device = self.simulation, self.device
-        self._body_force = to_torch(simulation.contacts.body_contact_force)
-        first, second = (simulation.model.body(f"ankle_{leg}") for leg in range(2))
-        self._shins = slice(first, None, second - first)
+        config, device = self.config, str(self.device)
         lower = [-_HIP_LIMIT] * 4 + [_ANKLE_LIMITS[0]] * 4
         upper = [_HIP_LIMIT] * 4 + [_ANKLE_LIMITS[1]] * 4
-        self._middle = 0.5 * (torch.tensor(upper, device=device) + torch.tensor(lower, device=device))
-        self._half_range = 0.5 * (torch.tensor(upper, device=device) - torch.tensor(lower, device=device))
-
-    def touching(self) -> torch.Tensor:
-        """Return (W,) bool: the torso touches the ground."""
-        return (self._body_force[:, BASE] != 0.0).any(dim=1)
-
-    def foot_forces(self) -> torch.Tensor:
-        """Return (W, 4, 3) contact forces on the feet [N]."""
-        return self._body_force[:, self._shins]
-
-    def first_observation(self, pose: torch.Tensor) -> torch.Tensor:
-        """Return the height, or the sideways position (W, 1) [m]."""
-        return pose[:, 1:2] if self.config.lateral else super().first_observation(pose)
-
-    def apply(self, action: torch.Tensor) -> None:
-        """Turn the joints with ``torque`` newton metres per unit of action."""
-        self.views.joint_force.copy_(action * self.config.torque)
+        pay = filled(
+            kernels.AntPay,
+            variant=_VARIANTS[config.reward],
+            control_dt=config.control_dt,
+            target_speed=config.target_speed,
+            torque=config.torque,
+            middle=wp.array([0.5 * (high + low) for low, high in zip(lower, upper, strict=True)], dtype=float,
+                            device=device),
+            half=wp.array([0.5 * (high - low) for low, high in zip(lower, upper, strict=True)], dtype=float,
+                          device=device),
+        )  # fmt: skip
+        self._names = _WALK_TERMS if config.reward is AntReward.WALK else _TERMS
+        self._terms = torch.zeros(len(self._names), self.num_worlds, device=self.device)
+        state = self.simulation.state.arrays
+        self._pay = launch_over(self, kernels.pay_ant, pay, self.action, state, self.walk, self._terms)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
-        config = self.config
-        speed = self.progress_speed()
-        power = self.action * self.views.joint_qd
-        alive = 1.0 - 2.0 * self.touched.float()
-        offset = (self.views.joint_q - self._middle).abs() / self._half_range
-        limits = (offset > 1.0 - NEAR_LIMIT).sum(dim=1).float()
-        if config.reward is AntReward.CODE:
-            effort = -0.2 * power.abs().mean(dim=1)
-            return {"progress": speed, "alive": alive, "effort": effort, "limits": -0.6 * limits}
-        if config.reward is AntReward.THESIS:
-            effort = -0.2 * config.torque * power.sum(dim=1)
-            return {"progress": speed, "alive": alive, "effort": effort, "limits": -0.6 * limits}
-        pose = self.views.body_q[:, BASE]
-        heading = euler_123(pose[:, 3:])[:, 2]
-        return {
-            "progress": 2.0 * speed.clamp(max=config.target_speed) - (speed - config.target_speed).clamp(min=0.0),
-            "alive": 0.5 * alive,
-            "effort": -0.05 * power.abs().mean(dim=1),
-            "limits": -0.05 * limits,
-            "straight": -0.5 * self.views.body_v[:, BASE, 1].abs(),
-            "heading": -0.5 * heading.abs(),
-            "line": -pose[:, 1].abs().clamp(max=2.0),
-        }
+        self._pay.launch()
+        return dict(zip(self._names, self._terms, strict=True))
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``torso_contact``: the torso touches the ground, in any physics step."""
-        return {"torso_contact": self.touched.clone()}
+        return {"torso_contact": self._touched.clone()}
 
     def visuals(self, visuals: Visuals) -> None:
         """Show the legs as well, of which only the feet are collision shapes."""

@@ -13,19 +13,25 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
+import warp as wp
 
+from simwarp.kernels.tasks.locomotion import hexapod as kernels
 from simwarp.tasks import Positive
 
 from ..framework.config import TaskConfig
-from ..framework.frames import euler_123
+from ..framework.launching import filled, launch_over
 from ..framework.registry import register
-from .walking import BASE, NEAR_LIMIT, WalkingConfig, WalkingTask
+from .walking import BASE, Touching, WalkingConfig, WalkingTask
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
     from simwarp.sensors import Visuals
 
 _LEGS = 6
+_CODE_TERMS = ("progress", "alive", "effort", "limits", "height")
+_WALK_TERMS = (
+    "progress", "alive", "effort", "limits", "posture", "height", "tilt", "smooth", "straight", "heading", "line",
+)  # fmt: skip
 
 
 class HexapodReward(enum.Enum):
@@ -90,82 +96,47 @@ class HexapodTask(WalkingTask[HexapodConfig]):
 
         return hexapod()
 
+    @property
+    def speed_limit(self) -> float:
+        """Joint speed beyond which a torque that would drive it on is cut off [rad/s]."""
+        return self.config.speed_limit
+
+    def touching(self) -> Touching:
+        """Feet 1 to 6; nothing else must touch the ground."""
+        simulation = self.simulation
+        names = simulation.model.shape_names
+        feet = [f"foot_{leg}" for leg in range(1, _LEGS + 1)]
+        others = [index for index, name in enumerate(names) if name not in {*feet, "floor"}]
+        return Touching(simulation.contacts.shape_contact_force, [names.index(name) for name in feet], others)
+
     def setup(self) -> None:
-        """Make views of contact forces, and store the height at the start."""
-        from simwarp import to_torch
+        """Store the height at the start, and record the reward."""
         from simwarp.scenes import HEXAPOD_LIMIT
 
         super().setup()
-        device, simulation = self.device, self.simulation
-        names = simulation.model.shape_names
-        self._shape_force = to_torch(simulation.contacts.shape_contact_force)
-        feet = [f"foot_{leg}" for leg in range(1, _LEGS + 1)]
-        self._feet = torch.tensor([names.index(name) for name in feet], device=device)
-        others = [index for index, name in enumerate(names) if name not in {*feet, "floor"}]
-        self._others = torch.tensor(others, device=device)
-        self._limit = HEXAPOD_LIMIT
-        self._start_height = self._x[:, BASE, 2].clone().float()
-        self._last_action = torch.zeros(self.num_worlds, self.action_size, device=device)
-
-    def touching(self) -> torch.Tensor:
-        """Return (W,) bool: anything but a foot touches the ground."""
-        return (self._shape_force[:, self._others] != 0.0).flatten(1).any(dim=1)
-
-    def foot_forces(self) -> torch.Tensor:
-        """Return (W, 6, 3) contact forces on the feet of legs 1 to 6 [N]."""
-        return self._shape_force[:, self._feet]
-
-    def begin_step(self) -> None:
-        """Store the last action, too: trembling is a difference."""
-        super().begin_step()
-        self._last_action.copy_(self.action)
-
-    def apply(self, action: torch.Tensor) -> None:
-        """Turn the joints with ``torque`` newton metres per unit of action, none that drives beyond the limit."""
-        rate = self.views.joint_qd
-        driven = (rate.abs() < self.config.speed_limit) | (action * rate <= 0.0)
-        self.views.joint_force.copy_(torch.where(driven, self.config.torque * action, 0.0))
-
-    def after_physics(self) -> None:
-        """Cut the torques anew, and notice a touch."""
-        self.apply(self.action)
-        super().after_physics()
+        config, device, walks = self.config, str(self.device), self.config.reward is HexapodReward.WALK
+        pay = filled(
+            kernels.HexapodPay,
+            variant=kernels.WALK if walks else kernels.CODE,
+            control_dt=config.control_dt,
+            target_speed=config.target_speed,
+            start_height=wp.array(self.simulation.state.body_x.numpy()[:, BASE, 2], dtype=float, device=device),
+            middle=wp.zeros(self.action_size, dtype=float, device=device),
+            half=wp.full(self.action_size, HEXAPOD_LIMIT, dtype=float, device=device),
+        )
+        self._names = _WALK_TERMS if walks else _CODE_TERMS
+        self._terms = torch.zeros(len(self._names), self.num_worlds, device=self.device)
+        state = self.simulation.state.arrays
+        self._pay = launch_over(self, kernels.pay_hexapod, pay, self.action, state, self.walk, self._terms)
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms of the chosen reward."""
-        config, views = self.config, self.views
-        speed = self.progress_speed()
-        power = (self.action * views.joint_qd).abs().mean(dim=1)
-        alive = 1.0 - 2.0 * self.touched.float()
-        limits = (views.joint_q.abs() > (1.0 - NEAR_LIMIT) * self._limit).sum(dim=1).float()
-        pose = views.body_q[:, BASE]
-        rise = pose[:, 2] - self._start_height
-        if config.reward is HexapodReward.CODE:
-            return {
-                "progress": 5.0 * speed,
-                "alive": alive,
-                "effort": -0.1 * power,
-                "limits": -0.8 * limits,
-                "height": 2.0 * rise,
-            }
-        turned = euler_123(pose[:, 3:])
-        return {
-            "progress": 5.0 * (speed.clamp(max=config.target_speed) - (speed - config.target_speed).clamp(min=0.0)),
-            "alive": 0.5 * alive,
-            "effort": -0.02 * power,
-            "limits": -0.2 * limits,
-            "posture": -2.0 * views.joint_q.square().mean(dim=1),
-            "height": -10.0 * rise.abs(),
-            "tilt": -turned[:, :2].abs().sum(dim=1),
-            "smooth": -0.1 * (self.action - self._last_action).square().mean(dim=1),
-            "straight": -views.body_v[:, BASE, 1].abs(),
-            "heading": -turned[:, 2].abs(),
-            "line": -2.0 * pose[:, 1].abs().clamp(max=1.0),
-        }
+        self._pay.launch()
+        return dict(zip(self._names, self._terms, strict=True))
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``contact``: anything but a foot touches the ground, in any physics step."""
-        return {"contact": self.touched.clone()}
+        return {"contact": self._touched.clone()}
 
     def visuals(self, visuals: Visuals) -> None:
         """Show the links as rods between the hinges; the collision boxes are the servos."""

@@ -3,27 +3,48 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import enum
+import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import torch
+import warp as wp
 
+from simwarp import to_torch
+from simwarp.kernels.tasks.locomotion.walking import (
+    FORCE_CLIP,
+    Walker,
+    WalkState,
+    begin_walk,
+    begin_walk_episode,
+    drive_joints,
+    find_outside,
+    finish_physics,
+    measure_success,
+    observe_walk,
+    walk_on,
+)
 from simwarp.tasks import Ge, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig
-from ..framework.frames import Orientation, euler_123, heading_quaternion, rotate_back
+from ..framework.launching import filled, launch_over, share_over, zeros_of
 from ..framework.task import Task
 
 if TYPE_CHECKING:
     from simwarp import SolverOptions
 
+    from ..framework.launching import WorldLaunch
+
 BASE = 0
 """Body that carries the legs."""
-NEAR_LIMIT = 0.02
-"""A joint counts as at its limit in the last part of its range."""
-_FORCE_CLIP = 5.0
-_TARGET_X = 1000.0
-_ARENA = 49.0
+
+
+class Orientation(enum.Enum):
+    """Representation of a torso's orientation in observations."""
+
+    EULER = "euler"
+    QUATERNION = "quaternion"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,8 +80,23 @@ class WalkingConfig(TaskConfig):
 WalkingT = TypeVar("WalkingT", bound=WalkingConfig)
 
 
+@dataclasses.dataclass(frozen=True)
+class Touching:
+    """Parts of a robot whose contacts count.
+
+    Attributes:
+        force: (W, N) vec3, contact forces of the parts [N].
+        feet: indices of those that stand on the ground, in the order of observations.
+        others: indices of those that must not touch it.
+    """
+
+    force: wp.array
+    feet: Sequence[int]
+    others: Sequence[int]
+
+
 class WalkingTask(Task[WalkingT]):
-    """A robot that walks along X. A subclass writes `build`, `apply`, `touching`, `foot_forces`, rewards and ends.
+    """A robot that walks along X. A subclass writes `build`, `touching`, rewards and ends.
 
     Observation ``policy``: height, orientation, velocity, angular velocity, joint angles and rates, foot forces cut at
     5 N; SI units and axes of the base unless scaled.
@@ -80,13 +116,19 @@ class WalkingTask(Task[WalkingT]):
         "ppo.entropy": 0.0,
     }
 
-    def touching(self) -> torch.Tensor:
-        """Return (W,) bool: something other than a foot touches the ground."""
+    def touching(self) -> Touching:
+        """Return the parts whose contacts count."""
         raise NotImplementedError
 
-    def foot_forces(self) -> torch.Tensor:
-        """Return (W, legs, 3) contact forces on the feet [N]."""
-        raise NotImplementedError
+    @property
+    def lateral(self) -> bool:
+        """Observe the sideways position in place of the height."""
+        return False
+
+    @property
+    def speed_limit(self) -> float:
+        """Joint speed beyond which a torque that would drive it on is cut off [rad/s]."""
+        return math.inf
 
     def solver_options(self) -> SolverOptions:
         """Contacts to ``tolerance``: far below the speed of a foot, so that it does not change a gait."""
@@ -95,98 +137,107 @@ class WalkingTask(Task[WalkingT]):
         return SolverOptions(tolerance=self.config.tolerance)
 
     def setup(self) -> None:
-        """Make views of positions of record, and allocate the state of an episode."""
-        from simwarp import to_torch
+        """Allocate the state of an episode, and record what a control step launches."""
+        config, simulation, worlds, device = self.config, self.simulation, self.num_worlds, self.device
+        state, torque = simulation.state.arrays, simulation.control.joint_force
+        self.walk = zeros_of(WalkState, self, last_action=self.action_size)
+        self._touched, self._aside, self._reached = (
+            to_torch(array) for array in (self.walk.touched, self.walk.aside, self.walk.reached)
+        )
+        self.walker, width = self._make_walker()
+        walker = self.walker
+        self._policy = torch.zeros(worlds, width, device=device)
+        self._outside, self._success = (torch.zeros(worlds, dtype=torch.bool, device=device) for _ in range(2))
+        self._distance = torch.zeros(worlds, device=device)
+        self._start_q, self._start_qd = (wp.zeros_like(torque) for _ in range(2))
+        goal = [config.goal_distance, config.goal_time + 0.5 * config.control_dt, config.goal_width]
+        streams = [self.random.stream(purpose) for purpose in ("heading", "angles", "rates")]
+        self._begin_walk = launch_over(self, begin_walk, state, self.action, self.walk)
+        self._drive = launch_over(self, drive_joints, self.action, walker, state, torque)
+        self._finish = launch_over(self, finish_physics, self.action, walker, state, self.walk, torque)
+        self._observe = launch_over(self, observe_walk, walker, state, self._policy)
+        self._find_outside = launch_over(self, find_outside, state, self._outside)
+        self._measure = launch_over(
+            self, measure_success, self.episode_steps, config.control_dt, *goal, state, self.walk, self._success,
+            self._distance,
+        )  # fmt: skip
+        self._start = launch_over(
+            self, begin_walk_episode, self._every_world, config.start_angle, config.start_rate, *streams,
+            self.random.draws, walker, state, self.walk, self._start_q, self._start_qd,
+        )  # fmt: skip
 
-        worlds, device, state = self.num_worlds, self.device, self.simulation.state
-        self._x = to_torch(state.body_x)
-        self._rotation = to_torch(state.body_rot)
-        self._before = torch.zeros(worlds, dtype=torch.float64, device=device)
-        self._farthest_aside = torch.zeros(worlds, device=device)
-        self.touched = torch.zeros(worlds, dtype=torch.bool, device=device)
-        self._reached = torch.zeros(worlds, dtype=torch.bool, device=device)
-        turned = 3 if self.config.orientation is Orientation.EULER else 4
+    def _make_walker(self) -> tuple[Walker, int]:
+        """Return what a robot is, and the number of its observations."""
+        touching, config = self.touching(), self.config
+        turned = 3 if config.orientation is Orientation.EULER else 4
         height, speed, turn, rate = self.usual_sizes
-        joints = self.action_size
+        joints, feet = self.action_size, len(touching.feet)
         sizes = [height] + [0.3] * turned + [speed] * 3 + [turn] * 3 + [0.5] * joints + [rate] * joints
-        self._sizes = torch.tensor(sizes + [_FORCE_CLIP] * self.legs, device=device)
+        sizes += [FORCE_CLIP] * feet
+        device = str(self.device)
+        walker = filled(
+            Walker,
+            feet=wp.array([*touching.feet], dtype=int, device=device),
+            others=wp.array([*touching.others], dtype=int, device=device),
+            force=touching.force,
+            sizes=wp.array(sizes if config.scaled else [], dtype=float, device=device),
+            legs=self.legs,
+            quaternion=int(turned == 4),
+            lateral=int(self.lateral),
+            torque=config.torque,
+            speed_limit=self.speed_limit,
+            cut_anew=int(math.isfinite(self.speed_limit)),
+        )
+        return walker, len(sizes)
+
+    def _physics_launches(self) -> Sequence[WorldLaunch]:
+        """Return the action's way, torques and touches."""
+        path, simulation = self._path, self.simulation
+        moved = [path.reach, path.request, self.action]
+        parts = [self.walker, simulation.state.arrays, self.walk, simulation.control.joint_force]
+        return [share_over(self.simulation, walk_on, *moved, *parts)]
+
+    def _finish_physics(self) -> None:
+        """Notice the last touch."""
+        self._finish.launch()
 
     def begin_step(self) -> None:
-        """Store the position of the base: progress is a difference."""
-        self._before.copy_(self._distance())
-        self.touched.zero_()
+        """Store the position of the base and the last action: progress and trembling are differences."""
+        self._begin_walk.launch()
+
+    def apply(self, action: torch.Tensor) -> None:
+        """Turn the joints with ``torque`` newton metres per unit of action, none that drives beyond the limit."""
+        self._drive.on(action)
 
     def after_physics(self) -> None:
-        """Notice a touch, which may be over before the control step is."""
-        self.touched |= self.touching()
-
-    def first_observation(self, pose: torch.Tensor) -> torch.Tensor:
-        """Return the first observation, (W, 1), of the base's pose (W, 7): its height [m]."""
-        return pose[:, 2:3]
+        """Notice a touch, which may be over before the control step is; cut the torques anew."""
+        self._finish.launch()
 
     def observations(self) -> dict[str, torch.Tensor]:
-        """Return ``policy`` (W, ...) float32."""
-        config, views = self.config, self.views
-        pose = views.body_q[:, BASE]
-        rotation = pose[:, 3:]
-        parts = [
-            self.first_observation(pose),
-            euler_123(rotation) if config.orientation is Orientation.EULER else rotation,
-            rotate_back(rotation, views.body_v[:, BASE]),
-            rotate_back(rotation, views.body_omega[:, BASE]),
-            views.joint_q,
-            views.joint_qd,
-            self.foot_forces().norm(dim=2).clamp(max=_FORCE_CLIP),
-        ]
-        policy = torch.cat(parts, dim=1)
-        return {"policy": policy / self._sizes if config.scaled else policy}
-
-    def progress_speed(self) -> torch.Tensor:
-        """Return (W,) float32: how fast the base came nearer to a target far ahead in this control step [m/s]."""
-        return ((self._before - self._distance()) / self.config.control_dt).float()
+        """Return ``policy`` (W, ...) float32, the buffer itself."""
+        self._observe.launch()
+        return {"policy": self._policy}
 
     def truncations(self) -> dict[str, torch.Tensor]:
         """Return ``arena``: the robot has left the original's floor of 50 m around the start."""
-        return {"arena": (self._x[:, BASE, :2].abs() > _ARENA).any(dim=1)}
+        self._find_outside.launch()
+        return {"arena": self._outside}
 
     def reset(self, world_mask: torch.Tensor) -> None:
         """Start near the built pose and the heading +X."""
-        angle, rate, joints = self.config.start_angle, self.config.start_rate, self.action_size
-        heading = self.random.uniform("heading", -angle, angle)[:, 0].double()
-        turned = torch.where(world_mask.unsqueeze(1), heading_quaternion(heading), self._rotation[:, BASE])
-        self._rotation[:, BASE] = turned
-        q = self.random.uniform("angles", -angle, angle, size=joints)
-        # The outer joints only turn outwards and up: the feet stay above the ground
-        q[:, self.legs :].abs_().neg_()
-        self.simulation.set_joint_state(world_mask, q, self.random.uniform("rates", -rate, rate, size=joints))
-        self.touched.masked_fill_(world_mask, False)
-        self._farthest_aside.masked_fill_(world_mask, 0.0)
-        self._reached.masked_fill_(world_mask, False)
+        self._start.on(world_mask)
+        self.simulation.set_joint_state(world_mask, self._start_q, self._start_qd)
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return ``success``, ``distance`` along X [m] and the largest ``lateral_error`` of the episode [m]."""
-        config = self.config
-        place = self.views.body_q[:, BASE]
-        torch.maximum(self._farthest_aside, place[:, 1].abs(), out=self._farthest_aside)
-        in_time = self.episode_steps * config.control_dt <= config.goal_time + 0.5 * config.control_dt
-        self._reached |= (place[:, 0] >= config.goal_distance) & in_time
-        straight = self._farthest_aside <= config.goal_width
-        return {
-            "success": self._reached & straight & ~self.touched,
-            "distance": place[:, 0],
-            "lateral_error": self._farthest_aside,
-        }
+        self._measure.launch()
+        return {"success": self._success, "distance": self._distance, "lateral_error": self._aside}
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """State of the success criteria in the running episode."""
-        return {"farthest_aside": self._farthest_aside, "reached": self._reached}
+        return {"farthest_aside": self._aside, "reached": self._reached}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take it back."""
-        self._farthest_aside.copy_(state["farthest_aside"])
+        self._aside.copy_(state["farthest_aside"])
         self._reached.copy_(state["reached"])
-
-    def _distance(self) -> torch.Tensor:
-        """(W,) distance to a target far ahead, as the original measures progress [m]."""
-        place = self._x[:, BASE]
-        return torch.hypot(place[:, 1], _TARGET_X - place[:, 0])

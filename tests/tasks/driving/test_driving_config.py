@@ -87,10 +87,11 @@ def test_the_speed_of_the_hallway_is_held(rise):
         task.step(held(task))
         if float(task.lane()[0].abs().max()) > 0.2:  # back to the middle of the lane, without touching the controller
             at = task.routes.at(task.route, task._arc.unsqueeze(1))[:, 0].double()
-            velocity, omega = task._velocity.clone(), task._omega.clone()
+            rates = [to_torch(getattr(task.simulation.state, name)) for name in ("body_v", "body_omega")]
+            before = [rate.clone() for rate in rates]
             task.place_vehicle(every, torch.nn.functional.pad(at[:, :2], (0, 1)), at[:, 2])
-            task._velocity.copy_(velocity)
-            task._omega.copy_(omega)
+            for rate, value in zip(rates, before, strict=True):
+                rate.copy_(value)
         speeds.append(task.motion()[:, 0].clone())
     assert torch.stack(speeds[40:]).mean() == pytest.approx(task.config.speed, abs=0.03)
 
@@ -130,10 +131,11 @@ def test_obstacles_that_find_no_room_are_not_counted():
 
 def test_ground_textures_differ_between_worlds_and_episodes():
     task = driving("off-road", 24, **SMALL | {"obstacles": 0})
-    first = task._texture.clone()
+    shown = to_torch(task.scene().texture)[:, task._ground]
+    first = shown.clone()
     assert len(set(first.tolist())) == len(GROUND_TEXTURES)
     task.restart()
-    assert (task._texture != first).any()
+    assert (shown != first).any()
 
 
 def test_what_a_task_writes_itself_is_not_drawn():

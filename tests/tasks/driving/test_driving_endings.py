@@ -11,8 +11,9 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
-from simwarp.tasks.driving.convoy import DURATION
-from simwarp.tasks.framework.frames import to_heading
+from simwarp.kernels.tasks.driving.convoy import DURATION
+from simwarp.tasks.driving.base import Observing
+from simwarp.tasks.driving.off_road import OffRoadConfig, OffRoadTask
 from tests.tasks.driving.driving_checks import NAMES, chase, drive, driving, held, random_actions, reason, term
 
 
@@ -55,13 +56,18 @@ def follow_lane(speed):
     return policy
 
 
+def leader_speed(task):
+    """(W,) of the leaders, which speed up evenly [m/s]."""
+    return 2.0 * task.time() / DURATION**2 * task.routes.length[task.route]
+
+
 def follow_leader(task):
     """Where the leader has been: along the path, at its speed or a little faster."""
     point, _ = task.pose()
     arc, _ = task.routes.locate(task.route, point[:, :2])
     aim = task.routes.at(task.route, (arc + 5.0).unsqueeze(1))[:, 0, :2]
-    distance, _ = task._behind()
-    return chase(task, aim, speed=task._leader_speed() + 0.5 * (distance - 14.0), gain=2.0)
+    distance = task.metrics()["distance"]
+    return chase(task, aim, speed=leader_speed(task) + 0.5 * (distance - 14.0), gain=2.0)
 
 
 def outwards(task):
@@ -84,7 +90,7 @@ CASES = {
     "off-road time_limit": ("off-road", {"max_episode_steps": 20}, None, lambda t: held(t, 0.0, -1.0)),
     "convoy goal": ("convoy", {}, near_the_end, follow_leader),
     "convoy collision": ("convoy", {}, lambda t: block(t, 6.0), ahead),
-    "convoy bumped": ("convoy", {}, None, lambda t: chase(t, t._leaders(t._time())[:, 0, :2], speed=9.0)),
+    "convoy bumped": ("convoy", {}, None, lambda t: chase(t, t.leaders(t.time())[:, 0, :2], speed=9.0)),
     "convoy lost": ("convoy", {"lost_distance": 22.5}, None, lambda t: held(t, 0.0, -1.0)),
     "convoy upset": ("convoy", {}, tip, ahead),
     "convoy time_limit": ("convoy", {"max_episode_steps": 10}, None, lambda t: held(t, 0.0, -1.0)),
@@ -206,21 +212,28 @@ def test_random_drives_end_for_named_reasons_only(name):
 # ---- rewards on the way ----------------------------------------------------------------------------------------
 
 
+def way_left(task):
+    """(W,) from the goal [m]."""
+    point, _ = task.pose()
+    goal = task.goal if task.name == "off-road" else torch.tensor([task.config.end, 0.0])
+    return (goal - point[:, :2]).norm(dim=1)
+
+
 @pytest.mark.parametrize("name", ["obstacle-avoidance", "off-road"])
 def test_progress_adds_up_to_the_distance_gained(name):
     task = driving(name, 4, seed=2)
-    before = task._distance().clone()
+    before = way_left(task)
     total = torch.zeros(4)
     for action in random_actions(task, 25, seed=3):
         action[:, 1] = action[:, 1].abs()
-        distance = task._distance().clone()
+        distance = way_left(task)
         result = task.step(action)
         assert (result.end_reason < 0).all()
         step = term(task, result, "progress") / task.config.progress_weight
         total += step
         # a difference of distances of 40 to 100 m in float64
-        assert step.tolist() == pytest.approx((distance - task._distance()).tolist(), abs=1e-6)
-    gained = before - task._distance()
+        assert step.tolist() == pytest.approx((distance - way_left(task)).tolist(), abs=1e-6)
+    gained = before - way_left(task)
     assert total.tolist() == pytest.approx(gained.tolist(), abs=1e-4)
     assert gained.abs().max() > 1.0
 
@@ -253,7 +266,7 @@ def test_driving_back_is_taken_away_again():
 
 def behind(task, distance, angle):
     """Put the truck so far behind the leader, off its axis by an angle at the leader."""
-    leader = task._leaders(task._time())[:, 0].double()
+    leader = task.leaders(task.time())[:, 0].double()
     way = leader[:, 2] + angle
     back = distance * torch.stack([way.cos(), way.sin()], dim=1)
     task.place_vehicle(every(task), torch.nn.functional.pad(leader[:, :2] - back, (0, 1)), leader[:, 2])
@@ -289,13 +302,13 @@ def test_leaders_speed_up_evenly_until_the_end_of_the_path():
     task = driving("convoy", 4, latest_start=0.0)
     length = task.routes.length[task.route]
     for time in (5.0, 20.0, 50.0):
-        here, there = (task._leaders(torch.full((4,), t)) for t in (time - 0.1, time + 0.1))
+        here, there = (task.leaders(torch.full((4,), t)) for t in (time - 0.1, time + 0.1))
         speed = (there - here)[..., :2].norm(dim=2) / 0.2
         expected = 2.0 * time / DURATION**2 * length
         # the chord of an arc that is 3 m long at most, in turns of 20 m and more
         assert speed[:, 0].tolist() == pytest.approx(expected.tolist(), rel=0.01)
     end = task.routes.at(task.route, length.unsqueeze(1))
-    assert torch.allclose(task._leaders(torch.full((4,), DURATION * math.sqrt(0.95)))[:, :1], end, atol=1e-3)
+    assert torch.allclose(task.leaders(torch.full((4,), DURATION * math.sqrt(0.95)))[:, :1], end, atol=1e-3)
 
 
 def test_a_change_of_the_action_costs_where_it_is_asked_for():
@@ -376,15 +389,40 @@ def test_a_truck_beside_the_road_or_on_its_side_does_not_arrive():
     assert (task.rewards()["goal"] > 0.0).tolist() == [True, False, False]
 
 
-def test_a_touch_that_is_over_before_the_step_is_counts():
-    task = driving("off-road", 2, obstacles=1)
-    task.begin_step()
-    task._chassis_force[0] = 1.0
-    task.after_physics()
-    task._chassis_force.zero_()
-    for _ in range(task.config.decimation - 1):
-        task.after_physics()
-    assert task.terminations()["collision"].tolist() == [True, False]
+class ByMethods(OffRoadTask):
+    """Overrides a method that is called between physics steps."""
+
+    def after_physics(self):
+        super().after_physics()
+
+
+@pytest.mark.parametrize("kind", [OffRoadTask, ByMethods])
+@pytest.mark.parametrize("touched", [0, 17, 39])
+def test_a_touch_that_is_over_before_the_step_is_counts(kind, touched, monkeypatch):
+    task = kind(OffRoadConfig(obs=Observing.STATE, obstacles=1), 2)
+    force = to_torch(task.simulation.contacts.shape_contact_force)[:, task.chassis_shape]
+    steps: list[int] = []
+
+    def step():
+        force.zero_()
+        if len(steps) == touched:
+            force[0, 1] = 1.0
+        steps.append(1)
+
+    def run(times):
+        for _ in range(times):
+            task._physics.commands[0].launch()  # what stands for the task's methods
+            step()
+
+    monkeypatch.setattr(task.simulation, "step", step)
+    if task._physics is not None:
+        monkeypatch.setattr(task._physics, "run", run)
+    task.advance(torch.zeros(2, 2))
+    assert len(steps) == 40
+    assert task.terminations()["collision"].tolist() == task.hit.tolist() == [True, False]
+    steps += [1] * 40
+    task.advance(torch.zeros(2, 2))
+    assert task.terminations()["collision"].tolist() == [False, False]
 
 
 def test_leader_and_truck_bump_when_their_outlines_overlap():
@@ -392,14 +430,12 @@ def test_leader_and_truck_bump_when_their_outlines_overlap():
     own, other = 2.3, 2.45
     for distance, expected in ((own + other + 0.1, False), (own + other - 0.1, True)):
         behind(task, distance, 0.0)
-        assert task._bumped().tolist() == [expected]
-        away = to_heading(
-            (task._leaders(task._time())[:, :1, :2] - task.pose()[0][:, None, :2].float()), task.pose()[1]
-        )
-        assert away.norm() == pytest.approx(distance, abs=1e-3)
+        assert task.terminations()["bumped"].tolist() == [expected]
+        away = task.leaders(task.time())[:, 0, :2] - task.pose()[0][:, :2]
+        assert float(away.norm()) == pytest.approx(distance, abs=1e-3)
     for distance, expected in ((1.05 + 1.1 + 0.1, False), (1.05 + 1.1 - 0.1, True)):
         behind(task, distance, 0.5 * math.pi)  # beside it
-        assert task._bumped().tolist() == [expected]
+        assert task.terminations()["bumped"].tolist() == [expected]
 
 
 def test_metrics_of_a_convoy_are_mean_deviation_distance_and_hits():
@@ -411,7 +447,7 @@ def test_metrics_of_a_convoy_are_mean_deviation_distance_and_hits():
         deviations.append(task.routes.distance(task.route, point[:, :2]))
     mean = torch.stack(deviations).mean(dim=0)
     assert result.metrics["path_deviation"].tolist() == pytest.approx(mean.tolist(), rel=1e-5)
-    away = (task._leaders(task._time())[:, 0, :2].double() - point[:, :2]).norm(dim=1)
+    away = (task.leaders(task.time())[:, 0, :2].double() - point[:, :2]).norm(dim=1)
     assert result.metrics["distance"].tolist() == pytest.approx(away.tolist(), abs=1e-4)
     assert result.metrics["obstacle_hits"].tolist() == [0.0, 0.0]
     _, results, _ = finish(*CASES["convoy collision"])

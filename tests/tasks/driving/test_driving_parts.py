@@ -12,7 +12,6 @@ from simwarp.scenery.tracks import indoor_track, race_track
 from simwarp.tasks.driving.navigation import PLACE_NOISE, RATE_BIAS, RATE_NOISE, SPEED_NOISE
 from simwarp.tasks.driving.ranging import RangeFan
 from simwarp.tasks.driving.routes import Routes
-from simwarp.tasks.framework.frames import heading_of, heading_quaternion, rotate, tilt_to
 from tests.reference.routes import first_hit, nearest_on_path, place_at
 from tests.tasks.driving.driving_checks import (
     SMALL,
@@ -20,6 +19,7 @@ from tests.tasks.driving.driving_checks import (
     ground_heights,
     obstacle_corners,
     random_actions,
+    turned,
 )
 
 CPU = torch.device("cpu")
@@ -166,19 +166,6 @@ def test_normals_of_hills_are_those_of_the_ground_around(hilly):
         assert math.acos(min(1.0, float(plane @ normal[world]))) < 0.02
 
 
-def test_turns_to_a_normal_keep_the_heading_but_for_a_degree():
-    angle = torch.linspace(-3.1, 3.1, 41, dtype=torch.float64)
-    for slope in (0.1, 0.3):
-        normal = torch.tensor([[math.sin(slope), 0.0, math.cos(slope)]], dtype=torch.float64).expand(41, -1)
-        turn = tilt_to(normal)
-        up = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64).expand(41, -1)
-        assert torch.allclose(rotate(turn, up), normal, atol=1e-12)
-        ahead = rotate(turn, rotate(heading_quaternion(angle), torch.tensor([1.0, 0.0, 0.0]).double()))
-        error = torch.atan2(ahead[:, 1], ahead[:, 0]) - angle
-        assert error.abs().max() < 0.25 * slope**2 * 1.1
-    assert torch.allclose(heading_of(heading_quaternion(angle)), angle, atol=1e-12)
-
-
 def test_obstacles_are_within_the_discs_that_ranges_are_measured_to():
     task = driving("off-road", 16, obstacles=50, hills=1.0)
     corners, there = obstacle_corners(task)
@@ -208,10 +195,12 @@ def errors(task, steps):
         running *= result.end_reason < 0
         place, heading, speed = task.navigation.estimate()
         point, truth = task.pose()
-        velocity = task._velocity[:, task.parts.chassis] + torch.linalg.cross(
-            task._omega[:, task.parts.chassis],
-            rotate(task._rotation[:, task.parts.chassis], task._reference.expand(task.num_worlds, -1)).float(),
+        v, omega, rotation = (
+            to_torch(getattr(task.simulation.state, name))[:, task.parts.chassis]
+            for name in ("body_v", "body_omega", "body_rot")
         )
+        arm = turned(rotation, torch.tensor(task.parts.reference).expand(task.num_worlds, -1))
+        velocity = v + torch.linalg.cross(omega, arm.float())
         measured = to_torch(task.navigation.sensors[0].position)
         # no older than the state: in float32 and in degrees of latitude, but for a millimetre
         assert (measured[:, :2] - point[:, :2]).norm(dim=1).max() < 2e-3

@@ -191,7 +191,7 @@ def test_leaders_overlap_neither_each_other_nor_the_truck_nor_obstacles(generate
     for _ in range(6):
         task.restart()
         for time in (0.0, 20.0, 40.0):
-            leaders = rectangle(task._leaders(torch.full((WORLDS,), time)), LEADER_HALF)
+            leaders = rectangle(task.leaders(torch.full((WORLDS,), time)), LEADER_HALF)
             for index in range(3):
                 others = leaders[:, [other for other in range(3) if other != index]]
                 assert gaps(leaders[:, index], others, every).min() > 1.0

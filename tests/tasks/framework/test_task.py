@@ -82,34 +82,32 @@ def test_action_rise_time_limits_the_change_per_step_and_starts_from_rest():
     assert task.action[0].tolist() == [0.0, 0.0]  # the episode ended: the next begins at rest
 
 
-class Simulated:
-    """Stands where a task keeps its views of the physics: world 1 breaks in the second step."""
-
-    def __init__(self, task):
-        self.task = task
-
-    def broken(self):
-        return (self.task.count[:, 0] == 2.0) & (torch.arange(self.task.num_worlds) == 1)
-
-
 class Fragile(Counter):
-    """What a task computes from a broken world is NaN."""
+    """World 1 breaks in its second step; what a task computes from a broken world is NaN."""
 
     name = "fragile"
 
+    def setup(self):
+        super().setup()
+        self._status = torch.zeros(self.num_worlds, dtype=torch.int32)  # as a simulation tells it
+
+    def broken(self):
+        return (self.count[:, 0] == 2.0) & (torch.arange(self.num_worlds) == 1)
+
     def fog(self):
-        return torch.where(Simulated(self).broken(), torch.nan, 0.0)
+        return torch.where(self.broken(), torch.nan, 0.0)
 
     def observations(self):
+        self._status.copy_(self.broken())
         return {"policy": self.count + self.fog().unsqueeze(1)}
 
     def rewards(self):
+        self._status.copy_(self.broken())
         return {"one": 1.0 + self.fog()}
 
 
 def test_a_broken_world_is_reset_and_counted_and_its_nan_reaches_nobody():
     task = Fragile(SampleConfig(), 3)
-    task._views = Simulated(task)  # type: ignore[assignment]
     task.step(idle(task))
     result = task.step(idle(task))
     assert result.final_observations is not None

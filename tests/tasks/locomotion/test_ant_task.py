@@ -10,7 +10,6 @@ from rich.console import Console
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks import InputError, make
-from simwarp.tasks.framework.frames import euler_123, heading_quaternion, rotate_back
 from simwarp.tasks.locomotion.ant import AntConfig, AntReward, AntTask, Orientation
 from simwarp.train.config import default_config
 from simwarp.train.evaluation.evaluation import evaluate
@@ -58,17 +57,6 @@ def turn(angles):
         part[axis] = math.sin(0.5 * angle)
         parts.append(tuple(part))
     return product(product(parts[0], parts[1]), parts[2])
-
-
-@pytest.mark.parametrize("angles", [(0.3, -0.2, 2.5), (-1.1, 0.9, -0.4), (0.0, 0.0, 1.0), (2.9, 0.1, 0.0)])
-def test_frames_agree_with_rotation_matrices(angles):
-    rotation = torch.tensor([turn(angles)], dtype=torch.float64)
-    assert euler_123(rotation)[0].tolist() == pytest.approx(angles, abs=1e-6)
-    vector = torch.tensor([[0.3, -2.0, 0.7]], dtype=torch.float64)
-    expected = matrix(angles).double().T @ vector[0]
-    assert rotate_back(rotation, vector)[0].tolist() == pytest.approx(expected.tolist(), abs=1e-6)
-    flat = heading_quaternion(torch.tensor([0.7]))
-    assert euler_123(flat)[0].tolist() == pytest.approx([0.0, 0.0, 0.7], abs=1e-6)
 
 
 def test_observation_has_its_thirty_entries_in_order():

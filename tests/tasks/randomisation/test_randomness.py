@@ -1,11 +1,12 @@
 """Counter-based random numbers: known answers, uniformity, and independence of everything but their coordinates."""
 
+import hashlib
 import math
 
 import pytest
 import torch
 
-from simwarp.tasks.randomisation.randomness import WorldRandom, mix64, mix64_
+from simwarp.tasks.randomisation.randomness import WorldRandom, mix64
 
 GAMMA = 0x9E3779B97F4A7C15
 
@@ -18,9 +19,30 @@ def test_the_hash_is_splitmix64():
     # First outputs of Vigna's splitmix64.c for seed 1234567
     known = [6457827717110365317, 3203168211198807973, 9817491932198370423, 4593380528125082431, 16408922859458223821]
     assert [mix64(1234567 + (k + 1) * GAMMA) for k in range(5)] == known
-    states = [(1234567 + (k + 1) * GAMMA) % 2**64 for k in range(5)]
-    signed = torch.tensor([s - 2**64 if s >= 2**63 else s for s in states])
-    assert [value % 2**64 for value in mix64_(signed).tolist()] == known
+
+
+@pytest.mark.parametrize("per_step", [False, True])
+def test_kernels_hash_once_per_coordinate(per_step):
+    seed, world, episode, step = 2**62 + 3, 5, 7, 11
+    digest = int.from_bytes(hashlib.blake2b(b"start", digest_size=8).digest(), "little")
+    key = mix64((world + 1) * GAMMA + mix64(mix64(seed * GAMMA) ^ digest))
+    key = mix64(episode * GAMMA + key)
+    if per_step:
+        key = mix64(step * GAMMA + key)
+    wanted = [mix64((column + 1) * GAMMA + key) for column in range(3)]
+    bits = make(2, seed, episode, step, world - 1).bits("start", 3, per_step=per_step)
+    assert [value % 2**64 for value in bits[1].tolist()] == wanted
+    uniform = make(2, seed, episode, step, world - 1).uniform("start", -1.0, 3.0, 3, per_step=per_step)
+    assert uniform[1].tolist() == pytest.approx([4.0 * (value >> 40) / 2**24 - 1.0 for value in wanted], abs=3e-7)
+
+
+def test_a_draw_may_be_changed_and_kept():
+    random = make(4)
+    first = random.uniform("a", size=2)
+    kept = first.clone()
+    second = random.uniform("a", size=2).neg_()
+    assert torch.equal(first, kept)
+    assert torch.equal(second, -kept)
 
 
 def test_draws_do_not_depend_on_the_number_of_worlds():
@@ -80,10 +102,10 @@ def test_uniform_over_worlds_episodes_steps_and_components():
     episodes = torch.arange(65536)
     zero = torch.zeros(65536, dtype=torch.int64)
     over_episodes = WorldRandom(0, episodes, zero)
-    over_episodes._world = zero  # one world through many episodes
+    over_episodes._world.zero_()  # one world through many episodes
     assert chi_square(over_episodes.uniform("u").flatten(), bins) < 130.0
     over_steps = WorldRandom(0, zero, episodes)
-    over_steps._world = zero
+    over_steps._world.zero_()
     assert chi_square(over_steps.uniform("u", per_step=True).flatten(), bins) < 130.0
     assert chi_square(make(1).uniform("u", size=65536).flatten(), bins) < 130.0
 

@@ -1,0 +1,79 @@
+"""The way of an action: from what the policy asks for, over its delay, to the action in force, limited in its rate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+
+from simwarp.core.interop import TensorLaunch
+from simwarp.kernels.tasks.framework.control_step import move_actions
+
+from ..randomisation.randomness import WorldRandom
+from ..randomisation.sensing import DelayLine
+from .config import TaskConfig
+from .errors import InputError
+
+
+class ActionPath:
+    """Actions of a batch of worlds.
+
+    Args:
+        action: (W, A) float32, the action in force; written here.
+        config: of the task: rise times, delay and times of the steps.
+        owner: name of the task: the errors name it.
+        in_physics: the task has physics, in every step of which a limited action moves.
+
+    Attributes:
+        asked: (W, A) float32, what the policy asked for in this control step.
+        request: (W, A) float32, what the action moves towards; where nothing is delayed, the same memory.
+        limited: the action's rate is.
+        reach: (A,) how far it moves in one physics step; of no length where nothing limits it.
+    """
+
+    def __init__(self, action: torch.Tensor, config: TaskConfig, owner: str, *, in_physics: bool) -> None:
+        self.action = action
+        self.reach = self._make_reach(config, owner)
+        self.limited = len(self.reach) > 0
+        self.asked = torch.zeros_like(action)
+        delayed = config.action_delay[1] > 0
+        self._line = DelayLine(action, config.action_delay, "delay of actions") if delayed else None
+        self.request = torch.zeros_like(action) if delayed else self.asked
+        steps = 1 if in_physics else config.decimation
+        arguments = [float(steps), self.reach, self.request, action]
+        self._move = TensorLaunch(move_actions, tuple(action.shape), arguments, action.device)
+
+    def _make_reach(self, config: TaskConfig, owner: str) -> torch.Tensor:
+        size, times = self.action.shape[1], config.action_rise_time
+        if isinstance(times, tuple) and len(times) != size:
+            raise InputError(f"action-rise-time has {len(times)} values, task '{owner}' {size} actions")
+        rise = torch.tensor(times, dtype=torch.float32, device=self.action.device).expand(size)
+        reach = torch.where(rise > 0.0, config.dt / rise, 2.0)
+        return reach if bool((rise > 0.0).any()) else reach[:0]
+
+    def delay(self) -> None:
+        """Take what is asked for into the delay, where there is one, and what comes out of it as the request."""
+        if self._line is not None:
+            self._line.push(self.asked.clamp_(-1.0, 1.0))
+            self.request.copy_(self._line.read())
+
+    def move(self) -> None:
+        """Move the action towards the request: for a physics step, or for the control step of a task without physics;
+        without a limit it is there at once.
+        """
+        self._move.launch()
+
+    def begin(self, mask: torch.Tensor, random: WorldRandom) -> None:
+        """Begin an episode in the worlds of a mask (W,) bool: the action was at rest all along."""
+        if self._line is not None:
+            self._line.fill(mask, self.action, random)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Return the state that a checkpoint keeps beside the action."""
+        return self._line.state("action") if self._line is not None else {}
+
+    def load(self, state: Mapping[str, Any]) -> None:
+        """Take back what :meth:`state` returned."""
+        if self._line is not None:
+            self._line.load("action", state)

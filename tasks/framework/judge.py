@@ -1,0 +1,105 @@
+"""Verdict on a control step: whether an episode is over and why, what it paid, and the statistics of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import torch
+
+from simwarp.core.interop import TensorLaunch
+from simwarp.kernels.tasks.framework.control_step import Clocks, Rules, Verdict, judge
+
+from ..randomisation.uncertainty import Curriculum
+from .launching import filled
+from .statistics import EpisodeStatistics
+from .step_result import VerdictViews, block_size
+
+
+@dataclasses.dataclass(frozen=True)
+class Terms:
+    """What a task judges by.
+
+    Attributes:
+        terminations: number of its reasons that are ends.
+        truncations: number of those that cut off.
+        winning: for every reason, also those of the base class, whether it counts as a success.
+        step_limit: control steps of an episode.
+        own_success: a metric of the task tells success.
+        curriculum: what moves the level.
+    """
+
+    terminations: int
+    truncations: int
+    winning: Sequence[bool]
+    step_limit: int
+    own_success: bool
+    curriculum: Curriculum
+
+
+class Judge:
+    """Device memory of the verdicts, and the launch that writes them.
+
+    Args:
+        terms: what is judged by.
+        status: (W,) int32, of the physics; of no length without.
+        clocks: counters of the episodes.
+        level: (W,) float32, the curriculum's; moved where it climbs.
+        statistics: that are kept.
+
+    Attributes:
+        ended: (W,) bool, the worlds whose episode is over; the mask of a reset.
+        views: of the verdict.
+    """
+
+    def __init__(
+        self, terms: Terms, status: torch.Tensor, clocks: Clocks, level: torch.Tensor, statistics: EpisodeStatistics
+    ) -> None:
+        worlds, device, count = len(level), level.device, len(statistics.terms)
+        self._block = torch.zeros(block_size(worlds, count), dtype=torch.uint8, device=device)
+        self.views = VerdictViews.of(self._block, worlds, count)
+        self.ended = torch.zeros(worlds, dtype=torch.bool, device=device)
+        shape = (worlds, terms.terminations + terms.truncations)
+        self._flags = torch.zeros(shape, dtype=torch.bool, device=device)
+        self._won = torch.zeros(worlds, dtype=torch.bool, device=device)
+        self._climbing = torch.zeros(1, dtype=torch.int32, device=device)
+        named = {field.name: getattr(self.views, field.name) for field in dataclasses.fields(VerdictViews)}
+        verdict = filled(Verdict, ended=self.ended, terms=named.pop("reward_terms"), **named)
+        rules = filled(
+            Rules,
+            terminal_count=1 + terms.terminations,
+            step_limit=terms.step_limit,
+            winning=torch.tensor(terms.winning, device=device),
+            judged=int(terms.own_success),
+            climbing=self._climbing,
+            up=terms.curriculum.up,
+            down=terms.curriculum.down,
+        )
+        arguments = [status, self._flags, self._won, rules, clocks, level, verdict, statistics.tally]
+        self._launch = TensorLaunch(judge, worlds, arguments, device)
+
+    def climb(self, climbing: bool) -> None:
+        """Let successes move the level, or not."""
+        self._climbing.fill_(int(climbing))
+
+    def judge(
+        self, rewards: Mapping[str, torch.Tensor], flags: Sequence[torch.Tensor], success: torch.Tensor | None
+    ) -> None:  # fmt: skip
+        """Write the verdict on a step.
+
+        Args:
+            rewards: terms by name, each (W,) float32.
+            flags: reasons to end, then reasons to cut off, each (W,) bool.
+            success: (W,) the metric that tells it, if there is one.
+        """
+        torch.stack(list(rewards.values()), dim=1, out=self.views.reward_terms)
+        if flags:
+            torch.stack(list(flags), dim=1, out=self._flags)
+        if success is not None:
+            self._won.copy_(success)
+        self._launch.launch()
+
+    def hand_out(self) -> VerdictViews:
+        """Return a copy of the verdict, which no later step changes."""
+        worlds, terms = self.views.reward_terms.shape
+        return VerdictViews.of(self._block.clone(), worlds, terms)

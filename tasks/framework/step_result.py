@@ -1,0 +1,68 @@
+"""Results of a control step, and the one block of memory in which the device writes the small ones."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import torch
+
+
+@dataclasses.dataclass(frozen=True)
+class StepResult:
+    """Result of one control step. ``W`` worlds; worlds that ended have already been reset.
+
+    Attributes:
+        observations: group name -> (W, ...), of the new episode where one ended. May share memory with the
+            simulation: the next step overwrites it, also those before a reset. The adapters hand out clones.
+        rewards: (W,) float32, the sum of the terms.
+        terminated: (W,) bool, ended by failure or goal: no future reward.
+        truncated: (W,) bool, cut off by the clock: the future is unknown, not empty. Never with ``terminated``.
+        end_reason: (W,) int64, index into ``Task.end_reasons``; -1 while the episode runs.
+        success: (W,) bool, the episode ended and counts as a success.
+        non_finite: (W,) bool, the physics of the world broke down in this step.
+        reward_terms: (W, T) float32 in the order of ``Task.reward_terms``.
+        metrics: name -> (W,), what ``Task.metrics`` said before the reset.
+        final_observations: like ``observations``, before the reset; only where ``keep_final_observations``.
+    """
+
+    observations: dict[str, torch.Tensor]
+    rewards: torch.Tensor
+    terminated: torch.Tensor
+    truncated: torch.Tensor
+    end_reason: torch.Tensor
+    success: torch.Tensor
+    non_finite: torch.Tensor
+    reward_terms: torch.Tensor
+    metrics: dict[str, torch.Tensor]
+    final_observations: dict[str, torch.Tensor] | None
+
+
+@dataclasses.dataclass(frozen=True)
+class VerdictViews:
+    """Views of a block of bytes; see :class:`StepResult` for what they are, in its shapes."""
+
+    end_reason: torch.Tensor
+    rewards: torch.Tensor
+    reward_terms: torch.Tensor
+    terminated: torch.Tensor
+    truncated: torch.Tensor
+    success: torch.Tensor
+    non_finite: torch.Tensor
+
+    @classmethod
+    def of(cls, block: torch.Tensor, worlds: int, terms: int) -> VerdictViews:
+        """Return the views of a block of :func:`block_size` bytes."""
+        kinds = [torch.int64, torch.float32, torch.float32] + [torch.bool] * 4
+        counts = [worlds, worlds, worlds * terms] + [worlds] * 4
+        parts, start = [], 0
+        for kind, count in zip(kinds, counts, strict=True):
+            after = start + count * kind.itemsize
+            parts.append(block[start:after].view(kind))
+            start = after
+        parts[2] = parts[2].view(worlds, terms)
+        return cls(*parts)
+
+
+def block_size(worlds: int, terms: int) -> int:
+    """Return the bytes of the small results of all worlds."""
+    return worlds * (torch.int64.itemsize + (1 + terms) * torch.float32.itemsize + 4 * torch.bool.itemsize)
