@@ -8,12 +8,13 @@ from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
+from simwarp.core.threads import MOST_THREADS
 from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require, task_class
 from simwarp.tasks.framework.plain import Settings
 
 CRITIC = "critic"
 """Observation group of a privileged critic."""
-_MOST_LAYERS, _MOST_UNITS, _MOST_THREADS, _MOST_EPOCHS = 64, 16_384, 1024, 10_000
+_MOST_LAYERS, _MOST_UNITS, _MOST_EPOCHS = 64, 16_384, 10_000
 _MOST_COUNTED = 2**31 - 1
 """Longest axis of an array."""
 Axis: TypeAlias = Annotated[int, Ge(1), Le(_MOST_COUNTED)]
@@ -157,8 +158,13 @@ class TrainConfig(Settings):
     """Checkpoints kept in the run folder, the newest ones; 0 keeps all."""
     spread_start: bool = True
     """Shift the episode clocks at the start, so that time limits do not strike in all worlds at once."""
-    threads: Annotated[int, Ge(1), Le(_MOST_THREADS)] = 1
-    """CPU threads of torch; small networks are fastest with one."""
+    threads: Annotated[int, Ge(1), Le(MOST_THREADS)] | None = None
+    """Processors of the run, for simulation and learning, of each process where there are several; by default
+    SIMWARP_THREADS, or as many as the process may use. Learning is equal bit by bit for a given number."""
+    torch_threads: Annotated[int, Ge(1), Le(MOST_THREADS)] = 1
+    """Threads of one operation of torch on a CPU, where simwarp's own are not at work; small networks want one."""
+    capture: bool = True
+    """Capture each control step into a CUDA graph; of no effect on a CPU."""
     critic_warmup: Whole = 0
     """Iterations at the start in which only the critic learns; after a warm start, whose critic knows nothing."""
     logger: LoggerKind = LoggerKind.TENSORBOARD
@@ -222,7 +228,7 @@ def _model_config(network: NetworkConfig, kind: NetworkKind, action_size: int) -
 
 def _algorithm_config(ppo: PPOConfig) -> dict[str, Any]:
     algorithm = {
-        "class_name": "PPO",
+        "class_name": "simwarp.train.algorithm.shared_ppo:SharedPPO",
         "learning_rate": ppo.learning_rate,
         "schedule": ppo.schedule.value,
         "desired_kl": ppo.desired_kl,
@@ -282,6 +288,9 @@ def train_config_from_plain(plain: object, where: str = "") -> TrainConfig:
     Raises:
         InputError: a name is unknown, or a value is of a wrong type or breaks its rule.
     """
+    if isinstance(plain, Mapping) and "threads" in plain and "torch_threads" not in plain:
+        # A run of before: its threads were torch's, and one thread learnt, as one still does, bit by bit
+        plain = {**plain, "threads": 1, "torch_threads": plain["threads"]}
     return config_from_plain(TrainConfig, plain, where)
 
 

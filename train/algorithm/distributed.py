@@ -14,6 +14,7 @@ from typing import Any
 import torch
 from torch import distributed
 
+from simwarp.core.threads import thread_count
 from simwarp.tasks import InputError, resolve_device
 
 
@@ -25,11 +26,13 @@ class Processes:
         rank: index of this process, from 0.
         local_rank: its index on its machine.
         count: number of processes.
+        local_count: number of those on its machine.
     """
 
     rank: int = 0
     local_rank: int = 0
     count: int = 1
+    local_count: int = 1
 
     @property
     def several(self) -> bool:
@@ -47,6 +50,17 @@ class Processes:
             return resolve_device(name)
         gpu = name.startswith("cuda") or (name == "auto" and torch.cuda.is_available())
         return resolve_device(f"cuda:{self.local_rank}" if gpu else name)
+
+    def threads(self, asked: int | None) -> int:
+        """Return the number of threads of each process: what was asked for, or a fair share of the first's processors.
+
+        All processes must call this together, once they are connected.
+
+        Raises:
+            ModelError: SIMWARP_THREADS is no number of threads.
+        """
+        number: int = self.gather(thread_count(asked, processes=self.local_count))[0]
+        return number
 
     def rsl_rl(self) -> dict[str, int] | None:
         """Return rsl-rl's description of the same; None for a single process."""
@@ -80,15 +94,18 @@ def processes() -> Processes:
     try:
         count = int(os.environ.get("WORLD_SIZE", "1"))
         rank, local = int(os.environ.get("RANK", "0")), int(os.environ.get("LOCAL_RANK", "0"))
+        beside = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
     except ValueError as error:
-        raise InputError("RANK, LOCAL_RANK and WORLD_SIZE must be whole numbers; let torchrun set them") from error
+        raise InputError(
+            "RANK, LOCAL_RANK, WORLD_SIZE and LOCAL_WORLD_SIZE must be whole numbers; let torchrun set them"
+        ) from error
     if count <= 1:
         return Processes()
     if not 0 <= rank < count or "MASTER_ADDR" not in os.environ:
         raise InputError(
             f"WORLD_SIZE is {count}, but RANK or MASTER_ADDR does not fit: start the processes by torchrun"
         )
-    return Processes(rank, local, count)
+    return Processes(rank, local, count, max(1, beside))
 
 
 def connect(group: Processes, device: str) -> None:

@@ -10,16 +10,19 @@ the critic goes on.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import torch
-from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 from torch import nn
 
 from simwarp.core.constraints import Positive
 from simwarp.tasks import config_from_plain
 from simwarp.tasks.framework.plain import Settings
+
+from .mini_batch_shares import Share
+from .shared_ppo import DIVERGENCE, ENTROPY, SURROGATE, VALUE, SharedPPO, sum_in_order
 
 _BETA_BOUND = 35.0
 _BETA_FACTOR = 1.5
@@ -49,8 +52,8 @@ class Penalty(Settings):
         return Penalty(beta, multiplier)
 
 
-class KLPenaltyPPO(PPO):
-    """rsl-rl's PPO with another objective.
+class KLPenaltyPPO(SharedPPO):
+    """PPO with another objective.
 
     Args:
         arguments: of rsl-rl's PPO; ``desired_kl`` is the target.
@@ -84,14 +87,23 @@ class KLPenaltyPPO(PPO):
     def _divergence_now(self) -> float:
         """Return the divergence over the whole rollout, the same number in all processes."""
         parts = []
-        for batch in self._batches(1):
-            self._act_again(batch)
-            parts.append(self._divergence(batch))
+        if self.threads is None:
+            for batch in self._batches(1):
+                self._act_again(batch)
+                parts.append(self._divergence(batch))
+        else:
+            for shares in self.shared_batches(1):
+                parts.append(sum_in_order(self.threads.map(self._divergence_of_share, shares)))
         mean = torch.stack(parts).mean()
         if self.is_multi_gpu:
             torch.distributed.all_reduce(mean)
             mean /= self.gpu_world_size
         return float(mean)
+
+    def _divergence_of_share(self, share: Share) -> torch.Tensor:
+        """Return what a share adds to the mean divergence of its mini-batch."""
+        batch = share.take()
+        return share.weight * self.divergence(self.policy(batch), batch)
 
     def update(self) -> dict[str, float]:
         """Learn from the rollout in the storage, clear it, and return the mean losses."""
@@ -100,19 +112,16 @@ class KLPenaltyPPO(PPO):
         sums = torch.zeros(3, device=self.device)
         for _ in range(self.num_learning_epochs):
             policy_epochs += policy_learns
-            for batch in self._batches(1):
-                sums += self._learn(batch, policy_learns)
+            for report in self._steps(policy_learns):
+                sums += report
             if policy_learns:
                 divergence = self._divergence_now()
                 policy_learns = divergence <= _STOP * target
         self.penalty = self.penalty.after(divergence, target)
-        self.learning_rate: float = self.base_learning_rate * self.penalty.multiplier
+        self.learning_rate = self.base_learning_rate * self.penalty.multiplier
         for group in self.optimizer.param_groups:
             group["lr"] = self.learning_rate
-        observations = self.storage.observations.flatten(0, 1)
-        self.actor.update_normalization(observations)
-        self.critic.update_normalization(observations)
-        self.storage.clear()
+        self.end_update()
         value, surrogate, entropy = (sums / (self.num_learning_epochs * self.num_mini_batches)).tolist()
         return {
             "value": value,
@@ -123,10 +132,24 @@ class KLPenaltyPPO(PPO):
             "policy_epochs": float(policy_epochs),
         }
 
+    def _steps(self, policy_learns: bool) -> Iterator[torch.Tensor]:
+        """Learn from the rollout once; yield value loss, surrogate and entropy of each mini-batch, (3,)."""
+        if self.threads is None:
+            for batch in self._batches(1):
+                yield self._learn(batch, policy_learns)
+            return
+        for shares in self.shared_batches(1):
+            if policy_learns:
+                yield self._learn_shared(shares)[[VALUE, SURROGATE, ENTROPY]]
+            else:
+                report = torch.zeros(3)
+                report[0] = self.learn_values(shares, self.value_loss, self.value_loss_coef)
+                yield report
+
     def _learn(self, batch: RolloutStorage.Batch, policy_learns: bool) -> torch.Tensor:
         """Take one step on a mini-batch; return its value loss, surrogate and entropy."""
         values = self.critic(batch.observations, masks=batch.masks, hidden_state=batch.hidden_states[1])
-        value_loss = self._value_loss(batch, values)
+        value_loss = self.value_loss(batch, values)
         loss = self.value_loss_coef * value_loss
         report = torch.zeros(3, device=self.device)
         report[0] = value_loss.detach()
@@ -149,12 +172,30 @@ class KLPenaltyPPO(PPO):
         self.optimizer.step()
         return report
 
-    def _value_loss(self, batch: RolloutStorage.Batch, values: torch.Tensor) -> torch.Tensor:
-        error = (values - batch.returns).square()
-        if self.use_clipped_value_loss:
-            near = batch.values + (values - batch.values).clamp(-self.clip_param, self.clip_param)
-            error = torch.maximum(error, (near - batch.returns).square())
-        return error.mean()
+    def _learn_shared(self, shares: list[Share]) -> torch.Tensor:
+        """Take one step on a mini-batch; return its terms.
+
+        The weight of a divergence beyond twice the target depends on all of it: all shares go forwards, then all back.
+        """
+        assert self.threads is not None
+        terms = self.threads.map(lambda share: share.weight * self.terms(share.take()), shares)
+        totals = sum_in_order([term.detach() for term in terms])
+        excess = torch.relu(totals[DIVERGENCE] - 2.0 * self.desired_kl)
+        weights = torch.empty_like(totals)
+        weights[VALUE], weights[SURROGATE], weights[ENTROPY] = self.value_loss_coef, 1.0, -self.entropy_coef
+        weights[DIVERGENCE] = self.penalty.beta + 2.0 * self.hinge * excess
+        parameters = [*self.actor.parameters(), *self.critic.parameters()]
+        self.descend(parameters, self.threads.map(lambda term: torch.autograd.grad(term, parameters, weights), terms))
+        return totals
+
+    def surrogate(self, ratio: torch.Tensor, advantages: torch.Tensor) -> torch.Tensor:
+        """Return the negative gain: nothing bounds the ratio."""
+        return -(advantages * ratio).mean()
+
+    def divergence(self, policy: Any, batch: RolloutStorage.Batch) -> torch.Tensor:
+        """Return the mean KL divergence of the old policy, which is learnt from."""
+        mean: torch.Tensor = policy.kl_divergence(batch.old_distribution_params, policy.params).mean()
+        return mean
 
     def save(self) -> dict[str, Any]:
         """Return networks, optimiser and the state of the penalty."""

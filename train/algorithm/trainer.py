@@ -13,13 +13,13 @@ from typing import Any, Final
 
 import torch
 import warp as wp
-from rsl_rl.algorithms import PPO
 from rsl_rl.storage import RolloutStorage
 from rsl_rl.utils import resolve_callable
 from torch import nn
 
 from simwarp.core.files import OutputError
 from simwarp.core.memory import check_fits
+from simwarp.core.threads import thread_count
 from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, config_to_plain
 from simwarp.tasks.framework.plain import typed
 from simwarp.tasks.framework.saved_state import check_like
@@ -30,6 +30,8 @@ from ..runs.checkpoint import check_members
 from ..runs.saved_state import check_memories, check_optimizer
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
+from .learner_threads import LearnerThreads
+from .shared_ppo import SharedPPO
 from .vec_env import TaskVecEnv
 
 _WINDOW_EPISODES = 100
@@ -101,7 +103,12 @@ class Trainer:
         self._check_rollout()
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])
         with contextlib.redirect_stdout(io.StringIO()):  # rsl-rl prints both networks
-            self.algorithm: PPO = kind.construct_algorithm(self.env.get_observations(), self.env, settings, self.device)
+            observations = self.env.get_observations()
+            self.algorithm: SharedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
+        count = thread_count(config.threads) if task.device.type == "cpu" else 1
+        self.threads = LearnerThreads(count) if count > 1 else None
+        """Threads that learn; None where there is only the caller's."""
+        self.algorithm.threads = self.threads
         if self.group.several:
             self.algorithm.broadcast_parameters()
             torch.manual_seed(config.seed + self.group.rank)  # exploration differs
@@ -111,6 +118,11 @@ class Trainer:
             chance = torch.rand(task.num_worlds, device=self.device)
             self.env.episode_length_buf = (chance * task.step_limit()).long()
         self.algorithm.train_mode()
+
+    def close(self) -> None:
+        """End the threads that learn."""
+        if self.threads is not None:
+            self.threads.close()
 
     def _check_rollout(self) -> None:
         """Refuse a rollout that does not fit into memory, before it is allocated.
@@ -240,25 +252,33 @@ class Trainer:
     def _warm_critic(self) -> dict[str, float]:
         """Let only the critic learn from the rollout; the actor and its normaliser stay as they are."""
         algorithm, ppo = self.algorithm, self.config.ppo
-        recurrent = algorithm.critic.is_recurrent
-        make = self.storage.recurrent_mini_batch_generator if recurrent else self.storage.mini_batch_generator
-        total = 0.0
-        for batch in make(ppo.mini_batches, ppo.epochs):
-            values = algorithm.critic(batch.observations, masks=batch.masks, hidden_state=batch.hidden_states[1])
-            loss = (values - batch.returns).square().mean()
-            algorithm.optimizer.zero_grad()
-            loss.backward()
-            if self.group.several:
-                algorithm.reduce_parameters()
-            nn.utils.clip_grad_norm_(algorithm.critic.parameters(), ppo.max_grad_norm)
-            algorithm.optimizer.step()
-            total += float(loss.detach())
+        total = sum(float(loss) for loss in self._critic_steps())
         algorithm.critic.update_normalization(self.storage.observations.flatten(0, 1))
         self.storage.clear()
         losses = {"value": total / (ppo.mini_batches * ppo.epochs), "surrogate": 0.0, "entropy": 0.0}
         if isinstance(algorithm, KLPenaltyPPO):
             losses |= {"kl": 0.0, "kl_beta": algorithm.penalty.beta, "policy_epochs": 0.0}
         return losses
+
+    def _critic_steps(self) -> Iterator[torch.Tensor]:
+        """Let the critic learn from each mini-batch; yield its loss there."""
+        algorithm, ppo = self.algorithm, self.config.ppo
+        if algorithm.threads is not None:
+            for shares in algorithm.shared_batches(ppo.epochs):
+                yield algorithm.learn_values(shares, _squared_error)
+            return
+        recurrent = algorithm.critic.is_recurrent
+        make = self.storage.recurrent_mini_batch_generator if recurrent else self.storage.mini_batch_generator
+        for batch in make(ppo.mini_batches, ppo.epochs):
+            values = algorithm.critic(batch.observations, masks=batch.masks, hidden_state=batch.hidden_states[1])
+            loss = _squared_error(batch, values)
+            algorithm.optimizer.zero_grad()
+            loss.backward()
+            if self.group.several:
+                algorithm.reduce_parameters()
+            nn.utils.clip_grad_norm_(algorithm.critic.parameters(), ppo.max_grad_norm)
+            algorithm.optimizer.step()
+            yield loss.detach()
 
     def warm_start(self, content: dict[str, Any]) -> None:
         """Take the actor of a checkpoint, its normaliser included; the critic stays as it is.
@@ -370,6 +390,11 @@ class Trainer:
                 torch.cuda.set_rng_state(own["cuda_rng"].cpu(), self.device)
         except (RuntimeError, TypeError) as error:
             raise InputError(f"{where}: its state of random numbers is none: {error}") from error
+
+
+def _squared_error(batch: RolloutStorage.Batch, values: torch.Tensor) -> torch.Tensor:
+    """Return the mean squared error of the critic's values."""
+    return (values - batch.returns).square().mean()
 
 
 def _cells(memory: torch.Tensor | tuple[torch.Tensor, ...] | None) -> list[torch.Tensor]:

@@ -238,6 +238,7 @@ def evaluate_policies(
     device: str = "cpu",
     num_envs: int | None = None,
     baselines: bool = True,
+    capture: bool = True,
     watch: Callable[[str], EvaluationCallback] | None = None,
 ) -> Iterator[tuple[str, Evaluation]]:
     """Evaluate a policy and then, on the same worlds, the one that does nothing and the random one.
@@ -251,6 +252,7 @@ def evaluate_policies(
         device: canonical device name.
         num_envs: worlds stepped together; by default one per episode, at most 4096.
         baselines: True if the other two are evaluated at all.
+        capture: capture control steps into a CUDA graph, where there is a CUDA device.
         watch: given a name, returns who looks on.
 
     Yields:
@@ -258,7 +260,7 @@ def evaluate_policies(
     """
     _check_episodes(episodes)
     worlds = min(episodes, _MAX_WORLDS if num_envs is None else num_envs)
-    task = make(task_name, worlds, device=device, seed=seed, config=config)
+    task = make(task_name, worlds, device=device, seed=seed, config=config, capture=capture)
     policies = {"policy": make_policy(task)}
     if baselines:
         policies |= {"zero": zero_policy(task), "random": random_policy(task)}

@@ -220,6 +220,7 @@ class GridSettings:
         device: canonical device name.
         num_envs: worlds stepped together; None: one per episode, at most 4096.
         baselines: True if doing nothing and chance are evaluated too.
+        capture: control steps are captured into a CUDA graph, where there is a CUDA device.
         paths_driven: True if the paths of the policy's first episodes are noted.
     """
 
@@ -228,6 +229,7 @@ class GridSettings:
     device: str = "cpu"
     num_envs: int | None = None
     baselines: bool = False
+    capture: bool = True
     paths_driven: bool = True
 
 
@@ -275,7 +277,7 @@ def evaluate_grid(
 
         for policy, evaluation in evaluate_policies(
             task_name, make_policy, config=point.config, episodes=settings.episodes, seed=settings.seed,
-            device=settings.device, num_envs=settings.num_envs, baselines=settings.baselines,
+            device=settings.device, num_envs=settings.num_envs, baselines=settings.baselines, capture=settings.capture,
             watch=functools.partial(_watch, point, settings, display, stop, recorder),
         ):  # fmt: skip
             if found is None:

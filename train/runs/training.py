@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from rich.console import Console
 
+from simwarp.core.threads import default_threads
 from simwarp.core.files import OutputError
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
@@ -81,7 +82,9 @@ def train(
     group = processes()
     console = (console or Console()) if group.first else Console(quiet=True)
     device = group.device(config.device)
-    torch.set_num_threads(config.threads)
+    connect(group, device)
+    config = dataclasses.replace(config, threads=group.threads(config.threads))
+    torch.set_num_threads(config.torch_threads)
     check_logger(config.logger)
     if resume is not None and warm_start is not None:
         raise InputError("--warm-start begins a new run and --resume goes on with one: give one of them")
@@ -107,6 +110,7 @@ def train(
                     console.print(lock.took_over, highlight=False, markup=False, soft_wrap=True)
             saved = _saved_run(resume, task_name, config)
         trainer = _trainer(task_name, config, task_config, group, device, console)
+        held.callback(trainer.close)
         if saved is not None and not trainer.load(saved[1], f"checkpoint {saved[0]}"):
             console.print(
                 "the checkpoint has another number of worlds or processes: the worlds start afresh", soft_wrap=True
@@ -130,11 +134,12 @@ def _trainer(
     """Build the worlds of this process, and networks for them."""
     # Kernels are compiled once per machine, which takes a while in which nothing else is shown
     console.print(f"building {config.num_envs} worlds of '{task_name}' on {device} ...", highlight=False)
-    connect(group, device)
     first_world = group.rank * config.num_envs
-    task = make(
-        task_name, config.num_envs, device=device, seed=config.seed, config=task_config, first_world=first_world
-    )
+    with default_threads(config.threads):
+        task = make(
+            task_name, config.num_envs, device=device, seed=config.seed, config=task_config, first_world=first_world,
+            capture=config.capture,
+        )  # fmt: skip
     return Trainer(task, config, group)
 
 

@@ -19,6 +19,7 @@ import sys, torch, warp as wp
 from pathlib import Path
 from rich.console import Console
 from simwarp.tasks import replace_fields, task_class
+from simwarp.train.algorithm import mini_batch_shares
 from simwarp.train.runs import training
 from simwarp.train.config import Objective, default_config
 from simwarp.train.algorithm.distributed import processes
@@ -37,13 +38,14 @@ def save(trainer, folder, lock):
     return first_save(trainer, folder, lock)
 
 training._save = save
+mini_batch_shares.LEAST_NUMBERS = 8  # mini-batches this small are shared among threads too
 task = task_class("fast")
 runs = {}
-for phase in phases:  # NAME:OBJECTIVE:ITERATIONS, a name seen before is resumed
-    name, objective, iterations = phase.split(":")
+for phase in phases:  # NAME:OBJECTIVE:ITERATIONS:THREADS, a name seen before is resumed
+    name, objective, iterations, threads = phase.split(":")
     config = replace_fields(default_config(task), {
         "num_envs": 8, "iterations": int(iterations), "steps_per_iteration": 8, "device": "cpu", "save_interval": 1,
-        "ppo.objective": Objective(objective),
+        "ppo.objective": Objective(objective), "threads": int(threads),
     })
     result = training.train(
         "fast", config, task.config_type(max_episode_steps=12), root=Path(out) / name, resume=runs.get(name),
@@ -65,11 +67,12 @@ def torchrun(*arguments, cwd, count=2):
 @pytest.mark.slow
 def test_both_ranks_have_the_same_parameters_and_go_on_exactly(tmp_path):
     (tmp_path / "worker.py").write_text(WORKER, encoding="utf-8")
-    phases = ["whole:clip:4", "part:clip:2", "part:clip:4", "kl:kl-penalty:3"]
+    phases = ["whole:clip:4:1", "part:clip:2:1", "part:clip:4:1", "kl:kl-penalty:3:1"]
+    phases += ["shared:clip:2:2", "shared:clip:3:2", "shared-kl:kl-penalty:2:3"]
     done = torchrun("worker.py", str(tmp_path), *phases, cwd=tmp_path)
     assert done.returncode == 0, done.stderr[-4000:]
     first, second = (torch.load(tmp_path / f"rank{rank}.pt") for rank in (0, 1))
-    assert [entry[0] for entry in first] == [1, 2, 3, 4, 1, 2, 3, 4, 1, 2, 3]
+    assert [entry[0] for entry in first] == [1, 2, 3, 4, 1, 2, 3, 4, 1, 2, 3, 1, 2, 3, 1, 2]
     for (_, rate, mine), (_, other_rate, other) in zip(first, second, strict=True):
         assert rate == other_rate
         assert all(torch.equal(mine[name], other[name]) for name in mine if name != "position")
@@ -108,13 +111,16 @@ def test_the_command_under_torchrun_speaks_once_and_can_be_resumed_alone(tmp_pat
 
 
 def test_what_torchrun_says(monkeypatch):
-    for name in ("RANK", "LOCAL_RANK", "WORLD_SIZE", "MASTER_ADDR"):
+    for name in ("RANK", "LOCAL_RANK", "WORLD_SIZE", "LOCAL_WORLD_SIZE", "MASTER_ADDR"):
         monkeypatch.delenv(name, raising=False)
     assert processes() == Processes()
+    assert processes().threads(3) == 3
     assert processes().rsl_rl() is None
     for name, value in {"RANK": "5", "LOCAL_RANK": "1", "WORLD_SIZE": "8", "MASTER_ADDR": "a"}.items():
         monkeypatch.setenv(name, value)
     assert processes() == Processes(5, 1, 8)
+    monkeypatch.setenv("LOCAL_WORLD_SIZE", "4")
+    assert processes() == Processes(5, 1, 8, 4)
     assert processes().rsl_rl() == {"global_rank": 5, "local_rank": 1, "world_size": 8}
     assert processes().device("cpu") == "cpu"
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)

@@ -75,7 +75,7 @@ def test_the_run_folder_is_complete(tmp_path):
     assert provenance["versions"]["torch"] == torch.__version__
     assert set(provenance) >= {"command", "git", "started"}
     saved = folder.load_config()
-    assert train_config_from_plain(saved["train_config"]) == small()
+    assert train_config_from_plain(saved["train_config"]) == small(threads=1)
     assert task_config_from_plain(task_class("fast"), saved["task_config"]).max_episode_steps == 12
     assert latest_run(tmp_path, "fast") == folder
     assert latest_run(tmp_path, "pendulum") is None
