@@ -10,8 +10,8 @@ TASK ?= pendulum
 ARGS ?=
 # Two workers share the kernel cache and compile its large kernels side by side (tests/compiled.py).
 WORKERS ?= 2
-# One numerical thread per worker, or the workers fight over the cores.
-ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
+# One thread per worker, or the workers fight over the cores.
+ONE_THREAD := SIMWARP_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
 # Bytecode is written even where the environment says otherwise: tests start hundreds of processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 CODE := simwarp tasks train tests scripts benchmarks examples

@@ -100,7 +100,7 @@ def policies(folder: Path) -> Iterator[tuple[str, str]]:
         for kind in kinds:
             runs = folder / f"{name}-{kind}"
             words = ["train", name, "--device=cpu", "--num-envs=4", "--steps-per-iteration=8", "--seed=5"]
-            words += [f"--iterations={ITERATIONS if kind is None else 2}", f"--runs={runs}"]
+            words += ["--threads=1", f"--iterations={ITERATIONS if kind is None else 2}", f"--runs={runs}"]
             words += [] if kind is None else [f"--task.obs={kind}"]
             if command(words):
                 sys.exit(f"training of {name} failed")

@@ -152,7 +152,7 @@ def test_rows_of_scenes_with_contacts_tell_of_them(bench):
         assert 0.0 <= row["penetration"] < 1e-3
         assert row["launches_per_step"] == 2
         assert row["bytes_per_world"] <= 24 * 1024
-    assert "iterations" in err
+    assert "iter." in err
     code, result, _ = bench("pendulum", "--worlds", "1")
     assert code == 0
     assert result["rows"][0]["contacts"] is result["rows"][0]["penetration"] is None
@@ -571,3 +571,30 @@ def test_rays_are_timed_beside_embree_on_the_same_hits(bench):
     assert all(row["bytes_per_world"] < 100_000 for row in result["rows"])
     assert result["rows"][1]["bytes_shared"] > 5 * result["rows"][0]["bytes_shared"]
     assert "rays-200k" in err
+
+
+def test_rows_of_threads(bench):
+    code, result, err = bench("pendulum", "--worlds", "1,12", "--threads", "1,2", "--peers")
+    assert code == 0, err
+    assert [(row["worlds"], row["threads"]) for row in result["rows"]] == [(1, 1), (1, 2), (12, 1), (12, 2)]
+    assert [(row["worlds"], row["threads"]) for row in result["peers"]] == [(1, 1), (1, 2), (12, 1), (12, 2)]
+    # the motion is the same, so are its residuals; launches are counted over all worlds
+    assert result["rows"][2]["residual"] == result["rows"][3]["residual"]
+    assert {row["launches_per_step"] for row in result["rows"]} == {1}
+
+
+def test_by_default_one_thread_and_all(bench, monkeypatch):
+    monkeypatch.setenv("SIMWARP_THREADS", "3")
+    _, result, err = bench("pendulum", "--worlds", "12")
+    assert [row["threads"] for row in result["rows"]] == [1, 3]
+    assert "threads" in err
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("0", "threads must each be at least 1, got '0'"), ("two", "threads must be whole numbers with commas"),
+    ("4096", "threads must each be at most 1024, got '4096'"),
+])  # fmt: skip
+def test_threads_that_are_none(bench, text, message):
+    code, _, err = bench("pendulum", "--threads", text)
+    assert code == 2
+    assert message in err

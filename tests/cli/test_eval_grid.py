@@ -152,7 +152,7 @@ def test_an_interrupted_baseline_leaves_the_policys_numbers(evaluate, tmp_path, 
 
     def apply(self, action):
         # Its first step is the probe of a new task, which has no statistics yet
-        if self._statistics is not None and not action.any() and not asked:
+        if hasattr(self, "_statistics") and not action.any() and not asked:
             asked.append(True)
             signal.raise_signal(signal.SIGINT)
         acts(self, action)

@@ -17,7 +17,7 @@ from types import ModuleType
 import pytest
 import warp as wp
 
-from simwarp.kernels.dynamics.world import run_worlds_kernel
+from simwarp.kernels.dynamics.world import step_worlds_kernel
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.train"}
@@ -100,7 +100,7 @@ def test_kernels_compile_for_cuda(name):
 @pytest.mark.slow
 def test_the_step_with_all_solvers_compiles_for_cuda():
     # Minutes of NVRTC, as for the small one, whose module tells of itself only.
-    wp.compile_aot_module(run_worlds_kernel(True).module, device=None, arch=ARCH)
+    wp.compile_aot_module(step_worlds_kernel(True).module, device=None, arch=ARCH)
 
 
 TOY = '''

@@ -1,0 +1,62 @@
+"""What kernels cost on a GPU, held to budgets without one; and the script of the first day on one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import warp as wp
+
+from scripts import gpu_static
+
+ROOT = Path(__file__).resolve().parents[2]
+REGISTERS = 168
+"""A thread's share of a multiprocessor on which twelve warps work."""
+KNOWN_REGISTERS = {"form_worlds": 240, "collect_worlds": 255, "publish_worlds": 192}
+"""Parts that take more: see docs/decisions.md."""
+COMPILE_CPU_S = 20.0
+CODE = 300_000
+"""Bytes of machine code of a module: the second-level instruction cache holds about as much."""
+STEP = [kernel.key.rpartition("__")[2] for kernel in gpu_static.step_kernels()]
+
+
+@pytest.fixture(scope="module")
+def ptxas():
+    found = gpu_static.assembler()
+    if found is None:
+        pytest.skip("ptxas is not installed: pip install nvidia-cuda-nvcc")
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", range(len(STEP)), ids=STEP)
+def test_a_part_of_the_step_keeps_its_budgets(index, ptxas):
+    """No spills, few registers, little code, and seconds to compile."""
+    kernel = gpu_static.step_kernels()[index]
+    (cost,) = gpu_static.costs_of(kernel.module, ptxas)
+    assert cost.spilled == 0
+    assert cost.registers <= KNOWN_REGISTERS.get(STEP[index], REGISTERS)
+    assert cost.code <= CODE
+    assert cost.compile_cpu_s <= COMPILE_CPU_S
+
+
+@pytest.mark.skipif(wp.is_cuda_available(), reason="there is a GPU")
+def test_the_first_day_skips_every_stage_by_name_without_a_gpu(tmp_path):
+    done = subprocess.run(
+        ["bash", "scripts/gpu_day.sh", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, timeout=120,
+        env={"PATH": "/usr/bin:/bin", "PY": sys.executable, "HOME": str(tmp_path)},
+    )  # fmt: skip
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0, done.stderr
+    assert len(lines) > 15
+    assert all(line.startswith("skipped  ") and line.endswith(": no CUDA device") for line in lines), done.stdout
+
+
+def test_stages_can_be_chosen(tmp_path):
+    done = subprocess.run(
+        ["bash", "scripts/gpu_day.sh", str(tmp_path), "ant", "verify"], cwd=ROOT, capture_output=True, text=True,
+        timeout=120, env={"PATH": "/usr/bin:/bin", "PY": "/bin/false", "HOME": str(tmp_path)},
+    )  # fmt: skip
+    assert [line.split(":")[0] for line in done.stdout.splitlines()] == ["skipped  verify", "skipped  ant"]
