@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.collide import CollisionSizes, collision_layouts
+from simwarp.kernels.cones.problem import WIDE_VECTORS
+from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_VECTORS
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
 from simwarp.model.model import Model
 from simwarp.simulation.world_launches import WorldShares
@@ -25,12 +27,21 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
     topology = model.topology
     rows = model.box_count + (6 if model.has_rolling_friction else 3) * model.contact_capacity
     dense = min(rows, dense_rows)
+    newton = newton_dofs(model)
     return ScratchSizes(
         links=topology.link_count, tree_dofs=topology.tree_dof_count, rows=topology.row_count,
         relative_rotations=model.relative_rotation_count, blocks=model.box_count + model.contact_capacity,
-        cone_rows=rows, dense_rows=dense, factor_rows=dense if all_solvers else 0,
-        kept_rows=rows if all_solvers else 0, entries=2 * model.path_length,
+        cone_rows=rows, dense_rows=dense, factor_rows=max(dense if all_solvers else 0, newton),
+        wide_rows=max(dense if all_solvers else 0, rows if newton else 0),
+        wide_vectors=WIDE_VECTORS if all_solvers else NEWTON_VECTORS, kept_rows=rows if all_solvers else 0, entries=2 * model.path_length,
     )  # fmt: skip
+
+
+def newton_dofs(model: Model) -> int:
+    """Degrees of freedom for which Newton steps of the contacts have room; 0: none are tried."""
+    topology = model.topology
+    possible = model.contact_capacity > 0 and topology.row_count == 0 and not model.has_rolling_friction
+    return topology.tree_dof_count if possible and topology.tree_dof_count <= MOST_DOFS else 0
 
 
 def collision_sizes(model: Model) -> CollisionSizes:

@@ -11,6 +11,7 @@ import warp as wp
 from simwarp.kernels.cones.operator import multiply, natural_residual, refresh, set_scales, start_from_gamma
 from simwarp.kernels.cones.problem import AX, BEST, BOX, LOW, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.projection import project_all
+from simwarp.kernels.cones.proximal_newton import can_step_by_newton, solve_proximally
 from simwarp.kernels.cones.vectors import copy
 
 wp.set_module_options({"enable_backward": False})
@@ -28,6 +29,9 @@ SHIFT = wp.constant(2)
 TRUSTED = wp.constant(100)
 """Iterations up to which extrapolated products are good enough to pick the best iterate."""
 TRIALS = wp.constant(30)
+BEFORE_NEWTON = wp.constant(40)
+"""Iterations until Newton steps are tried: those of a tall stack, the rest of which would take hundreds."""
+MOST_NEWTON = wp.constant(30)
 
 
 @wp.func_native("""
@@ -166,14 +170,37 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
 
 @wp.func
 def solve_apgd(problem: ConeProblem, config: ConeConfig) -> SolveReport:
-    """Sets gamma <- the solution, from the warm start in gamma."""
+    """Sets gamma <- the solution, from the warm start in gamma.
+
+    What is not solved after some iterations is tried by Newton steps, and what these leave by the rest of the iterations.
+    """
     report = SolveReport()
     if problem.row_count == 1 and problem.block_kind[0] == BOX:
         return solve_one_row(problem)
     set_scales(problem)
     start_from_gamma(problem, X)
     project_all(problem, problem.vectors[X])
-    report = accelerate(problem, config, config.max_iterations)
+    most = int(config.max_iterations)
+    newton = int(0)
+    if most > BEFORE_NEWTON and can_step_by_newton(problem):
+        most = BEFORE_NEWTON
+        newton = 1
+    done = int(0)
+    while done == 0:
+        # One call for both: the code is large.
+        part = accelerate(problem, config, most)
+        report.iterations += part.iterations
+        report.residual = part.residual
+        done = 1
+        if newton == 1 and not part.residual <= config.tolerance:
+            part = solve_proximally(problem, config, MOST_NEWTON)
+            report.iterations += part.iterations
+            report.residual = part.residual
+            most = config.max_iterations - report.iterations
+            if not part.residual <= config.tolerance and most > 0:
+                done = 0
+                copy(problem.row_count, problem.vectors, BEST, X)
+        newton = 0
     for row in range(problem.row_count):
         problem.gamma[row] = problem.vectors[BEST, row]
         problem.vectors[LOW, row] = 0.0

@@ -73,7 +73,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     spread = scratch_array(wp.float32, "tree_dofs", GROUP)
     vectors = scratch_array(wp.float32, SOLVER_VECTORS, "cone_rows")
     factor = scratch_array(wp.float32, "factor_rows", "factor_rows")  # of solvers that factorise
-    wide = scratch_array(wp.float64, WIDE_VECTORS, "factor_rows")  # of the interior point
+    wide = scratch_array(wp.float64, "wide_vectors", "wide_rows")  # of the same
 
 
 ConeProblem = ConeScratch.struct("ConeProblem", __name__)

@@ -61,7 +61,8 @@ wp.set_module_options(MODULE_OPTIONS)
 class ScratchSizes:
     """Workspace sizes of a model, per world.
 
-    `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of its factor. `kept_rows` are
+    `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of what solvers factorise,
+    `wide_vectors` and `wide_rows` their double vectors. `kept_rows` are
     all cone rows where another solver may follow the first, whatever is dense: both solutions are compared.
     """
 
@@ -73,6 +74,8 @@ class ScratchSizes:
     cone_rows: int
     dense_rows: int
     factor_rows: int
+    wide_rows: int
+    wide_vectors: int
     kept_rows: int
     entries: int
 

@@ -1,0 +1,445 @@
+"""Proximal Newton steps in the velocities of the tree, for problems that keep accelerated gradient busy (tall stacks).
+
+A proximal step, with w the greatest diagonal of a block,
+
+    gamma+ = argmin over the cones of  1/2 gamma^T S gamma + r^T gamma + sum of (w / 2 rho) |gamma - gamma_k|^2
+
+has a dual in z = Y^T gamma+, one number per degree of freedom, without constraints: with p the projection onto the
+cones,
+
+    F(z) = z - Y^T p(gamma_k - rho/w (Y z + r)) = 0,   gamma+ = p(...)
+
+F is the gradient of a convex function that is quadratic in pieces, with the Hessian 1 + Y^T P Y, where P = (rho/w) p'.
+Newton steps with a search along the line end after a few, from any start (Li, Sun & Toh 2018, SIAM J. Optim. 28, 433).
+The Hessian of a stack is a narrow band, and its zeros are passed over; it is factorised in float32, as a direction only has to
+descend. Rows and velocities are double: rho magnifies the rounding of Y z.
+
+For problems without loop rows, rolling friction and compliance (`can_step_by_newton`).
+"""
+
+import warp as wp
+
+from simwarp.core.types import BlockKind
+from simwarp.kernels.cones.operator import natural_residual, refresh
+from simwarp.kernels.cones.problem import AX, BEST, R_EFF, ConeConfig, ConeProblem, SolveReport, X
+from simwarp.kernels.cones.vectors import copy
+
+wp.set_module_options({"enable_backward": False})
+
+NEWTON_VECTORS = 8
+"""Rows of `wide` that it uses: gamma_k, point, its projection p, Y z, Y dz; z, F, dz."""
+MOST_DOFS = 256
+"""Degrees of freedom of a tree, at most: the ends of rows are kept on the stack."""
+
+FIRST_RHO = wp.constant(100.0)
+LAST_RHO = wp.constant(1.0e4)  # float32 still tells 1 from the rounding of rho in the Hessian
+GROWTH = wp.constant(3.0)
+INNER = wp.constant(12)  # Newton steps of one proximal step, at most
+INNER_SHARE = wp.constant(0.3)  # of the residual before, or of the tolerance, left by one proximal step
+TRIALS = wp.constant(8)  # of a search along the line
+STALLS = wp.constant(3)  # proximal steps without progress before it gives up
+
+_NAMES = f"""
+    constexpr int BOX = {int(BlockKind.BOX)}, CONTACT = {int(BlockKind.CONTACT)};
+""" + """
+    const size_t pitch = wide.strides[0] / sizeof(double);
+    double* __restrict__ gamma = wide.data;
+    double* __restrict__ point = gamma + pitch;
+    double* __restrict__ image = point + pitch;
+    double* __restrict__ yz = image + pitch;
+    double* __restrict__ yd = yz + pitch;
+    double* __restrict__ z = yd + pitch;
+    double* __restrict__ f = z + pitch;
+    double* __restrict__ dz = f + pitch;
+"""  # fmt: skip
+
+_ROWS = """
+    const int width = y.strides[0] / (int)sizeof(float);
+    const int places = tree_dof.strides[0] / (int)sizeof(int);
+    // to <- Y from
+    auto rows_of = [&](const double* from, double* to) {
+        for (int b = 0; b < blocks; ++b) {
+            const int* __restrict__ at = tree_dof.data + (size_t)b * places;
+            const int count = entries.data[b], r = block_row.data[b];
+            const float* __restrict__ y0 = y.data + (size_t)r * width;
+            double a0 = 0.0, a1 = 0.0, a2 = 0.0;
+            if (block_row.data[b + 1] - r == 3) {
+                const float* __restrict__ y1 = y0 + width;
+                const float* __restrict__ y2 = y1 + width;
+                for (int e = 0; e < count; ++e) {
+                    const double value = from[at[e]];
+                    a0 += y0[e] * value;
+                    a1 += y1[e] * value;
+                    a2 += y2[e] * value;
+                }
+                to[r + 1] = a1;
+                to[r + 2] = a2;
+            } else {
+                for (int e = 0; e < count; ++e) a0 += y0[e] * from[at[e]];
+            }
+            to[r] = a0;
+        }
+    };
+    // to <- to + sign Y^T from
+    auto add_columns = [&](const double* from, double* to, double sign) {
+        for (int b = 0; b < blocks; ++b) {
+            const int* __restrict__ at = tree_dof.data + (size_t)b * places;
+            const int count = entries.data[b], r = block_row.data[b];
+            const float* __restrict__ y0 = y.data + (size_t)r * width;
+            const double x0 = sign * from[r];
+            if (block_row.data[b + 1] - r == 3) {
+                const float* __restrict__ y1 = y0 + width;
+                const float* __restrict__ y2 = y1 + width;
+                const double x1 = sign * from[r + 1], x2 = sign * from[r + 2];
+                if (x0 == 0.0 && x1 == 0.0 && x2 == 0.0) continue;
+                for (int e = 0; e < count; ++e) to[at[e]] += y0[e] * x0 + y1[e] * x1 + y2[e] * x2;
+            } else {
+                for (int e = 0; e < count; ++e) to[at[e]] += y0[e] * x0;
+            }
+        }
+    };
+"""
+
+
+@wp.func_native(
+    _NAMES
+    + _ROWS
+    + """
+    const int rows = block_row.data[blocks];
+    for (int r = 0; r < rows; ++r) gamma[r] = vectors.data[r];
+    for (int i = 0; i < tree_dofs; ++i) z[i] = dz[i] = 0.0;
+    for (int r = 0; r < rows; ++r) yd[r] = 0.0;
+    add_columns(gamma, z, 1.0);
+    rows_of(z, yz);
+"""
+)
+def begin(
+    blocks: int, tree_dofs: int, block_row: wp.array[int], entries: wp.array[int], tree_dof: wp.array2d[int],
+    y: wp.array2d[float], vectors: wp.array2d[float], wide: wp.array2d[wp.float64],
+):  # fmt: skip
+    """gamma_k <- X, z <- Y^T gamma_k, and Y z; no direction yet."""
+    ...
+
+
+@wp.func_native(
+    _NAMES
+    + """
+    const float* __restrict__ r_eff = vectors.data + 3 * (vectors.strides[0] / sizeof(float));
+    double along = 0.0;
+    for (int i = 0; i < tree_dofs; ++i) along += (z[i] + length * dz[i]) * dz[i];
+    for (int b = 0; b < blocks; ++b) {
+        const int first = block_row.data[b], end = block_row.data[b + 1];
+        for (int r = first; r < end; ++r)
+            point[r] = gamma[r] - (double)rho * scale.data[r] * (yz[r] + length * yd[r] + r_eff[r]);
+        if (block_kind.data[b] == CONTACT) {
+            const double slope = friction.data[b], apex = cohesion.data[b];
+            const double n = point[first] + apex, t1 = point[first + 1], t2 = point[first + 2];
+            const double t = sqrt(t1 * t1 + t2 * t2);
+            double normal = n, pull = 1.0;
+            if (slope * t <= -n) {
+                normal = pull = 0.0;
+            } else if (t > slope * n) {
+                normal = (n + slope * t) / (1.0 + slope * slope);
+                pull = slope * normal / t;
+            }
+            image[first] = normal - apex;
+            image[first + 1] = pull * t1;
+            image[first + 2] = pull * t2;
+        } else {
+            const double low = lower.data[first], high = upper.data[first], x = point[first];
+            image[first] = x < low ? low : (x > high ? high : x);
+        }
+        for (int r = first; r < end; ++r) along -= image[r] * yd[r];
+    }
+    return (float)along;
+"""
+)
+def try_length(
+    blocks: int, tree_dofs: int, block_row: wp.array[int], block_kind: wp.array[int], friction: wp.array[float],
+    cohesion: wp.array[float], lower: wp.array[float], upper: wp.array[float], scale: wp.array[float],
+    vectors: wp.array2d[float], rho: float, length: float, wide: wp.array2d[wp.float64],
+) -> float:  # fmt: skip
+    """Sets point and p at z + length dz; returns F . dz there: zero where the search along the line is done."""
+    ...
+
+
+@wp.func_native(
+    _NAMES
+    + _ROWS
+    + """
+    const int rows = block_row.data[blocks];
+    for (int i = 0; i < tree_dofs; ++i) {
+        z[i] += length * dz[i];
+        f[i] = z[i];
+    }
+    for (int r = 0; r < rows; ++r) yz[r] += length * yd[r];
+    add_columns(image, f, -1.0);
+    rows_of(f, yd);
+    double worst = 0.0;
+    for (int r = 0; r < rows; ++r) {
+        const double size = yd[r] < 0.0 ? -yd[r] : yd[r];
+        worst = size > worst ? size : worst;
+    }
+    return (float)worst;
+"""
+)
+def advance_newton(
+    blocks: int, tree_dofs: int, length: float, block_row: wp.array[int], entries: wp.array[int],
+    tree_dof: wp.array2d[int], y: wp.array2d[float], wide: wp.array2d[wp.float64],
+) -> float:  # fmt: skip
+    """z <- z + length dz, F <- that of z; returns the greatest entry of Y F, a velocity [m/s]."""
+    ...
+
+
+_PIECES = """
+    // `pieces` <- rows v with v^T v = Y^T P Y of one block; returns how many
+    auto pieces_of = [&](int b, float* pieces) -> int {
+        const int row = block_row.data[b], count = entries.data[b];
+        const double gain = (double)rho * scale.data[row];
+        const float* __restrict__ y0 = y.data + (size_t)row * width;
+        if (block_kind.data[b] != CONTACT) {
+            if (point[row] < lower.data[row] || point[row] > upper.data[row]) return 0;
+            const float root = (float)sqrt(gain);
+            for (int e = 0; e < count; ++e) pieces[e] = root * y0[e];
+            return 1;
+        }
+        const float* __restrict__ y1 = y0 + width;
+        const float* __restrict__ y2 = y1 + width;
+        const double slope = friction.data[b], n = point[row] + cohesion.data[b];
+        const double t1 = point[row + 1], t2 = point[row + 2], t = sqrt(t1 * t1 + t2 * t2);
+        if (slope * t <= -n) return 0;
+        if (t <= slope * n) {
+            const float root = (float)sqrt(gain);
+            for (int e = 0; e < count; ++e) {
+                pieces[e] = root * y0[e];
+                pieces[width + e] = root * y1[e];
+                pieces[2 * width + e] = root * y2[e];
+            }
+            return 3;
+        }
+        const double normal = (n + slope * t) / (1.0 + slope * slope);
+        const float out = (float)sqrt(gain / (1.0 + slope * slope)), s = (float)slope;
+        const float around = (float)sqrt(gain * slope * normal / t), c1 = (float)(t1 / t), c2 = (float)(t2 / t);
+        for (int e = 0; e < count; ++e) {
+            pieces[e] = out * (y0[e] + s * (c1 * y1[e] + c2 * y2[e]));
+            pieces[width + e] = around * (c1 * y2[e] - c2 * y1[e]);
+        }
+        return 2;
+    };
+"""
+
+_FACTOR = """
+    // U^T U by rows: row j ends at column end[j], and zeros within are passed over
+    for (int j = 0; j < tree_dofs; ++j) {
+        float* __restrict__ pivot = h + (size_t)j * side;
+        const int last = end[j];
+        // The Hessian is 1 and something positive: what rounding takes is given back
+        const float root = sqrtf(pivot[j] > 0.5f ? pivot[j] : 0.5f), inverse = 1.0f / root;
+        pivot[j] = root;
+        for (int k = j + 1; k <= last; ++k) pivot[k] *= inverse;
+        for (int i = j + 1; i <= last; ++i) {
+            const float factor = pivot[i];
+            if (factor == 0.0f) continue;
+            float* __restrict__ row = h + (size_t)i * side;
+            if (last > end[i]) end[i] = last;
+            int k = i;
+#ifndef __CUDA_ARCH__
+            for (; k + 8 <= last + 1; k += 8) *(lanes8*)(row + k) -= factor * *(const lanes8*)(pivot + k);
+#endif
+            for (; k <= last; ++k) row[k] -= factor * pivot[k];
+        }
+    }
+    for (int i = 0; i < tree_dofs; ++i) dz[i] = -f[i];
+    for (int j = 0; j < tree_dofs; ++j) {
+        const float* __restrict__ row = h + (size_t)j * side;
+        dz[j] /= row[j];
+        for (int k = j + 1; k <= end[j]; ++k) dz[k] -= row[k] * dz[j];
+    }
+    for (int j = tree_dofs - 1; j >= 0; --j) {
+        const float* __restrict__ row = h + (size_t)j * side;
+        double total = dz[j];
+        for (int k = j + 1; k <= end[j]; ++k) total -= row[k] * dz[k];
+        dz[j] = total / row[j];
+    }
+"""
+
+
+@wp.func_native(
+    _NAMES
+    + _ROWS
+    + _PIECES
+    + f"""
+    int end[{MOST_DOFS}];
+"""
+    + """
+#ifndef __CUDA_ARCH__
+    typedef float lanes8 __attribute__((ext_vector_type(8), aligned(4)));
+    typedef float lanes4 __attribute__((ext_vector_type(4), aligned(4)));
+#endif
+    const int side = factor.strides[0] / (int)sizeof(float);
+    const int room = spread.shape[0] * spread.shape[1];
+    float* __restrict__ h = factor.data;
+    float* __restrict__ pieces = spread.data;
+    for (int i = 0; i < tree_dofs; ++i) {
+        for (int j = i + 1; j < tree_dofs; ++j) h[(size_t)i * side + j] = 0.0f;
+        h[(size_t)i * side + i] = 1.0f;
+        end[i] = i;
+    }
+    for (int b = 0; b < blocks; ++b) {
+        const int* __restrict__ at = tree_dof.data + (size_t)b * places;
+        int last = 0;
+        for (int e = 0; e < entries.data[b]; ++e) last = at[e] > last ? at[e] : last;
+        for (int e = 0; e < entries.data[b]; ++e) end[at[e]] = last > end[at[e]] ? last : end[at[e]];
+    }
+    // Contacts of one pair of bodies share their places: their rows are gathered, and multiplied together.
+    int held = 0;
+    for (int b = 0; b < blocks; ++b) {
+        const int* __restrict__ at = tree_dof.data + (size_t)b * places;
+        const int count = entries.data[b];
+        held += pieces_of(b, pieces + (size_t)held * width);
+        bool together = b + 1 < blocks && entries.data[b + 1] == count && (held + 3) * width <= room;
+        for (int e = 0; together && e < count; ++e) together = at[places + e] == at[e];
+        if (together) continue;
+        for (int e = 0; e < count; ++e) {
+            float* __restrict__ row = h + (size_t)at[e] * side;
+            int from = 0;
+#ifndef __CUDA_ARCH__
+            auto add_lanes = [&](auto sum) {
+                constexpr int LANES = sizeof(sum) / sizeof(float);
+                for (; from + LANES <= count; from += LANES) {
+                    sum = 0.0f;
+                    for (int k = 0; k < held; ++k) {
+                        const float* __restrict__ v = pieces + (size_t)k * width;
+                        sum += v[e] * *(const decltype(sum)*)(v + from);
+                    }
+                    for (int o = 0; o < LANES; ++o)
+                        if (at[from + o] >= at[e]) row[at[from + o]] += sum[o];
+                }
+            };
+            add_lanes(lanes8());
+            add_lanes(lanes4());
+#endif
+            for (; from < count; ++from) {
+                float sum = 0.0f;
+                for (int k = 0; k < held; ++k) sum += pieces[(size_t)k * width + e] * pieces[(size_t)k * width + from];
+                if (at[from] >= at[e]) row[at[from]] += sum;
+            }
+        }
+        held = 0;
+    }
+"""
+    + _FACTOR
+    + """
+    rows_of(dz, yd);
+    double along = 0.0;
+    for (int i = 0; i < tree_dofs; ++i) along += f[i] * dz[i];
+    return (float)along;
+"""
+)
+def set_direction(
+    blocks: int, tree_dofs: int, block_row: wp.array[int], block_kind: wp.array[int], entries: wp.array[int],
+    tree_dof: wp.array2d[int], y: wp.array2d[float], friction: wp.array[float], cohesion: wp.array[float],
+    lower: wp.array[float], upper: wp.array[float], scale: wp.array[float], rho: float, spread: wp.array2d[float],
+    factor: wp.array2d[float], wide: wp.array2d[wp.float64],
+) -> float:  # fmt: skip
+    """dz <- -(1 + Y^T P Y)^-1 F and Y dz; returns F . dz, which is negative. `spread` holds the rows of a pair."""
+    ...
+
+
+@wp.func
+def can_step_by_newton(problem: ConeProblem) -> bool:
+    """True if the problem has the form for it and the workspace is allocated."""
+    if problem.loop_count > 0 or problem.rolling_count > 0 or problem.tree_dof_count == 0:
+        return False
+    if problem.factor.shape[0] < problem.tree_dof_count or problem.wide.shape[1] < problem.row_count:
+        return False
+    if 3 * problem.y.shape[1] > problem.spread.shape[0] * problem.spread.shape[1]:
+        return False
+    for row in range(problem.row_count):
+        if problem.compliance[row] != 0.0:
+            return False
+    return True
+
+
+@wp.func
+def search_along(problem: ConeProblem, rho: float, steepness: float) -> float:
+    """Length at which the slope along dz has fallen to a third of `steepness`, with point and p there."""
+    low = float(0.0)
+    low_slope = float(steepness)
+    high = float(0.0)
+    high_slope = float(0.0)
+    length = float(1.0)
+    trial = int(0)
+    while trial < TRIALS:
+        slope = try_length(
+            problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_kind, problem.friction,
+            problem.cohesion, problem.lower, problem.upper, problem.scale, problem.vectors, rho, length, problem.wide,
+        )  # fmt: skip
+        trial += 1
+        if wp.abs(slope) <= -0.3 * steepness or (trial == 1 and slope < 0.0) or trial == TRIALS:
+            return length
+        if slope > 0.0:
+            high = length
+            high_slope = slope
+        else:
+            low = length
+            low_slope = slope
+        length = low + (high - low) * wp.clamp(-low_slope / (high_slope - low_slope), 0.1, 0.9)
+    return length
+
+
+@wp.func
+def step_proximally(problem: ConeProblem, rho: float, goal: float) -> int:
+    """p <- the result of one proximal step from X, to a velocity of `goal` [m/s]; returns the Newton steps."""
+    begin(
+        problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_entries, problem.block_tree_dof,
+        problem.y, problem.vectors, problem.wide,
+    )  # fmt: skip
+    steps = int(0)
+    length = float(0.0)
+    try_length(
+        problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_kind, problem.friction,
+        problem.cohesion, problem.lower, problem.upper, problem.scale, problem.vectors, rho, 0.0, problem.wide,
+    )  # fmt: skip
+    while steps < INNER:
+        error = advance_newton(
+            problem.block_count, problem.tree_dof_count, length, problem.block_row, problem.block_entries,
+            problem.block_tree_dof, problem.y, problem.wide,
+        )  # fmt: skip
+        if steps > 0 and error < goal:
+            return steps
+        steepness = set_direction(
+            problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_kind, problem.block_entries,
+            problem.block_tree_dof, problem.y, problem.friction, problem.cohesion, problem.lower, problem.upper,
+            problem.scale, rho, problem.spread, problem.factor, problem.wide,
+        )  # fmt: skip
+        length = search_along(problem, rho, steepness)
+        steps += 1
+    return steps
+
+
+@wp.func
+def solve_proximally(problem: ConeProblem, config: ConeConfig, most: int) -> SolveReport:
+    """BEST <- a better solution, from BEST, in at most about `most` Newton steps; scales are set."""
+    n = problem.row_count
+    report = SolveReport()
+    copy(n, problem.vectors, BEST, X)
+    refresh(problem, X, AX)
+    best = natural_residual(problem, X, AX, config.friction_law, 1)
+    now = float(best)
+    rho = float(FIRST_RHO)
+    stalls = int(0)
+    while best > config.tolerance and report.iterations < most and stalls < STALLS:
+        report.iterations += step_proximally(problem, rho, INNER_SHARE * wp.max(now, config.tolerance))
+        for row in range(n):
+            problem.vectors[X, row] = float(problem.wide[2, row])
+        refresh(problem, X, AX)
+        now = natural_residual(problem, X, AX, config.friction_law, 1)
+        stalls += 1
+        if now < best:
+            best = now
+            stalls = 0
+            copy(n, problem.vectors, X, BEST)
+        rho = wp.min(rho * GROWTH, LAST_RHO)
+    report.residual = best
+    return report

@@ -1,0 +1,103 @@
+"""Proximal Newton steps: each against its minimum, and what they save where accelerated gradient takes long."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import simwarp as sw
+from simwarp import scenes
+from simwarp.core.types import FrictionLaw
+from tests.reference import cones as reference
+from tests.unit.kernels.cones.single_problem import SOLVE, STEP, Single
+
+GRAVITY_STEP = 0.05  # m/s in a step of 5 ms
+
+
+def stacked_boxes(count, rng, mass=lambda i: 1.0):
+    """Cubes of 1 m on each other, four contacts a face, pushed sideways and turned: N, r, blocks and its entries."""
+    corners = [(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+    dofs = 6 * (count + 1)  # the first body is the ground, which has no velocity
+    full, slots, blocks, r = [], [], [], []
+    push = np.zeros(dofs)
+    push[6:] = rng.normal(size=dofs - 6) * 0.005
+    push[8::6] = -GRAVITY_STEP
+    for i in range(count):
+        for x, y in corners:
+            for axis in np.eye(3)[[2, 0, 1]]:
+                row = np.zeros(dofs)
+                for body, sign, z in ((i, -1.0, 0.5), (i + 1, 1.0, -0.5)):
+                    weight = 0.0 if body == 0 else 1.0 / np.sqrt(mass(body))
+                    row[6 * body : 6 * body + 3] = sign * axis * weight
+                    # A cube's inertia is a sixth of its mass
+                    row[6 * body + 3 : 6 * body + 6] = sign * np.cross([x, y, z], axis) * weight * np.sqrt(6.0)
+                full.append(row)
+                r.append(row @ (push * np.repeat([np.sqrt(mass(b)) for b in range(count + 1)], 6)))
+            blocks.append(reference.Block("contact", 3 * len(blocks), (0.5,)))
+            slots.append(np.arange(6 * i, 6 * i + 12))
+    full, slots = np.array(full), np.array(slots)
+    y = np.array([full[row, slots[row // 3]] for row in range(len(full))])
+    entries = (y, slots, np.zeros((len(full), 0)), np.zeros(len(full)))
+    return full @ full.T, np.array(r), blocks, entries
+
+
+def proximal_minimum(n, r, blocks, gamma, rho):
+    """The argmin of a proximal step, by accelerated projected gradient steps of fixed length in float64."""
+    weight = np.array([max(n[k, k] for k in range(b.rows.start, b.rows.stop)) for b in blocks for _ in range(3)])
+    hessian = n + np.diag(weight / rho)
+    step = 1.0 / np.linalg.eigvalsh(hessian)[-1]
+    keep = np.sqrt(step * np.linalg.eigvalsh(hessian)[0])
+    x = y = gamma
+    for _ in range(1000):
+        moved = y - step * (n @ y + r + weight / rho * (y - gamma))
+        after = np.concatenate([reference.project(b, moved[b.rows]) for b in blocks])
+        y = after + (1.0 - keep) / (1.0 + keep) * (after - x)
+        x = after
+    return x
+
+
+@pytest.mark.parametrize("rho", [3, 30])
+def test_a_proximal_step_is_its_minimum(rho):
+    n, r, blocks, entries = stacked_boxes(2, np.random.default_rng(4), mass=lambda i: 1.0 + i)
+    start = np.random.default_rng(5).normal(size=len(r)) * 0.02
+    single = Single(n, r, blocks, entries)
+    gamma, results = single.run(STEP, start, law=FrictionLaw.CONVEX, iterations=rho, tolerance=1e-7)
+    expected = proximal_minimum(n, r, blocks, start.astype(np.float32).astype(float), rho)
+    # Velocities to 1e-7 m/s, from rows in float32
+    np.testing.assert_allclose(n @ gamma, n @ expected, atol=2e-6)
+    np.testing.assert_allclose(gamma, expected, atol=2e-6 * rho)
+    assert 1 <= results[0] < 12
+
+
+@pytest.mark.parametrize("law", list(FrictionLaw))
+@pytest.mark.parametrize("heavy", [1.0, 30.0])
+def test_a_tall_stack_takes_few_iterations(law, heavy):
+    """Without Newton steps, whose workspace is taken away to see that, it takes hundreds."""
+    n, r, blocks, entries = stacked_boxes(10, np.random.default_rng(1), mass=lambda i: heavy if i == 10 else 1.0)
+    before, _ = Single(n, r, blocks, entries).run(SOLVE, np.zeros(len(r)), law=law, tolerance=1e-5)
+    # The next step: other velocities, the impulses of the last one
+    r = r + n @ (np.random.default_rng(2).normal(size=len(r)) * 1e-3)
+    single = Single(n, r, blocks, entries)
+    gamma, (residual, iterations) = single.run(SOLVE, before, law=law, tolerance=1e-5)
+    assert residual <= 1e-5
+    # Measured in double, what the kernel says in float: 1e-6 m/s is the rounding of impulses of 0.5 N·s over 0.5 m
+    assert reference.residual(n, r, blocks, gamma, exact=law is FrictionLaw.EXACT) <= 1.2e-5
+    single.problem.wide = wp.zeros((0, 0), dtype=wp.float64)
+    without = single.run(SOLVE, before, law=law, tolerance=1e-5)[1][1]
+    print(iterations, without)
+    assert iterations < 100
+    assert without > 3 * iterations
+
+
+def test_a_shaken_stack_keeps_its_tolerance_in_few_iterations():
+    """350 iterations per step without Newton steps."""
+    sim = sw.Simulation(scenes.stack().finalize(4, "cpu"), 5e-3, solver=sw.SolverOptions(tolerance=1e-4))
+    v = sim.state.body_v.numpy()
+    v += np.random.default_rng(3).normal(size=v.shape).astype(v.dtype) * 0.05
+    sim.state.body_v.assign(v)
+    counts, residuals = [], []
+    for _ in range(60):
+        sim.step()
+        counts.append(sim.diagnostics.iterations.numpy().copy())
+        residuals.append(sim.diagnostics.cone_residual.numpy().copy())
+    assert np.mean(counts) < 120
+    assert np.mean(np.array(residuals) <= 1e-4) > 0.99
