@@ -96,6 +96,8 @@ class Task(ABC, Generic[ConfigT]):
         self.capture = True
         """Capture control steps into a CUDA graph, where there is a CUDA device."""
         self._captured = StepCapture(self, recorder_of(self.device))
+        self._sensors_in_step = True
+        """Sensors are launched only where they are due; a captured step that was recorded so is not replayed else."""
         self._iteration = 0
         self.first_world = first_world
         self.before_reset: Callable[[], None] | None = None
@@ -259,7 +261,7 @@ class Task(ABC, Generic[ConfigT]):
                 self.random.reseed(seed)
                 self.episode_index.fill_(-1)
             self._judge.ended.fill_(True)
-            self._reset_worlds(self._judge.ended)
+            self._reset_worlds(self._judge.ended, every=True)
             self._statistics.running.zero_()
             groups = self.observations()
             self._sensors.begin(self._every_world, groups)
@@ -450,10 +452,12 @@ class Task(ABC, Generic[ConfigT]):
             hint = "leave it away" if own[0] in self.config.randomise else "give body_mass inertia=False"
             raise InputError(f"randomise '{own[0]}': task '{self.name}' writes it itself; {hint}")
         drawn |= {*self.per_world}
-        return build_physics(
+        made = build_physics(
             self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),
             attach=self.attach,
         )  # fmt: skip
+        made[0].rounds.watched = True  # by `_sensors_in_step`
+        return made
 
     def _record_physics(self) -> None:
         """Record what is launched before each physics step; again, where the memory of it is another one."""
@@ -475,7 +479,7 @@ class Task(ABC, Generic[ConfigT]):
 
     def _probe(self) -> None:
         """Call the author's methods once to learn their names and hold them to the contract."""
-        self._reset_worlds(self._every_world)
+        self._reset_worlds(self._every_world, every=True)
         self.begin_step()
         self.apply(self.action)
         groups = check_observations(self, self.observations())
@@ -507,6 +511,8 @@ class Task(ABC, Generic[ConfigT]):
         Returns:
             Metrics, observations before the reset where they are kept, observations after it.
         """
+        if self.simulation is not None:
+            self._sensors_in_step = self.simulation.rounds.in_step
         if self.before_reset is None:
             (metrics, final, groups), written_again = self._captured.run("step", self._whole_step)
         else:
@@ -581,8 +587,8 @@ class Task(ABC, Generic[ConfigT]):
         self._sensors.begin(self._judge.ended, groups)
         return self._sensors.sense(groups)
 
-    def _reset_worlds(self, mask: torch.Tensor) -> None:
-        """Begin an episode in the worlds of a mask (W,) bool."""
+    def _reset_worlds(self, mask: torch.Tensor, every: bool = False) -> None:
+        """Begin an episode in the worlds of a mask (W,) bool; ``every``: it is known that these are all."""
         self._begin.on(mask)
         self._path.begin(mask, self.random)
         if self._randomiser is not None:
@@ -592,4 +598,4 @@ class Task(ABC, Generic[ConfigT]):
             return
         self.simulation.reset(mask, sensors=False)
         self.reset(mask)
-        self.simulation.begin_sensors(mask)
+        self.simulation.begin_sensors(None if every else mask)
