@@ -143,11 +143,8 @@ class Simulation(FixedAttributes):
         self._resetting = self._record_reset()
         self.physics_commands = self._record_step(all_solvers)
         """Recorded launches of a sub-step; those of the sensors come after them."""
-        self.sensor_commands = [list(sensor.record(self, self._config.dt)) for sensor in self.sensors]
+        self.sensor_commands = self._record_sensors()
         """Those of each sensor in every sub-step."""
-        self.rounds.told += [
-            sensor.between_looks(self) if hasattr(sensor, "between_looks") else None for sensor in self.sensors
-        ]
         self._program = self.program(())
         self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
         """State of force elements and sensors; `Snapshot.memory` holds a copy."""
@@ -345,6 +342,14 @@ class Simulation(FixedAttributes):
         commands += record_step(self.shares, arrays)
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
         return commands + [command for record in measuring for command in record(self, self._config.dt)]
+
+    def _record_sensors(self) -> list[list[Any]]:
+        """The launches of each sensor in every sub-step; where they are due in a round is told to `rounds`."""
+        commands = [list(sensor.record(self, self._config.dt)) for sensor in self.sensors]
+        self.rounds.told += [
+            sensor.between_looks(self) if hasattr(sensor, "between_looks") else None for sensor in self.sensors
+        ]
+        return commands
 
     def _record_reset(self) -> list[Any]:
         """Launches that bring the initial state back in the worlds of the mask."""

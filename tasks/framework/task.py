@@ -97,7 +97,7 @@ class Task(ABC, Generic[ConfigT]):
         """Capture control steps into a CUDA graph, where there is a CUDA device."""
         self._captured = StepCapture(self, recorder_of(self.device))
         self._sensors_in_step = True
-        """Sensors are launched only where they are due; a captured step that was recorded so is not replayed else."""
+        """Whether sensors are launched only where they are due: a captured step is for one of the two."""
         self._iteration = 0
         self.first_world = first_world
         self.before_reset: Callable[[], None] | None = None
@@ -452,12 +452,10 @@ class Task(ABC, Generic[ConfigT]):
             hint = "leave it away" if own[0] in self.config.randomise else "give body_mass inertia=False"
             raise InputError(f"randomise '{own[0]}': task '{self.name}' writes it itself; {hint}")
         drawn |= {*self.per_world}
-        made = build_physics(
+        return build_physics(
             self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),
             attach=self.attach,
         )  # fmt: skip
-        made[0].rounds.watched = True  # by `_sensors_in_step`
-        return made
 
     def _record_physics(self) -> None:
         """Record what is launched before each physics step; again, where the memory of it is another one."""

@@ -182,7 +182,7 @@ class Paid(Counter):
 
 
 def test_a_step_that_was_recorded_with_sensors_in_step_is_not_replayed_else():
-    options = {"obs": "camera", "camera_width": 40, "camera_height": 36}
+    options: dict[str, Any] = {"obs": "camera", "camera_width": 40, "camera_height": 36}
     tasks = [make("obstacle-avoidance", 2, seed=4, max_episode_steps=4, **options) for _ in range(2)]
     task, emulator = emulated(tasks[1])
     assert same(roll(tasks[0], 5), roll(task, 5))

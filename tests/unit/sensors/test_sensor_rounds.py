@@ -108,6 +108,11 @@ def in_step(sim: sw.Simulation) -> bool:
     return sim.rounds.in_step
 
 
+def by_parts(sim: sw.Simulation, parts: list[int]) -> None:
+    for steps in parts:
+        sim.advance(steps)
+
+
 ODD = np.arange(WORLDS) % 2 == 1
 
 
@@ -122,8 +127,8 @@ def story(sim: sw.Simulation) -> list[tuple[str, dict[str, bytes], bool, int]]:
         ("reset of some", lambda: sim.reset(ODD)),
         ("two rounds", lambda: sim.advance(2 * EVERY)),
         ("snapshot", lambda: kept.append(sim.snapshot())),
-        ("a round by steps", lambda: [sim.step() for _ in range(EVERY)]),
-        ("three rounds by halves", lambda: [sim.advance(3 * EVERY // 2) for _ in range(2)]),
+        ("a round by steps", lambda: by_parts(sim, EVERY * [1])),
+        ("three rounds by halves", lambda: by_parts(sim, 2 * [3 * EVERY // 2])),
         ("a round", lambda: sim.advance(EVERY)),
         ("a world breaks down", lambda: spoil(sim)),
         ("a round and a half", lambda: sim.advance(3 * EVERY // 2)),
@@ -182,7 +187,9 @@ def counted(sim: sw.Simulation, steps: int) -> int:
 
 def meter(model: sw.Model, name: str) -> Any:
     """A speedometer, of one kernel and two outputs."""
-    return make_sensor(dataclasses.replace(load_config("speedometer"), schedule=schedule_of(name)), model, Mount("ball"))
+    return make_sensor(
+        dataclasses.replace(load_config("speedometer"), schedule=schedule_of(name)), model, Mount("ball")
+    )
 
 
 @pytest.mark.parametrize(
