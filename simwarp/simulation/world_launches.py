@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-import os
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar, Final, TypeAlias
 
 import warp as wp
 
-from simwarp.core.threads import Workers
+from simwarp.core.threads import Workers, number_told
 from simwarp.kernels.core.world_range import WorldRange
 
 CHUNKS_PER_THREAD: Final = 4
@@ -28,8 +27,21 @@ def chunk_count(worlds: int, threads: int, device: Any) -> int:
     return 1 if device.is_cuda or threads == 1 else min(worlds, CHUNKS_PER_THREAD * threads)
 
 
-BLOCK: Final = int(os.environ.get("SIMWARP_BLOCK_DIM", "32"))
+BLOCK: Final = 32
 """Threads of a block on a GPU: kernels take many registers, so that larger blocks leave multiprocessors idle."""
+BLOCK_VARIABLE: Final = "SIMWARP_BLOCK_DIM"
+"""Environment variable of another number, to be measured."""
+MOST_IN_BLOCK: Final = 1024
+"""Most threads that CUDA allows in a block."""
+
+
+def block_threads() -> int:
+    """Threads of a block on a GPU: of the environment variable, where it is set.
+
+    Raises:
+        ModelError: the variable is no whole number from 1 to 1024.
+    """
+    return number_told(BLOCK_VARIABLE, MOST_IN_BLOCK, f"unset it for {BLOCK}") or BLOCK
 
 
 def has_own_slots(device: Any) -> bool:
@@ -105,10 +117,11 @@ class WorldShares:
             inputs: its parameters after the `WorldRange`.
             outputs: and those that it writes.
         """
+        block = block_threads()
         parts = [
             wp.launch(
                 kernel, dim=length if threads_per_world is None else (length, threads_per_world), device=self.device,
-                record_cmd=True, block_dim=BLOCK, inputs=[worlds, *inputs], outputs=list(outputs),
+                record_cmd=True, block_dim=block, inputs=[worlds, *inputs], outputs=list(outputs),
             )
             for worlds, length in zip(self.ranges, self._lengths, strict=True)
         ]  # fmt: skip
