@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import concurrent.futures
 import contextlib
 import contextvars
@@ -39,11 +40,26 @@ def thread_count(threads: int | None = None, *, processes: int = 1) -> int:
     default = _DEFAULT.get()
     if default is not None:
         return default
-    told = os.environ.get(VARIABLE, "")
-    if told:
-        number = int(told) if told.isascii() and told.isdigit() and len(told) <= len(str(MOST_THREADS)) else None
-        return _held(VARIABLE, number, told, "unset it for as many as there are processors")
-    return max(1, min(usable_processors() // processes, MOST_THREADS))
+    told = number_told(VARIABLE, MOST_THREADS, "unset it for as many as there are processors")
+    return max(1, min(usable_processors() // processes, MOST_THREADS)) if told is None else told
+
+
+def number_told(variable: str, most: int, remedy: str) -> int | None:
+    """Number in an environment variable; None where it is unset or empty.
+
+    Args:
+        variable: its name.
+        most: largest number that is allowed, at least 1.
+        remedy: last words of the error.
+
+    Raises:
+        ModelError: it is no whole number from 1 to `most`.
+    """
+    told = os.environ.get(variable, "")
+    if not told:
+        return None
+    number = int(told) if told.isascii() and told.isdigit() and len(told) <= len(str(most)) else None
+    return _held(variable, number, told, remedy, most)
 
 
 def usable_processors() -> int:
@@ -53,14 +69,14 @@ def usable_processors() -> int:
     return os.cpu_count() or 1  # another system than Linux
 
 
-def _held(name: str, number: Any, got: Any, remedy: str) -> int:
-    """A number of threads, if it is one."""
+def _held(name: str, number: Any, got: Any, remedy: str, most: int = MOST_THREADS) -> int:
+    """A whole number from 1 to `most`, if it is one."""
     try:
         found = 0 if isinstance(number, bool) else operator.index(number)
     except TypeError:
         found = 0
-    if not 1 <= found <= MOST_THREADS:
-        raise ModelError(f"{name} must be a whole number from 1 to {MOST_THREADS}, got {shown(got)}; {remedy}")
+    if not 1 <= found <= most:
+        raise ModelError(f"{name} must be a whole number from 1 to {most}, got {shown(got)}; {remedy}")
     return found
 
 
@@ -106,10 +122,15 @@ class Workers:
 
 
 class _Pool:
-    """The process' threads, made when they are first needed."""
+    """The process' threads, made when they are first needed.
+
+    Users end wherever Python collects garbage: in any thread, and also inside of `submit`, whose locks that thread
+    holds then. So `give_back` waits for no lock. It leaves a note, and whoever holds the lock reads it after release.
+    """
 
     def __init__(self) -> None:
         self._users: list[int] = []
+        self._gone: collections.deque[int] = collections.deque()
         self.forget()
 
     def forget(self) -> None:
@@ -122,16 +143,12 @@ class _Pool:
         """One more user."""
         with self._lock:
             self._users.append(count)
+        self._settle()
 
     def give_back(self, count: int) -> None:
         """One less; the threads of the last one end."""
-        with self._lock:
-            self._users.remove(count)
-            executor = None
-            if not self._users:
-                executor, self._executor = self._executor, None
-        if executor is not None:
-            executor.shutdown(wait=False)
+        self._gone.append(count)
+        self._settle()
 
     def submit(self, work: Callable[[], None]) -> concurrent.futures.Future[None]:
         """Runs `work` in one of the threads."""
@@ -142,7 +159,23 @@ class _Pool:
                     self._executor.shutdown(wait=False)
                 self._executor = concurrent.futures.ThreadPoolExecutor(wanted, "simwarp")
                 self._size = wanted
-            return self._executor.submit(work)
+            future = self._executor.submit(work)
+        self._settle()
+        return future
+
+    def _settle(self) -> None:
+        """Lets go of users that are gone, unless somebody has the lock, who does it then."""
+        while self._gone and self._lock.acquire(blocking=False):
+            executor = None
+            try:
+                while self._gone:
+                    self._users.remove(self._gone.popleft())
+                if not self._users:
+                    executor, self._executor = self._executor, None
+            finally:
+                self._lock.release()
+            if executor is not None:
+                executor.shutdown(wait=False)
 
 
 _POOL = _Pool()

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import writable_from
@@ -35,6 +36,8 @@ MOST_BYTES = 2**31 - 1
 """Largest frame of one world [bytes]: kernels index it with 32 bits."""
 MOST_WAITING = 2**20
 """Frames of a world that wait to be published."""
+LONGEST_ROUND = 4096
+"""Sub-steps between two looks up to which launches are recorded for each of them."""
 
 
 class Field(NamedTuple):
@@ -121,6 +124,9 @@ class FrameBuffer:
             def check(self, simulation, dt):
                 self.frames.check(simulation, dt)
 
+            def between_looks(self, simulation):  # for kernels that do nothing outside of windows
+                return self.frames.between_looks(simulation)
+
             def begin(self, simulation, mask):
                 self.frames.begin(simulation, mask)
 
@@ -184,6 +190,10 @@ class FrameBuffer:
         self.steps = ScheduleSteps(0, 0, 0)
         self.dt = 0.0
         self._beginning: list[Any] = []
+        self._samples: list[Any] = []
+        self._copies: list[Any] = []
+        self._advances: dict[int, Any] = {}
+        self._phases_told = False
 
     @property
     def timestamp(self) -> wp.array:
@@ -198,6 +208,7 @@ class FrameBuffer:
     @property
     def phase(self) -> wp.array:
         """(W,) int32 [sub-steps]; writable where the schedule's phase is "zero"."""
+        self._phases_told = True  # from now on they may be any
         return self._state.phase
 
     @property
@@ -271,21 +282,49 @@ class FrameBuffer:
 
     def _record(self, simulation: StepContext, dt: float, sample: Callable[[], Sequence[Any]]) -> list[Any]:
         self._set_clock(simulation, dt)
-        advance = simulation.shares.record(
-            advance_clock,
-            inputs=[self.clock, simulation.state.arrays], outputs=[self._state, self.tick],
-        )  # fmt: skip
-        samples = [*sample(), *self._publications(simulation)]
+        advance = self._advancing(simulation, 1)
+        self._samples, self._copies = [*sample()], self._publications(simulation)
+        samples = [*self._samples, *self._copies]
         begin = simulation.shares.record(
             begin_clock, inputs=[self.valid, self.clock, simulation.state.arrays], outputs=[self._state, self.tick]
         )
         self._beginning = [begin, *samples]
         return [advance, *samples]
 
+    def between_looks(self, simulation: StepContext) -> ClockRound | None:
+        """Launches of the sub-steps between two looks; None: those of `record`, in each of them. Once recorded.
+
+        For sensors whose launches do nothing outside of windows: where `tick.collecting` is 0.
+        """
+        length = simulation.read_every * simulation.substeps
+        due = due_substeps(self.steps, length) if self.schedule.phase == "zero" else None
+        if due is None or len(due.collecting) == length:
+            return None
+        launches: list[list[Any]] = []
+        last = 0
+        for substep in range(1, length + 1):
+            collecting, publishing = substep in due.collecting, substep in due.publishing
+            launches.append([])
+            if collecting or publishing or substep == length:  # a world that is frozen turns invalid before the look
+                launches[-1].append(self._advancing(simulation, substep - last))
+                last = substep
+            launches[-1] += self._samples if collecting else []
+            launches[-1] += self._copies if publishing else []
+        return ClockRound(launches, self)
+
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Resets the worlds of the (W,) bool mask and publishes a frame of their present state."""
+        simulation.rounds.begin_some()
         self._beginning[0].use(0, mask)
         simulation.shares.run(self._beginning)
+
+    def _advancing(self, simulation: StepContext, steps: int) -> Any:
+        """Launch of the clock after so many sub-steps."""
+        if steps not in self._advances:
+            self._advances[steps] = simulation.shares.record(
+                advance_clock, inputs=[self.clock, steps, simulation.state.arrays], outputs=[self._state, self.tick]
+            )
+        return self._advances[steps]
 
     def _set_clock(self, simulation: StepContext, dt: float) -> None:
         """Rounds the schedule to sub-steps and makes room for the frames in waiting."""
@@ -322,6 +361,61 @@ class FrameBuffer:
                 )
             )  # fmt: skip
         return commands
+
+
+class DueSubsteps(NamedTuple):
+    """The sub-steps of a round, from 1 to its length, in which frames are collected and published."""
+
+    collecting: frozenset[int]
+    publishing: frozenset[int]
+
+
+def due_substeps(steps: ScheduleSteps, length: int) -> DueSubsteps | None:
+    """Where a clock without a phase that began at a look has work, `will_be_read` considered.
+
+    Args:
+        steps: schedule.
+        length: sub-steps of a round; None is returned if there are too many.
+    """
+    if length > LONGEST_ROUND:
+        return None
+    period, window, lag = steps
+    collecting: set[int] = set()
+    publishing: set[int] = set()
+    for frame in range(length // math.gcd(period, length)):  # then the frames lie in their rounds as before
+        begin = frame * period
+        published = begin + window + lag
+        if -(-published // length) * length >= published + period:
+            continue  # the next one replaces it before anybody looks
+        first = begin + 1 if window > 0 else begin
+        collecting |= {(first + k) % length or length for k in range(min(max(window, 1), length))}
+        publishing.add(published % length or length)
+    return DueSubsteps(frozenset(collecting), frozenset(publishing))
+
+
+class ClockRound:
+    """A round of one sensor: `simulation.sensor_rounds.SensorRound`.
+
+    Args:
+        launches: of each sub-step.
+        frames: whose clock it is.
+    """
+
+    def __init__(self, launches: list[list[Any]], frames: FrameBuffer) -> None:
+        self.launches = launches
+        self._frames = frames
+        self._shifted = False
+
+    def in_phase(self) -> bool:
+        """Whether no world has a phase: nobody was given the array to write into it, nor a snapshot with others."""
+        return not self._frames._phases_told and not self._shifted
+
+    def counts(self) -> npt.NDArray[np.int32]:
+        """(W,) sub-steps since the clocks began. Waits for the device, and looks anew whether they are in phase."""
+        state = self._frames._state
+        self._shifted = bool(state.phase.numpy().any())
+        counts: npt.NDArray[np.int32] = state.count.numpy()
+        return counts
 
 
 def _members(struct: Any) -> dict[str, Any]:

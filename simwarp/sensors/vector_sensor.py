@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import warp as wp
 
 from simwarp.model.model import Model
-from simwarp.sensors.clock import Field, FrameBuffer
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer
 from simwarp.sensors.interface import Schedule, checked_model
 from simwarp.sensors.noise import Noise, NoiseChain
 
@@ -30,6 +30,9 @@ class VectorSensor:
         randomised: True if every world has a row of its own in the parameters of the noise (and in the mount).
         others: further outputs by name.
     """
+
+    only_in_windows: ClassVar[bool] = False
+    """The kernel does nothing where `tick.collecting` is 0: it need not be launched there."""
 
     def __init__(
         self, model: Model, name: str, schedule: Schedule, channels: int,
@@ -85,6 +88,10 @@ class VectorSensor:
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step."""
         return self.frames.record(simulation, dt, lambda: self._sample(simulation))
+
+    def between_looks(self, simulation: StepContext) -> ClockRound | None:
+        """Launches where they are due, between two looks at the data; None: in every sub-step."""
+        return self.frames.between_looks(simulation) if self.only_in_windows else None
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Resets the worlds of the mask and publishes a frame of their present state."""

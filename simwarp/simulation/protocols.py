@@ -15,6 +15,7 @@ import warp as wp
 from simwarp.model.model import Model
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics
+from simwarp.simulation.sensor_rounds import SensorRounds
 from simwarp.simulation.state import Control, State
 from simwarp.simulation.world_launches import WorldShares
 
@@ -25,6 +26,7 @@ class StepContext(Protocol):
     Attributes:
         model, state, control, contacts, diagnostics: those of the Simulation.
         shares: records launches whose worlds are shared among threads.
+        rounds: where the sensors' clocks stand between two looks.
         substeps: sub-steps of one step.
         read_every: steps between two looks at the sensors' data.
     """
@@ -35,6 +37,7 @@ class StepContext(Protocol):
     contacts: Contacts
     diagnostics: Diagnostics
     shares: WorldShares
+    rounds: SensorRounds
     substeps: int
     read_every: int
 
@@ -67,7 +70,8 @@ class Sensor(Protocol):
     """Measures every world on a clock of its own, inside the step.
 
     A sensor may also have `check(simulation, dt)`: it raises a ModelError where the sensor cannot be part of the
-    Simulation, and changes nothing. All sensors are asked before the first one is recorded.
+    Simulation, and changes nothing. All sensors are asked before the first one is recorded. One that need not be
+    launched in every sub-step has `between_looks(simulation)`, which returns a `SensorRound`, or None.
 
     A Simulation calls `record` once, launches what it returned after each sub-step, and calls `begin` at construction
     and whenever somebody sets the state of worlds: `reset`, `set_joint_state` and `measure`.

@@ -34,11 +34,12 @@ from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.protocols import ForceElement, Sensor
 from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, step_layouts, step_sizes
+from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
 from simwarp.simulation.state import Control, State, initial_arrays
 from simwarp.simulation.step_recording import StepArrays, record_step
-from simwarp.simulation.world_launches import WorldLaunch, WorldProgram, WorldShares, unshared
+from simwarp.simulation.world_launches import WorldLaunch, WorldShares, unshared
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 
@@ -75,7 +76,7 @@ class Simulation(FixedAttributes):
 
     FIXED: ClassVar = (
         "model", "dt", "substeps", "solver", "read_every", "elements", "sensors", "state", "control", "contacts",
-        "diagnostics", "memory", "identity", "shares",
+        "diagnostics", "memory", "identity", "shares", "rounds",
     )  # fmt: skip
 
     def __init__(
@@ -114,6 +115,8 @@ class Simulation(FixedAttributes):
         layouts = run_layouts(model.sizes(elements=bool(self.elements), reactions=reactions))
         self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
         """Records launches whose worlds are shared among threads."""
+        self.rounds = SensorRounds(self.read_every * self.substeps, self.shares)
+        """Where the sensors' clocks stand between two looks."""
         slots = scratch_slots_of(self.shares)
         layouts |= step_layouts(model, sizes, slots)
         copies = sum(4 * array.size for array in element_memory)
@@ -140,8 +143,9 @@ class Simulation(FixedAttributes):
         self._resetting = self._record_reset()
         self.physics_commands = self._record_step(all_solvers)
         """Recorded launches of a sub-step; those of the sensors come after them."""
-        self.sensor_commands = [launch for sensor in self.sensors for launch in sensor.record(self, self._config.dt)]
-        self._program = WorldProgram(self.shares, [*self.physics_commands, *self.sensor_commands])
+        self.sensor_commands = self._record_sensors()
+        """Those of each sensor in every sub-step."""
+        self._program = self.program(())
         self.memory = (*element_memory, *(array for sensor in self.sensors for array in sensor.memory.values()))
         """State of force elements and sensors; `Snapshot.memory` holds a copy."""
         self.identity = model.identity.extended(run_parts(self.elements, self.sensors, self._config.dt))
@@ -170,11 +174,13 @@ class Simulation(FixedAttributes):
         Args:
             steps: how many.
         """
-        self._program.run(steps * self.substeps)
+        self._program.run(steps)
 
-    def program(self, before: Sequence[WorldLaunch]) -> WorldProgram:
+    def program(self, before: Sequence[WorldLaunch]) -> StepProgram:
         """A step with launches before it (`shares.record`), to be run many times over without Python in between."""
-        return WorldProgram(self.shares, [*before, *self.substeps * self._program.commands])
+        return StepProgram(
+            self.rounds, self.shares, before, self.physics_commands, self.sensor_commands, self.substeps
+        )  # fmt: skip
 
     def reset(self, world_mask: Any = None, *, sensors: bool = True) -> None:
         """Puts the worlds of the mask (all when None) back to the model's initial state.
@@ -281,6 +287,7 @@ class Simulation(FixedAttributes):
             )
         for target, source in zip(present, kept, strict=True):
             wp.copy(target, source)
+        self.rounds.begin_as_counted()
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -336,6 +343,14 @@ class Simulation(FixedAttributes):
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]
         return commands + [command for record in measuring for command in record(self, self._config.dt)]
 
+    def _record_sensors(self) -> list[list[Any]]:
+        """The launches of each sensor in every sub-step; where they are due in a round is told to `rounds`."""
+        commands = [list(sensor.record(self, self._config.dt)) for sensor in self.sensors]
+        self.rounds.told += [
+            sensor.between_looks(self) if hasattr(sensor, "between_looks") else None for sensor in self.sensors
+        ]
+        return commands
+
     def _record_reset(self) -> list[Any]:
         """Launches that bring the initial state back in the worlds of the mask."""
         state = self.shares.record(
@@ -368,7 +383,7 @@ class Simulation(FixedAttributes):
         return [(assemble, 5), (flag, 1)]
 
     def _warn_of_unshared(self) -> None:
-        names = unshared(self._program.commands)
+        names = unshared(self._program.everywhere.commands)
         if names and self.shares.threads > 1:
             warnings.warn(
                 f"Simulation: {', '.join(names)} will run on one of {self.shares.threads} threads, as wp.launch "
@@ -384,6 +399,8 @@ class Simulation(FixedAttributes):
 
     def _begin_sensors(self, mask: wp.array) -> None:
         """A frame of the present state, in worlds where somebody set it."""
+        if mask is self._all_worlds:
+            self.rounds.begin_all()
         for sensor in self.sensors:
             sensor.begin(self, mask)
 

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-import os
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, TypeAlias
 
 import warp as wp
 
-from simwarp.core.threads import Workers
+from simwarp.core.threads import Workers, number_told
 from simwarp.kernels.core.world_range import WorldRange
 
 CHUNKS_PER_THREAD: Final = 4
@@ -28,8 +27,21 @@ def chunk_count(worlds: int, threads: int, device: Any) -> int:
     return 1 if device.is_cuda or threads == 1 else min(worlds, CHUNKS_PER_THREAD * threads)
 
 
-BLOCK: Final = int(os.environ.get("SIMWARP_BLOCK_DIM", "32"))
+BLOCK: Final = 32
 """Threads of a block on a GPU: kernels take many registers, so that larger blocks leave multiprocessors idle."""
+BLOCK_VARIABLE: Final = "SIMWARP_BLOCK_DIM"
+"""Environment variable of another number, to be measured."""
+MOST_IN_BLOCK: Final = 1024
+"""Most threads that CUDA allows in a block."""
+
+
+def block_threads() -> int:
+    """Threads of a block on a GPU: of the environment variable, where it is set.
+
+    Raises:
+        ModelError: the variable is no whole number from 1 to 1024.
+    """
+    return number_told(BLOCK_VARIABLE, MOST_IN_BLOCK, f"unset it for {BLOCK}") or BLOCK
 
 
 def has_own_slots(device: Any) -> bool:
@@ -105,10 +117,11 @@ class WorldShares:
             inputs: its parameters after the `WorldRange`.
             outputs: and those that it writes.
         """
+        block = block_threads()
         parts = [
             wp.launch(
                 kernel, dim=length if threads_per_world is None else (length, threads_per_world), device=self.device,
-                record_cmd=True, block_dim=BLOCK, inputs=[worlds, *inputs], outputs=list(outputs),
+                record_cmd=True, block_dim=block, inputs=[worlds, *inputs], outputs=list(outputs),
             )
             for worlds, length in zip(self.ranges, self._lengths, strict=True)
         ]  # fmt: skip
@@ -148,35 +161,64 @@ class WorldShares:
         self._workers.run(work)
 
 
+Block: TypeAlias = tuple[tuple[Any, ...], int]
+"""Recorded launches, in turn, and how many times over."""
+
+
 class WorldProgram:
-    """Commands that run over and over: on a CPU one graph per chunk, which launches them without Python in between.
+    """Commands that run over and over: on a CPU graphs per chunk, which launch them without Python in between.
 
     Args:
         shares: of the worlds.
-        commands: recorded launches, in turn.
+        blocks: recorded launches.
+
+    Attributes:
+        commands: all of them, in turn.
     """
 
-    def __init__(self, shares: WorldShares, commands: Sequence[Any]) -> None:
-        self.shares, self.commands = shares, tuple(commands)
-        self._graphs: list[functools.partial[None]] = []
+    def __init__(self, shares: WorldShares, blocks: Sequence[Block]) -> None:
+        self.shares, self.blocks = shares, tuple(blocks)
+        self.commands = tuple(command for commands, times in blocks for _ in range(times) for command in commands)
+        self._chunks: list[Callable[[], None]] = []
         # others may launch in between, and a GPU has graphs of whole control steps
-        self._plain = shares.device.is_cuda or not all(_is_shared(command) for command in commands)
+        self._plain = shares.device.is_cuda or not all(_is_shared(command) for command in self.commands)
 
     def run(self, times: int) -> None:
         """Launches the commands in turn, `times` over."""
         if self._plain or not self.commands or self.shares.device.is_capturing:
-            self.shares.run(self.commands, times)
+            self._run_plainly(times)
             return
-        if not self._graphs:
-            self._graphs = [self._graph(parts) for parts in zip(*(each.parts for each in self.commands), strict=True)]
+        if not self._chunks:
+            self._chunks = [self._graphs_of(chunk) for chunk in range(len(self.shares.ranges))]
         self.shares.launches += times * len(self.commands)
-        self.shares.share(self._graphs, times)
+        self.shares.share(self._chunks, times)
 
-    def _graph(self, parts: Iterable[Any]) -> functools.partial[None]:
-        with wp.ScopedCapture(device=self.shares.device) as capture:
-            for part in parts:
-                part.launch()
-        return functools.partial(wp.capture_launch, capture.graph)
+    def _run_plainly(self, times: int) -> None:
+        if len(self.blocks) == 1:
+            commands, repeated = self.blocks[0]
+            self.shares.run(commands, times * repeated)
+            return
+        for _ in range(times):
+            for commands, repeated in self.blocks:
+                self.shares.run(commands, repeated)
+
+    def _graphs_of(self, chunk: int) -> Callable[[], None]:
+        """What launches all commands once for a chunk of the worlds: a graph for each block, one for equal ones."""
+        made: dict[tuple[Any, ...], wp.Graph] = {}
+        turns = []
+        for commands, repeated in self.blocks:
+            if commands not in made:
+                with wp.ScopedCapture(device=self.shares.device) as capture:
+                    for command in commands:
+                        command.parts[chunk].launch()
+                made[commands] = capture.graph
+            turns += [made[commands]] * repeated
+        return functools.partial(_launch_graphs, tuple(turns))
+
+
+def _launch_graphs(graphs: Iterable[wp.Graph]) -> None:
+    for graph in graphs:
+        wp.capture_launch(graph)
 
 
 def unshared(commands: Iterable[Any]) -> list[str]:

@@ -104,6 +104,7 @@ def build_physics(
         model, dt=config.dt, substeps=config.substeps, solver=solver, elements=attachments.elements,
         sensors=attachments.sensors, read_every=config.decimation,
     )  # fmt: skip
+    simulation.rounds.watched = True  # a captured control step is recorded anew where `in_step` has changed
     state, control = simulation.state, simulation.control
     views = PhysicsViews(
         joint_q=to_torch(state.joint_q),

@@ -96,6 +96,8 @@ class Task(ABC, Generic[ConfigT]):
         self.capture = True
         """Capture control steps into a CUDA graph, where there is a CUDA device."""
         self._captured = StepCapture(self, recorder_of(self.device))
+        self._sensors_in_step = True
+        """Whether sensors are launched only where they are due: a captured step is for one of the two."""
         self._iteration = 0
         self.first_world = first_world
         self.before_reset: Callable[[], None] | None = None
@@ -259,7 +261,7 @@ class Task(ABC, Generic[ConfigT]):
                 self.random.reseed(seed)
                 self.episode_index.fill_(-1)
             self._judge.ended.fill_(True)
-            self._reset_worlds(self._judge.ended)
+            self._reset_worlds(self._judge.ended, every=True)
             self._statistics.running.zero_()
             groups = self.observations()
             self._sensors.begin(self._every_world, groups)
@@ -475,7 +477,7 @@ class Task(ABC, Generic[ConfigT]):
 
     def _probe(self) -> None:
         """Call the author's methods once to learn their names and hold them to the contract."""
-        self._reset_worlds(self._every_world)
+        self._reset_worlds(self._every_world, every=True)
         self.begin_step()
         self.apply(self.action)
         groups = check_observations(self, self.observations())
@@ -507,6 +509,8 @@ class Task(ABC, Generic[ConfigT]):
         Returns:
             Metrics, observations before the reset where they are kept, observations after it.
         """
+        if self.simulation is not None:
+            self._sensors_in_step = self.simulation.rounds.in_step
         if self.before_reset is None:
             (metrics, final, groups), written_again = self._captured.run("step", self._whole_step)
         else:
@@ -581,8 +585,8 @@ class Task(ABC, Generic[ConfigT]):
         self._sensors.begin(self._judge.ended, groups)
         return self._sensors.sense(groups)
 
-    def _reset_worlds(self, mask: torch.Tensor) -> None:
-        """Begin an episode in the worlds of a mask (W,) bool."""
+    def _reset_worlds(self, mask: torch.Tensor, every: bool = False) -> None:
+        """Begin an episode in the worlds of a mask (W,) bool; ``every``: it is known that these are all."""
         self._begin.on(mask)
         self._path.begin(mask, self.random)
         if self._randomiser is not None:
@@ -592,4 +596,4 @@ class Task(ABC, Generic[ConfigT]):
             return
         self.simulation.reset(mask, sensors=False)
         self.reset(mask)
-        self.simulation.begin_sensors(mask)
+        self.simulation.begin_sensors(None if every else mask)

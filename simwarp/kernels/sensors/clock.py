@@ -42,7 +42,7 @@ class ClockSettings:
 class ClockState:
     """State of a clock, per world."""
 
-    count: wp.array[int]  # sub-steps since the world's state was set
+    count: wp.array[int]  # sub-steps since the world's state was set, those in which it was frozen included
     episode: wp.array[int]  # number of times that it was set
     phase: wp.array[int]
     ring_time: wp.array[wp.float64]  # (W·slots,) world time at completion [s]
@@ -91,20 +91,22 @@ def advance_clock(
     # inputs
     worlds: WorldRange,
     clock: ClockSettings,
+    steps: int,
     state: StateArrays,
     # outputs
     memory: ClockState,
     tick: SampleEvents,
 ):
-    """After a sub-step."""
+    """After a sub-step, the last of `steps`: nothing was due in those before it."""
     world = worlds.first + wp.tid()
+    # in frozen worlds too: when they froze within `steps` is not known, and clocks that begin together stay so
+    count = memory.count[world] + steps
+    memory.count[world] = count
     if (state.world_status[world] & NON_FINITE) != 0:
         clear_events(world, IDLE, tick)
         memory.valid[world] = False
         return
     clear_events(world, STEP, tick)
-    count = memory.count[world] + 1
-    memory.count[world] = count
     begin = memory.phase[world]
     # the sub-step (count - 1, count] in its period; with no window a frame begins and ends at its end
     shift = wp.where(clock.window > 0, 1, 0)

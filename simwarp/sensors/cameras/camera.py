@@ -21,7 +21,7 @@ from simwarp.sensors.cameras.image_processing import ImageProcessing, Imaging
 from simwarp.sensors.cameras.lenses import LensField, Pinhole
 from simwarp.sensors.cameras.lights import PER_WORLD as LIGHT_ARRAYS
 from simwarp.sensors.cameras.lights import Lighting, Lights
-from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.scanning import scene_model
 from simwarp.sensors.scene import ALL_GROUPS, GroupBits, Scene
@@ -185,6 +185,10 @@ class Camera:
             ModelError: see `FrameBuffer.check`.
         """
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
+
+    def between_looks(self, simulation: StepContext) -> ClockRound | None:
+        """Launches where they are due, between two looks at the data."""
+        return self.frames.between_looks(simulation)
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Resets the worlds of the (W,) bool mask and publishes a picture of their present state."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, TypeAlias, cast
 
 import numpy as np
 import warp as wp
@@ -219,6 +219,8 @@ class Tachometer(VectorSensor):
         ModelError: the body or the joint does not exist.
     """
 
+    only_in_windows: ClassVar[bool] = True
+
     def __init__(
         self, model: Model, source: Mount | Coordinate, config: TachometerConfig | None = None, *,
         name: str = "tachometer", seed: int = 0, randomised: bool = False,
@@ -262,6 +264,8 @@ class Speedometer(VectorSensor):
     Raises:
         ModelError: the body does not exist.
     """
+
+    only_in_windows: ClassVar[bool] = True
 
     def __init__(
         self, model: Model, mount: Mount, config: SpeedometerConfig | None = None, *, name: str = "speedometer",

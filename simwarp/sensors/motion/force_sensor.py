@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import warp as wp
 
@@ -74,6 +74,8 @@ class ContactSensor(VectorSensor):
         ModelError: the body does not exist, or nothing can touch it.
     """
 
+    only_in_windows: ClassVar[bool] = True
+
     def __init__(
         self, model: Model, mount: Mount, config: ContactSensorConfig | None = None, *, name: str = "contact",
         seed: int = 0, randomised: bool = False,
@@ -135,6 +137,8 @@ class LoadCell(VectorSensor):
     Raises:
         ModelError: the joint does not exist, or the Simulation records no reactions.
     """
+
+    only_in_windows: ClassVar[bool] = True
 
     def __init__(
         self, model: Model, joint: str | int, config: LoadCellConfig | None = None, *, name: str = "load_cell",

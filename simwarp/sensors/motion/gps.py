@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import warp as wp
@@ -132,6 +132,8 @@ class Gps(VectorSensor):
     Raises:
         ModelError: the body does not exist, or noise does not fit the channels.
     """
+
+    only_in_windows: ClassVar[bool] = True
 
     def __init__(
         self, model: Model, mount: Mount, config: GpsConfig | None = None, *, name: str = "gps", seed: int = 0,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import warp as wp
 
@@ -64,6 +64,8 @@ class Magnetometer(VectorSensor):
     Raises:
         ModelError: the body does not exist, or noise does not fit the channels.
     """
+
+    only_in_windows: ClassVar[bool] = True
 
     def __init__(
         self, model: Model, mount: Mount, config: MagnetometerConfig | None = None, *, name: str = "magnetometer",

@@ -14,7 +14,7 @@ from simwarp.core.constraints import As, Different, Meaning, MinLen, NotNegative
 from simwarp.core.types import ModelError, shown
 from simwarp.kernels.sensors.ranging.lidar import LidarNoiseArrays, LidarSettings, count_returns, scan_lidar
 from simwarp.kernels.sensors.ranging.returns import ReturnMode
-from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beam, Beams
 from simwarp.sensors.ranging.scanning import (
@@ -208,6 +208,10 @@ class Lidar:
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launches of a sub-step of `dt` [s]."""
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
+
+    def between_looks(self, simulation: StepContext) -> ClockRound | None:
+        """Launches where they are due, between two looks at the data."""
+        return self.frames.between_looks(simulation)
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Publishes a frame of the present state in the worlds of the (W,) mask, as if they had always stood so."""

@@ -14,7 +14,7 @@ from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarNoiseArrays, scan_radar
-from simwarp.sensors.clock import Field, FrameBuffer, mount_arrays
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beams
 from simwarp.sensors.ranging.scanning import (
@@ -213,6 +213,10 @@ class Radar:
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launches of a sub-step of `dt` [s]."""
         return self.frames.record(simulation, dt, lambda: self._samples(simulation))
+
+    def between_looks(self, simulation: StepContext) -> ClockRound | None:
+        """Launches where they are due, between two looks at the data."""
+        return self.frames.between_looks(simulation)
 
     def begin(self, simulation: StepContext, mask: wp.array) -> None:
         """Publishes a frame of the present state in the worlds of the (W,) mask, as if they had always stood so."""

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp import scenes
 from simwarp.core.threads import MOST_THREADS, VARIABLE, thread_count
+from simwarp.simulation.world_launches import BLOCK_VARIABLE, block_threads
 
 
 @pytest.fixture
@@ -72,3 +74,23 @@ def test_values_of_the_variable_that_are_refused(text: str, monkeypatch: pytest.
     assert str(caught.value).isprintable()
     assert str(caught.value).endswith("; unset it for as many as there are processors")
     assert thread_count(1) == 1
+
+
+@pytest.mark.parametrize("text", ["0", "-32", "1025", "wide", "32.0", " 64", "9" * 5000, "²"])
+def test_sizes_of_blocks_that_are_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(BLOCK_VARIABLE, text)
+    model = scenes.pendulum().finalize(1, "cpu")
+    with pytest.raises(
+        sw.ModelError, match=r"^SIMWARP_BLOCK_DIM must be a whole number from 1 to 1024, got "
+    ) as caught:
+        sw.Simulation(model, 1e-3)
+    assert str(caught.value).isprintable()
+    assert str(caught.value).endswith("; unset it for 32")
+
+
+@pytest.mark.parametrize(("text", "threads"), [(None, 32), ("", 32), ("1", 1), ("128", 128), ("1024", 1024)])
+def test_sizes_of_blocks(text: str | None, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(BLOCK_VARIABLE, raising=False)
+    if text is not None:
+        monkeypatch.setenv(BLOCK_VARIABLE, text)
+    assert block_threads() == threads

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +150,32 @@ def test_what_a_worker_raises_is_raised_here():
 
     with pytest.raises(KeyError, match="sand"):
         Workers(2).run(work)
+    assert no_worker_is_left()
+
+
+def test_a_simulation_may_end_while_work_is_handed_out(monkeypatch):
+    """Garbage is collected anywhere: also where the pool, or what is below it, holds a lock that is not to be taken
+    twice. A run hung there.
+    """
+    assert no_worker_is_left()
+    others, done = [Workers(3), Workers(3)], []
+    submit = ThreadPoolExecutor.submit
+
+    def while_others_end(executor: Any, *arguments: Any) -> Any:
+        with executor._shutdown_lock:
+            others.clear()
+        return submit(executor, *arguments)
+
+    monkeypatch.setattr(ThreadPoolExecutor, "submit", while_others_end)
+
+    def run() -> None:
+        Workers(2).run(lambda: done.append(1))
+
+    thread = threading.Thread(target=run, daemon=True)  # a lock that is never released must not hang the tests
+    thread.start()
+    thread.join(timeout=20.0)
+    assert not thread.is_alive()
+    assert done == [1, 1]
     assert no_worker_is_left()
 
 
