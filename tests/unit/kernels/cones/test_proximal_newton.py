@@ -69,23 +69,27 @@ def test_a_proximal_step_is_its_minimum(rho):
 
 
 @pytest.mark.parametrize("law", list(FrictionLaw))
-@pytest.mark.parametrize("heavy", [1.0, 30.0])
-def test_a_tall_stack_takes_few_iterations(law, heavy):
+def test_a_tall_stack_takes_few_iterations(law):
     """Without Newton steps, whose workspace is taken away to see that, it takes hundreds."""
-    n, r, blocks, entries = stacked_boxes(10, np.random.default_rng(1), mass=lambda i: heavy if i == 10 else 1.0)
-    before, _ = Single(n, r, blocks, entries).run(SOLVE, np.zeros(len(r)), law=law, tolerance=1e-5)
-    # The next step: other velocities, the impulses of the last one
-    r = r + n @ (np.random.default_rng(2).normal(size=len(r)) * 1e-3)
-    single = Single(n, r, blocks, entries)
-    gamma, (residual, iterations) = single.run(SOLVE, before, law=law, tolerance=1e-5)
-    assert residual <= 1e-5
-    # Measured in double, what the kernel says in float: 1e-6 m/s is the rounding of impulses of 0.5 N·s over 0.5 m
-    assert reference.residual(n, r, blocks, gamma, exact=law is FrictionLaw.EXACT) <= 1.2e-5
-    single.problem.wide = wp.zeros((0, 0), dtype=wp.float64)
-    without = single.run(SOLVE, before, law=law, tolerance=1e-5)[1][1]
-    print(iterations, without)
-    assert iterations < 100
-    assert without > 3 * iterations
+    with_newton, without = [], []
+    for seed, heavy in ((1, 30.0), (2, 30.0), (2, 1.0)):
+        n, r, blocks, entries = stacked_boxes(
+            16, np.random.default_rng(seed), lambda i, top=heavy: top if i > 15 else 1.0
+        )
+        before, _ = Single(n, r, blocks, entries).run(SOLVE, np.zeros(len(r)), law=law, tolerance=1e-5)
+        # The next step: other velocities, the impulses of the last one
+        r = r + n @ (np.random.default_rng(2).normal(size=len(r)) * 1e-3)
+        single = Single(n, r, blocks, entries)
+        gamma, (residual, iterations) = single.run(SOLVE, before, law=law, tolerance=1e-5)
+        assert residual <= 1e-5
+        # Measured in double, what the kernel says in float: 1e-6 m/s is the rounding of impulses of 0.8 N·s over 0.5 m
+        assert reference.residual(n, r, blocks, gamma, exact=law is FrictionLaw.EXACT) <= 1.2e-5
+        with_newton.append(iterations)
+        single.problem.wide = wp.zeros((0, 0), dtype=wp.float64)
+        without.append(single.run(SOLVE, before, law=law, tolerance=1e-5)[1][1])
+    # 141 and 826 with the exact law, 145 and 837 with the convex one
+    assert max(with_newton) < 60
+    assert sum(without) > 4 * sum(with_newton)
 
 
 def test_a_shaken_stack_keeps_its_tolerance_in_few_iterations():
