@@ -19,7 +19,7 @@ from simwarp.core.types import ModelError
 from simwarp.simulation.simulation import Simulation
 
 _MIN_HORIZON_STEPS = 50
-_GRAPH_STEPS = 10
+_CALL_STEPS = 10
 _SEED = 2024
 MOST_STEPS = 10**6
 """Before the timing."""
@@ -90,7 +90,7 @@ class Row:
 
 
 class TimedRun:
-    """A simulation in motion: steps, starts anew. On CUDA, `step` replays a captured graph of several steps.
+    """A simulation in motion: steps, starts anew. Once captured, a call of `step` is several steps.
 
     Attributes:
         sim, worlds, dt: workload that runs.
@@ -138,16 +138,18 @@ class TimedRun:
         return found | {f"memory.{index}": array for index, array in enumerate(self.sim.memory)}
 
     def capture(self) -> None:
-        """On CUDA, records a graph of several steps; elsewhere nothing."""
+        """Makes one call of several steps, as tasks do: on CUDA a graph, on a CPU a program without Python in between."""
         device = self.sim.model.device
-        if not device.is_cuda:
-            return
-        with wp.ScopedCapture(device=device) as capture:
-            for _ in range(_GRAPH_STEPS):
-                self.single_step()
-        self.steps_per_call = _GRAPH_STEPS
-        self.horizon_steps = max(1, self.horizon_steps // _GRAPH_STEPS)
-        self._call = lambda: wp.capture_launch(capture.graph)
+        if device.is_cuda:
+            with wp.ScopedCapture(device=device) as capture:
+                for _ in range(_CALL_STEPS):
+                    self.single_step()
+            self._call = lambda: wp.capture_launch(capture.graph)
+        else:
+            program = self.sim.program([] if self.motion_command is None else [self.motion_command])
+            self._call = lambda: program.run(_CALL_STEPS)
+        self.steps_per_call = _CALL_STEPS
+        self.horizon_steps = max(1, self.horizon_steps // _CALL_STEPS)
 
     def step(self) -> None:
         """`steps_per_call` steps."""

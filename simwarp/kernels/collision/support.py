@@ -260,7 +260,22 @@ def shape_bounds(a: Shape, assets: Assets) -> Bounds:
     b = Bounds()
     lower = wp.vec3(-FAR, -FAR, -FAR)
     upper = wp.vec3(FAR, FAR, FAR)
-    if a.kind <= HULL and a.kind != PLANE or a.kind == TRIANGLE:
+    if a.kind == SPHERE or a.kind == CAPSULE or a.kind == BOX:
+        # the most frequent ones, in closed form
+        half = wp.vec3()
+        if a.kind == CAPSULE:
+            half = wp.abs(column(a.rot, 2)) * a.size[1]
+        elif a.kind == BOX:
+            half = (
+                wp.abs(column(a.rot, 0)) * a.size[0]
+                + wp.abs(column(a.rot, 1)) * a.size[1]
+                + wp.abs(column(a.rot, 2)) * a.size[2]
+            )
+        r = rounding(a)
+        half += wp.vec3(r, r, r)
+        lower = a.x - half
+        upper = a.x + half
+    elif a.kind <= HULL and a.kind != PLANE or a.kind == TRIANGLE:
         r = rounding(a)
         for k in range(3):
             d = wp.vec3()
