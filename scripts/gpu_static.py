@@ -30,7 +30,7 @@ ARCH = 90
 """Hopper: what the package is tuned for."""
 SETS = {
     "step": "simwarp.kernels.dynamics.step_parts", "state": "simwarp.kernels.dynamics.world",
-    "collision": "simwarp.kernels.collision.collide", "tires": "simwarp.kernels.vehicle.tires.tires",
+    "collision": "simwarp.kernels.collision.collide_parts", "tires": "simwarp.kernels.vehicle.tires.tires",
     "camera": "simwarp.kernels.sensors.cameras.image",
 }  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from simwarp.core.types import ArrayLayout
-from simwarp.kernels.collision.collide import CollisionSizes, collision_layouts
+from simwarp.kernels.collision.placement import CollisionSizes, collision_layouts
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
 from simwarp.model.model import Model
 from simwarp.simulation.world_launches import WorldShares

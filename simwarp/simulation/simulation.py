@@ -15,7 +15,8 @@ from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
 from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
-from simwarp.kernels.collision.collide import collide_worlds, make_collision_scratch
+from simwarp.kernels.collision.collide import collide_worlds
+from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.energy import measure_energy
 from simwarp.kernels.dynamics.world import (
