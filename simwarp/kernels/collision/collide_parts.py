@@ -16,7 +16,6 @@ from simwarp.kernels.collision.broad import candidates
 from simwarp.kernels.collision.clip import contact_manifold
 from simwarp.kernels.collision.contact_slots import ContactProgress, keep_last_contacts, keep_pair, passed_contacts
 from simwarp.kernels.collision.narrow import capsule_axis, formula_contacts, has_formula, swapped
-from simwarp.kernels.collision.pair import facing_triangle
 from simwarp.kernels.collision.placement import (
     CollisionScratch,
     fill_world_grid,
@@ -24,41 +23,22 @@ from simwarp.kernels.collision.placement import (
     near_distance,
     pack_grid,
     pack_manifold,
-    pack_raw,
     pair_origin,
     pair_reach,
     place_shapes,
     placed,
 )
-from simwarp.kernels.collision.search_lists import FoundContacts, GroundSearches, Search, Searches
+from simwarp.kernels.collision.search_lists import FoundContacts, Search, Searches
 from simwarp.kernels.collision.shape import (
     CAPSULE,
-    HEIGHT_FIELD,
     SPHERE,
     TRIANGLE,
     Assets,
     Manifold,
-    triangle_shape,
 )
-from simwarp.kernels.collision.support import core_radius, inner_point, rounding
+from simwarp.kernels.collision.support import rounding
 from simwarp.kernels.collision.surfaces import (
-    NEVER,
-    TRIANGLE_BATCH,
-    TriangleSurface,
-    gather,
     is_triangle_surface,
-    triangle_surface_of,
-)
-from simwarp.kernels.collision.triangles import (
-    ContactAccumulator,
-    SurfaceContact,
-    add_penetrating,
-    add_raw,
-    deepest_vertex,
-    drop_internal_edge_contacts,
-    surface_contact,
-    triangle_sphere,
-    write_raw,
 )
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
@@ -120,28 +100,6 @@ def add_found(
             found.gap[world, place] = manifold.gap[k]
             found.feature[world, place] = manifold.feature[k]
             found.count[world, way] = count + 1
-
-
-@wp.func
-def ground_of(shape0: int, shape1: int, topology: Topology) -> int:
-    """The one of a pair that consists of triangles."""
-    return wp.where(is_triangle_surface(topology.shape_type[shape0]), shape0, shape1)
-
-
-@wp.func
-def surface_of(
-    world: int, scratch_slot: int, shape0: int, shape1: int, reach: float, topology: Topology, parameters: Parameters,
-    scratch: CollisionScratch,
-) -> TriangleSurface:  # fmt: skip
-    """The ground of a pair as its other shape sees it."""
-    ground = ground_of(shape0, shape1, topology)
-    convex = shape0 + shape1 - ground
-    origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
-    a = placed(ground, world, origin, scratch_slot, topology, parameters, scratch)
-    return triangle_surface_of(
-        a, scratch.x[scratch_slot, ground] - origin, scratch.lower[scratch_slot, convex],
-        scratch.upper[scratch_slot, convex], reach,
-    )  # fmt: skip
 
 
 @wp.kernel(**PART)
@@ -257,84 +215,6 @@ def list_pairs(
 
 
 @wp.kernel(**PART)
-def list_triangles(
-    # inputs
-    worlds: WorldRange,
-    config: StepConfig,
-    topology: Topology,
-    parameters: Parameters,
-    assets: Assets,
-    state: StateArrays,
-    scratch: CollisionScratch,
-    # outputs
-    searches: Searches,
-    ground: GroundSearches,
-):
-    """Lists the triangles that convex shapes may touch, or have sunk below."""
-    world = worlds.first + wp.tid()
-    if (state.world_status[world] & NON_FINITE) != 0:
-        return
-    scratch_slot = scratch_slot_of(world, worlds)
-    grid = pack_grid(scratch, scratch_slot)
-    listed = pack_raw(scratch, scratch_slot).triangle
-    near = near_distance(world, config, parameters)
-    searches.count[world] = 0
-    searches.lost[world] = 0
-    for shape0 in range(topology.shape_count):
-        for index in range(candidates(shape0, topology, grid)):
-            shape1 = grid.candidate[index]
-            if way_of(shape0, shape1, topology) == GROUND:
-                reach = reach_of(world, scratch_slot, shape0, shape1, near, config.dt, parameters, scratch)
-                if reach >= 0.0:
-                    g = surface_of(world, scratch_slot, shape0, shape1, reach, topology, parameters, scratch)
-                    count = gather(g, 0, listed, assets)
-                    while count > 0:
-                        list_batch(
-                            world, scratch_slot, shape0, shape1, reach, count, g, listed, topology, parameters, assets,
-                            scratch, searches, ground,
-                        )  # fmt: skip
-                        if count == TRIANGLE_BATCH:
-                            count = gather(g, listed[count - 1] + 1, listed, assets)
-                        else:
-                            count = 0
-
-
-@wp.func
-def list_batch(
-    world: int, scratch_slot: int, shape0: int, shape1: int, reach: float, count: int, g: TriangleSurface,
-    listed: wp.array[int], topology: Topology, parameters: Parameters, assets: Assets, scratch: CollisionScratch,
-    searches: Searches, ground: GroundSearches,
-):  # fmt: skip
-    """Appends those of the triangles of a batch that matter."""
-    convex = shape0 + shape1 - ground_of(shape0, shape1, topology)
-    origin = pair_origin(scratch_slot, shape0, shape1, topology, scratch)
-    b = placed(convex, world, origin, scratch_slot, topology, parameters, scratch)
-    middle = inner_point(b, assets)
-    up = wp.vec3(g.rot[0, 2], g.rot[1, 2], g.rot[2, 2])
-    for k in range(count):
-        f = facing_triangle(g, listed[k], b, middle, up, reach, assets)
-        through = f.sunk == 1 and g.kind == HEIGHT_FIELD  # it leaves along this normal, whatever it touches
-        if through:
-            f.wanted = 0
-        if through or f.wanted == 1:
-            place = searches.count[world]
-            if place == searches.search.shape[1]:
-                searches.lost[world] = searches.lost[world] + 1
-            else:
-                s = Search()
-                s.shape0 = shape0
-                s.shape1 = shape1
-                s.reach = reach
-                s.p = b
-                s.q = triangle_shape(f.t.p0, f.t.p1, f.t.p2, g.margin)
-                s.flip = 1
-                s.wanted = f.wanted
-                searches.search[world, place] = s
-                ground.facing[world, place] = f
-                searches.count[world] = place + 1
-
-
-@wp.kernel(**PART)
 def search_worlds(
     # inputs
     worlds: WorldRange,
@@ -391,144 +271,6 @@ def cut_pairs(
         shape0 = searches.search[world, k].shape0
         shape1 = searches.search[world, k].shape1
         add_found(world, SEARCHED, shape0, shape1, contacts, manifold, found)
-
-
-@wp.func
-def add_entry(world: int, owner: int, sunk: int, c: SurfaceContact, ground: GroundSearches):
-    """Appends what a surface takes from one triangle."""
-    count = ground.count[world]
-    if count == ground.owner.shape[1]:
-        ground.lost[world] = ground.lost[world] + 1
-    else:
-        ground.owner[world, count] = owner
-        ground.sunk[world, count] = sunk
-        ground.normal[world, count] = c.normal
-        ground.point[world, count] = c.point
-        ground.gap[world, count] = c.gap
-        ground.feature[world, count] = c.feature
-        ground.count[world] = count + 1
-
-
-@wp.kernel(**PART)
-def cut_triangles(
-    # inputs
-    worlds: WorldRange,
-    topology: Topology,
-    parameters: Parameters,
-    assets: Assets,
-    state: StateArrays,
-    searches: Searches,
-    scratch: CollisionScratch,
-    # in and out
-    ground: GroundSearches,
-):
-    """Contacts with each triangle that the surface as a whole has (`take_contacts`)."""
-    world = worlds.first + wp.tid()
-    if (state.world_status[world] & NON_FINITE) != 0:
-        return
-    scratch_slot = scratch_slot_of(world, worlds)
-    manifold = pack_manifold(scratch, scratch_slot)
-    ground.count[world] = 0
-    ground.lost[world] = 0
-    for k in range(searches.count[world]):
-        contacts = int(0)
-        if searches.search[world, k].wanted == 1:
-            b = searches.search[world, k].p
-            if b.kind == SPHERE:
-                t = ground.facing[world, k].t
-                margin = searches.search[world, k].q.margin
-                contacts = triangle_sphere(t, margin, b, searches.search[world, k].reach, manifold)
-            else:
-                contacts = cut_search(world, k, 1, assets, searches, manifold)
-        if ground.facing[world, k].sunk == 1:
-            overlap = float(NEVER)
-            for i in range(contacts):
-                overlap = wp.min(overlap, manifold.gap[i])
-            if overlap < 0.0 or searches.search[world, k].wanted == 0:
-                add_entry(world, k, 1, SurfaceContact(), ground)
-        else:
-            take_triangle(
-                world, scratch_slot, k, contacts, topology, parameters, assets, searches, scratch, manifold, ground
-            )
-
-
-@wp.func
-def take_triangle(
-    world: int, scratch_slot: int, k: int, contacts: int, topology: Topology, parameters: Parameters, assets: Assets,
-    searches: Searches, scratch: CollisionScratch, manifold: Manifold, ground: GroundSearches,
-):  # fmt: skip
-    """What the surface takes of the contacts with a triangle (`add_contacts`)."""
-    s = searches.search[world, k]
-    g = surface_of(world, scratch_slot, s.shape0, s.shape1, s.reach, topology, parameters, scratch)
-    t = ground.facing[world, k].t
-    b = s.p
-    size = core_radius(b, assets) + rounding(b)
-    dropped = float(0.0)
-    for i in range(contacts):
-        c = surface_contact(i, g, t, size, assets, manifold)
-        if c.taken == 1:
-            add_entry(world, k, 0, c, ground)
-        else:
-            dropped = wp.max(dropped, -manifold.gap[i])
-    if dropped > 0.0 and ground.facing[world, k].height >= 0.0 and b.kind != SPHERE:
-        for corner in range(4):
-            c = deepest_vertex(corner, dropped, g, t, b, assets)
-            if c.taken == 1:
-                add_entry(world, k, 0, c, ground)
-
-
-@wp.kernel(**PART)
-def join_triangles(
-    # inputs
-    worlds: WorldRange,
-    topology: Topology,
-    parameters: Parameters,
-    assets: Assets,
-    state: StateArrays,
-    searches: Searches,
-    ground: GroundSearches,
-    scratch: CollisionScratch,
-    # outputs
-    found: FoundContacts,
-):
-    """Contacts with whole surfaces from those with their triangles."""
-    world = worlds.first + wp.tid()
-    if (state.world_status[world] & NON_FINITE) != 0:
-        return
-    scratch_slot = scratch_slot_of(world, worlds)
-    manifold = pack_manifold(scratch, scratch_slot)
-    raw = pack_raw(scratch, scratch_slot)
-    found.count[world, GROUND] = 0
-    found.lost[world, GROUND] = searches.lost[world] + ground.lost[world]
-    entry = int(0)
-    while entry < ground.count[world]:
-        k = ground.owner[world, entry]
-        shape0 = searches.search[world, k].shape0
-        shape1 = searches.search[world, k].shape1
-        reach = searches.search[world, k].reach
-        b = searches.search[world, k].p
-        size = core_radius(b, assets) + rounding(b)
-        joined = ContactAccumulator()
-        same = bool(True)
-        while same:
-            if ground.sunk[world, entry] == 1:
-                f = ground.facing[world, k]
-                joined = add_penetrating(joined, f.t, f.low, f.gap)
-            else:
-                joined.count = add_raw(
-                    joined.count, ground.normal[world, entry], ground.point[world, entry], ground.gap[world, entry],
-                    ground.feature[world, entry], size, raw,
-                )  # fmt: skip
-            entry += 1
-            same = entry < ground.count[world]
-            if same:
-                k = ground.owner[world, entry]
-                same = searches.search[world, k].shape0 == shape0 and searches.search[world, k].shape1 == shape1
-        g = surface_of(world, scratch_slot, shape0, shape1, reach, topology, parameters, scratch)
-        joined.count = drop_internal_edge_contacts(joined.count, g, size, assets, raw)
-        flip = wp.where(ground_of(shape0, shape1, topology) == shape1, 1, 0)
-        contacts = write_raw(joined, flip, size, raw, manifold)
-        add_found(world, GROUND, shape0, shape1, contacts, manifold, found)
 
 
 @wp.func
@@ -613,8 +355,5 @@ def keep_worlds(
 
 
 def kernels_for_cuda_check() -> list[wp.Kernel]:
-    """All parts."""
-    return [
-        place_worlds, touch_worlds, list_pairs, list_triangles, search_worlds, cut_pairs, cut_triangles,
-        join_triangles, keep_worlds,
-    ]  # fmt: skip
+    """All parts but those of triangles."""
+    return [place_worlds, touch_worlds, list_pairs, search_worlds, cut_pairs, keep_worlds]

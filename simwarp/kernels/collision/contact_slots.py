@@ -151,5 +151,3 @@ def keep_pair(
             contacts.contact_moment[world, slot] = wp.vec3()
     match_contacts(world, scratch_slot, shape0, shape1, slots, count, cached, cursor, contacts, scratch)
     return count
-
-

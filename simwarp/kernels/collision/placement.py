@@ -190,9 +190,7 @@ def fill_world_grid(
     """Sorts the placed shapes into the grid."""
     fastest = float(0.0)
     for shape in range(topology.shape_count):
-        fastest = wp.max(
-            fastest, wp.length(scratch.velocity[scratch_slot, shape]) + scratch.sweep[scratch_slot, shape]
-        )
+        fastest = wp.max(fastest, wp.length(scratch.velocity[scratch_slot, shape]) + scratch.sweep[scratch_slot, shape])
     fill_grid(
         near + config.dt * fastest,
         topology,

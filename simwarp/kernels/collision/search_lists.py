@@ -36,18 +36,17 @@ class Searches:
     lost: wp.array[int]  # for which there was no room
     search: wp.array2d[Search]
     axis: wp.array2d[Axis]  # results
+    facing: wp.array2d[FacingTriangle]  # of searches on triangles
 
 
 @wp.struct
-class GroundSearches:
-    """What else belongs to a search on the triangles of a ground, and what the surface as a whole takes from it."""
-
-    facing: wp.array2d[FacingTriangle]
+class TriangleContacts:
+    """Contacts with triangles of the ground, in the order of the searches that they are from."""
 
     count: wp.array[int]
     lost: wp.array[int]
-    owner: wp.array2d[int]  # search that it is from
-    sunk: wp.array2d[int]  # 1: lifts a sunk shape out
+    owner: wp.array2d[int]  # its search
+    sunk: wp.array2d[int]  # 1: no contact, but the shape is below this triangle and may leave along its normal
     normal: wp.array2d[wp.vec3]
     point: wp.array2d[wp.vec3]
     gap: wp.array2d[float]
@@ -100,28 +99,29 @@ def found_layouts(worlds: int, sizes: SearchSizes) -> dict[str, ArrayLayout]:
     return per_list | _contacts(worlds, sizes.lists * sizes.found, ("shape0", "shape1", "feature"))
 
 
-def search_layouts(worlds: int, room: int) -> dict[str, ArrayLayout]:
+def search_layouts(worlds: int, room: int, facing: bool) -> dict[str, ArrayLayout]:
     """The arrays of `Searches`."""
     return {
+        "facing": ArrayLayout((worlds, room if facing else 1), FacingTriangle),
         "count": ArrayLayout((worlds,), wp.int32), "lost": ArrayLayout((worlds,), wp.int32),
         "search": ArrayLayout((worlds, room), Search), "axis": ArrayLayout((worlds, room), Axis),
     }  # fmt: skip
 
 
-def ground_layouts(worlds: int, room: int) -> dict[str, ArrayLayout]:
-    """The arrays of `GroundSearches`."""
+def triangle_layouts(worlds: int, room: int) -> dict[str, ArrayLayout]:
+    """The arrays of `TriangleContacts`."""
     whole = {name: ArrayLayout((worlds,), wp.int32) for name in ("count", "lost")}
-    facing = {"facing": ArrayLayout((worlds, room), FacingTriangle)}
-    return facing | whole | _contacts(worlds, ENTRIES * room, ("owner", "sunk", "feature"))
+    return whole | _contacts(worlds, ENTRIES * room, ("owner", "sunk", "feature"))
 
 
 def search_list_layouts(worlds: int, sizes: SearchSizes) -> dict[str, ArrayLayout]:
     """All arrays that the model needs."""
     groups = {
         "found": found_layouts(worlds, sizes),
-        "pairs": search_layouts(worlds, sizes.pairs) if sizes.pairs else {},
-        "triangles": search_layouts(worlds, sizes.triangles) if sizes.triangles else {},
-        "ground": ground_layouts(worlds, sizes.triangles) if sizes.triangles else {},
+        "pairs": search_layouts(worlds, sizes.pairs, False) if sizes.pairs else {},
+        "triangles": search_layouts(worlds, sizes.triangles, True) if sizes.triangles else {},
+        "cut": triangle_layouts(worlds, sizes.triangles) if sizes.triangles else {},
+        "taken": triangle_layouts(worlds, sizes.triangles) if sizes.triangles else {},
     }
     return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}
 
