@@ -10,14 +10,19 @@ import warp as wp
 from simwarp.kernels.dynamics.step_parts import (
     StepState,
     answer_worlds,
+    bias_worlds,
     collect_worlds,
+    finish_worlds,
     form_worlds,
     hold_worlds,
     load_worlds,
+    meet_worlds,
     move_worlds,
     project_worlds,
     publish_worlds,
     push_worlds,
+    respond_worlds,
+    settle_worlds,
     solve_worlds_kernel,
     step_state_layouts,
     weigh_worlds,
@@ -76,19 +81,29 @@ def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
     ]
     if topology.row_count > 0:
         commands += [
-            part(form_worlds, *model, control, scratch, state, step),
+            part(form_worlds, topology, parameters, scratch, state, step),
+            part(bias_worlds, *model, control, scratch, state),
             part(answer_worlds, *model, scratch, state),
             part(hold_worlds, *model, scratch, state, step),
         ]
     if topology.box_count > 0 or topology.pair_count > 0:
-        solve = solve_worlds_kernel(arrays.all_solvers)
+        commands.append(part(collect_worlds, *model, control, scratch, state, step))
+        if topology.pair_count > 0:
+            commands += [
+                part(meet_worlds, *model, scratch, state, contacts, step),
+                part(respond_worlds, config, topology, scratch, state, contacts, step),
+                part(settle_worlds, config, topology, scratch, state, step),
+            ]
         commands += [
-            part(collect_worlds, *model, control, scratch, state, contacts, step),
-            part(solve, config, topology, scratch, state, step),
+            part(solve_worlds_kernel(arrays.all_solvers), config, topology, scratch, state, step),
             part(push_worlds, *model, scratch, state, contacts, step),
         ]
     if config.projection_iterations > 0:
         commands.append(part(project_worlds, *model, scratch, state, step))
     if config.reactions == 1:
         commands.append(part(weigh_worlds, *model, control, scratch, step, state, contacts, arrays.reports))
-    return [*commands, part(publish_worlds, *model, scratch, step, state, arrays.reports)]
+    return [
+        *commands,
+        part(publish_worlds, *model, scratch, step, state, arrays.reports),
+        part(finish_worlds, *model, scratch, state),
+    ]

@@ -199,11 +199,11 @@ def answer_rows(
 
 
 @wp.func(inline=True)
-def collect_cones(
+def collect_bounds(
     world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
-    control: ControlArrays, state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+    control: ControlArrays, state: StateArrays, work: Work, cone: ConeProblem,
 ) -> StepProgress:  # fmt: skip
-    """The rows that the cone problem has to decide on: limits, drives, friction and contacts."""
+    """The rows of bounded impulses on coordinates, in front of those of contacts."""
     progress = before
     total_velocities(topology, work)
     for tree_dof in range(topology.tree_dof_count):
@@ -214,6 +214,17 @@ def collect_cones(
     progress.limits = limits
     progress.blocks = limits
     cone.block_row[limits] = limits
+    return progress
+
+
+@wp.func(inline=True)
+def collect_cones(
+    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
+    control: ControlArrays, state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+) -> StepProgress:  # fmt: skip
+    """The rows that the cone problem has to decide on: limits, drives, friction and contacts."""
+    progress = collect_bounds(world, before, config, topology, parameters, control, state, work, cone)
+    limits = progress.limits
     if config.contact_model == RIGID:
         progress.blocks = collect_contacts(
             world, config.dt, limits, limits, topology, parameters, contacts, config, work, cone

@@ -70,11 +70,11 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
         sim = sw.Simulation(MODELS[name]().finalize(2, "cpu"), 1e-3, **options)
         return [command.kernel.key.rpartition("__")[2] for command in sim.physics_commands]
 
-    tree = ["load_worlds", "move_worlds", "publish_worlds"]
-    cones = ["collect_worlds", "solve_worlds", "push_worlds"]
-    assert kernels("pendulum") == tree
-    assert kernels("four_bar") == [
-        *tree[:2], "form_worlds", "answer_worlds", "hold_worlds", "project_worlds", tree[2]
-    ]  # fmt: skip
-    assert kernels("ant") == ["collide_worlds", *tree[:2], *cones, tree[2]]
-    assert kernels("pendulum", joint_reactions=True) == [*tree[:2], "weigh_worlds", tree[2]]
+    start, end = ["load_worlds", "move_worlds"], ["publish_worlds", "finish_worlds"]
+    loops = ["form_worlds", "bias_worlds", "answer_worlds", "hold_worlds", "project_worlds"]
+    contacts = ["meet_worlds", "respond_worlds", "settle_worlds"]
+    assert kernels("pendulum") == [*start, *end]
+    assert kernels("four_bar") == [*start, *loops, *end]
+    collision = ["place_worlds", "touch_worlds", "keep_worlds"]
+    assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, "solve_worlds", "push_worlds", *end]
+    assert kernels("pendulum", joint_reactions=True) == [*start, "weigh_worlds", *end]
