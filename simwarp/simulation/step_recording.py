@@ -7,6 +7,10 @@ from typing import Any
 
 import warp as wp
 
+from simwarp.core.types import ConeSolver
+from simwarp.kernels.cones.solve import FALLBACK
+from simwarp.kernels.core.tables import StepConfig
+from simwarp.kernels.dynamics.solve_parts import newton_worlds, refine_worlds, solve_worlds_kernel
 from simwarp.kernels.dynamics.step_parts import (
     StepState,
     answer_worlds,
@@ -23,7 +27,6 @@ from simwarp.kernels.dynamics.step_parts import (
     push_worlds,
     respond_worlds,
     settle_worlds,
-    solve_worlds_kernel,
     step_state_layouts,
     weigh_worlds,
 )
@@ -63,6 +66,32 @@ def record_step(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
     return [shares.record(kernel, inputs=[*inputs, arrays.contacts], outputs=[arrays.reports])]
 
 
+def _stand_in(config: Any) -> Any:
+    """Numbers for accelerated gradient descent where the solver that was chosen cannot work."""
+    other: Any = StepConfig()
+    for name in StepConfig.vars:
+        setattr(other, name, getattr(config, name))
+    if config.solver == ConeSolver.INTERIOR_POINT:
+        other.max_iterations = int(FALLBACK) * config.max_iterations
+    return other
+
+
+def _solves(arrays: StepArrays) -> list[tuple[Any, ...]]:
+    """Kernels of the cone problem that may be needed, with their first inputs."""
+    model = (arrays.config, arrays.topology)
+    solver = ConeSolver(arrays.config.solver)
+    commands: list[tuple[Any, ...]] = []
+    if solver in (ConeSolver.PADMM, ConeSolver.INTERIOR_POINT):  # which cannot solve all
+        commands.append((solve_worlds_kernel(solver, True), _stand_in(arrays.config), arrays.topology))
+    if solver == ConeSolver.INTERIOR_POINT:
+        commands += [(newton_worlds, *model, 0), (refine_worlds, *model, 0)]
+    else:
+        commands.append((solve_worlds_kernel(solver), *model))
+    if arrays.all_solvers:
+        commands += [(newton_worlds, *model, 1), (refine_worlds, *model, 1)]
+    return commands
+
+
 def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
     """The kernels that this model needs, in turn."""
     step: Any = StepState()
@@ -95,7 +124,7 @@ def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
                 part(settle_worlds, config, topology, scratch, state, step),
             ]
         commands += [
-            part(solve_worlds_kernel(arrays.all_solvers), config, topology, scratch, state, step),
+            *(part(kernel, *inputs, scratch, state, step) for kernel, *inputs in _solves(arrays)),
             part(push_worlds, *model, scratch, state, contacts, step),
         ]
     if config.projection_iterations > 0:

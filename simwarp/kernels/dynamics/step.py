@@ -120,8 +120,8 @@ def cone_config(config: StepConfig) -> ConeConfig:
 
 
 @wp.func
-def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
-    """The problem of the first `blocks` blocks; its Schur complement is formed as long as it is small."""
+def sized_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
+    """The problem of the first `blocks` blocks, without its Schur complement."""
     problem = cone
     problem.block_count = blocks
     problem.row_count = cone.block_row[blocks]
@@ -134,6 +134,14 @@ def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: Cone
     problem.dense = 0
     if problem.row_count <= config.dense_rows:
         problem.dense = 1
+    return problem
+
+
+@wp.func
+def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
+    """The problem of the first `blocks` blocks; its Schur complement is formed as long as it is small."""
+    problem = sized_problem(blocks, topology, config, cone)
+    if problem.dense == 1:
         assemble_dense(blocks, topology, cone)
     return problem
 

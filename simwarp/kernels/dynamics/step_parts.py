@@ -4,7 +4,6 @@ One kernel with everything inlined would need five minutes to compile for a GPU,
 the instruction cache. Between the kernels the intermediate values stay in the scratch, where every world has a slot.
 """
 
-import functools
 from typing import Any
 
 import warp as wp
@@ -26,8 +25,6 @@ from simwarp.kernels.dynamics.step import (
     StepProgress,
     answer_rows,
     collect_bounds,
-    cone_config,
-    cone_problem,
     enforce_rows,
     load_step,
     move_freely,
@@ -39,8 +36,6 @@ from simwarp.kernels.dynamics.world import (
     pack,
     pack_cone,
     report_progress,
-    solve_or_fall_back,
-    solve_quickly,
 )
 
 wp.set_module_options(MODULE_OPTIONS)
@@ -58,12 +53,14 @@ class StepState:
     row_residual: wp.array[float]
     position_error: wp.array[float]
     cone_residual: wp.array[float]
+    newton_steps: wp.array[int]  # of the interior point; -1: it does not run
+    newton_residual: wp.array[float]
 
 
 def step_state_layouts(worlds: int) -> dict[str, ArrayLayout]:
     """The arrays of a `StepState`."""
-    whole = ("limits", "blocks", "iterations")
-    names = [*whole, "row_residual", "position_error", "cone_residual"]
+    whole = ("limits", "blocks", "iterations", "newton_steps")
+    names = [*whole, "row_residual", "position_error", "cone_residual", "newton_residual"]
     return {name: ArrayLayout((worlds,), wp.int32 if name in whole else wp.float32) for name in names}
 
 
@@ -320,35 +317,6 @@ def settle_worlds(
     )  # fmt: skip
 
 
-@functools.cache
-def solve_worlds_kernel(all_solvers: bool) -> wp.Kernel:
-    """The cone problems, with accelerated gradient descent as the only solver or with all of them."""
-    solve = solve_or_fall_back if all_solvers else solve_quickly
-
-    @wp.kernel(**PART)
-    def solve_worlds(
-        # inputs
-        worlds: WorldRange,
-        config: StepConfig,
-        topology: Topology,
-        scratch: Scratch,
-        # in and out
-        state: StateArrays,
-        step: StepState,
-    ):
-        """Solves the cone problems of all worlds that have one."""
-        world = worlds.first + wp.tid()
-        if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
-            return
-        scratch_slot = scratch_slot_of(world, worlds)
-        problem = cone_problem(step.blocks[world], topology, config, pack_cone(scratch, scratch_slot))
-        solution = solve(problem, cone_config(config), scratch.kept[scratch_slot])
-        step.iterations[world] = solution.iterations
-        step.cone_residual[world] = solution.residual
-
-    return solve_worlds
-
-
 @wp.kernel(**PART)
 def push_worlds(
     # inputs
@@ -478,9 +446,9 @@ def finish_worlds(
 
 
 def kernels_for_cuda_check() -> list[wp.Kernel]:
-    """All parts, with the large solver."""
+    """All parts but the solvers."""
     return [
         load_worlds, move_worlds, form_worlds, bias_worlds, answer_worlds, hold_worlds, collect_worlds, meet_worlds,
-        respond_worlds, settle_worlds, solve_worlds_kernel(False), solve_worlds_kernel(True), push_worlds,
+        respond_worlds, settle_worlds, push_worlds,
         project_worlds, weigh_worlds, publish_worlds, finish_worlds,
     ]  # fmt: skip
