@@ -68,8 +68,9 @@ def record_step(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
 
 def _stand_in(config: Any) -> Any:
     """Numbers for accelerated gradient descent where the solver that was chosen cannot work."""
-    other: Any = StepConfig()
-    for name in StepConfig.vars:
+    struct: Any = StepConfig
+    other = struct()
+    for name in struct.vars:
         setattr(other, name, getattr(config, name))
     if config.solver == ConeSolver.INTERIOR_POINT:
         other.max_iterations = int(FALLBACK) * config.max_iterations

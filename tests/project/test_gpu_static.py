@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 REGISTERS = 168
 """A thread's share of a multiprocessor on which twelve warps work."""
 OVER_BUDGET = {"newton_worlds"}
-"""Newton steps of the interior point, in double precision: compiled where that solver may run, see docs/decisions.md."""
+"""Newton steps of the interior point, in double precision: compiled only where it may run (docs/decisions.md)."""
 COMPILE_CPU_S = 20.0
 CODE = 300_000
 """Bytes of machine code of a module: the second-level instruction cache holds about as much."""
