@@ -24,13 +24,13 @@ from typing import Any
 
 import warp as wp
 
-from simwarp.kernels.dynamics.step_parts import solve_worlds_kernel
-
 ARCH = 90
 """Hopper: what the package is tuned for."""
 SETS = {
-    "step": "simwarp.kernels.dynamics.step_parts", "state": "simwarp.kernels.dynamics.world",
-    "collision": "simwarp.kernels.collision.collide", "tires": "simwarp.kernels.vehicle.tires.tires",
+    "step": "simwarp.kernels.dynamics.step_parts", "solve": "simwarp.kernels.dynamics.solve_parts",
+    "collision": "simwarp.kernels.collision.collide_parts", "triangles": "simwarp.kernels.collision.triangle_parts",
+    "state": "simwarp.kernels.dynamics.world",
+    "tires": "simwarp.kernels.vehicle.tires.tires",
     "camera": "simwarp.kernels.sensors.cameras.image",
 }  # fmt: skip
 
@@ -64,9 +64,9 @@ def assembler() -> Path | None:
 
 
 def step_kernels() -> list[wp.Kernel]:
-    """The parts of a step without the kernel of all cone solvers, which compiles when it is asked for."""
-    kernels: list[wp.Kernel] = importlib.import_module(SETS["step"]).kernels_for_cuda_check()
-    return [kernel for kernel in kernels if kernel is not solve_worlds_kernel(True)]
+    """All kernels of a step and of its collision, each in a module of its own."""
+    names = ("step", "solve", "collision", "triangles")
+    return [kernel for name in names for kernel in importlib.import_module(SETS[name]).kernels_for_cuda_check()]
 
 
 def modules(only: str) -> Iterator[tuple[str, Any]]:

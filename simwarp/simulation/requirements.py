@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from simwarp.core.types import ArrayLayout
-from simwarp.kernels.collision.collide import CollisionSizes, collision_layouts
+from simwarp.kernels.collision.placement import CollisionSizes, collision_layouts
 from simwarp.kernels.cones.problem import WIDE_VECTORS
 from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_VECTORS
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts

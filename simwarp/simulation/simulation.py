@@ -15,7 +15,7 @@ from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
 from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
-from simwarp.kernels.collision.collide import collide_worlds, make_collision_scratch
+from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.energy import measure_energy
 from simwarp.kernels.dynamics.world import (
@@ -30,6 +30,7 @@ from simwarp.model.checks import checked_flag, whole_number
 from simwarp.model.identity import run_parts
 from simwarp.model.layouts import run_layouts
 from simwarp.model.model import FEWER, Model
+from simwarp.simulation.collision_recording import CollisionArrays, parts_layouts, record_collision
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.protocols import ForceElement, Sensor
@@ -119,6 +120,8 @@ class Simulation(FixedAttributes):
         """Where the sensors' clocks stand between two looks."""
         slots = scratch_slots_of(self.shares)
         layouts |= step_layouts(model, sizes, slots)
+        if self.shares.own_slots:
+            layouts |= parts_layouts(model)
         copies = sum(4 * array.size for array in element_memory)
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
         self.control = Control(model, elements=bool(self.elements))
@@ -323,17 +326,13 @@ class Simulation(FixedAttributes):
     def _record_step(self, all_solvers: bool) -> list[Any]:
         """The physics of a step as recorded launches: a fifth of the host time of fresh ones."""
         commands = [command for part in self.elements for command in part.record(self, self._config.dt)]
-        if self.model.topology.pair_count > 0:
-            commands.append(
-                self.shares.record(
-                    collide_worlds,
-                    inputs=[
-                        self._config, self.model.topology, self.model.parameters, self.model.assets,
-                        self.state.arrays, self._collision_scratch,
-                    ],
-                    outputs=[self.contacts.arrays],
-                )
-            )  # fmt: skip
+        commands += record_collision(
+            self.shares,
+            CollisionArrays(
+                config=self._config, model=self.model, state=self.state.arrays, contacts=self.contacts.arrays,
+                scratch=self._collision_scratch,
+            ),
+        )  # fmt: skip
         arrays = StepArrays(
             config=self._config, topology=self.model.topology, parameters=self.model.parameters,
             control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,

@@ -7,18 +7,26 @@ from typing import Any
 
 import warp as wp
 
+from simwarp.core.types import ConeSolver
+from simwarp.kernels.cones.solve import FALLBACK
+from simwarp.kernels.core.tables import StepConfig
+from simwarp.kernels.dynamics.solve_parts import newton_worlds, refine_worlds, solve_worlds_kernel
 from simwarp.kernels.dynamics.step_parts import (
     StepState,
     answer_worlds,
+    bias_worlds,
     collect_worlds,
+    finish_worlds,
     form_worlds,
     hold_worlds,
     load_worlds,
+    meet_worlds,
     move_worlds,
     project_worlds,
     publish_worlds,
     push_worlds,
-    solve_worlds_kernel,
+    respond_worlds,
+    settle_worlds,
     step_state_layouts,
     weigh_worlds,
 )
@@ -58,6 +66,33 @@ def record_step(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
     return [shares.record(kernel, inputs=[*inputs, arrays.contacts], outputs=[arrays.reports])]
 
 
+def _stand_in(config: Any) -> Any:
+    """Numbers for accelerated gradient descent where the solver that was chosen cannot work."""
+    struct: Any = StepConfig
+    other = struct()
+    for name in struct.vars:
+        setattr(other, name, getattr(config, name))
+    if config.solver == ConeSolver.INTERIOR_POINT:
+        other.max_iterations = int(FALLBACK) * config.max_iterations
+    return other
+
+
+def _solves(arrays: StepArrays) -> list[tuple[Any, ...]]:
+    """Kernels of the cone problem that may be needed, with their first inputs."""
+    model = (arrays.config, arrays.topology)
+    solver = ConeSolver(arrays.config.solver)
+    commands: list[tuple[Any, ...]] = []
+    if solver in (ConeSolver.PADMM, ConeSolver.INTERIOR_POINT):  # which cannot solve all
+        commands.append((solve_worlds_kernel(solver, True), _stand_in(arrays.config), arrays.topology))
+    if solver == ConeSolver.INTERIOR_POINT:
+        commands += [(newton_worlds, *model, 0), (refine_worlds, *model, 0)]
+    else:
+        commands.append((solve_worlds_kernel(solver), *model))
+    if arrays.all_solvers:
+        commands += [(newton_worlds, *model, 1), (refine_worlds, *model, 1)]
+    return commands
+
+
 def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
     """The kernels that this model needs, in turn."""
     step: Any = StepState()
@@ -76,19 +111,29 @@ def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
     ]
     if topology.row_count > 0:
         commands += [
-            part(form_worlds, *model, control, scratch, state, step),
+            part(form_worlds, topology, parameters, scratch, state, step),
+            part(bias_worlds, *model, control, scratch, state),
             part(answer_worlds, *model, scratch, state),
             part(hold_worlds, *model, scratch, state, step),
         ]
     if topology.box_count > 0 or topology.pair_count > 0:
-        solve = solve_worlds_kernel(arrays.all_solvers)
+        commands.append(part(collect_worlds, *model, control, scratch, state, step))
+        if topology.pair_count > 0:
+            commands += [
+                part(meet_worlds, *model, scratch, state, contacts, step),
+                part(respond_worlds, config, topology, scratch, state, contacts, step),
+                part(settle_worlds, config, topology, scratch, state, step),
+            ]
         commands += [
-            part(collect_worlds, *model, control, scratch, state, contacts, step),
-            part(solve, config, topology, scratch, state, step),
+            *(part(kernel, *inputs, scratch, state, step) for kernel, *inputs in _solves(arrays)),
             part(push_worlds, *model, scratch, state, contacts, step),
         ]
     if config.projection_iterations > 0:
         commands.append(part(project_worlds, *model, scratch, state, step))
     if config.reactions == 1:
         commands.append(part(weigh_worlds, *model, control, scratch, step, state, contacts, arrays.reports))
-    return [*commands, part(publish_worlds, *model, scratch, step, state, arrays.reports)]
+    return [
+        *commands,
+        part(publish_worlds, *model, scratch, step, state, arrays.reports),
+        part(finish_worlds, *model, scratch, state),
+    ]

@@ -79,7 +79,10 @@ def compile_for_cuda(module: ModuleType, folder: Path | None = None) -> int:
 # Ten seconds to ten minutes of NVRTC each
 LONG = {
     f"simwarp.kernels.{name}"
-    for name in ("dynamics.world", "cones.batch", "collision.collide", "vehicle.tires.tires", "sensors.cameras.image")
+    for name in (
+        "dynamics.world", "dynamics.step_parts", "dynamics.solve_parts", "cones.batch", "collision.collide",
+        "collision.collide_parts", "collision.triangle_parts", "vehicle.tires.tires", "sensors.cameras.image",
+    )
 }  # fmt: skip
 MODULES = [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in kernel_modules()]
 

@@ -14,8 +14,8 @@ from scripts import gpu_static
 ROOT = Path(__file__).resolve().parents[2]
 REGISTERS = 168
 """A thread's share of a multiprocessor on which twelve warps work."""
-KNOWN_REGISTERS = {"form_worlds": 240, "collect_worlds": 255, "publish_worlds": 192}
-"""Parts that take more: see docs/decisions.md."""
+OVER_BUDGET = {"newton_worlds"}
+"""Newton steps of the interior point, in double precision: compiled only where it may run (docs/decisions.md)."""
 COMPILE_CPU_S = 20.0
 CODE = 300_000
 """Bytes of machine code of a module: the second-level instruction cache holds about as much."""
@@ -34,12 +34,12 @@ def ptxas():
 @pytest.mark.parametrize("index", range(len(STEP)), ids=STEP)
 def test_a_part_of_the_step_keeps_its_budgets(index, ptxas):
     """No spills, few registers, little code, and seconds to compile."""
-    kernel = gpu_static.step_kernels()[index]
-    (cost,) = gpu_static.costs_of(kernel.module, ptxas)
-    assert cost.spilled == 0
-    assert cost.registers <= KNOWN_REGISTERS.get(STEP[index], REGISTERS)
-    assert cost.code <= CODE
+    (cost,) = gpu_static.costs_of(gpu_static.step_kernels()[index].module, ptxas)
     assert cost.compile_cpu_s <= COMPILE_CPU_S
+    if STEP[index] not in OVER_BUDGET:
+        assert cost.spilled == 0
+        assert cost.registers <= REGISTERS
+        assert cost.code <= CODE
 
 
 @pytest.mark.skipif(wp.is_cuda_available(), reason="there is a GPU")

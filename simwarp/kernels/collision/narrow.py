@@ -172,6 +172,35 @@ def capsule_axis(a: Shape, b: Shape) -> Axis:
 
 
 @wp.func
+def has_formula(low: int, high: int) -> bool:
+    """True if the contacts of two convex shapes are written down, without a search; `low` is the smaller kind."""
+    return low == PLANE or (low == SPHERE and (high <= CAPSULE or high == BOX))
+
+
+@wp.func
+def formula_contacts(p: Shape, q: Shape, reach: float, flip: int, assets: Assets, out: Manifold) -> int:
+    """Contacts of a pair that `has_formula`."""
+    if p.kind == PLANE:
+        return plane_contacts(p, q, reach, flip, assets, out)
+    if q.kind <= CAPSULE:
+        return sphere_segment(p, q, reach, flip, out)
+    return sphere_box(p, q, reach, flip, out)
+
+
+@wp.func
+def searched_contacts(p: Shape, q: Shape, reach: float, flip: int, assets: Assets, out: Manifold) -> int:
+    """Contacts of two convex shapes whose normal is looked for."""
+    axis = Axis()
+    if p.kind == CAPSULE and q.kind == CAPSULE:
+        axis = capsule_axis(p, q)
+    else:
+        axis = separation_axis(p, q, reach, assets)
+    if axis.separation - rounding(p) - rounding(q) >= reach:
+        return 0
+    return contact_manifold(p, q, axis, reach, flip, assets, out)
+
+
+@wp.func
 def collide(a: Shape, b: Shape, reach: float, assets: Assets, out: Manifold) -> int:
     """Contacts of two shapes whose gap is below `reach` [m], at most MANIFOLD_CONTACTS; returns how many.
 
@@ -186,17 +215,6 @@ def collide(a: Shape, b: Shape, reach: float, assets: Assets, out: Manifold) -> 
         q = a
     if q.kind == PLANE:
         return 0
-    if p.kind == PLANE:
-        return plane_contacts(p, q, reach, flip, assets, out)
-    if p.kind == SPHERE and q.kind <= CAPSULE:
-        return sphere_segment(p, q, reach, flip, out)
-    if p.kind == SPHERE and q.kind == BOX:
-        return sphere_box(p, q, reach, flip, out)
-    axis = Axis()
-    if p.kind == CAPSULE and q.kind == CAPSULE:
-        axis = capsule_axis(p, q)
-    else:
-        axis = separation_axis(p, q, reach, assets)
-    if axis.separation - rounding(p) - rounding(q) >= reach:
-        return 0
-    return contact_manifold(p, q, axis, reach, flip, assets, out)
+    if has_formula(p.kind, q.kind):
+        return formula_contacts(p, q, reach, flip, assets, out)
+    return searched_contacts(p, q, reach, flip, assets, out)

@@ -30,6 +30,59 @@ from simwarp.kernels.collision.triangles import (
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 
+@wp.struct
+class FacingTriangle:
+    """A triangle of the ground as a convex shape sees it."""
+
+    t: Triangle
+    low: wp.vec3  # the shape's lowest point
+    gap: float  # of that along the triangle's normal [m]
+    height: float  # of the shape's middle above it [m]
+    sunk: int  # 1: the middle is below the triangle
+    wanted: int  # 1: there may be contacts
+
+
+@wp.func
+def facing_triangle(
+    g: TriangleSurface, index: int, b: Shape, middle: wp.vec3, up: wp.vec3, reach: float, assets: Assets
+) -> FacingTriangle:
+    """Where a shape is, seen from a triangle."""
+    f = FacingTriangle()
+    t = ground_triangle(g, index, assets)
+    low = b.x + support(b, -t.normal, assets) - rounding(b) * t.normal
+    gap = wp.dot(t.normal, low - t.p0) - g.margin
+    top = wp.dot(t.normal, b.x + support(b, t.normal, assets) - t.p0) + rounding(b) + g.margin
+    f.t = t
+    f.low = low
+    f.gap = gap
+    f.height = wp.dot(t.normal, middle - t.p0)
+    f.wanted = 1
+    if f.height < 0.0 and covers(t, wp.where(g.kind == MESH, t.normal, up), middle):
+        f.sunk = 1
+    if gap >= reach or top < 0.0:
+        f.wanted = 0
+    return f
+
+
+@wp.func
+def take_contacts(
+    before: ContactAccumulator, contacts: int, f: FacingTriangle, g: TriangleSurface, b: Shape, size: float,
+    assets: Assets, manifold: Manifold, raw: RawContacts,
+) -> ContactAccumulator:  # fmt: skip
+    """Adds the contacts with one triangle to those of the others."""
+    found = before
+    if f.sunk == 1:
+        overlap = float(NEVER)
+        for i in range(contacts):
+            overlap = wp.min(overlap, manifold.gap[i])
+        if overlap < 0.0:
+            found = add_penetrating(found, f.t, f.low, f.gap)
+    else:
+        ahead = wp.where(f.height >= 0.0, 1, 0)
+        found = add_contacts(found, contacts, g, f.t, b, ahead, size, assets, manifold, raw)
+    return found
+
+
 @wp.func
 def pair_contacts(
     a: Shape,
@@ -54,41 +107,21 @@ def pair_contacts(
     while count > 0:
         for k in range(count):
             first = a
-            t = Triangle()
-            low = wp.vec3()
-            gap = float(0.0)
-            height = float(1.0)
-            sunk = int(0)
-            wanted = int(1)
+            f = FacingTriangle()
+            f.wanted = 1
             if g.kind >= 0:
-                t = ground_triangle(g, raw.triangle[k], assets)
-                first = triangle_shape(t.p0, t.p1, t.p2, g.margin)
-                low = b.x + support(b, -t.normal, assets) - rounding(b) * t.normal
-                gap = wp.dot(t.normal, low - t.p0) - g.margin
-                top = wp.dot(t.normal, b.x + support(b, t.normal, assets) - t.p0) + rounding(b) + g.margin
-                height = wp.dot(t.normal, middle - t.p0)
-                if height < 0.0 and covers(t, wp.where(g.kind == MESH, t.normal, up), middle):
-                    sunk = 1
-                if gap >= reach or top < 0.0:
-                    wanted = 0
-                if sunk == 1 and g.kind == HEIGHT_FIELD:
-                    found = add_penetrating(found, t, low, gap)
-                    wanted = 0
-            if wanted == 1:
+                f = facing_triangle(g, raw.triangle[k], b, middle, up, reach, assets)
+                first = triangle_shape(f.t.p0, f.t.p1, f.t.p2, g.margin)
+                if f.sunk == 1 and g.kind == HEIGHT_FIELD:
+                    found = add_penetrating(found, f.t, f.low, f.gap)
+                    f.wanted = 0
+            if f.wanted == 1:
                 if g.kind >= 0 and b.kind == SPHERE:
-                    contacts = triangle_sphere(t, g.margin, b, reach, manifold)
+                    contacts = triangle_sphere(f.t, g.margin, b, reach, manifold)
                 else:
                     contacts = collide(first, b, reach, assets, manifold)
                 if g.kind >= 0:
-                    if sunk == 1:
-                        overlap = float(NEVER)
-                        for i in range(contacts):
-                            overlap = wp.min(overlap, manifold.gap[i])
-                        if overlap < 0.0:
-                            found = add_penetrating(found, t, low, gap)
-                    else:
-                        ahead = wp.where(height >= 0.0, 1, 0)
-                        found = add_contacts(found, contacts, g, t, b, ahead, size, assets, manifold, raw)
+                    found = take_contacts(found, contacts, f, g, b, size, assets, manifold, raw)
         if g.kind >= 0 and count == TRIANGLE_BATCH:
             count = gather(g, raw.triangle[count - 1] + 1, raw.triangle, assets)
         else:

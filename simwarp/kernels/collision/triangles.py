@@ -300,27 +300,66 @@ def add_penetrating(found: ContactAccumulator, t: Triangle, low: wp.vec3, gap: f
     return now
 
 
+@wp.struct
+class SurfaceContact:
+    """A contact with one triangle as the whole surface has it."""
+
+    taken: int  # 0: it has none
+    normal: wp.vec3
+    point: wp.vec3
+    gap: float
+    feature: int
+
+
 @wp.func
-def add_deepest_vertices(
-    count: int, deepest: float, g: TriangleSurface, t: Triangle, b: Shape, size: float, assets: Assets, raw: RawContacts
-) -> int:
-    """Contacts along the face normal at the shape's lowest points (corners, the ends of an edge) behind a triangle.
+def deepest_vertex(
+    k: int, deepest: float, g: TriangleSurface, t: Triangle, b: Shape, assets: Assets
+) -> SurfaceContact:  # fmt: skip
+    """Contact along the face normal at one of a shape's lowest points (corners, the ends of an edge) behind a triangle.
 
     For overlaps that leave the triangle sideways by less than they are deep, as that of a box's corner pushed into a
-    node of the grid does for each triangle around it. `deepest`: that sideways overlap [m].
+    node of the grid does for each triangle around it. `deepest`: that sideways overlap [m]; `k`: 0 to 3.
     """
-    now = int(count)
+    c = SurfaceContact()
     u = safe_direction(wp.cross(t.normal, t.p1 - t.p0), wp.vec3(1.0, 0.0, 0.0))
     v = wp.cross(t.normal, u)
-    for k in range(4):
-        tilt = wp.where(k % 2 == 0, TILT, -TILT) * u + wp.where(k < 2, TILT, -TILT) * v
-        low = b.x + support(b, wp.normalize(tilt - t.normal), assets) - rounding(b) * t.normal
-        height = wp.dot(t.normal, low - t.p0)
-        gap = height - g.margin
-        distance = distance_to(t, low)
-        if gap < 0.0 and gap > -STEEP * deepest and distance * distance < height * height + 0.25 * gap * gap:
-            now = add_raw(now, t.normal, low - gap * t.normal, gap, feature_id(t.index, 8187 + k), size, raw)
-    return now
+    tilt = wp.where(k % 2 == 0, TILT, -TILT) * u + wp.where(k < 2, TILT, -TILT) * v
+    low = b.x + support(b, wp.normalize(tilt - t.normal), assets) - rounding(b) * t.normal
+    height = wp.dot(t.normal, low - t.p0)
+    gap = height - g.margin
+    distance = distance_to(t, low)
+    if gap < 0.0 and gap > -STEEP * deepest and distance * distance < height * height + 0.25 * gap * gap:
+        c.taken = 1
+        c.normal = t.normal
+        c.point = low - gap * t.normal
+        c.gap = gap
+        c.feature = feature_id(t.index, 8187 + k)
+    return c
+
+
+@wp.func
+def surface_contact(
+    i: int, g: TriangleSurface, t: Triangle, size: float, assets: Assets, manifold: Manifold
+) -> SurfaceContact:  # fmt: skip
+    """Contact `i` of one triangle, if the surface as a whole has it."""
+    c = SurfaceContact()
+    n = manifold.normal[i]
+    point = manifold.point[i]
+    at = point + manifold.gap[i] * n
+    if wp.length_sq(n - t.normal) < SAME_NORMAL * SAME_NORMAL:
+        face_gap = wp.dot(t.normal, at - t.p0) - g.margin
+        c.taken = 1
+        c.normal = t.normal
+        c.point = at - face_gap * t.normal
+        c.gap = face_gap
+        c.feature = feature_id(t.index, manifold.feature[i])
+    elif is_valid_contact_normal(g, t, n, point - g.margin * n, size, assets):
+        c.taken = 1
+        c.normal = n
+        c.point = point
+        c.gap = manifold.gap[i]
+        c.feature = feature_id(t.index, manifold.feature[i]) | EDGE_CONTACT
+    return c
 
 
 @wp.func
@@ -335,20 +374,16 @@ def add_contacts(
     now = found
     dropped = float(0.0)
     for i in range(contacts):
-        n = manifold.normal[i]
-        point = manifold.point[i]
-        at = point + manifold.gap[i] * n
-        if wp.length_sq(n - t.normal) < SAME_NORMAL * SAME_NORMAL:
-            face_gap = wp.dot(t.normal, at - t.p0) - g.margin
-            feature = feature_id(t.index, manifold.feature[i])
-            now.count = add_raw(now.count, t.normal, at - face_gap * t.normal, face_gap, feature, size, raw)
-        elif is_valid_contact_normal(g, t, n, point - g.margin * n, size, assets):
-            feature = feature_id(t.index, manifold.feature[i]) | EDGE_CONTACT
-            now.count = add_raw(now.count, n, point, manifold.gap[i], feature, size, raw)
+        c = surface_contact(i, g, t, size, assets, manifold)
+        if c.taken == 1:
+            now.count = add_raw(now.count, c.normal, c.point, c.gap, c.feature, size, raw)
         else:
             dropped = wp.max(dropped, -manifold.gap[i])
     if dropped > 0.0 and ahead == 1 and b.kind != SPHERE:  # whose contact is exact
-        now.count = add_deepest_vertices(now.count, dropped, g, t, b, size, assets, raw)
+        for k in range(4):
+            c = deepest_vertex(k, dropped, g, t, b, assets)
+            if c.taken == 1:
+                now.count = add_raw(now.count, c.normal, c.point, c.gap, c.feature, size, raw)
     return now
 
 

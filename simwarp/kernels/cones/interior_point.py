@@ -263,11 +263,8 @@ def take_gamma(problem: ConeProblem, friction_law: int) -> float:
 
 
 @wp.func
-def solve_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveReport:
-    """Sets gamma <- the solution, in max_iterations Newton steps per solve; the start only serves De Saxcé.
-
-    The problem has to pass `can_factorise`.
-    """
+def start_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveReport:
+    """The Newton steps of `solve_interior_point`."""
     report = SolveReport()
     n = problem.row_count
     set_scales(problem)
@@ -276,22 +273,31 @@ def solve_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveRepor
         problem.wide[GAMMA, row] = wp.float64(problem.gamma[row])
     take_gamma(problem, config.friction_law)
     updates = int(1)
-    most = int(FINISH)
     if config.friction_law == EXACT:
         updates = int(TERM_UPDATES)
-        most = int(EXACT_FINISH)
-    steps = int(0)
     inner = float(1.0e30)
     law = int(0)
     while law < updates and inner > config.tolerance:
         law += 1
         inside = solve_convex(problem, config, config.friction_law)
-        steps += inside.iterations
+        report.iterations += inside.iterations
         inner = take_gamma(problem, config.friction_law)
+    report.residual = inner
+    return report
+
+
+@wp.func
+def finish_interior_point(problem: ConeProblem, config: ConeConfig, newton: SolveReport) -> SolveReport:
+    """Its accelerated gradient steps at the end; gamma <- the better of the two."""
+    report = SolveReport()
+    most = int(FINISH)
+    if config.friction_law == EXACT:
+        most = int(EXACT_FINISH)
+    inner = newton.residual
     finish = accelerate(problem, config, most)
-    report.iterations = steps + finish.iterations
+    report.iterations = newton.iterations + finish.iterations
     report.residual = wp.min(inner, finish.residual)
-    for row in range(n):
+    for row in range(problem.row_count):
         gamma = problem.vectors[BEST, row]
         low = float(0.0)
         if inner <= 2.0 * finish.residual:
@@ -301,3 +307,12 @@ def solve_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveRepor
         problem.gamma[row] = gamma
         problem.vectors[LOW, row] = low
     return report
+
+
+@wp.func
+def solve_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveReport:
+    """Sets gamma <- the solution, in max_iterations Newton steps per solve; the start only serves De Saxcé.
+
+    The problem has to pass `can_factorise`.
+    """
+    return finish_interior_point(problem, config, start_interior_point(problem, config))

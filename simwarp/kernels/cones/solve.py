@@ -25,19 +25,33 @@ FALLBACK_STEPS = wp.constant(25)
 
 
 @wp.func
-def solve(problem: ConeProblem, config: ConeConfig) -> SolveReport:
-    """Sets gamma <- the solution by the solver of the configuration, from the warm start in gamma.
-
-    Accelerated gradient descent stands in for PADMM and the interior point where there is no dense S, and for the
-    interior point where there is rolling friction.
+def solver_of(problem: ConeProblem, config: ConeConfig) -> int:
+    """The solver of the configuration, or accelerated gradient descent where that cannot do it: there is no dense S
+    (PADMM, interior point), or rolling friction (interior point).
     """
-    solver = int(config.solver)
-    most = int(config.max_iterations)
-    if solver == INTERIOR_POINT and not can_factorise(problem):
-        solver = APGD
-        most = FALLBACK * config.max_iterations
-    if solver == PADMM and problem.dense == 0:
-        solver = APGD
+    if config.solver == INTERIOR_POINT and not can_factorise(problem):
+        return APGD
+    if config.solver == PADMM and problem.dense == 0:
+        return APGD
+    return config.solver
+
+
+@wp.func
+def gradient_config(config: ConeConfig) -> ConeConfig:
+    """Numbers of accelerated gradient descent, which may stand in for the interior point."""
+    chosen = ConeConfig()
+    chosen.friction_law = config.friction_law
+    chosen.tolerance = config.tolerance
+    chosen.max_iterations = config.max_iterations
+    if config.solver == INTERIOR_POINT:
+        chosen.max_iterations = FALLBACK * config.max_iterations
+    return chosen
+
+
+@wp.func
+def solve(problem: ConeProblem, config: ConeConfig) -> SolveReport:
+    """Sets gamma <- the solution by the solver of the configuration (`solver_of`), from the warm start in gamma."""
+    solver = solver_of(problem, config)
     report = SolveReport()
     if solver == PSOR:
         report = solve_psor(problem, config)
@@ -48,11 +62,7 @@ def solve(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     elif solver == INTERIOR_POINT:
         report = solve_interior_point(problem, config)
     else:
-        chosen = ConeConfig()
-        chosen.friction_law = config.friction_law
-        chosen.tolerance = config.tolerance
-        chosen.max_iterations = most
-        report = solve_apgd(problem, chosen)
+        report = solve_apgd(problem, gradient_config(config))
     return report
 
 

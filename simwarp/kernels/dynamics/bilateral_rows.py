@@ -159,6 +159,65 @@ def free_mobility(body: int, world: int, wrench: Wrench, parameters: Parameters)
 
 
 @wp.func
+def loop_row_limit(kind: int, config: StepConfig) -> float:
+    """Fastest correction of a row [m/s or rad/s]."""
+    limit = config.max_depenetration_velocity
+    if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
+        limit = config.max_depenetration_rate
+    return limit
+
+
+@wp.func(inline=True)
+def loop_row_wrenches(
+    row: int, joint: int, world: int, frames: JointFrames, topology: Topology, parameters: Parameters, work: Work
+) -> wp.float64:
+    """Wrenches of one row of a loop joint, and the scale of its pivot; returns its value."""
+    kind = topology.row_kind[row]
+    offset = wp.float64(0.0)
+    if topology.row_dof[row] < 0:
+        offset = row_offset(kind, joint, world, parameters)
+    geometry = row_geometry(
+        topology.joint_type[joint], kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames
+    )
+    work.j0_ang[row] = geometry.w0.ang
+    work.j0_lin[row] = geometry.w0.lin
+    work.j1_ang[row] = geometry.w1.ang
+    work.j1_lin[row] = geometry.w1.lin
+    work.row_scale[row] = free_mobility(topology.joint_body0[joint], world, geometry.w0, parameters) + free_mobility(
+        topology.joint_body1[joint], world, geometry.w1, parameters
+    )
+    return geometry.value
+
+
+@wp.func(inline=True)
+def loop_row_law(
+    row: int, joint: int, world: int, dt: float, time: wp.float64, value: wp.float64, topology: Topology,
+    parameters: Parameters, state: StateArrays, control: ControlArrays, config: StepConfig, work: Work,
+):  # fmt: skip
+    """Right-hand side and compliance of one row, whose wrenches are there: rigid, prescribed, or an effort."""
+    dof = topology.row_dof[row]
+    limit = loop_row_limit(topology.row_kind[row], config)
+    bias = float(0.0)
+    compliance = float(0.0)
+    if dof < 0:
+        bias = wp.clamp(float(value) / dt, -limit, limit)
+    elif topology.dof_drive[dof] >= PRESCRIBED_POSITION:
+        bias = -prescribed_rate(dof, world, dt, time, state.joint_x[world, dof], limit, topology, control)
+    else:
+        implicit = dof_effort(
+            dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+        )
+        # an effort without stiffness is a plain impulse: written as an almost infinitely compliant row
+        gain = wp.max(implicit.gain, 1.0e-9)
+        compliance = 1.0 / gain
+        bias = -implicit.effort / gain
+    link0 = link_of(topology.joint_body0[joint], topology)
+    link1 = link_of(topology.joint_body1[joint], topology)
+    work.row_b[row] = bias + start_speed(row, topology, work, link0, link1)
+    work.row_compliance[row] = compliance
+
+
+@wp.func
 def loop_joint_rows(
     index: int, world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, config: StepConfig, work: Work,
@@ -166,45 +225,12 @@ def loop_joint_rows(
     """Wrenches and right-hand sides of one loop joint's rows; returns its largest violation."""
     joint = topology.loop_joint[index]
     frames = joint_frames(joint, world, topology, parameters, work)
-    link0 = link_of(topology.joint_body0[joint], topology)
-    link1 = link_of(topology.joint_body1[joint], topology)
     violation = float(0.0)
     for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
-        kind = topology.row_kind[row]
-        dof = topology.row_dof[row]
-        offset = wp.float64(0.0)
-        if dof < 0:
-            offset = row_offset(kind, joint, world, parameters)
-        geometry = row_geometry(
-            topology.joint_type[joint], kind, topology.row_axis0[row], topology.row_axis1[row], offset, frames
-        )
-        work.j0_ang[row] = geometry.w0.ang
-        work.j0_lin[row] = geometry.w0.lin
-        work.j1_ang[row] = geometry.w1.ang
-        work.j1_lin[row] = geometry.w1.lin
-        limit = config.max_depenetration_velocity
-        if kind == DOT or kind == ANGLE0 or kind == ANGLE1:
-            limit = config.max_depenetration_rate
-        bias = float(0.0)
-        compliance = float(0.0)
-        if dof < 0:
-            bias = wp.clamp(float(geometry.value) / dt, -limit, limit)
-            violation = wp.max(violation, wp.abs(float(geometry.value)))
-        elif topology.dof_drive[dof] >= PRESCRIBED_POSITION:
-            bias = -prescribed_rate(dof, world, dt, time, state.joint_x[world, dof], limit, topology, control)
-        else:
-            implicit = dof_effort(
-                dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
-            )
-            # an effort without stiffness is a plain impulse: written as an almost infinitely compliant row
-            gain = wp.max(implicit.gain, 1.0e-9)
-            compliance = 1.0 / gain
-            bias = -implicit.effort / gain
-        work.row_b[row] = bias + start_speed(row, topology, work, link0, link1)
-        work.row_compliance[row] = compliance
-        work.row_scale[row] = free_mobility(
-            topology.joint_body0[joint], world, geometry.w0, parameters
-        ) + free_mobility(topology.joint_body1[joint], world, geometry.w1, parameters)
+        value = loop_row_wrenches(row, joint, world, frames, topology, parameters, work)
+        if topology.row_dof[row] < 0:
+            violation = wp.max(violation, wp.abs(float(value)))
+        loop_row_law(row, joint, world, dt, time, value, topology, parameters, state, control, config, work)
     return violation
 
 

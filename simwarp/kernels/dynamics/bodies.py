@@ -267,6 +267,17 @@ def publish(
 
     `projected` is 1 where `work` no longer holds the poses of the step's start.
     """
+    if publish_motion(world, projected, topology, parameters, dt, state, work) == 0:
+        return 0
+    publish_coordinates(world, dt, topology, parameters, state, work)
+    return 1
+
+
+@wp.func(inline=True)
+def publish_motion(
+    world: int, projected: int, topology: Topology, parameters: Parameters, dt: float, state: StateArrays, work: Work
+) -> int:
+    """As `publish`, without the coordinates."""
     finite = int(1)
     for link in range(topology.link_count):
         total = wp.length(work.t_ang[link]) + wp.length(work.t_lin[link])
@@ -300,7 +311,6 @@ def publish(
             )
             state.body_v[world, body] = work.t_lin[link]
             state.body_omega[world, body] = work.t_ang[link]
-    publish_coordinates(world, dt, topology, parameters, state, work)
     return 1
 
 

@@ -116,29 +116,148 @@ def set_block(block: int, row: int, dt: float, surface: ContactParameters, cone:
     return count
 
 
+@wp.struct
+class ContactLinks:
+    """Where a contact acts."""
+
+    link0: int
+    link1: int
+    arm0: wp.vec3
+    arm1: wp.vec3
+    frame: wp.mat33
+
+
+@wp.func(inline=True)
+def contact_links(world: int, contact: int, topology: Topology, contacts: ContactArrays) -> ContactLinks:
+    """Links, arms and frame of a contact."""
+    c = ContactLinks()
+    c.link0 = link_of(topology.shape_body[contacts.contact_shape0[world, contact]], topology)
+    c.link1 = link_of(topology.shape_body[contacts.contact_shape1[world, contact]], topology)
+    c.arm0 = contacts.contact_arm0[world, contact]
+    c.arm1 = contacts.contact_arm1[world, contact]
+    c.frame = contact_frame(contacts.contact_normal_w[world, contact])
+    return c
+
+
+@wp.struct
+class ContactRows:
+    """A contact in the making."""
+
+    acts: int
+    gap: float
+    u: wp.vec3  # relative velocity without contacts, in the contact's frame [m/s]
+    warm: wp.vec3
+    warm_moment: wp.vec3
+    surface: ContactParameters
+
+
+@wp.func(inline=True)
+def contact_rows(
+    world: int, contact: int, dt: float, c: ContactLinks, parameters: Parameters, contacts: ContactArrays,
+    config: StepConfig, work: Work,
+) -> ContactRows:  # fmt: skip
+    """What a contact does in this step, whose impulses of before are taken from the arrays."""
+    r = ContactRows()
+    r.gap = contacts.contact_gap[world, contact]
+    r.warm = contacts.contact_impulse[world, contact]
+    r.warm_moment = contacts.contact_moment[world, contact]
+    contacts.contact_impulse[world, contact] = wp.vec3()
+    contacts.contact_moment[world, contact] = wp.vec3()
+    r.u = c.frame * (point_velocity(c.link1, c.arm1, work.t_ang, work.t_lin)
+                     - point_velocity(c.link0, c.arm0, work.t_ang, work.t_lin))  # fmt: skip
+    r.surface = combined_surface(
+        world, contacts.contact_shape0[world, contact], contacts.contact_shape1[world, contact], parameters
+    )
+    if r.gap > STICKY * config.contact_margin:
+        r.surface.cohesion = 0.0
+    closing = -wp.min(r.u[0], 0.0)
+    if config.friction_law == CONVEX:
+        closing += r.surface.friction * wp.sqrt(r.u[1] * r.u[1] + r.u[2] * r.u[2])  # sliding lifts by as much
+    r.acts = wp.where(r.gap < config.contact_margin + dt * closing, 1, 0)
+    return r
+
+
+@wp.func(inline=True)
+def fill_contact(
+    row: int, count: int, dt: float, c: ContactLinks, r: ContactRows, config: StepConfig, work: Work, cone: ConeProblem
+):
+    """Right-hand sides and warm start of a contact's rows."""
+    incoming = float(0.0)
+    if r.surface.restitution > 0.0:
+        before = c.frame * (point_velocity(c.link1, c.arm1, work.o_ang, work.o_lin)
+                            - point_velocity(c.link0, c.arm0, work.o_ang, work.o_lin))  # fmt: skip
+        incoming = before[0]
+    if r.surface.restitution > 0.0 and impact_acts(dt, r.gap, incoming, r.u[0], r.surface, config):
+        cone.compliance[row] = 0.0
+        cone.r[row] = r.u[0] + r.surface.restitution * incoming
+    else:
+        cone.r[row] = r.u[0] + normal_bias(dt, r.gap, r.surface, config)
+    cone.gamma[row] = r.warm[0]
+    if count >= 3:
+        for i in range(1, 3):
+            cone.r[row + i] = r.u[i]
+            cone.gamma[row + i] = r.warm[i]
+    if count == 6:
+        turn = wp.vec3()
+        if c.link1 >= 0:
+            turn += work.t_ang[c.link1]
+        if c.link0 >= 0:
+            turn -= work.t_ang[c.link0]
+        turn = c.frame * turn
+        for i in range(3):
+            cone.r[row + 3 + i] = turn[(i + 1) % 3]
+            cone.gamma[row + 3 + i] = r.warm_moment[i]
+
+
+@wp.func(inline=True)
+def finish_diagonal(row: int, count: int, cone: ConeProblem):
+    """Adds the compliance of a contact; rows along which nothing moves take part all the same."""
+    cone.diagonal[row] = cone.diagonal[row] + cone.compliance[row]
+    for i in range(count):
+        cone.diagonal[row + i] = wp.max(cone.diagonal[row + i], FREE_MOBILITY)
+
+
+@wp.func(inline=True)
+def force_wrenches(arm: wp.vec3, frame: wp.mat33) -> Wrenches:
+    """A contact's force rows on its shape 1."""
+    w = Wrenches()
+    w.lin = frame
+    w.ang = cross_matrix(arm, frame)
+    return w
+
+
+@wp.func(inline=True)
+def turn_wrenches(frame: wp.mat33) -> Wrenches:
+    """Its rows of rolling and spinning."""
+    w = Wrenches()
+    w.ang = wp.mat33(
+        frame[1, 0], frame[1, 1], frame[1, 2], frame[2, 0], frame[2, 1], frame[2, 2],
+        frame[0, 0], frame[0, 1], frame[0, 2],
+    )  # fmt: skip
+    return w
+
+
+@wp.func(inline=True)
+def opposite(w: Wrenches) -> Wrenches:
+    """The same rows on shape 0."""
+    other = Wrenches()
+    other.lin = -w.lin
+    other.ang = -w.ang
+    return other
+
+
 @wp.func
 def contact_response(
-    block: int, row: int, count: int, link0: int, link1: int, arm0: wp.vec3, arm1: wp.vec3, frame: wp.mat33,
-    topology: Topology, work: Work, cone: ConeProblem,
-):  # fmt: skip
+    block: int, row: int, count: int, c: ContactLinks, topology: Topology, work: Work, cone: ConeProblem
+):
     """Entries of a contact's rows and their diagonal."""
-    w0 = Wrenches()
-    w1 = Wrenches()
-    w0.lin = -frame
-    w0.ang = -cross_matrix(arm0, frame)
-    w1.lin = frame
-    w1.ang = cross_matrix(arm1, frame)
-    entries = walk_rows(block, row, wp.min(count, 3), 0, link0, w0, link1, w1, topology, work, cone)
+    entries = walk_rows(
+        block, row, wp.min(count, 3), 0, c.link0, opposite(force_wrenches(c.arm0, c.frame)), c.link1,
+        force_wrenches(c.arm1, c.frame), topology, work, cone,
+    )  # fmt: skip
     if count == 6:
-        turn0 = Wrenches()
-        turn1 = Wrenches()
-        about = wp.mat33(
-            frame[1, 0], frame[1, 1], frame[1, 2], frame[2, 0], frame[2, 1], frame[2, 2],
-            frame[0, 0], frame[0, 1], frame[0, 2],
-        )  # fmt: skip
-        turn0.ang = -about
-        turn1.ang = about
-        entries = walk_rows(block, row + 3, 3, 0, link0, turn0, link1, turn1, topology, work, cone)
+        turn = turn_wrenches(c.frame)
+        entries = walk_rows(block, row + 3, 3, 0, c.link0, opposite(turn), c.link1, turn, topology, work, cone)
     cone.block_entries[block] = entries
     loop_share(block, row, count, topology, work, cone)
 
@@ -155,61 +274,112 @@ def collect_contacts(
     block = int(blocks)
     row = int(rows)
     for contact in range(contacts.contact_count[world]):
-        shape0 = contacts.contact_shape0[world, contact]
-        shape1 = contacts.contact_shape1[world, contact]
-        link0 = link_of(topology.shape_body[shape0], topology)
-        link1 = link_of(topology.shape_body[shape1], topology)
-        arm0 = contacts.contact_arm0[world, contact]
-        arm1 = contacts.contact_arm1[world, contact]
-        gap = contacts.contact_gap[world, contact]
-        frame = contact_frame(contacts.contact_normal_w[world, contact])
-        warm = contacts.contact_impulse[world, contact]
-        warm_moment = contacts.contact_moment[world, contact]
-        contacts.contact_impulse[world, contact] = wp.vec3()
-        contacts.contact_moment[world, contact] = wp.vec3()
-        u = frame * (point_velocity(link1, arm1, work.t_ang, work.t_lin)
-                     - point_velocity(link0, arm0, work.t_ang, work.t_lin))  # fmt: skip
-        surface = combined_surface(world, shape0, shape1, parameters)
-        if gap > STICKY * config.contact_margin:
-            surface.cohesion = 0.0
-        closing = -wp.min(u[0], 0.0)
-        if config.friction_law == CONVEX:
-            closing += surface.friction * wp.sqrt(u[1] * u[1] + u[2] * u[2])  # sliding lifts by as much
-        if gap < config.contact_margin + dt * closing:
-            count = set_block(block, row, dt, surface, cone)
-            contact_response(block, row, count, link0, link1, arm0, arm1, frame, topology, work, cone)
+        c = contact_links(world, contact, topology, contacts)
+        r = contact_rows(world, contact, dt, c, parameters, contacts, config, work)
+        if r.acts == 1:
+            count = set_block(block, row, dt, r.surface, cone)
+            contact_response(block, row, count, c, topology, work, cone)
             if cone.diagonal[row] > FREE_MOBILITY:
-                incoming = float(0.0)
-                if surface.restitution > 0.0:
-                    before = frame * (point_velocity(link1, arm1, work.o_ang, work.o_lin)
-                                      - point_velocity(link0, arm0, work.o_ang, work.o_lin))  # fmt: skip
-                    incoming = before[0]
-                if surface.restitution > 0.0 and impact_acts(dt, gap, incoming, u[0], surface, config):
-                    cone.compliance[row] = 0.0
-                    cone.r[row] = u[0] + surface.restitution * incoming
-                else:
-                    cone.r[row] = u[0] + normal_bias(dt, gap, surface, config)
-                cone.diagonal[row] = cone.diagonal[row] + cone.compliance[row]
-                cone.gamma[row] = warm[0]
-                if count >= 3:
-                    for i in range(1, 3):
-                        cone.r[row + i] = u[i]
-                        cone.gamma[row + i] = warm[i]
-                if count == 6:
-                    turn = wp.vec3()
-                    if link1 >= 0:
-                        turn += work.t_ang[link1]
-                    if link0 >= 0:
-                        turn -= work.t_ang[link0]
-                    turn = frame * turn
-                    for i in range(3):
-                        cone.r[row + 3 + i] = turn[(i + 1) % 3]
-                        cone.gamma[row + 3 + i] = warm_moment[i]
-                for i in range(count):
-                    cone.diagonal[row + i] = wp.max(cone.diagonal[row + i], FREE_MOBILITY)
+                fill_contact(row, count, dt, c, r, config, work, cone)
+                finish_diagonal(row, count, cone)
                 work.active[block] = topology.box_count + contact
                 block += 1
                 row += count
+    cone.block_row[block] = row
+    return block
+
+
+@wp.func
+def list_contacts(
+    world: int, dt: float, blocks: int, rows: int, topology: Topology, parameters: Parameters, contacts: ContactArrays,
+    config: StepConfig, work: Work, cone: ConeProblem,
+) -> int:  # fmt: skip
+    """The first part of `collect_contacts`: all but the responses, for contacts that may be unable to move, too."""
+    block = int(blocks)
+    row = int(rows)
+    for contact in range(contacts.contact_count[world]):
+        c = contact_links(world, contact, topology, contacts)
+        r = contact_rows(world, contact, dt, c, parameters, contacts, config, work)
+        if r.acts == 1:
+            count = set_block(block, row, dt, r.surface, cone)
+            fill_contact(row, count, dt, c, r, config, work, cone)
+            work.active[block] = topology.box_count + contact
+            block += 1
+            row += count
+    cone.block_row[block] = row
+    return block
+
+
+@wp.func
+def move_block(source: int, source_row: int, count: int, block: int, row: int, work: Work, cone: ConeProblem):
+    """A listed contact takes the place of an earlier one that was dropped."""
+    work.active[block] = work.active[source]
+    cone.block_kind[block] = cone.block_kind[source]
+    cone.friction[block] = cone.friction[source]
+    cone.rolling[block] = cone.rolling[source]
+    cone.spinning[block] = cone.spinning[source]
+    cone.cohesion[block] = cone.cohesion[source]
+    cone.block_row[block] = row
+    for i in range(count):
+        cone.lower[row + i] = cone.lower[source_row + i]
+        cone.upper[row + i] = cone.upper[source_row + i]
+        cone.compliance[row + i] = cone.compliance[source_row + i]
+        cone.r[row + i] = cone.r[source_row + i]
+        cone.gamma[row + i] = cone.gamma[source_row + i]
+    cone.block_entries[block] = cone.block_entries[source]
+    for entry in range(cone.block_entries[source]):
+        cone.block_tree_dof[block, entry] = cone.block_tree_dof[source, entry]
+        for i in range(count):
+            cone.y[row + i, entry] = cone.y[source_row + i, entry]
+
+
+@wp.func
+def walk_contacts(
+    world: int, first: int, listed: int, topology: Topology, contacts: ContactArrays, work: Work, cone: ConeProblem
+):
+    """The second part: entries of the rows of listed contacts."""
+    for source in range(first, listed):
+        # one call for both halves of the rows, and nothing kept over it, takes fewer registers
+        for half in range((cone.block_row[source + 1] - cone.block_row[source] + 2) // 3):
+            row = cone.block_row[source]
+            count = cone.block_row[source + 1] - row
+            contact = work.active[source] - topology.box_count
+            link0 = link_of(topology.shape_body[contacts.contact_shape0[world, contact]], topology)
+            link1 = link_of(topology.shape_body[contacts.contact_shape1[world, contact]], topology)
+            frame = contact_frame(contacts.contact_normal_w[world, contact])
+            w0 = Wrenches()
+            w1 = Wrenches()
+            if half == 0:
+                # written out: through `force_wrenches` it takes 234 registers instead of 168
+                w0.lin = -frame
+                w0.ang = -cross_matrix(contacts.contact_arm0[world, contact], frame)
+                w1.lin = frame
+                w1.ang = cross_matrix(contacts.contact_arm1[world, contact], frame)
+            else:
+                w1.ang = turn_wrenches(frame).ang
+                w0.ang = -w1.ang
+            cone.block_entries[source] = walk_rows(
+                source, row + 3 * half, wp.min(count, 3), 0, link0, w0, link1, w1, topology, work, cone
+            )
+
+
+@wp.func
+def settle_contacts(first: int, listed: int, topology: Topology, work: Work, cone: ConeProblem) -> int:
+    """The third part: the loops' share, and only the contacts that can move; returns the number of blocks then."""
+    block = int(first)
+    row = cone.block_row[first]
+    end = int(row)
+    for source in range(first, listed):
+        source_row = end
+        end = cone.block_row[source + 1]
+        count = end - source_row
+        if source > block:
+            move_block(source, source_row, count, block, row, work, cone)
+        loop_share(block, row, count, topology, work, cone)
+        if cone.diagonal[row] > FREE_MOBILITY:
+            finish_diagonal(row, count, cone)
+            block += 1
+            row += count
     cone.block_row[block] = row
     return block
 

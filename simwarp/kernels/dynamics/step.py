@@ -120,8 +120,8 @@ def cone_config(config: StepConfig) -> ConeConfig:
 
 
 @wp.func
-def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
-    """The problem of the first `blocks` blocks; its Schur complement is formed as long as it is small."""
+def sized_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
+    """The problem of the first `blocks` blocks, without its Schur complement."""
     problem = cone
     problem.block_count = blocks
     problem.row_count = cone.block_row[blocks]
@@ -134,6 +134,14 @@ def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: Cone
     problem.dense = 0
     if problem.row_count <= config.dense_rows:
         problem.dense = 1
+    return problem
+
+
+@wp.func
+def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
+    """The problem of the first `blocks` blocks; its Schur complement is formed as long as it is small."""
+    problem = sized_problem(blocks, topology, config, cone)
+    if problem.dense == 1:
         assemble_dense(blocks, topology, cone)
     return problem
 
@@ -199,11 +207,11 @@ def answer_rows(
 
 
 @wp.func(inline=True)
-def collect_cones(
+def collect_bounds(
     world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
-    control: ControlArrays, state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+    control: ControlArrays, state: StateArrays, work: Work, cone: ConeProblem,
 ) -> StepProgress:  # fmt: skip
-    """The rows that the cone problem has to decide on: limits, drives, friction and contacts."""
+    """The rows of bounded impulses on coordinates, in front of those of contacts."""
     progress = before
     total_velocities(topology, work)
     for tree_dof in range(topology.tree_dof_count):
@@ -214,6 +222,17 @@ def collect_cones(
     progress.limits = limits
     progress.blocks = limits
     cone.block_row[limits] = limits
+    return progress
+
+
+@wp.func(inline=True)
+def collect_cones(
+    world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
+    control: ControlArrays, state: StateArrays, contacts: ContactArrays, work: Work, cone: ConeProblem,
+) -> StepProgress:  # fmt: skip
+    """The rows that the cone problem has to decide on: limits, drives, friction and contacts."""
+    progress = collect_bounds(world, before, config, topology, parameters, control, state, work, cone)
+    limits = progress.limits
     if config.contact_model == RIGID:
         progress.blocks = collect_contacts(
             world, config.dt, limits, limits, topology, parameters, contacts, config, work, cone

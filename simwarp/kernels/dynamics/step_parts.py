@@ -4,7 +4,6 @@ One kernel with everything inlined would need five minutes to compile for a GPU,
 the instruction cache. Between the kernels the intermediate values stay in the scratch, where every world has a slot.
 """
 
-import functools
 from typing import Any
 
 import warp as wp
@@ -14,19 +13,19 @@ from simwarp.kernels.cones.problem import SolveReport
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
-from simwarp.kernels.dynamics.bodies import load_poses, total_velocities
+from simwarp.kernels.dynamics.bilateral_rows import loop_row_law, loop_row_wrenches
+from simwarp.kernels.dynamics.bodies import load_poses, publish_coordinates, publish_motion, total_velocities
+from simwarp.kernels.dynamics.contact_rows import list_contacts, settle_contacts, walk_contacts
+from simwarp.kernels.dynamics.joints import joint_frames
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
+from simwarp.kernels.dynamics.smooth import RIGID
 from simwarp.kernels.dynamics.step import (
     NON_FINITE,
     StepProgress,
     answer_rows,
-    collect_cones,
-    cone_config,
-    cone_problem,
+    collect_bounds,
     enforce_rows,
-    finish_step,
-    form_rows,
     load_step,
     move_freely,
     take_impulses,
@@ -37,8 +36,6 @@ from simwarp.kernels.dynamics.world import (
     pack,
     pack_cone,
     report_progress,
-    solve_or_fall_back,
-    solve_quickly,
 )
 
 wp.set_module_options(MODULE_OPTIONS)
@@ -56,12 +53,14 @@ class StepState:
     row_residual: wp.array[float]
     position_error: wp.array[float]
     cone_residual: wp.array[float]
+    newton_steps: wp.array[int]  # of the interior point; -1: it does not run
+    newton_residual: wp.array[float]
 
 
 def step_state_layouts(worlds: int) -> dict[str, ArrayLayout]:
     """The arrays of a `StepState`."""
-    whole = ("limits", "blocks", "iterations")
-    names = [*whole, "row_residual", "position_error", "cone_residual"]
+    whole = ("limits", "blocks", "iterations", "newton_steps")
+    names = [*whole, "row_residual", "position_error", "cone_residual", "newton_residual"]
     return {name: ArrayLayout((worlds,), wp.int32 if name in whole else wp.float32) for name in names}
 
 
@@ -133,6 +132,36 @@ def move_worlds(
 def form_worlds(
     # inputs
     worlds: WorldRange,
+    topology: Topology,
+    parameters: Parameters,
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+    step: StepState,
+):
+    """Wrenches of the rows of closed loops, the first half of `form_rows`."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0:
+        return
+    work = pack(scratch, scratch_slot_of(world, worlds))
+    worst = step.position_error[world]
+    for row in range(topology.row_count):
+        work.row_impulse[row] = 0.0
+    for index in range(topology.loop_joint_count):
+        joint = topology.loop_joint[index]
+        frames = joint_frames(joint, world, topology, parameters, work)
+        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+            value = float(loop_row_wrenches(row, joint, world, frames, topology, parameters, work))
+            work.row_b[row] = value
+            if topology.row_dof[row] < 0:
+                worst = wp.max(worst, wp.abs(value))
+    step.position_error[world] = worst
+
+
+@wp.kernel(**PART)
+def bias_worlds(
+    # inputs
+    worlds: WorldRange,
     config: StepConfig,
     topology: Topology,
     parameters: Parameters,
@@ -140,15 +169,20 @@ def form_worlds(
     scratch: Scratch,
     # in and out
     state: StateArrays,
-    step: StepState,
 ):
-    """Rows of closed loops (`form_rows`)."""
+    """Their right-hand sides, the second half."""
     world = worlds.first + wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
     work = pack(scratch, scratch_slot_of(world, worlds))
-    progress = form_rows(world, progress_of(world, step), config, topology, parameters, control, state, work)
-    keep_progress(world, progress, step)
+    for index in range(topology.loop_joint_count):
+        joint = topology.loop_joint[index]
+        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+            value = wp.float64(work.row_b[row])
+            loop_row_law(
+                row, joint, world, config.dt, state.world_time[world], value, topology, parameters, state, control,
+                config, work,
+            )  # fmt: skip
 
 
 @wp.kernel(**PART)
@@ -200,48 +234,87 @@ def collect_worlds(
     scratch: Scratch,
     # in and out
     state: StateArrays,
-    contacts: ContactArrays,
     step: StepState,
 ):
-    """The rows of the cone problems (`collect_cones`)."""
+    """Bounded impulses on coordinates as rows of the cone problem (`collect_bounds`)."""
     world = worlds.first + wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
     scratch_slot = scratch_slot_of(world, worlds)
-    progress = collect_cones(
-        world, progress_of(world, step), config, topology, parameters, control, state, contacts,
+    progress = collect_bounds(
+        world, progress_of(world, step), config, topology, parameters, control, state,
         pack(scratch, scratch_slot), pack_cone(scratch, scratch_slot),
     )  # fmt: skip
     keep_progress(world, progress, step)
 
 
-@functools.cache
-def solve_worlds_kernel(all_solvers: bool) -> wp.Kernel:
-    """The cone problems, with accelerated gradient descent as the only solver or with all of them."""
-    solve = solve_or_fall_back if all_solvers else solve_quickly
+@wp.kernel(**PART)
+def meet_worlds(
+    # inputs
+    worlds: WorldRange,
+    config: StepConfig,
+    topology: Topology,
+    parameters: Parameters,
+    scratch: Scratch,
+    state: StateArrays,
+    # in and out
+    contacts: ContactArrays,
+    step: StepState,
+):
+    """The contacts that can act in this step (`list_contacts`)."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0 or config.contact_model != RIGID:
+        return
+    scratch_slot = scratch_slot_of(world, worlds)
+    limits = step.limits[world]
+    step.blocks[world] = list_contacts(
+        world, config.dt, limits, limits, topology, parameters, contacts, config, pack(scratch, scratch_slot),
+        pack_cone(scratch, scratch_slot),
+    )  # fmt: skip
 
-    @wp.kernel(**PART)
-    def solve_worlds(
-        # inputs
-        worlds: WorldRange,
-        config: StepConfig,
-        topology: Topology,
-        scratch: Scratch,
-        # in and out
-        state: StateArrays,
-        step: StepState,
-    ):
-        """Solves the cone problems of all worlds that have one."""
-        world = worlds.first + wp.tid()
-        if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
-            return
-        scratch_slot = scratch_slot_of(world, worlds)
-        problem = cone_problem(step.blocks[world], topology, config, pack_cone(scratch, scratch_slot))
-        solution = solve(problem, cone_config(config), scratch.kept[scratch_slot])
-        step.iterations[world] = solution.iterations
-        step.cone_residual[world] = solution.residual
 
-    return solve_worlds
+@wp.kernel(**PART)
+def respond_worlds(
+    # inputs
+    worlds: WorldRange,
+    config: StepConfig,
+    topology: Topology,
+    scratch: Scratch,
+    state: StateArrays,
+    contacts: ContactArrays,
+    step: StepState,
+):
+    """What these contacts move (`walk_contacts`)."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0 or config.contact_model != RIGID:
+        return
+    scratch_slot = scratch_slot_of(world, worlds)
+    walk_contacts(
+        world, step.limits[world], step.blocks[world], topology, contacts, pack(scratch, scratch_slot),
+        pack_cone(scratch, scratch_slot),
+    )  # fmt: skip
+
+
+@wp.kernel(**PART)
+def settle_worlds(
+    # inputs
+    worlds: WorldRange,
+    config: StepConfig,
+    topology: Topology,
+    scratch: Scratch,
+    state: StateArrays,
+    # in and out
+    step: StepState,
+):
+    """What the loops take of it, and the contacts that can move at all (`settle_contacts`)."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0 or config.contact_model != RIGID:
+        return
+    scratch_slot = scratch_slot_of(world, worlds)
+    step.blocks[world] = settle_contacts(
+        step.limits[world], step.blocks[world], topology, pack(scratch, scratch_slot),
+        pack_cone(scratch, scratch_slot),
+    )  # fmt: skip
 
 
 @wp.kernel(**PART)
@@ -335,7 +408,7 @@ def publish_worlds(
     # outputs
     reports: Reports,
 ):
-    """The state after the step, and the numbers that users read (`finish_step`)."""
+    """Velocities and poses after the step, and the numbers that users read (`publish_motion`)."""
     world = worlds.first + wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
@@ -348,12 +421,34 @@ def publish_worlds(
     moved = int(0)
     if config.projection_iterations > 0 and config.reactions == 0:
         moved = 1
-    finish_step(world, moved, config, topology, parameters, state, work)
+    if publish_motion(world, moved, topology, parameters, config.dt, state, work) == 0:
+        state.world_status[world] = state.world_status[world] | NON_FINITE
+
+
+@wp.kernel(**PART)
+def finish_worlds(
+    # inputs
+    worlds: WorldRange,
+    config: StepConfig,
+    topology: Topology,
+    parameters: Parameters,
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+):
+    """Coordinates of the joints at these poses, and the time (`finish_step`)."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0:
+        return
+    work = pack(scratch, scratch_slot_of(world, worlds))
+    publish_coordinates(world, config.dt, topology, parameters, state, work)
+    state.world_time[world] = state.world_time[world] + wp.float64(config.dt)
 
 
 def kernels_for_cuda_check() -> list[wp.Kernel]:
-    """All parts, with the large solver."""
+    """All parts but the solvers."""
     return [
-        load_worlds, move_worlds, form_worlds, answer_worlds, hold_worlds, collect_worlds, solve_worlds_kernel(False),
-        solve_worlds_kernel(True), push_worlds, project_worlds, weigh_worlds, publish_worlds,
+        load_worlds, move_worlds, form_worlds, bias_worlds, answer_worlds, hold_worlds, collect_worlds, meet_worlds,
+        respond_worlds, settle_worlds, push_worlds,
+        project_worlds, weigh_worlds, publish_worlds, finish_worlds,
     ]  # fmt: skip

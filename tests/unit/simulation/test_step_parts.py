@@ -14,9 +14,28 @@ from tests.reference.mechanisms import random_mechanism
 
 pytestmark = pytest.mark.slow  # the parts compile for half a minute
 
+
+def held() -> sw.ModelBuilder:
+    """A box that cannot move touches the ground before a ball with rolling friction and a box do."""
+    builder = sw.ModelBuilder()
+    rough = sw.Material(friction=0.6, rolling_friction=0.01, spinning_friction=0.01)
+    builder.add_shape_plane(material=rough)
+    for index, x in enumerate((0.0, 1.0, 2.0)):
+        body = builder.add_body(
+            f"b{index}", mass=1.0, inertia=(0.01, 0.01, 0.01), pose=sw.pose((x, 0.0, 0.199)), velocity=(0.1, 0.2, 0.0)
+        )
+        if index == 1:
+            builder.add_shape_sphere(body, radius=0.2, material=rough)
+        else:
+            builder.add_shape_box(body, half=(0.2, 0.2, 0.2))
+        if index == 0:
+            builder.add_joint_fixed("hold", parent=sw.WORLD, child=body, anchor=(x, 0.0, 0.199))
+    return builder
+
+
 MODELS: dict[str, Any] = {
     "pendulum": scenes.pendulum, "four_bar": scenes.four_bar, "ant": scenes.ant, "stack": lambda: scenes.stack(count=3),
-    "everything": lambda: random_mechanism(0, bounds=True, couplings=True),
+    "everything": lambda: random_mechanism(0, bounds=True, couplings=True), "held": held,
 }  # fmt: skip
 TOLERANCE = 2e-5
 """Compilers fuse multiplications and additions of one kernel differently from those of ten: after 20 steps rounding
@@ -55,6 +74,32 @@ def test_the_same_motion(name, reactions, monkeypatch):
         )
 
 
+SOLVERS = ("apgd", "psor", "spg", "padmm", "interior_point")
+
+
+@pytest.mark.parametrize("dense_rows", [128, 0])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_every_solver_finds_the_same(solver, dense_rows, monkeypatch):
+    def stepped() -> sw.Simulation:
+        model = scenes.stack(count=3).finalize(3, "cpu")
+        options = sw.SolverOptions(
+            solver=solver, fallback=True, tolerance=1e-6, max_iterations=40, dense_rows=dense_rows
+        )
+        sim = sw.Simulation(model, 2e-3, solver=options, threads=1)
+        sim.advance(5)
+        return sim
+
+    whole = stepped()
+    monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
+    parts = stepped()
+    names = [command.kernel.key.rpartition("__")[2] for command in parts.physics_commands]
+    assert names.count("newton_worlds") == (2 if solver == "interior_point" else 1)
+    assert names.count("solve_worlds") == (2 if solver == "padmm" else 1)
+    np.testing.assert_allclose(parts.state.body_v.numpy(), whole.state.body_v.numpy(), atol=TOLERANCE)
+    counted = parts.diagnostics.iterations.numpy()
+    np.testing.assert_allclose(counted, whole.diagnostics.iterations.numpy(), atol=30)  # rounding may cost some
+
+
 def test_the_same_bits_for_any_number_of_threads(monkeypatch):
     monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
     _, alone = moved("ant", 1, False)
@@ -70,11 +115,11 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
         sim = sw.Simulation(MODELS[name]().finalize(2, "cpu"), 1e-3, **options)
         return [command.kernel.key.rpartition("__")[2] for command in sim.physics_commands]
 
-    tree = ["load_worlds", "move_worlds", "publish_worlds"]
-    cones = ["collect_worlds", "solve_worlds", "push_worlds"]
-    assert kernels("pendulum") == tree
-    assert kernels("four_bar") == [
-        *tree[:2], "form_worlds", "answer_worlds", "hold_worlds", "project_worlds", tree[2]
-    ]  # fmt: skip
-    assert kernels("ant") == ["collide_worlds", *tree[:2], *cones, tree[2]]
-    assert kernels("pendulum", joint_reactions=True) == [*tree[:2], "weigh_worlds", tree[2]]
+    start, end = ["load_worlds", "move_worlds"], ["publish_worlds", "finish_worlds"]
+    loops = ["form_worlds", "bias_worlds", "answer_worlds", "hold_worlds", "project_worlds"]
+    contacts = ["meet_worlds", "respond_worlds", "settle_worlds"]
+    assert kernels("pendulum") == [*start, *end]
+    assert kernels("four_bar") == [*start, *loops, *end]
+    collision = ["place_worlds", "touch_worlds", "keep_worlds"]
+    assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, "solve_worlds", "push_worlds", *end]
+    assert kernels("pendulum", joint_reactions=True) == [*start, "weigh_worlds", *end]

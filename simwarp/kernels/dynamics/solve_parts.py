@@ -1,0 +1,179 @@
+"""The cone solve of a step in parts (step_parts.py): a kernel for each solver, of which a model compiles what it uses.
+
+Accelerated gradient descent stands in where a solver cannot work: its kernel is launched, too, and each leaves the
+worlds of the other alone. The interior point has two kernels, as a solver and as the one that follows another.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from simwarp.core.types import ConeSolver
+from simwarp.kernels.cones.apgd import solve_apgd
+from simwarp.kernels.cones.interior_point import can_factorise, finish_interior_point, start_interior_point
+from simwarp.kernels.cones.padmm import solve_padmm
+from simwarp.kernels.cones.problem import LOW, ConeConfig, ConeProblem, SolveReport
+from simwarp.kernels.cones.psor import solve_psor
+from simwarp.kernels.cones.solve import FALLBACK_STEPS, INTERIOR_POINT
+from simwarp.kernels.cones.spg import solve_spg
+from simwarp.kernels.core.fields import StateArrays
+from simwarp.kernels.core.tables import StepConfig, Topology
+from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
+from simwarp.kernels.dynamics.cone_rows import assemble_dense
+from simwarp.kernels.dynamics.step import NON_FINITE, cone_config, sized_problem
+from simwarp.kernels.dynamics.step_parts import PART, StepState
+from simwarp.kernels.dynamics.world import MODULE_OPTIONS, Scratch, pack_cone
+
+wp.set_module_options(MODULE_OPTIONS)
+
+
+@wp.func
+def always(problem: ConeProblem, config: ConeConfig) -> bool:
+    """A solver for every problem."""
+    return True
+
+
+@wp.func
+def if_dense(problem: ConeProblem, config: ConeConfig) -> bool:
+    """A solver that needs S."""
+    return problem.dense == 1
+
+
+@wp.func
+def if_not_dense(problem: ConeProblem, config: ConeConfig) -> bool:
+    """What `if_dense` leaves."""
+    return problem.dense == 0
+
+
+@wp.func
+def if_not_factorised(problem: ConeProblem, config: ConeConfig) -> bool:
+    """What the interior point leaves."""
+    return not can_factorise(problem)
+
+
+SOLVES: dict[ConeSolver, tuple[Any, Any]] = {
+    ConeSolver.APGD: (always, solve_apgd), ConeSolver.PSOR: (always, solve_psor), ConeSolver.SPG: (always, solve_spg),
+    ConeSolver.PADMM: (if_dense, solve_padmm),
+}  # fmt: skip
+STAND_INS = {ConeSolver.PADMM: if_not_dense, ConeSolver.INTERIOR_POINT: if_not_factorised}
+
+
+@functools.cache
+def solve_worlds_kernel(solver: ConeSolver, stand_in: bool = False) -> wp.Kernel:
+    """The kernel of one solver, which is not the interior point, or of gradient descent where a solver cannot work."""
+    applies, solve = (STAND_INS[solver], solve_apgd) if stand_in else SOLVES[solver]
+
+    @wp.kernel(**PART)
+    def solve_worlds(
+        # inputs
+        worlds: WorldRange,
+        config: StepConfig,
+        topology: Topology,
+        scratch: Scratch,
+        # in and out
+        state: StateArrays,
+        step: StepState,
+    ):
+        """Solves the cone problems of all worlds that have one for this solver."""
+        world = worlds.first + wp.tid()
+        if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
+            return
+        cone = pack_cone(scratch, scratch_slot_of(world, worlds))
+        problem = sized_problem(step.blocks[world], topology, config, cone)
+        if not applies(problem, cone_config(config)):
+            return
+        if problem.dense == 1:
+            assemble_dense(step.blocks[world], topology, cone)
+        solution = solve(problem, cone_config(config))
+        step.iterations[world] = solution.iterations
+        step.cone_residual[world] = solution.residual
+
+    return solve_worlds
+
+
+@wp.func
+def newton_config(config: StepConfig, follows: int) -> ConeConfig:
+    """Numbers of the interior point."""
+    numbers = cone_config(config)
+    if follows == 1:
+        numbers.solver = INTERIOR_POINT
+        numbers.max_iterations = FALLBACK_STEPS
+    return numbers
+
+
+@wp.kernel(**PART)
+def newton_worlds(
+    # inputs
+    worlds: WorldRange,
+    config: StepConfig,
+    topology: Topology,
+    follows: int,
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+    step: StepState,
+):
+    """Newton steps of the interior point; with `follows`, where another solver has missed the tolerance."""
+    world = worlds.first + wp.tid()
+    step.newton_steps[world] = -1
+    if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
+        return
+    scratch_slot = scratch_slot_of(world, worlds)
+    cone = pack_cone(scratch, scratch_slot)
+    problem = sized_problem(step.blocks[world], topology, config, cone)
+    if not can_factorise(problem):
+        return
+    if follows == 0:
+        assemble_dense(step.blocks[world], topology, cone)
+    else:
+        if step.cone_residual[world] <= config.tolerance:
+            return
+        for row in range(problem.row_count):
+            scratch.kept[scratch_slot, row] = problem.gamma[row]
+    problem.dense = 1  # which it is: no code for others
+    found = start_interior_point(problem, newton_config(config, follows))
+    step.newton_steps[world] = found.iterations
+    step.newton_residual[world] = found.residual
+
+
+@wp.kernel(**PART)
+def refine_worlds(
+    # inputs
+    worlds: WorldRange,
+    config: StepConfig,
+    topology: Topology,
+    follows: int,
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+    step: StepState,
+):
+    """Gradient steps after them; with `follows`, the better of the two solutions."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0 or step.newton_steps[world] < 0:
+        return
+    scratch_slot = scratch_slot_of(world, worlds)
+    problem = sized_problem(step.blocks[world], topology, config, pack_cone(scratch, scratch_slot))
+    problem.dense = 1
+    newton = SolveReport()
+    newton.iterations = step.newton_steps[world]
+    newton.residual = step.newton_residual[world]
+    solution = finish_interior_point(problem, newton_config(config, follows), newton)
+    if follows == 0:
+        step.iterations[world] = solution.iterations
+        step.cone_residual[world] = solution.residual
+        return
+    step.iterations[world] = step.iterations[world] + solution.iterations
+    if solution.residual < step.cone_residual[world]:
+        step.cone_residual[world] = solution.residual
+    else:
+        for row in range(problem.row_count):
+            problem.gamma[row] = scratch.kept[scratch_slot, row]
+            problem.vectors[LOW, row] = 0.0
+
+
+def kernels_for_cuda_check() -> list[wp.Kernel]:
+    """All solvers."""
+    alone = [solve_worlds_kernel(solver) for solver in SOLVES]
+    return [*alone, *(solve_worlds_kernel(solver, True) for solver in STAND_INS), newton_worlds, refine_worlds]
