@@ -138,7 +138,7 @@ class TimedRun:
         return found | {f"memory.{index}": array for index, array in enumerate(self.sim.memory)}
 
     def capture(self) -> None:
-        """Makes one call of several steps, as tasks do: on CUDA a graph, on a CPU a program without Python in between."""
+        """Makes one call of several steps, as tasks do: a graph on CUDA, on a CPU a program."""
         device = self.sim.model.device
         if device.is_cuda:
             with wp.ScopedCapture(device=device) as capture:

@@ -104,7 +104,7 @@ def record_collision(shares: WorldShares, arrays: CollisionArrays) -> list[World
     if shares.own_slots:
         return _record_parts(shares, arrays)
     inputs = [arrays.config, model.topology, model.parameters, model.assets, arrays.state, arrays.scratch]
-    return [shares.record(collide_worlds, inputs=inputs, outputs=[arrays.contacts])]
+    return [shares.record(collide_worlds, inputs=inputs, outputs=[arrays.contacts], in_turn=True)]
 
 
 def _record_parts(shares: WorldShares, arrays: CollisionArrays) -> list[WorldLaunch]:
@@ -148,4 +148,7 @@ def _record_parts(shares: WorldShares, arrays: CollisionArrays) -> list[WorldLau
                 outputs=[found],
             ),
         ]  # fmt: skip
-    return [*commands, shares.record(keep_worlds, inputs=[topology, state, scratch, found], outputs=[arrays.contacts])]
+    return [
+        *commands,
+        shares.record(keep_worlds, inputs=[topology, state, scratch, found], outputs=[arrays.contacts], in_turn=True),
+    ]

@@ -63,7 +63,7 @@ def record_step(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
         return _record_parts(shares, arrays)
     inputs = [arrays.config, arrays.topology, arrays.parameters, arrays.control, arrays.scratch, arrays.state]
     kernel = step_worlds_kernel(arrays.all_solvers)
-    return [shares.record(kernel, inputs=[*inputs, arrays.contacts], outputs=[arrays.reports])]
+    return [shares.record(kernel, inputs=[*inputs, arrays.contacts], outputs=[arrays.reports], in_turn=True)]
 
 
 def _stand_in(config: Any) -> Any:

@@ -99,15 +99,17 @@ class WorldShares:
         chunks = chunk_count(worlds, threads, device)
         ends = [worlds * k // chunks for k in range(chunks + 1)]
         self.own_slots = has_own_slots(device)
-        self.ranges = [_world_range(first, k, self.own_slots) for k, first in enumerate(ends[:-1])]
-        self._lengths = [end - first for first, end in itertools.pairwise(ends)]
+        self.ranges = [
+            _world_range(first, end - first, k, self.own_slots)
+            for k, (first, end) in enumerate(itertools.pairwise(ends))
+        ]
         self.threads = min(threads, chunks)
         self.launches = 0
         self._workers = Workers(self.threads) if self.threads > 1 else None
 
     def record(
         self, kernel: wp.Kernel, threads_per_world: int | None = None, *, inputs: Sequence[Any],
-        outputs: Sequence[Any] = (),
+        outputs: Sequence[Any] = (), in_turn: bool = False,
     ) -> WorldLaunch:  # fmt: skip
         """Record a launch over all worlds.
 
@@ -116,14 +118,16 @@ class WorldShares:
             threads_per_world: second axis of the launch; None: it has but one.
             inputs: its parameters after the `WorldRange`.
             outputs: and those that it writes.
+            in_turn: one thread of the kernel goes through all worlds of its `WorldRange`.
         """
         block = block_threads()
+        each = () if threads_per_world is None else (threads_per_world,)
         parts = [
             wp.launch(
-                kernel, dim=length if threads_per_world is None else (length, threads_per_world), device=self.device,
-                record_cmd=True, block_dim=block, inputs=[worlds, *inputs], outputs=list(outputs),
+                kernel, dim=(1 if in_turn else worlds.count, *each), device=self.device, record_cmd=True,
+                block_dim=block, inputs=[worlds, *inputs], outputs=list(outputs),
             )
-            for worlds, length in zip(self.ranges, self._lengths, strict=True)
+            for worlds in self.ranges
         ]  # fmt: skip
         return WorldLaunch(kernel, parts, self)
 
@@ -238,7 +242,7 @@ def _is_shared(command: Any) -> bool:
     return isinstance(command, WorldLaunch)
 
 
-def _world_range(first: int, chunk: int, own_slots: bool) -> Any:
+def _world_range(first: int, count: int, chunk: int, own_slots: bool) -> Any:
     worlds = WorldRange()
-    worlds.first, worlds.slot, worlds.own_slots = first, chunk, int(own_slots)
+    worlds.first, worlds.count, worlds.slot, worlds.own_slots = first, count, chunk, int(own_slots)
     return worlds

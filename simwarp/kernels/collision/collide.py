@@ -27,7 +27,7 @@ from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.collision.surfaces import TriangleSurface, is_triangle_surface, triangle_surface_of
 from simwarp.kernels.core.fields import ContactArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, world_row
-from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
+from simwarp.kernels.core.world_range import WorldRange
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -121,20 +121,11 @@ def collide_worlds(
     # in and out
     contacts: ContactArrays,
 ):
-    """Finds the contacts of all worlds that are not frozen."""
-    world = worlds.first + wp.tid()
-    if (state.world_status[world] & NON_FINITE) != 0:
-        return
-    scratch_slot = scratch_slot_of(world, worlds)
-    collide_world(
-        world,
-        scratch_slot,
-        config,
-        topology,
-        parameters,
-        assets,
-        state,
-        contacts,
-        scratch,
-        pack_grid(scratch, scratch_slot),
-    )
+    """Finds the contacts of all worlds that are not frozen, one after the other."""
+    grid = pack_grid(scratch, worlds.slot)
+    for k in range(worlds.count):
+        world = worlds.first + k
+        if (state.world_status[world] & NON_FINITE) == 0:
+            collide_world(
+                world, worlds.slot, config, topology, parameters, assets, state, contacts, scratch, grid
+            )  # fmt: skip

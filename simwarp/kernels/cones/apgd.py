@@ -172,7 +172,7 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
 def solve_apgd(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     """Sets gamma <- the solution, from the warm start in gamma.
 
-    What is not solved after some iterations is tried by Newton steps, and what these leave by the rest of the iterations.
+    Newton steps try what is not solved after some iterations; the rest of the iterations take what these leave.
     """
     report = SolveReport()
     if problem.row_count == 1 and problem.block_kind[0] == BOX:

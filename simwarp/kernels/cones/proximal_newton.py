@@ -11,8 +11,8 @@ cones,
 
 F is the gradient of a convex function that is quadratic in pieces, with the Hessian 1 + Y^T P Y, where P = (rho/w) p'.
 Newton steps with a search along the line end after a few, from any start (Li, Sun & Toh 2018, SIAM J. Optim. 28, 433).
-The Hessian of a stack is a narrow band, and its zeros are passed over; it is factorised in float32, as a direction only has to
-descend. Rows and velocities are double: rho magnifies the rounding of Y z.
+The Hessian of a stack is a narrow band, and its zeros are passed over; it is factorised in float32, as a direction only
+has to descend. Rows and velocities are double: rho magnifies the rounding of Y z.
 
 For problems without loop rows, rolling friction and compliance (`can_step_by_newton`).
 """
@@ -21,7 +21,7 @@ import warp as wp
 
 from simwarp.core.types import BlockKind
 from simwarp.kernels.cones.operator import natural_residual, refresh
-from simwarp.kernels.cones.problem import AX, BEST, R_EFF, ConeConfig, ConeProblem, SolveReport, X
+from simwarp.kernels.cones.problem import AX, BEST, ConeConfig, ConeProblem, SolveReport, X
 from simwarp.kernels.cones.vectors import copy
 
 wp.set_module_options({"enable_backward": False})
@@ -187,7 +187,7 @@ def advance_newton(
     blocks: int, tree_dofs: int, length: float, block_row: wp.array[int], entries: wp.array[int],
     tree_dof: wp.array2d[int], y: wp.array2d[float], wide: wp.array2d[wp.float64],
 ) -> float:  # fmt: skip
-    """z <- z + length dz, F <- that of z; returns the greatest entry of Y F, a velocity [m/s]."""
+    """Z <- z + length dz, F <- that of z; returns the greatest entry of Y F, a velocity [m/s]."""
     ...
 
 
@@ -342,7 +342,7 @@ def set_direction(
     lower: wp.array[float], upper: wp.array[float], scale: wp.array[float], rho: float, spread: wp.array2d[float],
     factor: wp.array2d[float], wide: wp.array2d[wp.float64],
 ) -> float:  # fmt: skip
-    """dz <- -(1 + Y^T P Y)^-1 F and Y dz; returns F . dz, which is negative. `spread` holds the rows of a pair."""
+    """Dz <- -(1 + Y^T P Y)^-1 F and Y dz; returns F . dz, which is negative. `spread` holds the rows of a pair."""
     ...
 
 
@@ -390,7 +390,7 @@ def search_along(problem: ConeProblem, rho: float, steepness: float) -> float:
 
 @wp.func
 def step_proximally(problem: ConeProblem, rho: float, goal: float) -> int:
-    """p <- the result of one proximal step from X, to a velocity of `goal` [m/s]; returns the Newton steps."""
+    """P <- the result of one proximal step from X, to a velocity of `goal` [m/s]; returns the Newton steps."""
     begin(
         problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_entries, problem.block_tree_dof,
         problem.y, problem.vectors, problem.wide,

@@ -10,6 +10,7 @@ class WorldRange:
     """Some worlds in a row, and their places in scratch memory."""
 
     first: int  # world of the launch's first thread
+    count: int  # worlds of the launch
     slot: int  # scratch slot that its worlds take in turn
     own_slots: int  # 1: every world has a slot of its own instead
 

@@ -62,8 +62,8 @@ class ScratchSizes:
     """Workspace sizes of a model, per world.
 
     `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of what solvers factorise,
-    `wide_vectors` and `wide_rows` their double vectors. `kept_rows` are
-    all cone rows where another solver may follow the first, whatever is dense: both solutions are compared.
+    `wide_vectors` and `wide_rows` their double vectors. `kept_rows` are all cone rows where another solver may follow the
+    first, whatever is dense: both solutions are compared.
     """
 
     links: int
@@ -159,43 +159,43 @@ def step_worlds_kernel(all_solvers: bool) -> wp.Kernel:
         # outputs
         reports: Reports,
     ):
-        """Steps all worlds that are not frozen."""
-        world = worlds.first + wp.tid()
-        if (state.world_status[world] & NON_FINITE) != 0:
-            return
-        scratch_slot = scratch_slot_of(world, worlds)
-        work = pack(scratch, scratch_slot)
-        cone = pack_cone(scratch, scratch_slot)
-        progress = load_step(world, config, topology, parameters, control, state, contacts, work)
-        move_freely(world, config, topology, parameters, work)
-        if topology.row_count > 0:
-            progress = form_rows(world, progress, config, topology, parameters, control, state, work)
-            answer_rows(world, config, topology, parameters, state, work)
-            progress.row_residual = enforce_rows(world, 2, topology, parameters, config, work)
-        if topology.box_count > 0 or topology.pair_count > 0:
-            progress = collect_cones(
-                world, progress, config, topology, parameters, control, state, contacts, work, cone
-            )
-        solution = SolveReport()
-        if progress.blocks > 0:
-            problem = cone_problem(progress.blocks, topology, config, cone)
-            solution = solve(problem, cone_config(config), scratch.kept[scratch_slot])
-        progress = take_impulses(world, progress, config, topology, parameters, state, contacts, work, cone)
-        total_velocities(topology, work)
-        moved = int(0)
-        if config.projection_iterations > 0:
-            progress.position_error = project_positions(world, config.dt, topology, parameters, state, config, work)
-            moved = 1
-        report_progress(world, progress, solution, reports)
-        if config.reactions == 1:
-            if moved == 1:
-                load_poses(world, topology, state, work)
-                moved = 0
-            record_reactions(
-                world, config.dt, progress.limits, progress.blocks, topology, parameters, state, control, contacts,
-                config, work, cone, reports,
-            )  # fmt: skip
-        finish_step(world, moved, config, topology, parameters, state, work)
+        """Steps all worlds that are not frozen, one after the other: what the arrays are is looked up once for all."""
+        work = pack(scratch, worlds.slot)
+        cone = pack_cone(scratch, worlds.slot)
+        for k in range(worlds.count):
+            world = worlds.first + k
+            if (state.world_status[world] & NON_FINITE) != 0:
+                continue
+            progress = load_step(world, config, topology, parameters, control, state, contacts, work)
+            move_freely(world, config, topology, parameters, work)
+            if topology.row_count > 0:
+                progress = form_rows(world, progress, config, topology, parameters, control, state, work)
+                answer_rows(world, config, topology, parameters, state, work)
+                progress.row_residual = enforce_rows(world, 2, topology, parameters, config, work)
+            if topology.box_count > 0 or topology.pair_count > 0:
+                progress = collect_cones(
+                    world, progress, config, topology, parameters, control, state, contacts, work, cone
+                )
+            solution = SolveReport()
+            if progress.blocks > 0:
+                problem = cone_problem(progress.blocks, topology, config, cone)
+                solution = solve(problem, cone_config(config), scratch.kept[worlds.slot])
+            progress = take_impulses(world, progress, config, topology, parameters, state, contacts, work, cone)
+            total_velocities(topology, work)
+            moved = int(0)
+            if config.projection_iterations > 0:
+                progress.position_error = project_positions(world, config.dt, topology, parameters, state, config, work)
+                moved = 1
+            report_progress(world, progress, solution, reports)
+            if config.reactions == 1:
+                if moved == 1:
+                    load_poses(world, topology, state, work)
+                    moved = 0
+                record_reactions(
+                    world, config.dt, progress.limits, progress.blocks, topology, parameters, state, control, contacts,
+                    config, work, cone, reports,
+                )  # fmt: skip
+            finish_step(world, moved, config, topology, parameters, state, work)
 
     return step_worlds
 

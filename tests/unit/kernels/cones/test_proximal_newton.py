@@ -17,7 +17,8 @@ def stacked_boxes(count, rng, mass=lambda i: 1.0):
     """Cubes of 1 m on each other, four contacts a face, pushed sideways and turned: N, r, blocks and its entries."""
     corners = [(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
     dofs = 6 * (count + 1)  # the first body is the ground, which has no velocity
-    full, slots, blocks, r = [], [], [], []
+    rows, slots, r = [], [], []
+    blocks: list[reference.Block] = []
     push = np.zeros(dofs)
     push[6:] = rng.normal(size=dofs - 6) * 0.005
     push[8::6] = -GRAVITY_STEP
@@ -30,13 +31,13 @@ def stacked_boxes(count, rng, mass=lambda i: 1.0):
                     row[6 * body : 6 * body + 3] = sign * axis * weight
                     # A cube's inertia is a sixth of its mass
                     row[6 * body + 3 : 6 * body + 6] = sign * np.cross([x, y, z], axis) * weight * np.sqrt(6.0)
-                full.append(row)
+                rows.append(row)
                 r.append(row @ (push * np.repeat([np.sqrt(mass(b)) for b in range(count + 1)], 6)))
             blocks.append(reference.Block("contact", 3 * len(blocks), (0.5,)))
             slots.append(np.arange(6 * i, 6 * i + 12))
-    full, slots = np.array(full), np.array(slots)
-    y = np.array([full[row, slots[row // 3]] for row in range(len(full))])
-    entries = (y, slots, np.zeros((len(full), 0)), np.zeros(len(full)))
+    full, places = np.array(rows), np.array(slots)
+    y = np.array([values[places[k // 3]] for k, values in enumerate(full)])
+    entries = (y, places, np.zeros((len(full), 0)), np.zeros(len(full)))
     return full @ full.T, np.array(r), blocks, entries
 
 
