@@ -62,8 +62,8 @@ class ScratchSizes:
     """Workspace sizes of a model, per world.
 
     `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of what solvers factorise,
-    `wide_vectors` and `wide_rows` their double vectors. `kept_rows` are all cone rows where another solver may follow the
-    first, whatever is dense: both solutions are compared.
+    `wide_vectors` and `wide_rows` their double vectors. `kept_rows` are all cone rows where another solver may follow
+    the first, whatever is dense: both solutions are compared.
     """
 
     links: int

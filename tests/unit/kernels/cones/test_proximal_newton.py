@@ -1,5 +1,7 @@
 """Proximal Newton steps: each against its minimum, and what they save where accelerated gradient takes long."""
 
+import itertools
+
 import numpy as np
 import pytest
 import warp as wp
@@ -15,7 +17,7 @@ GRAVITY_STEP = 0.05  # m/s in a step of 5 ms
 
 def stacked_boxes(count, rng, mass=lambda i: 1.0):
     """Cubes of 1 m on each other, four contacts a face, pushed sideways and turned: N, r, blocks and its entries."""
-    corners = [(x, y) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+    corners = list(itertools.product((-0.5, 0.5), repeat=2))
     dofs = 6 * (count + 1)  # the first body is the ground, which has no velocity
     rows, slots, r = [], [], []
     blocks: list[reference.Block] = []
@@ -23,14 +25,14 @@ def stacked_boxes(count, rng, mass=lambda i: 1.0):
     push[6:] = rng.normal(size=dofs - 6) * 0.005
     push[8::6] = -GRAVITY_STEP
     for i in range(count):
-        for x, y in corners:
+        for x, across in corners:
             for axis in np.eye(3)[[2, 0, 1]]:
                 row = np.zeros(dofs)
                 for body, sign, z in ((i, -1.0, 0.5), (i + 1, 1.0, -0.5)):
                     weight = 0.0 if body == 0 else 1.0 / np.sqrt(mass(body))
                     row[6 * body : 6 * body + 3] = sign * axis * weight
                     # A cube's inertia is a sixth of its mass
-                    row[6 * body + 3 : 6 * body + 6] = sign * np.cross([x, y, z], axis) * weight * np.sqrt(6.0)
+                    row[6 * body + 3 : 6 * body + 6] = sign * np.cross([x, across, z], axis) * weight * np.sqrt(6.0)
                 rows.append(row)
                 r.append(row @ (push * np.repeat([np.sqrt(mass(b)) for b in range(count + 1)], 6)))
             blocks.append(reference.Block("contact", 3 * len(blocks), (0.5,)))
