@@ -34,7 +34,7 @@ from simwarp.simulation.collision_recording import CollisionArrays, parts_layout
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.protocols import ForceElement, Sensor
-from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, step_layouts, step_sizes
+from simwarp.simulation.requirements import collision_sizes, newton_dofs, scratch_slots_of, step_layouts, step_sizes
 from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
@@ -337,6 +337,7 @@ class Simulation(FixedAttributes):
             config=self._config, topology=self.model.topology, parameters=self.model.parameters,
             control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
             reports=self.diagnostics.arrays, scratch=self._scratch, all_solvers=all_solvers,
+            newton=newton_dofs(self.model) > 0,
         )  # fmt: skip
         commands += record_step(self.shares, arrays)
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]

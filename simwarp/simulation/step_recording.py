@@ -10,7 +10,12 @@ import warp as wp
 from simwarp.core.types import ConeSolver
 from simwarp.kernels.cones.solve import FALLBACK
 from simwarp.kernels.core.tables import StepConfig
-from simwarp.kernels.dynamics.solve_parts import newton_worlds, refine_worlds, solve_worlds_kernel
+from simwarp.kernels.dynamics.solve_parts import (
+    newton_worlds,
+    proximal_worlds_kernel,
+    refine_worlds,
+    solve_worlds_kernel,
+)
 from simwarp.kernels.dynamics.step_parts import (
     StepState,
     answer_worlds,
@@ -44,6 +49,7 @@ class StepArrays:
         control, state, contacts, reports: of the simulation.
         scratch: for intermediate values.
         all_solvers: other solvers than accelerated gradient descent may run.
+        newton: proximal Newton steps may follow it.
     """
 
     config: Any
@@ -55,6 +61,7 @@ class StepArrays:
     reports: Any
     scratch: Any
     all_solvers: bool
+    newton: bool
 
 
 def record_step(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
@@ -83,11 +90,16 @@ def _solves(arrays: StepArrays) -> list[tuple[Any, ...]]:
     solver = ConeSolver(arrays.config.solver)
     commands: list[tuple[Any, ...]] = []
     if solver in (ConeSolver.PADMM, ConeSolver.INTERIOR_POINT):  # which cannot solve all
-        commands.append((solve_worlds_kernel(solver, True), _stand_in(arrays.config), arrays.topology))
+        stand_in = (_stand_in(arrays.config), arrays.topology)
+        commands.append((solve_worlds_kernel(solver, True), *stand_in))
+        if arrays.newton:
+            commands += [(proximal_worlds_kernel(solver, True, rest), *stand_in) for rest in (False, True)]
     if solver == ConeSolver.INTERIOR_POINT:
         commands += [(newton_worlds, *model, 0), (refine_worlds, *model, 0)]
     else:
         commands.append((solve_worlds_kernel(solver), *model))
+        if solver == ConeSolver.APGD and arrays.newton:
+            commands += [(proximal_worlds_kernel(solver, False, rest), *model) for rest in (False, True)]
     if arrays.all_solvers:
         commands += [(newton_worlds, *model, 1), (refine_worlds, *model, 1)]
     return commands

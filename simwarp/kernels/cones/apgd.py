@@ -169,39 +169,62 @@ def accelerate(problem: ConeProblem, config: ConeConfig, most: int) -> SolveRepo
 
 
 @wp.func
+def descend_first(problem: ConeProblem, config: ConeConfig) -> SolveReport:
+    """BEST <- the solution, from the warm start in gamma, or what is reached before Newton steps are worth a try."""
+    if problem.row_count == 1 and problem.block_kind[0] == BOX:
+        report = solve_one_row(problem)
+        problem.vectors[BEST, 0] = problem.gamma[0]
+        return report
+    set_scales(problem)
+    start_from_gamma(problem, X)
+    project_all(problem, problem.vectors[X])
+    most = int(config.max_iterations)
+    if most > BEFORE_NEWTON and can_step_by_newton(problem):
+        most = BEFORE_NEWTON
+    return accelerate(problem, config, most)
+
+
+@wp.func
+def wants_newton(problem: ConeProblem, config: ConeConfig, residual: float) -> bool:
+    """True if `descend_first` has left something to Newton steps."""
+    return not residual <= config.tolerance and config.max_iterations > BEFORE_NEWTON and can_step_by_newton(problem)
+
+
+@wp.func
+def step_newton(problem: ConeProblem, config: ConeConfig, before: SolveReport) -> SolveReport:
+    """BEST <- what Newton steps make of it."""
+    report = solve_proximally(problem, config, MOST_NEWTON)
+    report.iterations += before.iterations
+    return report
+
+
+@wp.func
+def descend_rest(problem: ConeProblem, config: ConeConfig, before: SolveReport) -> SolveReport:
+    """BEST <- what the rest of the iterations make of it."""
+    copy(problem.row_count, problem.vectors, BEST, X)
+    report = accelerate(problem, config, wp.max(config.max_iterations - before.iterations, 0))
+    report.iterations += before.iterations
+    return report
+
+
+@wp.func
+def keep_best(problem: ConeProblem):
+    """Gamma <- BEST."""
+    for row in range(problem.row_count):
+        problem.gamma[row] = problem.vectors[BEST, row]
+        problem.vectors[LOW, row] = 0.0
+
+
+@wp.func
 def solve_apgd(problem: ConeProblem, config: ConeConfig) -> SolveReport:
     """Sets gamma <- the solution, from the warm start in gamma.
 
     Newton steps try what is not solved after some iterations; the rest of the iterations take what these leave.
     """
-    report = SolveReport()
-    if problem.row_count == 1 and problem.block_kind[0] == BOX:
-        return solve_one_row(problem)
-    set_scales(problem)
-    start_from_gamma(problem, X)
-    project_all(problem, problem.vectors[X])
-    most = int(config.max_iterations)
-    newton = int(0)
-    if most > BEFORE_NEWTON and can_step_by_newton(problem):
-        most = BEFORE_NEWTON
-        newton = 1
-    done = int(0)
-    while done == 0:
-        # One call for both: the code is large.
-        part = accelerate(problem, config, most)
-        report.iterations += part.iterations
-        report.residual = part.residual
-        done = 1
-        if newton == 1 and not part.residual <= config.tolerance:
-            part = solve_proximally(problem, config, MOST_NEWTON)
-            report.iterations += part.iterations
-            report.residual = part.residual
-            most = config.max_iterations - report.iterations
-            if not part.residual <= config.tolerance and most > 0:
-                done = 0
-                copy(problem.row_count, problem.vectors, BEST, X)
-        newton = 0
-    for row in range(problem.row_count):
-        problem.gamma[row] = problem.vectors[BEST, row]
-        problem.vectors[LOW, row] = 0.0
+    report = descend_first(problem, config)
+    if wants_newton(problem, config, report.residual):
+        report = step_newton(problem, config, report)
+        if not report.residual <= config.tolerance:
+            report = descend_rest(problem, config, report)
+    keep_best(problem)
     return report

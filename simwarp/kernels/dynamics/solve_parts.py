@@ -10,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from simwarp.core.types import ConeSolver
-from simwarp.kernels.cones.apgd import solve_apgd
+from simwarp.kernels.cones.apgd import descend_first, descend_rest, keep_best, step_newton, wants_newton
 from simwarp.kernels.cones.interior_point import can_factorise, finish_interior_point, start_interior_point
 from simwarp.kernels.cones.padmm import solve_padmm
 from simwarp.kernels.cones.problem import LOW, ConeConfig, ConeProblem, SolveReport
@@ -52,8 +52,28 @@ def if_not_factorised(problem: ConeProblem, config: ConeConfig) -> bool:
     return not can_factorise(problem)
 
 
+@wp.func
+def descend(problem: ConeProblem, config: ConeConfig) -> SolveReport:
+    """Accelerated gradient descent until Newton steps are worth a try (`proximal_worlds_kernel`)."""
+    report = descend_first(problem, config)
+    keep_best(problem)
+    return report
+
+
+@wp.func
+def step_on(problem: ConeProblem, config: ConeConfig, before: SolveReport) -> SolveReport:
+    """Newton steps."""
+    return step_newton(problem, config, before)
+
+
+@wp.func
+def descend_on(problem: ConeProblem, config: ConeConfig, before: SolveReport) -> SolveReport:
+    """The rest of the descent."""
+    return descend_rest(problem, config, before)
+
+
 SOLVES: dict[ConeSolver, tuple[Any, Any]] = {
-    ConeSolver.APGD: (always, solve_apgd), ConeSolver.PSOR: (always, solve_psor), ConeSolver.SPG: (always, solve_spg),
+    ConeSolver.APGD: (always, descend), ConeSolver.PSOR: (always, solve_psor), ConeSolver.SPG: (always, solve_spg),
     ConeSolver.PADMM: (if_dense, solve_padmm),
 }  # fmt: skip
 STAND_INS = {ConeSolver.PADMM: if_not_dense, ConeSolver.INTERIOR_POINT: if_not_factorised}
@@ -62,7 +82,7 @@ STAND_INS = {ConeSolver.PADMM: if_not_dense, ConeSolver.INTERIOR_POINT: if_not_f
 @functools.cache
 def solve_worlds_kernel(solver: ConeSolver, stand_in: bool = False) -> wp.Kernel:
     """The kernel of one solver, which is not the interior point, or of gradient descent where a solver cannot work."""
-    applies, solve = (STAND_INS[solver], solve_apgd) if stand_in else SOLVES[solver]
+    applies, solve = (STAND_INS[solver], descend) if stand_in else SOLVES[solver]
 
     @wp.kernel(**PART)
     def solve_worlds(
@@ -90,6 +110,42 @@ def solve_worlds_kernel(solver: ConeSolver, stand_in: bool = False) -> wp.Kernel
         step.cone_residual[world] = solution.residual
 
     return solve_worlds
+
+
+@functools.cache
+def proximal_worlds_kernel(solver: ConeSolver, stand_in: bool, rest: bool) -> wp.Kernel:
+    """The kernel that goes on after gradient descent by proximal Newton steps, or with the `rest` of the descent."""
+    applies = STAND_INS[solver] if stand_in else always
+    go_on = descend_on if rest else step_on
+
+    @wp.kernel(**PART)
+    def proximal_worlds(
+        # inputs
+        worlds: WorldRange,
+        config: StepConfig,
+        topology: Topology,
+        scratch: Scratch,
+        # in and out
+        state: StateArrays,
+        step: StepState,
+    ):
+        """Goes on with all worlds that gradient descent has left to Newton steps."""
+        world = worlds.first + wp.tid()
+        if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
+            return
+        cone = pack_cone(scratch, scratch_slot_of(world, worlds))
+        problem = sized_problem(step.blocks[world], topology, config, cone)
+        numbers = cone_config(config)
+        if not applies(problem, numbers) or not wants_newton(problem, numbers, step.cone_residual[world]):
+            return
+        before = SolveReport()
+        before.iterations = step.iterations[world]
+        solution = go_on(problem, numbers, before)
+        keep_best(problem)
+        step.iterations[world] = solution.iterations
+        step.cone_residual[world] = solution.residual
+
+    return proximal_worlds
 
 
 @wp.func
@@ -176,4 +232,6 @@ def refine_worlds(
 def kernels_for_cuda_check() -> list[wp.Kernel]:
     """All solvers."""
     alone = [solve_worlds_kernel(solver) for solver in SOLVES]
-    return [*alone, *(solve_worlds_kernel(solver, True) for solver in STAND_INS), newton_worlds, refine_worlds]
+    stand_ins = [solve_worlds_kernel(solver, True) for solver in STAND_INS]
+    on = [proximal_worlds_kernel(ConeSolver.APGD, False, rest) for rest in (False, True)]
+    return [*alone, *stand_ins, *on, newton_worlds, refine_worlds]
