@@ -150,5 +150,5 @@ def _record_parts(shares: WorldShares, arrays: CollisionArrays) -> list[WorldLau
         ]  # fmt: skip
     return [
         *commands,
-        shares.record(keep_worlds, inputs=[topology, state, scratch, found], outputs=[arrays.contacts], in_turn=True),
+        shares.record(keep_worlds, inputs=[topology, state, scratch, found], outputs=[arrays.contacts]),
     ]
