@@ -106,9 +106,7 @@ class Simulation(FixedAttributes):
         reactions = checked_flag("Simulation", "joint_reactions", joint_reactions)
         self.elements = _checked_elements(elements)
         self.sensors = _named_apart(sensors)
-        fallback = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
-        other = self.solver.solver != ConeSolver.APGD.name.lower()
-        all_solvers = other or (fallback if self.solver.fallback is None else self.solver.fallback)
+        all_solvers = _needs_all_solvers(model, self.solver)
         sizes = step_sizes(model, self.solver.dense_rows, all_solvers)
         element_memory = [
             reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
@@ -509,6 +507,13 @@ def _checked_elements(elements: Any) -> tuple[ForceElement, ...]:
                 "Vehicle(model, ...)"
             )
     return listed
+
+
+def _needs_all_solvers(model: Model, solver: SolverOptions) -> bool:
+    """Whether other solvers than accelerated gradient descent may run."""
+    fallback = model.shape_count > 0 and model.mass_ratio > REFINED_MASS_RATIO
+    other = solver.solver != ConeSolver.APGD.name.lower()
+    return other or (fallback if solver.fallback is None else solver.fallback)
 
 
 def _checked_dt(dt: Any, substeps: int) -> float:
