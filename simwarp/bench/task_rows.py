@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from typing import Any
+from unittest import mock
 
 import torch
 import warp as wp
@@ -13,6 +15,7 @@ from simwarp.bench.health import Health
 from simwarp.bench.measure import Row, bytes_of, check_memory, judge
 from simwarp.bench.timing import counted_launches, measure_speed
 from simwarp.core.memory import check_fits
+from simwarp.simulation.sensor_rounds import StepProgram
 from simwarp.tasks import TaskError, make, replace_fields, resolve_device, task_class
 from simwarp.tasks.framework.task import NON_FINITE
 
@@ -83,14 +86,17 @@ class TaskRun:
             self.wait()
             spent[part] += time.perf_counter() - start
 
-        def advance(steps: int) -> None:
-            for _ in range(steps * sim.substeps):
-                timed("physics", lambda: sim.shares.run(sim.physics_commands))
-                timed("sensors", lambda: sim.shares.run(sim.sensor_commands))
+        parts = {} if sim is None else dict.fromkeys(sim.physics_commands, "physics")
+        parts |= {} if sim is None else dict.fromkeys(itertools.chain.from_iterable(sim.sensor_commands), "sensors")
 
-        if sim is not None:
-            sim.advance = advance
-        try:
+        def run(program: StepProgram, steps: int) -> None:
+            for command in program.launches(steps):
+                if command in parts:
+                    timed(parts[command], command.launch)
+                else:
+                    command.launch()
+
+        with mock.patch.object(StepProgram, "run", run):
             begin = time.perf_counter()
             steps = 0
             while steps < _SPLIT_STEPS and time.perf_counter() - begin < _SPLIT_SECONDS:
@@ -99,9 +105,6 @@ class TaskRun:
                 steps += 1
             self.wait()
             total = time.perf_counter() - begin
-        finally:
-            if sim is not None:
-                del sim.advance
         shares = {part: seconds / total for part, seconds in spent.items()}
         return {
             "physics": shares["physics"], "sensors": shares["sensors"], "task": max(0.0, 1.0 - sum(shares.values())),

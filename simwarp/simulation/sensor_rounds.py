@@ -8,7 +8,7 @@ published, whatever was reset since. Otherwise, and for sensors that do not tell
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -140,14 +140,23 @@ class StepProgram:
 
     def run(self, steps: int) -> None:
         """Takes `steps` steps."""
+        for program, times in self._turns(steps):
+            program.run(times)
+
+    def launches(self, steps: int) -> Iterator[Any]:
+        """What `run` launches, in turn, for whoever launches and times each."""
+        for program, times in self._turns(steps):
+            yield from program.commands * times
+
+    def _turns(self, steps: int) -> Iterator[tuple[WorldProgram, int]]:
         substeps = steps * self._substeps
         rounds = 0 if self._round is self.everywhere else self._rounds.whole(substeps)
         if rounds:
-            self._round.run(rounds)
+            yield self._round, rounds
         rest = substeps - rounds * self._rounds.length
         if rest:
             self._rounds.pass_by(rest)
-            self.everywhere.run(rest // self._substeps)
+            yield self.everywhere, rest // self._substeps
 
 
 def step_blocks(before: Sequence[Any], parts: Sequence[Sequence[Any]]) -> list[Block]:
