@@ -369,20 +369,17 @@ def test_the_clock_runs_for_stepping_only():
 # ---- tasks, peers, cold start ------------------------------------------------------------------------------------
 
 
-# Of 64 ants physics is most of a step, of 4 cart-poles a few percent
-@pytest.mark.parametrize(
-    ("name", "worlds", "physics"), [("pendulum-task", 4, 0.0), ("ant-task", 64, 0.2), ("fast", 4, None)]
-)
-def test_a_task_is_split_into_its_parts(bench, name, worlds, physics):
-    code, result, err = bench(name, "--worlds", str(worlds))
+@pytest.mark.parametrize(("name", "least"), [("pendulum-task", 0.0), ("ant-task", 0.2), ("fast", None)])
+def test_a_task_is_split_into_its_parts(bench, name, least):
+    code, result, err = bench(name, "--worlds", "64")
     assert code == 0, err
     row = result["rows"][0]
     assert set(row) >= CONTRACT
     assert (row["scene"], result["kind"]) == (name, "task")
     assert set(row["split"]) == {"physics", "sensors", "task", "policy"}
     assert sum(row["split"].values()) == pytest.approx(1.0)
-    assert row["split"]["physics"] > physics if physics is not None else row["split"]["physics"] == 0.0
-    assert (row["bytes_per_world"] is not None) == (physics is not None)
+    assert row["split"]["physics"] > least if least is not None else row["split"]["physics"] == 0.0
+    assert (row["bytes_per_world"] is not None) == (least is not None)
 
 
 def test_mujoco_stands_beside_the_cart_pole_and_moves_alike(bench):
