@@ -30,6 +30,7 @@ NEWTON_VECTORS = 8
 """Rows of `wide` that it uses: gamma_k, point, its projection p, Y z, Y dz; z, F, dz."""
 MOST_DOFS = 256
 """Degrees of freedom of a tree, at most: the ends of rows are kept on the stack."""
+LARGEST = wp.constant(MOST_DOFS)
 
 FIRST_RHO = wp.constant(100.0)
 LAST_RHO = wp.constant(1.0e4)  # float32 still tells 1 from the rounding of rho in the Hessian
@@ -187,7 +188,7 @@ def advance_newton(
     blocks: int, tree_dofs: int, length: float, block_row: wp.array[int], entries: wp.array[int],
     tree_dof: wp.array2d[int], y: wp.array2d[float], wide: wp.array2d[wp.float64],
 ) -> float:  # fmt: skip
-    """Z <- z + length dz, F <- that of z; returns the greatest entry of Y F, a velocity [m/s]."""
+    """Sets z <- z + length dz, F <- that of z; returns the greatest entry of Y F, a velocity [m/s]."""
     ...
 
 
@@ -342,14 +343,16 @@ def set_direction(
     lower: wp.array[float], upper: wp.array[float], scale: wp.array[float], rho: float, spread: wp.array2d[float],
     factor: wp.array2d[float], wide: wp.array2d[wp.float64],
 ) -> float:  # fmt: skip
-    """Dz <- -(1 + Y^T P Y)^-1 F and Y dz; returns F . dz, which is negative. `spread` holds the rows of a pair."""
+    """Sets dz <- -(1 + Y^T P Y)^-1 F and Y dz; returns F . dz, which is negative. `spread` holds the rows of a pair."""
     ...
 
 
 @wp.func
 def can_step_by_newton(problem: ConeProblem) -> bool:
     """True if the problem has the form for it and the workspace is allocated."""
-    if problem.loop_count > 0 or problem.rolling_count > 0 or problem.tree_dof_count == 0:
+    if problem.loop_count > 0 or problem.rolling_count > 0:
+        return False
+    if problem.tree_dof_count == 0 or problem.tree_dof_count > LARGEST:
         return False
     if problem.factor.shape[0] < problem.tree_dof_count or problem.wide.shape[1] < problem.row_count:
         return False
@@ -390,7 +393,7 @@ def search_along(problem: ConeProblem, rho: float, steepness: float) -> float:
 
 @wp.func
 def step_proximally(problem: ConeProblem, rho: float, goal: float) -> int:
-    """P <- the result of one proximal step from X, to a velocity of `goal` [m/s]; returns the Newton steps."""
+    """Sets p <- the result of one proximal step from X, to a velocity of `goal` [m/s]; returns the Newton steps."""
     begin(
         problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_entries, problem.block_tree_dof,
         problem.y, problem.vectors, problem.wide,

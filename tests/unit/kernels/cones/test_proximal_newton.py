@@ -95,6 +95,17 @@ def test_a_tall_stack_takes_few_iterations(law):
     assert sum(without) > 4 * sum(with_newton)
 
 
+def test_a_tree_too_large_for_newton_steps_goes_without():
+    """Of 264 degrees of freedom: the ends of rows have room for 256, however large the workspace is."""
+    n, r, blocks, entries = stacked_boxes(43, np.random.default_rng(1))
+    single = Single(n, r, blocks, entries)
+    gamma, results = single.run(SOLVE, np.zeros(len(r)), iterations=100)
+    single.problem.wide = wp.zeros((0, 0), dtype=wp.float64)
+    without, same = single.run(SOLVE, np.zeros(len(r)), iterations=100)
+    np.testing.assert_array_equal(gamma, without)
+    assert results.tolist() == same.tolist()
+
+
 def test_a_shaken_stack_keeps_its_tolerance_in_few_iterations():
     """350 iterations per step without Newton steps."""
     sim = sw.Simulation(scenes.stack().finalize(4, "cpu"), 5e-3, solver=sw.SolverOptions(tolerance=1e-4))
