@@ -34,7 +34,7 @@ from simwarp.simulation.collision_recording import CollisionArrays, parts_layout
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.protocols import ForceElement, Sensor
-from simwarp.simulation.requirements import collision_sizes, newton_dofs, scratch_slots_of, step_layouts, step_sizes
+from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, step_layouts, step_sizes
 from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
@@ -142,7 +142,7 @@ class Simulation(FixedAttributes):
         self._initial.copy_from(self.state)
         self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
         self._resetting = self._record_reset()
-        self.physics_commands = self._record_step(all_solvers)
+        self.physics_commands = self._record_step(all_solvers, newton=sizes.factor_rows > 0)
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = self._record_sensors()
         """Those of each sensor in every sub-step."""
@@ -321,7 +321,7 @@ class Simulation(FixedAttributes):
         config.dense_rows = self.solver.dense_rows
         return config
 
-    def _record_step(self, all_solvers: bool) -> list[Any]:
+    def _record_step(self, all_solvers: bool, *, newton: bool) -> list[Any]:
         """The physics of a step as recorded launches: a fifth of the host time of fresh ones."""
         commands = [command for part in self.elements for command in part.record(self, self._config.dt)]
         commands += record_collision(
@@ -335,7 +335,7 @@ class Simulation(FixedAttributes):
             config=self._config, topology=self.model.topology, parameters=self.model.parameters,
             control=self.control.arrays, state=self.state.arrays, contacts=self.contacts.arrays,
             reports=self.diagnostics.arrays, scratch=self._scratch, all_solvers=all_solvers,
-            newton=newton_dofs(self.model) > 0,
+            newton=newton,
         )  # fmt: skip
         commands += record_step(self.shares, arrays)
         measuring = [part.record_after for part in self.elements if hasattr(part, "record_after")]

@@ -49,7 +49,7 @@ class StepArrays:
         control, state, contacts, reports: of the simulation.
         scratch: for intermediate values.
         all_solvers: other solvers than accelerated gradient descent may run.
-        newton: proximal Newton steps may follow it.
+        newton: proximal Newton steps may follow it: there is room for what they factorise.
     """
 
     config: Any

@@ -209,7 +209,7 @@ def descend_rest(problem: ConeProblem, config: ConeConfig, before: SolveReport) 
 
 @wp.func
 def keep_best(problem: ConeProblem):
-    """Gamma <- BEST."""
+    """Sets gamma <- BEST."""
     for row in range(problem.row_count):
         problem.gamma[row] = problem.vectors[BEST, row]
         problem.vectors[LOW, row] = 0.0
