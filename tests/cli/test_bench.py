@@ -3,8 +3,6 @@
 import dataclasses
 import json
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,54 +10,24 @@ import warp as wp
 
 import simwarp as sw
 from simwarp import cli, scenes
-from simwarp.bench import health, measure, motion, workloads
+from simwarp.bench import health, measure, motion
 from simwarp.bench import vehicle_rows as vehicles
 from simwarp.bench.timing import array_bytes, counted_launches, measure_speed
 from simwarp.bench.workloads import BenchScene, bench_scenes
 
-CONTRACT = {
-    "scene", "worlds", "dt", "steps_per_s", "steps_per_cpu_s", "residual", "launches_per_step", "bytes_per_world",
-    "compile_s", "valid",
-}  # fmt: skip
 RATES = ("steps_per_s", "steps_per_cpu_s", "steps_per_s_range", "steps_per_cpu_s_range", "split")
-
-
-@pytest.fixture
-def bench(capfd):
-    """Run the command: exit code, JSON (None without), standard error."""
-
-    def run(*arguments):
-        capfd.readouterr()
-        code = cli.main(["bench", *arguments, "--seconds", "0.02", "--device", "cpu", "--json", "-"])
-        out, err = capfd.readouterr()
-        return code, json.loads(out) if out else None, err
-
-    return run
-
-
-@pytest.fixture
-def with_scene(monkeypatch):
-    """Offer one more scene under the name `test`."""
-
-    def add(**fields):
-        scene = BenchScene(name="test", summary="", **fields)
-        found = bench_scenes() | {"test": scene}
-        monkeypatch.setattr("simwarp.bench.subjects.bench_scenes", lambda: found)
-        return scene
-
-    return add
 
 
 def refused(row):
     return row["valid"] is False and row["problems"] and all(row[key] is None for key in RATES)
 
 
-def test_rows_have_the_keys_of_the_contract(bench):
+def test_rows_have_the_keys_of_the_contract(bench, row_keys):
     code, result, err = bench("pendulum", "--worlds", "1,3")
     assert code == 0, err
     assert [row["worlds"] for row in result["rows"]] == [1, 3]
     for row in result["rows"]:
-        assert set(row) >= CONTRACT
+        assert set(row) >= row_keys
         assert (row["scene"], row["dt"], row["valid"], row["problems"]) == ("pendulum", 0.01, True, [])
         assert row["steps_per_s"] > 0
         assert row["steps_per_cpu_s"] > 0
@@ -370,231 +338,13 @@ def test_the_clock_runs_for_stepping_only():
 
 
 @pytest.mark.parametrize(("name", "least"), [("pendulum-task", 0.0), ("ant-task", 0.2), ("fast", None)])
-def test_a_task_is_split_into_its_parts(bench, name, least):
+def test_a_task_is_split_into_its_parts(bench, row_keys, name, least):
     code, result, err = bench(name, "--worlds", "64")
     assert code == 0, err
     row = result["rows"][0]
-    assert set(row) >= CONTRACT
+    assert set(row) >= row_keys
     assert (row["scene"], result["kind"]) == (name, "task")
     assert set(row["split"]) == {"physics", "sensors", "task", "policy"}
     assert sum(row["split"].values()) == pytest.approx(1.0)
     assert row["split"]["physics"] > least if least is not None else row["split"]["physics"] == 0.0
     assert (row["bytes_per_world"] is not None) == (least is not None)
-
-
-def test_mujoco_stands_beside_the_cart_pole_and_moves_alike(bench):
-    pytest.importorskip("mujoco")
-    from simwarp.bench.peers import AGREEMENT, differs_by
-
-    # both are first-order in the step, 1 ms, which the falling pole amplifies some twenty times in a second
-    assert differs_by(bench_scenes()["pendulum"]) < 0.1 * AGREEMENT
-    code, result, err = bench("pendulum", "--worlds", "1,5", "--peers")
-    assert code == 0, err
-    assert [row["worlds"] for row in result["peers"]] == [1, 5]
-    assert all(set(row) >= CONTRACT and row["valid"] for row in result["peers"])
-    assert all(row["engine"].startswith("mujoco ") for row in result["peers"])
-    assert any("newton" in note for note in result["notes"])
-
-
-def test_a_peer_with_another_model_is_refused(monkeypatch):
-    pytest.importorskip("mujoco")
-    from simwarp.bench import peers
-
-    monkeypatch.setattr(peers, "POLE_MASS", 1.0)
-    row = peers.measure_mujoco(bench_scenes()["pendulum"], 1, None, 0.02)
-    assert not row.valid
-    assert row.steps_per_s is None
-    assert "not the same motion" in row.problems[0]
-
-
-def test_the_ant_of_mujoco_is_ours_in_the_air():
-    pytest.importorskip("mujoco")
-    from simwarp.bench.contact_peers import MuJoCoRun, start_of
-
-    # without ground nothing but the model and its motors can differ
-    scene = dataclasses.replace(bench_scenes()["ant"], build=lambda: scenes.ant(ground=False), settle=0.0)
-    run = measure.SceneRun(scene, 3, "cpu", 1e-3)
-    run.set_motion()
-    theirs = MuJoCoRun(scene, start_of(run), run.dt, 500, True)
-    theirs.model.geom_contype[:] = 0
-    theirs.model.geom_conaffinity[:] = 0
-    for _ in range(500):
-        run.single_step()
-    for _ in range(theirs.horizon_steps):
-        theirs.step()
-    mine = start_of(run)
-    np.testing.assert_allclose(theirs.now[:, 1:16], mine.qpos, atol=2e-3)
-    np.testing.assert_allclose(theirs.now[:, 16:], mine.qvel, atol=0.05)
-
-
-@pytest.mark.parametrize("name", ["ant", pytest.param("stack", marks=pytest.mark.slow)])
-def test_mujoco_stands_beside_scenes_with_contacts(bench, name):
-    pytest.importorskip("mujoco")
-    code, result, err = bench(name, "--worlds", "2", "--peers")
-    assert code == 0, err
-    row = result["peers"][0]
-    assert set(row) >= CONTRACT
-    assert row["engine"].startswith("mujoco ")
-    assert row["valid"]
-    assert row["residual"] is None
-    assert row["contacts"] > 2.0
-
-
-def test_an_ant_with_weak_motors_is_no_peer(monkeypatch):
-    pytest.importorskip("mujoco")
-    from simwarp.bench import contact_peers
-
-    text = contact_peers.model_text("ant").replace('kp="20"', 'kp="4"')
-    monkeypatch.setattr(contact_peers, "model_text", lambda name: text)
-    contact_peers.their_motion.cache_clear()
-    row = contact_peers.measure_peer("mujoco", bench_scenes()["ant"], 1, None, 0.02)
-    contact_peers.their_motion.cache_clear()
-    assert not row.valid
-    assert row.steps_per_s is None
-    assert "mean height" in row.problems[0]
-
-
-@pytest.mark.parametrize("module", ["mujoco_warp", "newton"])
-def test_the_other_engines_stand_beside_the_ant_where_they_are_installed(module):
-    pytest.importorskip(module)
-    from simwarp.bench import contact_peers
-
-    row = contact_peers.measure_peer(module, bench_scenes()["ant"], 2, None, 0.02)
-    assert row.valid, row.problems
-
-
-def test_scenes_without_a_peer_say_so(bench):
-    code, result, err = bench("four-bar", "--worlds", "1", "--peers")
-    assert code == 0
-    assert result["peers"] == []
-    assert "no other engine has a model of 'four-bar'" in err
-
-
-@pytest.mark.slow
-def test_cold_start_is_measured_in_a_new_process(bench):
-    code, result, _ = bench("simple-pendulum", "--worlds", "1", "--compile")
-    assert code == 0
-    row = result["rows"][0]
-    assert row["compile_source"] == "cold process"
-    assert row["compile_s"] > 3.0 * row["compile_warm_s"] > 0.0
-    assert row["compile_cpu_s"] > row["compile_warm_s"]
-
-
-@pytest.mark.slow
-def test_the_last_of_many_models_compiles_nothing(tmp_path):
-    file = tmp_path / "models.json"
-    done = subprocess.run(
-        [sys.executable, "benchmarks/hundred_models.py", "--models", "6", "--max-bodies", "3", "--json", str(file)],
-        capture_output=True, text=True, timeout=600,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    result = json.loads(file.read_text(encoding="utf-8"))
-    assert result["rows"][0]["compiled"] >= 1
-    assert result["last_compiled"] == 0
-
-
-@pytest.mark.slow
-def test_the_script_writes_tables_and_what_the_time_goes_to(tmp_path):
-    done = subprocess.run(
-        [
-            sys.executable, "benchmarks/contact_peers.py", "--scenes", "ant", "--seconds", "0.02", "--no-peers",
-            "--out", str(tmp_path),
-        ],
-        capture_output=True, text=True, timeout=600,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    result = json.loads((tmp_path / "ant.json").read_text(encoding="utf-8"))
-    assert [row["worlds"] for row in result["rows"]] == [1, 256, 1024, 4096]
-    parts = result["breakdown_us"]
-    assert all(parts[key] > 0.0 for key in ("whole", "motion", "collision", "free_motion", "contact_rows", "solve"))
-
-
-# ---- wrong input -------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ([], "which scene?"),
-        (["pendulm"], "did you mean pendulum"),
-        (["fast-taks"], "did you mean"),
-        (["hexapood"], "did you mean hexapod"),
-        (["stak"], "did you mean stack"),
-        (["camra"], "did you mean camera"),
-        (["pendulum", "--worlds", "0"], "at least 1"),
-        (["pendulum", "--worlds", "-4"], "at least 1"),
-        (["pendulum", "--worlds", "1,,2"], "whole numbers"),
-        (["pendulum", "--worlds", "1e3"], "whole numbers"),
-        (["pendulum", "--worlds", "99999999999"], "use fewer worlds"),
-        (["pendulum", "--device", "tpu"], "device 'tpu' is not available"),
-        (["pendulum", "--dt", "0"], "dt must be a positive number"),
-        (["pendulum", "--dt", "nan"], "dt must be a finite number"),
-        (["pendulum", "--seconds", "-1"], "seconds must be a positive number"),
-        (["pendulum", "--world", "1"], "did you mean --worlds?"),
-        (["pendulum", "--json", "/no/such/folder/x.json"], "does not exist"),
-    ],
-)
-def test_one_line_and_exit_code_2(capfd, arguments, words):
-    assert cli.main(["bench", *arguments]) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert err.startswith("simwarp: ")
-    assert err.count("\n") == 1
-    assert words in err
-
-
-def test_help_lists_the_scenes(capfd):
-    assert cli.main(["bench", "--help"]) == 0
-    out = capfd.readouterr().out
-    assert all(name in out for name in ("linkage", "pendulum", "pendulum-task", "fast"))
-
-
-@pytest.mark.quick("camera-flat", "lidar")
-@pytest.mark.parametrize("name", [name for name in workloads.SENSOR_SCENES if name != "rays"])
-def test_every_sensor_is_timed_on_frames_that_show_something(bench, name):
-    code, result, err = bench(name, "--worlds", "2")
-    assert code == 0, err
-    (row,) = result["rows"]
-    assert set(row) >= CONTRACT
-    assert (result["kind"], row["scene"], row["valid"]) == ("sensor", name, True)
-    assert row["bytes_per_world"] > 0
-
-
-@pytest.mark.slow
-def test_rays_are_timed_beside_embree_on_the_same_hits(bench):
-    pytest.importorskip("embreex")
-    code, result, err = bench("rays", "--worlds", "2", "--peers")
-    assert code == 0, err
-    assert [row["scene"] for row in result["rows"]] == ["rays-10k", "rays-200k"]
-    assert [(row["engine"], row["valid"]) for row in result["peers"]] == [("embree", True)] * 2
-    # geometry is shared: a world has a place in it, no copy (a mesh of 10 k triangles takes half a megabyte)
-    assert all(row["bytes_per_world"] < 100_000 for row in result["rows"])
-    assert result["rows"][1]["bytes_shared"] > 5 * result["rows"][0]["bytes_shared"]
-    assert "rays-200k" in err
-
-
-def test_rows_of_threads(bench):
-    code, result, err = bench("pendulum", "--worlds", "1,12", "--threads", "1,2", "--peers")
-    assert code == 0, err
-    assert [(row["worlds"], row["threads"]) for row in result["rows"]] == [(1, 1), (1, 2), (12, 1), (12, 2)]
-    assert [(row["worlds"], row["threads"]) for row in result["peers"]] == [(1, 1), (1, 2), (12, 1), (12, 2)]
-    # the motion is the same, so are its residuals; launches are counted over all worlds
-    assert result["rows"][2]["residual"] == result["rows"][3]["residual"]
-    assert {row["launches_per_step"] for row in result["rows"]} == {1}
-
-
-def test_by_default_one_thread_and_all(bench, monkeypatch):
-    monkeypatch.setenv("SIMWARP_THREADS", "3")
-    _, result, err = bench("pendulum", "--worlds", "12")
-    assert [row["threads"] for row in result["rows"]] == [1, 3]
-    assert "threads" in err
-
-
-@pytest.mark.parametrize(("text", "message"), [
-    ("0", "threads must each be at least 1, got '0'"), ("two", "threads must be whole numbers with commas"),
-    ("4096", "threads must each be at most 1024, got '4096'"),
-])  # fmt: skip
-def test_threads_that_are_none(bench, text, message):
-    code, _, err = bench("pendulum", "--threads", text)
-    assert code == 2
-    assert message in err
