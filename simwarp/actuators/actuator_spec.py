@@ -1,0 +1,103 @@
+"""Actuators as data: what they pull on, and their law."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+
+from simwarp.core.types import Pose
+from simwarp.core.types import pose as make_pose
+
+
+class Activation(enum.IntEnum):
+    """State between the control and the force."""
+
+    NONE = 0
+    """The force follows the control at once."""
+    INTEGRATOR = 1
+    """da/dt = ctrl."""
+    FILTER = 2
+    """da/dt = (ctrl - a) / time_constant, explicit Euler."""
+    FILTER_EXACT = 3
+    """The same, integrated exactly over a step."""
+
+
+class Law(enum.IntEnum):
+    """How the force reaches the joints."""
+
+    EFFORT = 0
+    """force = gain x control + bias, both affine in length and rate, taken at the start of a step."""
+    SERVO = 1
+    """The coordinate's `PositionDrive` follows the control; stiffness and damping are implicit."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SitePull:
+    """Transmission to a frame: a wrench along fixed directions of it.
+
+    Attributes:
+        body: that carries the frame, not `WORLD`.
+        pose: of the frame, from the body's centre of mass, in body axes [m].
+        gear: (6,) force [N] and torque [N·m] per unit of actuator force, in the frame's axes.
+        reference: body of the frame in whose axes `gear` is given instead; None for the frame's own.
+        reference_pose: of that frame, from the centre of mass of `reference` (world axes for `WORLD`).
+    """
+
+    body: int
+    pose: Pose = dataclasses.field(default_factory=make_pose)
+    gear: tuple[float, float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    reference: int | None = None
+    reference_pose: Pose = dataclasses.field(default_factory=make_pose)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ActuatorSpec:
+    """One actuator: force f = (g0 + g1 l + g2 l') u + b0 + b1 l + b2 l' along its length l, where u is its control or
+    its activation. The joints of `terms` feel coefficient x f.
+
+    Attributes:
+        name: of the control.
+        terms: (column of `State.joint_q`, coefficient): l = length_offset + sum of coefficient x q. Empty for a site.
+        site: transmission to a frame in place of coordinates; its length is 0, its rate that of the frame along `gear`.
+        length_offset: length where all coordinates are 0.
+        law: EFFORT, or SERVO along a single coordinate whose `Dof` has a `PositionDrive`: its target is
+            (u - length_offset) / coefficient.
+        gain: (g0, g1, g2).
+        bias: (b0, b1, b2).
+        ctrl_range: the control is clamped to it; None for no bounds.
+        force_range: the force is clamped to it; None for no bounds.
+        activation: state between control and force.
+        time_constant: of a filter [s].
+        activation_range: the activation is clamped to it.
+        delay: of the control [s]; whole steps.
+        torque_speed: (stall force, speed without load) of a motor, in units of f and of l': the force that speeds the
+            motion up is at most stall (1 - |l'| / speed), and 0 beyond it.
+        corner_speed: below this speed the whole stall force is there, where `torque_speed` is given.
+    """
+
+    name: str
+    terms: tuple[tuple[int, float], ...] = ()
+    site: SitePull | None = None
+    length_offset: float = 0.0
+    law: Law = Law.EFFORT
+    gain: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ctrl_range: tuple[float, float] | None = None
+    force_range: tuple[float, float] | None = None
+    activation: Activation = Activation.NONE
+    time_constant: float = 0.0
+    activation_range: tuple[float, float] | None = None
+    delay: float = 0.0
+    torque_speed: tuple[float, float] | None = None
+    corner_speed: float = 0.0
+
+    @property
+    def has_activation(self) -> bool:
+        """True if a state stands between control and force."""
+        return self.activation is not Activation.NONE
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Bounds of the control, infinite where there are none."""
+        return self.ctrl_range or (-math.inf, math.inf)

@@ -1,0 +1,150 @@
+"""What every reader of robots returns: the builder, indices by the names of the file, coordinates and a report."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.types import WORLD, ModelError, Pose
+from simwarp.core.types import pose as make_pose
+from simwarp.importers.coordinates import CoordinateMap
+from simwarp.importers.report import ImportReport
+from simwarp.model.builder import ModelBuilder
+
+if TYPE_CHECKING:
+    from simwarp.actuators import ActuatorSpec
+    from simwarp.sensors.scene import Visuals
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class NamedFrame:
+    """A frame of the file that is no body of ours: a site, or a body without joints, which is part of its parent.
+
+    Attributes:
+        body: that it is fixed to; `WORLD` where nothing moves it.
+        pose: from the body's centre of mass, in body axes [m]; world axes for `WORLD`.
+    """
+
+    body: int = WORLD
+    pose: Pose = dataclasses.field(default_factory=make_pose)
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraPlace:
+    """A camera of the file: looks along -z of its frame, y up, as in its source.
+
+    Attributes:
+        frame: where it is.
+        field_of_view: vertical [rad].
+    """
+
+    frame: NamedFrame
+    field_of_view: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Keyframe:
+    """A stored state.
+
+    Attributes:
+        q: (dofs,) coordinates, as `State.joint_q`.
+        qd: (dofs,) rates.
+        ctrl: (actuators,) controls.
+        time: [s].
+    """
+
+    q: Array
+    qd: Array
+    ctrl: Array
+    time: float = 0.0
+
+
+@dataclasses.dataclass
+class Imported:
+    """A robot, or a scene, of a file.
+
+    Poses, centres and axes are those of the file; bodies have its axes, with the origin in the centre of mass. The
+    builder stands in the file's initial position. Names are those of the file behind the `prefix`.
+
+    Attributes:
+        builder: to go on with: add ground, then `finalize`.
+        bodies: name -> body index. Bodies without joints are parts of their parents: see `frames`.
+        dofs: name of a joint -> its first column of `State.joint_q`.
+        shapes: name -> shape indices; a mesh that was decomposed has several.
+        frames: name -> frame of a body that is a part of another one.
+        sites: name -> frame.
+        cameras: name -> place.
+        keyframes: name -> state.
+        actuators: in the order of the file, for `simwarp.actuators.Actuators`.
+        coordinates: of the file's joints.
+        report: what became of every element.
+    """
+
+    builder: ModelBuilder
+    bodies: Mapping[str, int]
+    dofs: Mapping[str, int]
+    shapes: Mapping[str, tuple[int, ...]]
+    coordinates: CoordinateMap
+    report: ImportReport
+    frames: Mapping[str, NamedFrame] = dataclasses.field(default_factory=dict)
+    sites: Mapping[str, NamedFrame] = dataclasses.field(default_factory=dict)
+    cameras: Mapping[str, CameraPlace] = dataclasses.field(default_factory=dict)
+    keyframes: Mapping[str, Keyframe] = dataclasses.field(default_factory=dict)
+    actuators: tuple[ActuatorSpec, ...] = ()
+    show: Callable[[Visuals], None] | None = None
+    """Adds what only shows; `add_visuals` calls it."""
+
+    @property
+    def mass(self) -> float:
+        """Of all that moves [kg]."""
+        return float(sum(self.builder.bodies[body].mass for body in set(self.bodies.values())))
+
+    def q_from(self, qpos: npt.ArrayLike) -> Array:
+        """(..., dofs) coordinates, as `State.joint_q`, at positions (..., nq) in the file's order and form.
+
+        Quaternions of the file are wxyz; ours are rotation vectors [rad].
+        """
+        return self.coordinates.q_from(qpos)
+
+    def qpos_from(self, q: npt.ArrayLike) -> Array:
+        """(..., nq) positions in the file's order and form at coordinates (..., dofs)."""
+        return self.coordinates.positions_from(q)
+
+    def qd_from(self, qvel: npt.ArrayLike, qpos: npt.ArrayLike | None = None) -> Array:
+        """(..., dofs) rates, as `State.joint_qd`, of rates (..., nv) in the file's order and axes.
+
+        Args:
+            qvel: of the file. The angular velocity of a floating body or a ball is in the axes of the body.
+            qpos: (..., nq) where the joints are; as built when None. Only balls and floating bodies need it.
+        """
+        return self.coordinates.qd_from(qvel, qpos)
+
+    def qvel_from(self, qd: npt.ArrayLike, qpos: npt.ArrayLike | None = None) -> Array:
+        """(..., nv) rates in the file's order and axes of our rates (..., dofs); `qpos` as in `qd_from`."""
+        return self.coordinates.rates_from(qd, qpos)
+
+    def frame(self, name: str) -> NamedFrame:
+        """A site, a body, or a body that is part of another one: what a sensor is mounted on.
+
+        Raises:
+            ModelError: there is none of this name.
+        """
+        if name in self.sites:
+            return self.sites[name]
+        if name in self.frames:
+            return self.frames[name]
+        if name in self.bodies:
+            return NamedFrame(self.bodies[name])
+        known = [*self.sites, *self.frames, *self.bodies]
+        raise ModelError(f"{self.report.source}: no frame '{name}'; known: {', '.join(known[:12])}")
+
+    def add_visuals(self, visuals: Visuals) -> None:
+        """Add what the file shows, and only shows: its visual meshes are read here for the first time."""
+        if self.show is not None:
+            self.show(visuals)
