@@ -171,6 +171,8 @@ class WorldStatus(IntFlag):
     """A value of this world became NaN or infinite: the world is frozen until it is reset."""
     NOT_ASSEMBLED = 2
     """The closed loops could not be assembled for the coordinates that were set."""
+    SINGULAR = 4
+    """Axes of joints with no mass between them became parallel; for a step, the rate of one of them was held."""
 
 
 class Pose(NamedTuple):

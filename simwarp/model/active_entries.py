@@ -59,8 +59,9 @@ def active_entries(
     if size is Size.JOINTS:  # anchors and frames
         bodies = np.array([kind is not JointType.SHAFT for kind in model.joint_types], bool)
         return ActiveEntries(bodies, "shafts have no anchors and frames")
-    count = model.body_count if size is Size.BODIES else 1
-    return ActiveEntries(np.ones(count, bool), "the model has no bodies")
+    if size is Size.BODIES:
+        return ActiveEntries(model.has_mass, "only bodies with mass have one, and the model has none")
+    return ActiveEntries(np.ones(1, bool), "")
 
 
 def _boxes(model: Model, *kinds: BoxKind) -> Mask:

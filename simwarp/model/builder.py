@@ -116,6 +116,23 @@ class ModelBuilder(ShapeList, CouplingList):
         self.bodies.append(spec)
         return len(self.bodies) - 1
 
+    def add_massless_body(self, name: str, *, pose: Pose | None = None) -> int:
+        """A frame between joints, with no mass of its own; returns its body index.
+
+        Two bodies are tied by several joints in a row through such frames: hinges whose axes cross make a shoulder,
+        slides and a hinge a gantry. What hangs below must have mass. No shape and no joint that closes a loop
+        touches it. Where axes of neighbouring joints become parallel, one of their rates is held, and the world
+        gets `WorldStatus.SINGULAR`; a little `armature` on them avoids that.
+
+        Args:
+            name: unique among bodies.
+            pose: of the frame in the world, best where the joints' axes meet; identity when None.
+        """
+        thing = self._new_name("body", name, (body.name for body in self.bodies))
+        zero = np.zeros(3)
+        self.bodies.append(BodySpec(name, 0.0, np.zeros((3, 3)), checked_pose(thing, pose), zero, zero))
+        return len(self.bodies) - 1
+
     def add_shaft(
         self, name: str, *, inertia: float, position: float = 0.0, speed: float = 0.0, **options: Unpack[DofOptions]
     ) -> int:

@@ -23,7 +23,7 @@ from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
-from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
+from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
 from simwarp.model.specifications import Specification
 from simwarp.model.topology import (
@@ -60,6 +60,7 @@ class Model(ParameterFields):
     Attributes:
         world_count, body_count, joint_count, dof_count, shape_count: sizes of the arrays.
         body_names, joint_names, shape_names: in index order.
+        has_mass: (bodies,) False for the frames between joints that `add_massless_body` made.
         contact_capacity: contact slots of every world.
         has_rolling_friction: True if contacts carry rolling and spinning friction.
         path_length: most slots between a link and the root of its tree.
@@ -82,10 +83,11 @@ class Model(ParameterFields):
         self.joint_count = len(builder.joints)
         self.dof_count = builder.dof_count
         self.body_names = tuple(body.name for body in builder.bodies)
+        self.has_mass = np.array([not body.is_massless for body in builder.bodies], bool)
         self.joint_names = tuple(joint.name for joint in builder.joints)
         self.joint_dof_start = tuple(builder.dof_start(joint) for joint in range(self.joint_count + 1))
         self.box_count = len(tables.boxes)
-        masses = [body.mass for body in builder.bodies] or [1.0]
+        masses = [body.mass for body in builder.bodies if not body.is_massless] or [1.0]
         self.mass_ratio = max(masses) / min(masses)
         self.has_loops = any(dof < 0 for dof in tables.row_dof)
         self.shape_count = len(builder.shapes)
@@ -144,7 +146,7 @@ class Model(ParameterFields):
             array = writable_from(
                 np.repeat(values[name][None], layout.shape[0], axis=0), layout.dtype, model.device,
                 label=f"model.{name}",
-                domain=asset_domain(builder) if name == "shape_asset" else PARAMETERS[name].domain,
+                domain=parameter_domain(builder, name),
                 hint=f"all worlds share it: finalize(per_world=('{name}',)) gives each its own" if shared else "",
             )  # fmt: skip
             setattr(model, name, array)
@@ -275,11 +277,16 @@ def _pair_topology(
 
 
 def _never_meet(builder: Specification) -> set[tuple[int, int]]:
-    """Pairs of bodies whose shapes never meet: excluded, or tied by a joint."""
+    """Pairs of bodies whose shapes never meet: excluded, or tied by a joint, or by several through massless bodies."""
     joints = [
         joint for joint in builder.joints if joint.type != JointType.SHAFT and WORLD not in (joint.parent, joint.child)
     ]
-    return builder.excluded_bodies | {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
+    tied = {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
+    for body, spec in enumerate(builder.bodies):
+        if spec.is_massless:
+            around = sorted({a + b - body for a, b in tied if body in (a, b)})
+            tied |= {(low, high) for low in around for high in around if low < high}
+    return builder.excluded_bodies | tied
 
 
 def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> int:
@@ -336,6 +343,8 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t.link_type = ints([link.type for link in links])
     t.link_sign = wp.array([link.sign for link in links] or [1.0], dtype=float, device=device)
     touched = {body for joint in joints for body in (joint.parent, joint.child)}
+    massless = [link.body >= 0 and builder.bodies[link.body].is_massless for link in links]
+    t.link_massless, t.massless_count = ints(massless), sum(massless)
     t.link_alone = ints([link.body >= 0 and link.body not in touched for link in links])
     t.link_tree_dof, t.tree_dof_to_dof, t.tree_dof_link = (
         ints(tables.link_tree_dof),

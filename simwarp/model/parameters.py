@@ -13,7 +13,14 @@ import warp as wp
 from simwarp.core.arrays import ANY, Domain
 from simwarp.core.fields import Field
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import PositionDrive, ShapeType, VelocityMotor, finite_vector
+from simwarp.core.types import (
+    FLOAT32_LEAST,
+    FLOAT32_MAX,
+    PositionDrive,
+    ShapeType,
+    VelocityMotor,
+    finite_vector,
+)
 from simwarp.kernels.core.fields import ParameterFields
 from simwarp.model.checks import INFINITE
 from simwarp.model.specifications import Specification
@@ -21,6 +28,7 @@ from simwarp.model.topology import coupling_width
 
 PARAMETERS: Final[Mapping[str, Field]] = ParameterFields.FIELDS
 """Name -> declaration of every parameter that may differ per world."""
+MASSLESS: Final = "massless bodies keep 0, the others need more"
 
 
 def parameter_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
@@ -36,8 +44,21 @@ def parameter_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         dtype = wp.dtype_to_numpy(getattr(parameter.dtype, "_wp_scalar_type_", parameter.dtype))
         with np.errstate(over="ignore"):  # told in the next line
             values[name] = given.astype(dtype)
-        (parameter.domain or ANY).check(f"finalize: {name}", values[name])
+        parameter_domain(builder, name).check(f"finalize: {name}", values[name])
     return values
+
+
+def parameter_domain(builder: Specification, name: str) -> Domain:
+    """Values that a parameter of this model may have, in one world."""
+    massless = np.array([body.is_massless for body in builder.bodies], bool)
+    if name == "shape_asset":
+        return asset_domain(builder)
+    if name == "body_mass" and massless.any():
+        return Domain(np.where(massless, 0.0, FLOAT32_LEAST), np.where(massless, 0.0, FLOAT32_MAX), MASSLESS)
+    if name == "body_inertia_b" and massless.any():
+        bounds = massless[:, None, None]
+        return Domain(np.where(bounds, 0.0, FLOAT32_LEAST), np.where(bounds, 0.0, FLOAT32_MAX), MASSLESS, 2)
+    return PARAMETERS[name].domain or ANY
 
 
 def asset_domain(builder: Specification) -> Domain:

@@ -25,6 +25,11 @@ class BodySpec:
     velocity: Array
     omega: Array
 
+    @property
+    def is_massless(self) -> bool:
+        """True of a frame between joints (`ModelBuilder.add_massless_body`)."""
+        return self.mass == 0.0
+
 
 @dataclasses.dataclass(frozen=True)
 class Frame:

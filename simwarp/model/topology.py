@@ -122,6 +122,7 @@ def build_tables(builder: Specification) -> Tables:
     coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
     links = _ordered_links(builder, tree)
+    _check_massless(builder, links)
     link_tree_dof: list[int] = [0]
     tree_dof_to_dof: list[int] = []
     tree_dof_link: list[int] = []
@@ -217,7 +218,9 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
         count = len(spec.dofs)
         is_coupled = any(dof_start[joint] + local in coupled for local in range(count))
         efforts = sum(has_effort(dof) for dof in spec.dofs)
-        return (100 * is_coupled + len(ELEMENTS[spec.type].rows) + efforts, -joint)
+        ends = [builder.bodies[body] for body in (spec.parent, spec.child) if body != WORLD]
+        needed = any(body.is_massless for body in ends)  # such a body only has the inertia of what hangs on it
+        return (10000 * needed + 100 * is_coupled + len(ELEMENTS[spec.type].rows) + efforts, -joint)
 
     group = list(range(len(builder.bodies) + 1))  # the last is the world
 
@@ -268,6 +271,26 @@ def _ordered_links(builder: Specification, tree: set[int]) -> list[Link]:
         if spec.type == JointType.SHAFT:
             links.append(Link(-1, -1, joint, JointType.SHAFT, 1.0))
     return links
+
+
+def _check_massless(builder: Specification, links: list[Link]) -> None:
+    """Massless bodies are carried by joints of the tree and carry a body with mass; nothing else touches them."""
+    in_tree, carrying = {link.joint for link in links}, {link.parent for link in links}
+    remedy = "give it mass, or tie the bodies directly"
+    for index, link in enumerate(links):
+        if link.body < 0 or not builder.bodies[link.body].is_massless:
+            continue
+        thing = f"body '{builder.bodies[link.body].name}'"
+        if link.joint < 0 or link.type == JointType.FREE or index not in carrying:
+            raise ModelError(
+                f"{thing}: a massless body must hang on a joint and carry a body with mass, "
+                f"but it {'floats' if link.type == JointType.FREE else 'carries none'}; {remedy}"
+            )
+        for joint, spec in enumerate(builder.joints):
+            if link.body in (spec.parent, spec.child) and joint not in in_tree:
+                raise ModelError(f"{thing}: is massless, but joint '{spec.name}' closes a loop at it; {remedy}")
+        if any(shape.body == link.body for shape in builder.shapes):
+            raise ModelError(f"{thing}: a massless body must have no shape; put it on a body with mass")
 
 
 def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_start: list[int]) -> None:

@@ -29,6 +29,7 @@ class Topology:
     box_count: int
     loop_dof_count: int
     distance_count: int
+    massless_count: int
     shape_count: int
     pair_count: int
     grid_buckets: int  # 0: pairs come from the list
@@ -39,6 +40,7 @@ class Topology:
     link_type: wp.array[int]  # JointType
     link_sign: wp.array[float]  # -1: the joint is traversed from its child to its parent
     link_alone: wp.array[int]  # 1: no joint touches the body
+    link_massless: wp.array[int]  # 1: a frame between joints
     link_tree_dof: wp.array[int]  # CSR
     tree_dof_to_dof: wp.array[int]  # -1: floating without a named joint
     tree_dof_link: wp.array[int]

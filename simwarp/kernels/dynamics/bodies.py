@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
@@ -19,9 +20,11 @@ from simwarp.kernels.dynamics.joints import (
     unwrapped,
     wraps,
 )
-from simwarp.kernels.dynamics.tree import Wrench
+from simwarp.kernels.dynamics.tree import Wrench, has_held_rate
 
 wp.set_module_options({"enable_backward": False})
+
+SINGULAR = wp.constant(int(WorldStatus.SINGULAR))
 
 
 @wp.func
@@ -144,7 +147,7 @@ def load_bodies(
             work.l_ang[link] = state.body_omega_low[world, body]
             work.l_lin[link] = state.body_v_low[world, body]
             torque_b = control.body_torque_b[world, body]
-            if config.gyroscopic == 1:
+            if config.gyroscopic == 1 and mass > 0.0:
                 torque_b += gyroscopic_torque(
                     topology.link_alone[link], inertia_b, omega * rot, state.body_omega_last[world, body] * rot, dt
                 )
@@ -297,6 +300,8 @@ def publish_motion(
     if projected == 1:
         load_poses(world, topology, state, work)
     publish_rates(world, topology, parameters, state, work)
+    if topology.massless_count > 0 and has_held_rate(topology, work):
+        state.world_status[world] = state.world_status[world] | SINGULAR
     advance_poses(world, dt, topology, state, work)
     publish_poses(world, topology, state, work)
     for link in range(topology.link_count):

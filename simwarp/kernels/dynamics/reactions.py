@@ -106,7 +106,7 @@ def unexplained_impulses(
             mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
             inertia_b = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
             torque_b = control.body_torque_b[world, body]
-            if config.gyroscopic == 1:
+            if config.gyroscopic == 1 and mass > 0.0:
                 torque_b += gyroscopic_torque(
                     topology.link_alone[link],
                     inertia_b,

@@ -13,6 +13,10 @@ from simwarp.kernels.dynamics.joints import FREE, SHAFT
 
 wp.set_module_options({"enable_backward": False})
 
+LEAST_PIVOT = wp.constant(1.0e-6)
+"""Of a massless link's inertia along a coordinate, relative to the largest: some ten times the rounding of float32.
+Two hinges are that near to being parallel at an angle of 1e-3 rad."""
+
 
 @wp.func
 def inverse_cholesky(m: wp.mat33) -> wp.mat33:
@@ -58,6 +62,10 @@ def eliminate_columns(link: int, topology: Topology, work: Work):
         inv_sqrt_d = float(0.0)
         if work.gain[tree_dof] >= 0.0:  # a negative gain marks a prescribed rate: nothing to eliminate
             inv_sqrt_d = 1.0 / wp.sqrt(d)
+            if topology.link_massless[link] == 1:
+                most = wp.trace(inertia) * wp.dot(a, a) + wp.trace(mass) * wp.dot(v, v)
+                if not d > LEAST_PIVOT * most:
+                    inv_sqrt_d = 0.0
         u_ang *= inv_sqrt_d
         u_lin *= inv_sqrt_d
         work.inv_sqrt_d[tree_dof] = inv_sqrt_d
@@ -69,6 +77,16 @@ def eliminate_columns(link: int, topology: Topology, work: Work):
     work.inertia[link] = inertia
     work.coupling[link] = coupling
     work.mass[link] = mass
+
+
+@wp.func
+def has_held_rate(topology: Topology, work: Work) -> bool:
+    """True where a joint without mass behind it could not be eliminated."""
+    held = bool(False)
+    for tree_dof in range(topology.tree_dof_count):
+        if topology.link_massless[topology.tree_dof_link[tree_dof]] == 1:
+            held = held or (work.inv_sqrt_d[tree_dof] == 0.0 and work.gain[tree_dof] >= 0.0)
+    return held
 
 
 @wp.func
