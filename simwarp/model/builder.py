@@ -237,6 +237,31 @@ class ModelBuilder(ShapeList, CouplingList):
             JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), IDENTITY), frame1, (Dof(),) * 6)
         )
 
+    def add_loop_joint(
+        self, name: str, parent: int, child: int, *, kind: JointType, frame0: Pose, frame1: Pose | None = None
+    ) -> int:
+        """A joint that closes a loop between bodies that other joints hold already: its rows stay rows, and its
+        bodies may collide.
+
+        Args:
+            name: unique among joints.
+            parent: body of frame 0, or WORLD.
+            child: body of frame 1.
+            kind: FIXED or SPHERICAL.
+            frame0: on the parent, in the world [m].
+            frame1: on the child, in the world; that of frame 0 when None. Where the two differ, the loop is open as
+                built, and `Simulation.set_joint_state` or the steps close it.
+        """
+        thing = checked_name("joint", name)
+        if kind not in (JointType.FIXED, JointType.SPHERICAL):
+            raise ModelError(f"{thing}: kind must be FIXED or SPHERICAL, got {shown(kind)}; use add_joint_... instead")
+        first = checked_pose(thing, frame0)
+        second = first if frame1 is None else checked_pose(thing, frame1)
+        return self._add(
+            kind, name, parent, child, first.position, None, (), anchor1=second.position, rotation=first.rotation,
+            rotation1=second.rotation, closes_loop=True,
+        )  # fmt: skip
+
     # ---- elements that only add rows ------------------------------------------------------------------------------
 
     def add_joint_point_on_plane(self, name: str, parent: int, child: int, *, anchor: Vec3, normal: Vec3) -> int:
@@ -439,8 +464,8 @@ class ModelBuilder(ShapeList, CouplingList):
 
     def _add(
         self, kind: JointType, name: str, parent: int, child: int, anchor: Any, axis: Any,
-        dofs: Sequence[Dof], *, anchor1: Vec3 | None = None, rotation: Array | None = None,
-        rotation1: Array | None = None, offset: float = 0.0,
+        dofs: Sequence[Dof], *, anchor1: Vec3 | Array | None = None, rotation: Array | None = None,
+        rotation1: Array | None = None, offset: float = 0.0, closes_loop: bool = False,
     ) -> int:  # fmt: skip
         thing = checked_name("joint", name)
         child_pose = self._pose_of(thing, "child", child)
@@ -459,7 +484,7 @@ class ModelBuilder(ShapeList, CouplingList):
                 name, kind, int(parent), int(child),
                 self._frame(thing, "parent", parent, point, rotation),
                 self._frame(thing, "child", child, point1, rotation if rotation1 is None else rotation1),
-                checked, offset=offset,
+                checked, offset=offset, closes_loop=closes_loop,
             )
         )  # fmt: skip
 
@@ -476,7 +501,8 @@ class ModelBuilder(ShapeList, CouplingList):
             fresh = False
             for spec in self.joints:
                 ends = {spec.parent, spec.child}
-                if not ELEMENTS[spec.type].tree or spec.type == JointType.SHAFT or not (ends & tied):
+                in_tree = ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT and not spec.closes_loop
+                if not in_tree or not (ends & tied):
                     continue
                 if WORLD in ends:
                     how = "floats under" if spec.type == JointType.FREE else "is tied to the world by"

@@ -101,6 +101,20 @@ class CouplingList:
             )
         return sum(len(ELEMENTS[spec.type].dofs) for spec in self.joints[:joint])
 
+    def coordinate_of(self, column: int) -> tuple[int, int]:
+        """The joint and its local coordinate that a column of `joint_q` belongs to.
+
+        Raises:
+            ModelError: there is no such column.
+        """
+        first = 0
+        for joint, spec in enumerate(self.joints):
+            count = len(ELEMENTS[spec.type].dofs)
+            if first <= column < first + count:
+                return joint, int(column - first)
+            first += count
+        raise ModelError(f"coordinate_of: column must be in 0..{first - 1}, got {shown(column)}; see dof_start")
+
     def _coordinate(self, thing: str, joint: Any, local: Any) -> tuple[JointSpec, int]:
         """A joint of this builder and an index of one of its coordinates."""
         integers = (int, np.integer)

@@ -279,7 +279,9 @@ def _pair_topology(
 def _never_meet(builder: Specification) -> set[tuple[int, int]]:
     """Pairs of bodies whose shapes never meet: excluded, or tied by a joint, or by several through massless bodies."""
     joints = [
-        joint for joint in builder.joints if joint.type != JointType.SHAFT and WORLD not in (joint.parent, joint.child)
+        joint
+        for joint in builder.joints
+        if joint.type != JointType.SHAFT and WORLD not in (joint.parent, joint.child) and not joint.closes_loop
     ]
     tied = {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
     for body, spec in enumerate(builder.bodies):

@@ -43,7 +43,8 @@ class Frame:
 class JointSpec:
     """One element between frame 0 on body `parent` and frame 1 on body `child`.
 
-    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²].
+    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²]. One that
+    `closes_loop` is never part of the spanning tree, and its bodies may collide.
     """
 
     name: str
@@ -57,6 +58,7 @@ class JointSpec:
     inertia: float = 0.0
     initial_q: float = 0.0
     initial_qd: float = 0.0
+    closes_loop: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -230,7 +230,11 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
             node = group[node]
         return node
 
-    eligible = [j for j, spec in enumerate(builder.joints) if ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT]
+    eligible = [
+        j
+        for j, spec in enumerate(builder.joints)
+        if ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT and not spec.closes_loop
+    ]
     tree: set[int] = set()
     for joint in sorted(eligible, key=weight, reverse=True):
         a, b = root(builder.joints[joint].parent), root(builder.joints[joint].child)
