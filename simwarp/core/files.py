@@ -11,6 +11,7 @@ import errno
 import fcntl
 import json
 import os
+import re
 import shutil
 import stat
 import tempfile
@@ -37,6 +38,8 @@ DEEPEST: Final = 100
 
 LONGEST_INTEGER: Final = 19
 """Digits of the largest whole number of 64 bits."""
+
+ENTITIES: Final = re.compile(rb"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 WAIT_FOR_READER: Final = 5.0
 """Time that writing to a FIFO waits for a reader [s]."""
@@ -288,6 +291,14 @@ def read_text(path: str | Path, what: str = "file") -> str:
     except UnicodeDecodeError as error:
         reason = f"not UTF-8 text at byte {error.start}"
         raise FileError(f"{what} '{path}' is {reason}", reason) from None
+
+
+def declares_entities(xml: bytes) -> bool:
+    """Return True if an XML text declares a document type or an entity, whatever its encoding.
+
+    That is the door to texts that expand without end, and to other files; no description needs it.
+    """
+    return ENTITIES.search(xml.replace(b"\0", b"")) is not None
 
 
 def read_json(path: str | Path, what: str = "file") -> Any:

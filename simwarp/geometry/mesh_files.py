@@ -1,4 +1,4 @@
-"""Mesh files (OBJ, STL, PLY, GLB), their shapes and looks, and meshes as sets of convex parts: the only file that
+"""Mesh files (OBJ, STL, PLY, GLB, DAE), their shapes and looks, and meshes as sets of convex parts: the only file that
 imports trimesh.
 """
 
@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import logging
 import os
+import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +17,7 @@ import numpy.typing as npt
 import PIL.Image
 import trimesh
 
+from simwarp.core.files import declares_entities
 from simwarp.core.types import ModelError, shown
 from simwarp.geometry.visual_mesh import VisualMesh, joined, linear_from_srgb
 
@@ -22,11 +25,15 @@ Vertices = npt.NDArray[np.float64]
 Triangles = npt.NDArray[np.int64]
 Image = npt.NDArray[np.uint8]
 
-FORMATS: Final = (".obj", ".stl", ".ply", ".glb", ".gltf", ".off")
+# missing bump maps and the like are told in tracebacks
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+FORMATS: Final = (".obj", ".stl", ".ply", ".glb", ".gltf", ".off", ".dae")
 
 
 def load_mesh(path: str | Path) -> tuple[Vertices, Triangles]:
-    """Vertices (V, 3), as the file has them (no change of unit or axes), and triangles (T, 3) of a mesh file.
+    """Vertices (V, 3), as the file has them (no change of unit or axes), and triangles (T, 3) of a mesh file. Only DAE
+    files tell their unit: these become metres.
 
     Parts of a scene are put where the scene has them and joined.
 
@@ -72,10 +79,23 @@ def _checked_file(path: str | Path) -> Path:
 
 
 def _loaded(file: Path, force: str) -> Any:
+    collada = file.suffix.lower() == ".dae"
+    text = file.read_bytes() if collada else b""
+    if declares_entities(text):
+        raise ModelError(f"mesh file: '{file.name}' must not declare a document type or entities; export it again")
     try:
-        return trimesh.load(file, force=force)
+        loaded = trimesh.load(file, force=force)
+        if collada:
+            loaded.apply_scale(_collada_unit(text))
+        return loaded
     except Exception as error:  # every format's reader raises its own kinds
         raise ModelError(f"mesh file: '{file.name}' must be readable, got {error!r}; export it again") from error
+
+
+def _collada_unit(text: bytes) -> float:
+    """Metres per unit of a COLLADA file, which its readers leave to others; its `up_axis` is left alone, as in ROS."""
+    found = re.search(rb"""<unit\b[^>]*\bmeter\s*=\s*["']([^"']+)["']""", text)
+    return float(found.group(1)) if found else 1.0
 
 
 def _check_obj_textures(file: Path) -> None:

@@ -96,7 +96,8 @@ class Imported:
         bodies: name -> body index. Bodies without joints are parts of their parents: see `frames`.
         dofs: name of a joint -> its first column of `State.joint_q`.
         shapes: name -> shape indices; a mesh that was decomposed has several.
-        frames: name -> frame of a body that is a part of another one.
+        frames: name -> frame of a body that is a part of another one; the file's own frame of every body, where it
+            has one.
         sites: name -> frame.
         cameras: name -> place.
         keyframes: name -> state.
@@ -104,6 +105,8 @@ class Imported:
         tendons: name -> column of its coordinate, where it has a law of its own.
         timestep: of the file [s]; None where it tells none.
         actuators: in the order of the file, for `simwarp.actuators.Actuators`.
+        effort_limits: name of a joint -> largest effort of what drives it, where the file tells [N or N·m].
+        velocity_limits: name of a joint -> highest speed of what drives it, where the file tells [m/s or rad/s].
         coordinates: of the file's joints.
         report: what became of every element.
     """
@@ -122,12 +125,14 @@ class Imported:
     tendons: Mapping[str, int] = dataclasses.field(default_factory=dict)
     actuators: tuple[ActuatorSpec, ...] = ()
     timestep: float | None = None
+    effort_limits: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    velocity_limits: Mapping[str, float] = dataclasses.field(default_factory=dict)
     show: Callable[[Visuals], None] | None = None
     """Adds what only shows; `add_visuals` calls it."""
 
     @property
     def mass(self) -> float:
-        """Of all that moves [kg]."""
+        """Of all bodies [kg]."""
         return float(sum(self.builder.bodies[body].mass for body in set(self.bodies.values())))
 
     def q_from(self, qpos: npt.ArrayLike) -> Array:

@@ -1,0 +1,375 @@
+"""Links and joints of a file become bodies, joints and shapes of a builder: what is welded together is one body."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.types import WORLD, Dof, JointType, Material, ModelError, Pose, ShapeType
+from simwarp.core.types import pose as make_pose
+from simwarp.geometry.assets import MassProperties
+from simwarp.importers.coordinates import CoordinateKind, CoordinateMap, JointCoordinates
+from simwarp.importers.imported import NamedFrame
+from simwarp.importers.links.link_frames import NO_MASS, composed, moved_mass, relative, total_mass
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.keyword_options import ShapeOptions
+from simwarp.model.shapes import ALL_GROUPS
+
+Array = npt.NDArray[np.float64]
+
+GROUND_GROUP: Final = 1 << 30
+"""Group of shapes of a base without mass, which its neighbours do not meet."""
+
+AXIAL: Final = (JointType.REVOLUTE, JointType.PRISMATIC, JointType.CYLINDRICAL, JointType.PLANAR)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LinkShape:
+    """Collision geometry of a link.
+
+    Attributes:
+        name: without the prefix.
+        kind: convex, or PLANE.
+        size: as `ShapeType` tells [m]; of a hull unused.
+        pose: of its frame in the link's.
+        hulls: corners (N, 3) of each convex part, of a HULL [m].
+        material: the builder's default when None.
+    """
+
+    name: str
+    kind: ShapeType
+    size: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    pose: Pose = dataclasses.field(default_factory=make_pose)
+    hulls: tuple[Array, ...] = ()
+    material: Material | None = None
+
+
+@dataclasses.dataclass(kw_only=True)
+class Link:
+    """A rigid part of a file.
+
+    Attributes:
+        name: without the prefix.
+        pose: of its frame in the world as built.
+        mass: in its frame; without mass where the file gives none.
+        shapes: collision geometry.
+        velocity: of the frame's origin in the world as built [m/s].
+        omega: angular velocity in world axes as built [rad/s].
+    """
+
+    name: str
+    pose: Pose
+    mass: MassProperties = NO_MASS
+    shapes: list[LinkShape] = dataclasses.field(default_factory=list)
+    velocity: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+    omega: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LinkJoint:
+    """A joint between two links, in world coordinates as built.
+
+    Attributes:
+        name: without the prefix.
+        kind: FIXED welds; FREE names the coordinates of a floating link, whose parent is None.
+        parent: name of the link, None for the world.
+        child: name of the link.
+        anchor: a point of it [m].
+        axis: direction, of a kind that has one (of a PLANAR: the normal).
+        dofs: limits and efforts of its coordinates; passive ones where empty.
+        offset: the file's coordinate as built, of a REVOLUTE or PRISMATIC [rad or m].
+    """
+
+    name: str
+    kind: JointType
+    parent: str | None
+    child: str
+    anchor: Array
+    axis: Array | None = None
+    dofs: tuple[Dof, ...] = ()
+    offset: float = 0.0
+
+
+@dataclasses.dataclass
+class Assembled:
+    """What became of links and joints; names have the prefix.
+
+    Attributes:
+        bodies: name of a body's first link -> body.
+        frames: name of every link -> its frame.
+        joints: name -> joint of the builder, of all but welds.
+        dofs: name -> first column of `State.joint_q`, of joints with coordinates.
+        shapes: name -> shape indices.
+        shapes_of: name of a link -> its shape indices.
+        coordinates: of the file's joints, in the order given.
+    """
+
+    bodies: dict[str, int] = dataclasses.field(default_factory=dict)
+    frames: dict[str, NamedFrame] = dataclasses.field(default_factory=dict)
+    joints: dict[str, int] = dataclasses.field(default_factory=dict)
+    dofs: dict[str, int] = dataclasses.field(default_factory=dict)
+    shapes: dict[str, tuple[int, ...]] = dataclasses.field(default_factory=dict)
+    shapes_of: dict[str, tuple[int, ...]] = dataclasses.field(default_factory=dict)
+    coordinates: CoordinateMap | None = None
+
+
+@dataclasses.dataclass
+class WeldedGroup:
+    """Links that are one body, which has the axes of the first.
+
+    Attributes:
+        head: the first link.
+        members: all of them, in the order of the file.
+        grounded: welded to the world.
+        mass: of all, in the head's frame.
+    """
+
+    head: Link
+    members: list[Link]
+    grounded: bool
+    mass: MassProperties
+
+    @property
+    def has_inertia(self) -> bool:
+        """True if a body can be made of it."""
+        return self.mass.mass > 0.0 and bool(np.linalg.eigvalsh(self.mass.inertia)[0] > 0.0)
+
+
+def welded_groups(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[WeldedGroup]:
+    """Links that FIXED joints weld together, in the order of the file.
+
+    The head of a group is its first link that no weld hangs on another one.
+    """
+    index = {link.name: number for number, link in enumerate(links)}
+    leader = list(range(len(links)))
+
+    def lead(number: int) -> int:
+        while leader[number] != number:
+            number = leader[number]
+        return number
+
+    welds = [joint for joint in joints if joint.kind == JointType.FIXED]
+    for joint in welds:
+        if joint.parent is not None:
+            a, b = sorted((lead(index[joint.parent]), lead(index[joint.child])))
+            leader[b] = a
+    grounded = {lead(index[joint.child]) for joint in welds if joint.parent is None}
+    hanging = {joint.child for joint in welds if joint.parent is not None}
+    members: dict[int, list[Link]] = {}
+    for number, link in enumerate(links):
+        members.setdefault(lead(number), []).append(link)
+    groups = []
+    for number, group in members.items():
+        head = next((link for link in group if link.name not in hanging), group[0])
+        mass = total_mass(moved_mass(link.mass, relative(head.pose, link.pose)) for link in group)
+        groups.append(WeldedGroup(head, group, number in grounded, mass))
+    return groups
+
+
+def massless_heads(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[str]:
+    """Names of the links that move, alone or with what is welded to them, without mass or without inertia."""
+    return [
+        group.head.name
+        for group in welded_groups(links, joints)
+        if not group.grounded and not group.has_inertia
+    ]  # fmt: skip
+
+
+@contextlib.contextmanager
+def unchanged_on_error(builder: ModelBuilder) -> Iterator[None]:
+    """A builder that loses what was added to it when an error passes."""
+    kept = {
+        name: value.copy() if isinstance(value, (list, set, dict)) else value for name, value in vars(builder).items()
+    }
+    try:
+        yield
+    except BaseException:
+        vars(builder).clear()
+        vars(builder).update(kept)
+        raise
+
+
+def assemble(
+    builder: ModelBuilder, links: Sequence[Link], joints: Sequence[LinkJoint], *, prefix: str, source: str
+) -> Assembled:
+    """Adds bodies, then joints in the order given, then shapes. A base without mass is a part of the world; one that
+    has mass is a body welded to it, which does not meet its neighbours.
+
+    Args:
+        builder: to add to; it is as before where an error is raised.
+        links: all of the file.
+        joints: of these; FREE ones first where positions of the file begin with them.
+        prefix: of all names.
+        source: the file, for errors.
+
+    Raises:
+        ModelError: a value is not usable, a name is taken, or a joint ties a body to itself.
+    """
+    try:
+        with unchanged_on_error(builder):
+            return _Assembly(builder, links, joints, prefix).result
+    except ModelError as error:
+        raise ModelError(f"{source}: {error}") from None
+
+
+class _Assembly:
+    """One run of `assemble`."""
+
+    def __init__(self, builder: ModelBuilder, links: Sequence[Link], joints: Sequence[LinkJoint], prefix: str) -> None:
+        self.builder = builder
+        self.prefix = prefix
+        self.result = Assembled()
+        self.groups = welded_groups(links, joints)
+        self.body_of: dict[str, int] = {}
+        for group in self.groups:
+            self._add_body(group)
+        coordinates: list[JointCoordinates] = []
+        initial: list[float] = []
+        poses = {link.name: link.pose for link in links}
+        rates = 0
+        for joint in joints:
+            if joint.kind != JointType.FIXED:
+                rates = self._add_joint(joint, poses[joint.child], coordinates, initial, rates)
+        self.result.coordinates = CoordinateMap(
+            tuple(coordinates), len(initial), rates, builder.dof_count, np.array(initial, np.float64)
+        )
+        beside = self._beside_ground(joints)
+        for link in links:
+            self._add_shapes(link, beside)
+
+    def _add_body(self, group: WeldedGroup) -> None:
+        """The body of a group, or none where it is a part of the world; frames of all its links."""
+        body, centre = WORLD, make_pose()
+        name = self.prefix + group.head.name
+        if group.has_inertia or not group.grounded:
+            centre = composed(group.head.pose, make_pose(group.mass.centre))
+            arm = centre.position - group.head.pose.position
+            body = self.builder.add_body(
+                name, mass=group.mass.mass, inertia=group.mass.inertia, pose=centre, strict=False,
+                velocity=group.head.velocity + np.cross(group.head.omega, arm), omega=group.head.omega,
+            )  # fmt: skip
+            self.result.bodies[name] = body
+        if group.grounded and body != WORLD:
+            self.builder.add_joint_fixed(f"{name}_on_world", WORLD, body)
+            # neither of them moves: rows of contacts between them would have no answer
+            self.builder.exclude_collision(WORLD, body)
+        for link in group.members:
+            self.body_of[link.name] = body
+            self.result.frames[self.prefix + link.name] = NamedFrame(body, relative(centre, link.pose))
+
+    def _add_joint(
+        self, joint: LinkJoint, child: Pose, coordinates: list[JointCoordinates], initial: list[float], rates: int
+    ) -> int:
+        """A joint of the builder and its coordinates; returns the rates of the file so far."""
+        name = self.prefix + joint.name
+        first = self.builder.dof_count
+        self.result.joints[name] = self._added(name, joint)
+        count = self.builder.dof_count - first
+        if count == 0:
+            return rates
+        self.result.dofs[name] = first
+        if joint.kind == JointType.FREE:
+            wxyz = np.roll(child.rotation, 1).tolist()
+            coordinates.append(JointCoordinates(name, CoordinateKind.FREE, len(initial), rates, first))
+            initial += [*child.position.tolist(), *wxyz]
+        elif joint.kind == JointType.SPHERICAL:
+            x, y, z, w = (float(value) for value in child.rotation)
+            turn = (x, y, z, w)
+            coordinates.append(JointCoordinates(name, CoordinateKind.BALL, len(initial), rates, first, rotation=turn))
+            initial += [1.0, 0.0, 0.0, 0.0]
+        else:
+            for local in range(count):
+                place = len(initial), rates + local, first + local
+                coordinates.append(JointCoordinates(name, CoordinateKind.SCALAR, *place, offset=joint.offset))
+                initial.append(joint.offset)
+        return rates + count
+
+    def _added(self, name: str, joint: LinkJoint) -> int:
+        builder = self.builder
+        parent = WORLD if joint.parent is None else self.body_of[joint.parent]
+        child = self.body_of[joint.child]
+        ends: dict[str, Any] = {"parent": parent, "child": child, "anchor": joint.anchor}
+        if joint.kind != JointType.FREE and parent == child:
+            raise ModelError(
+                f"joint '{name}': its two links must be able to move apart, but they are welded together; drop it"
+            )
+        dof = joint.dofs[0] if joint.dofs else Dof()
+        options: Any = {field.name: getattr(dof, field.name) for field in dataclasses.fields(Dof)}
+        match joint.kind:
+            case JointType.FREE:
+                return builder.add_joint_free(name, child, anchor=joint.anchor)
+            case JointType.SPHERICAL:
+                return builder.add_joint_spherical(name, **ends, dofs=joint.dofs)
+            case _ if joint.axis is None:
+                raise ModelError(f"joint '{name}': a {joint.kind.name} joint must have an axis, got none; give it one")
+            case JointType.REVOLUTE:
+                return builder.add_joint_revolute(name, **ends, axis=joint.axis, **options)
+            case JointType.PRISMATIC:
+                return builder.add_joint_prismatic(name, **ends, axis=joint.axis, **options)
+            case JointType.CYLINDRICAL:
+                return builder.add_joint_cylindrical(name, **ends, axis=joint.axis, dofs=joint.dofs)
+            case JointType.PLANAR:
+                return builder.add_joint_planar(name, **ends, normal=joint.axis, dofs=joint.dofs)
+            case _:
+                raise ModelError(f"joint '{name}': no reader makes a {joint.kind.name} joint of links; use the builder")
+
+    def _beside_ground(self, joints: Sequence[LinkJoint]) -> set[int]:
+        """Bodies that a joint ties to links which are a part of the world."""
+        pairs = [(joint.parent, joint.child) for joint in joints if joint.parent is not None]
+        ends = [(self.body_of[a], self.body_of[b]) for a, b in pairs]
+        return {body for pair in ends if WORLD in pair for body in pair} - {WORLD}
+
+    def _add_shapes(self, link: Link, beside: set[int]) -> None:
+        frame = self.result.frames[self.prefix + link.name]
+        own: list[int] = []
+        for shape in link.shapes:
+            name = self.prefix + shape.name
+            options: ShapeOptions = {
+                "pose": composed(frame.pose, shape.pose), "material": shape.material,
+            }  # fmt: skip
+            if beside and frame.body == WORLD:
+                options["group"] = GROUND_GROUP
+            elif frame.body in beside:
+                options["mask"] = ALL_GROUPS & ~GROUND_GROUP
+            added = self._add_shape(shape, name, frame.body, options)
+            self.result.shapes[name] = added
+            own += added
+        self.result.shapes_of[self.prefix + link.name] = tuple(own)
+
+    def _add_shape(self, shape: LinkShape, name: str, body: int, options: ShapeOptions) -> tuple[int, ...]:
+        builder = self.builder
+        a, b, _ = shape.size
+        match shape.kind:
+            case ShapeType.HULL:
+                names = [name] if len(shape.hulls) == 1 else [f"{name}_{k}" for k in range(len(shape.hulls))]
+                return tuple(
+                    builder.add_shape_hull(body, corners, name=each, **options)
+                    for each, corners in zip(names, shape.hulls, strict=True)
+                )
+            case ShapeType.SPHERE:
+                return (builder.add_shape_sphere(body, radius=a, name=name, **options),)
+            case ShapeType.BOX:
+                return (builder.add_shape_box(body, half=shape.size, name=name, **options),)
+            case ShapeType.ELLIPSOID:
+                return (builder.add_shape_ellipsoid(body, half=shape.size, name=name, **options),)
+            case ShapeType.CYLINDER:
+                return (builder.add_shape_cylinder(body, radius=a, half_length=b, name=name, **options),)
+            case ShapeType.CAPSULE:
+                return (builder.add_shape_capsule(body, radius=a, half_length=b, name=name, **options),)
+            case ShapeType.CONE:
+                return (builder.add_shape_cone(body, radius=a, half_length=b, name=name, **options),)
+            case ShapeType.PLANE:
+                return (builder.add_shape_plane(body, name=name, **options),)
+            case _:
+                raise ModelError(f"shape '{name}': no reader makes a {shape.kind.name} of a link; use the builder")
+
+
+def frame_on(frames: Mapping[str, NamedFrame], link: str, pose: Pose) -> NamedFrame:
+    """A frame at `pose` in a link's, on the body that the link is a part of."""
+    base = frames[link]
+    return NamedFrame(base.body, composed(base.pose, pose))

@@ -1,0 +1,1 @@
+"""URDF: the description format of ROS."""
