@@ -85,6 +85,12 @@ def _effort_limit(model: Model, also: Collection[str]) -> ActiveEntries:
     return ActiveEntries(_boxes(model, BoxKind.MOTOR, BoxKind.DRIVE), rule)
 
 
+def _effort_lower(model: Model, also: Collection[str]) -> ActiveEntries:
+    own = (model.drive_effort_lower.numpy() <= 0.0).any(axis=0)
+    rule = "it acts only where a drive was built with effort_limit=(lower, upper); else drive_effort_limit holds for it"
+    return ActiveEntries(_boxes(model, BoxKind.MOTOR, BoxKind.DRIVE) & own, rule)
+
+
 def _position_drive(model: Model, also: Collection[str]) -> ActiveEntries:
     drives = np.array([effort.mode is DriveMode.POSITION for effort in model.effort_models], bool)
     return ActiveEntries(drives, "it acts only on coordinates that were built with a PositionDrive")
@@ -126,6 +132,7 @@ _DOFS: Final[dict[str, Callable[[Model, Collection[str]], ActiveEntries]]] = {
     "joint_limit_lower": _limit,
     "joint_limit_upper": _limit,
     "drive_effort_limit": _effort_limit,
+    "drive_effort_lower": _effort_lower,
     "drive_stiffness": _position_drive,
     "drive_damping": _position_drive,
     "joint_stiffness": _stiffness,

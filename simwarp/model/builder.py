@@ -13,8 +13,10 @@ from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjuga
 from simwarp.core.types import (
     WORLD,
     Dof,
+    FrictionRule,
     JointType,
     ModelError,
+    PairRule,
     Pose,
     Quat,
     Vec3,
@@ -30,6 +32,7 @@ from simwarp.model.checks import (
     check_perpendicular,
     checked_dofs,
     checked_inertia,
+    checked_member,
     checked_name,
     checked_pose,
     distance_between,
@@ -70,14 +73,21 @@ class ModelBuilder(ShapeList, CouplingList):
 
     Args:
         gravity: acceleration [m/s²], world frame.
+        friction_rule: how the frictions of two surfaces combine, a `FrictionRule` or its name ("max").
+        pair_rule: how groups and masks decide which shapes meet, a `PairRule` or its name ("either").
 
     Raises:
         ModelError: by every method: a value is not usable, a name is taken, or a body does not exist.
     """
 
-    def __init__(self, gravity: Vec3 = (0.0, 0.0, -9.81)) -> None:
+    def __init__(
+        self, gravity: Vec3 = (0.0, 0.0, -9.81), *, friction_rule: FrictionRule | str = FrictionRule.MIN,
+        pair_rule: PairRule | str = PairRule.BOTH,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.gravity = finite_vector("ModelBuilder", "gravity", gravity, 3)
+        self.friction_rule = checked_member("ModelBuilder", "friction_rule", friction_rule, FrictionRule)
+        self.pair_rule = checked_member("ModelBuilder", "pair_rule", pair_rule, PairRule)
         self.bodies: list[BodySpec] = []
 
     # ---- nodes -------------------------------------------------------------------------------------------------

@@ -15,6 +15,8 @@ import dataclasses
 import enum
 import math
 
+import numpy as np
+
 from simwarp.core.types import (
     BoxKind,
     Dof,
@@ -66,9 +68,21 @@ def box_constraint_kinds(dof: Dof) -> list[BoxKind]:
         BoxKind.LIMIT: dof.limit is not None,
         BoxKind.FRICTION: dof.friction > 0.0,
         BoxKind.MOTOR: isinstance(drive, VelocityMotor),
-        BoxKind.DRIVE: isinstance(drive, PositionDrive) and math.isfinite(drive.effort_limit),
+        BoxKind.DRIVE: has_bounded_drive(dof),
     }
     return [kind for kind, is_there in there.items() if is_there]
+
+
+def effort_bounds(drive: PositionDrive | VelocityMotor) -> tuple[float, float]:
+    """Least and largest effort of a drive [N or N·m], infinite where it has no limit."""
+    limit = np.asarray(drive.effort_limit, np.float64)
+    lower, upper = limit.tolist() if limit.ndim else (-float(limit), float(limit))
+    return lower, upper
+
+
+def has_bounded_drive(dof: Dof) -> bool:
+    """True if the coordinate has a PositionDrive whose effort is limited, at least on one side."""
+    return isinstance(dof.drive, PositionDrive) and any(map(math.isfinite, effort_bounds(dof.drive)))
 
 
 def drive_mode(dof: Dof) -> DriveMode:

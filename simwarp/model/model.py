@@ -13,12 +13,12 @@ from simwarp.core.arrays import writable_from
 from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
 from simwarp.core.piecewise_linear import function_arrays
-from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
+from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Material, ModelError, PairRule, shown
 from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
-from simwarp.model.checks import checked_names, whole_number
+from simwarp.model.checks import checked_member, checked_names, whole_number
 from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
@@ -47,6 +47,9 @@ BYTES_PER_PAIR: Final = 40
 
 MOST_LISTED: Final = 12
 """Names that an error lists."""
+
+MADE_OF_BOTH: Final = [-1.0] * 7
+"""`Topology.given_surface` of a pair without a surface of its own."""
 
 FEWER: Final = "take fewer worlds or a smaller contact_capacity"
 
@@ -92,13 +95,15 @@ class Model(ParameterFields):
         self.has_loops = any(dof < 0 for dof in tables.row_dof)
         self.shape_count = len(builder.shapes)
         self.shape_names = tuple(shape.name for shape in builder.shapes)
+        surfaces = [shape.material for shape in builder.shapes]
+        surfaces += [surface for surface in builder.given_pairs.values() if surface is not None]
         self.has_rolling_friction = any(
-            shape.material.rolling_friction > 0.0 or shape.material.spinning_friction > 0.0 for shape in builder.shapes
+            surface.rolling_friction > 0.0 or surface.spinning_friction > 0.0 for surface in surfaces
         )
         candidates = self.shape_count * (self.shape_count - 1) // 2
         what = f"finalize: the {candidates} pairs of {self.shape_count} shapes"
         check_fits(what, BYTES_PER_PAIR * candidates, wp.get_device("cpu"), "use fewer shapes")
-        pairs = shape_pairs(builder.shapes, _never_meet(builder))
+        pairs = shape_pairs(builder, _never_meet(builder))
         self.contact_capacity = default_capacity(builder, pairs) if contact_capacity is None else contact_capacity
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
         self.shape_types = tuple(shape.type for shape in builder.shapes)
@@ -132,6 +137,9 @@ class Model(ParameterFields):
                 "finalize", "contact_capacity", contact_capacity, 1, MOST_ROWS, "None chooses it"
             )
         wanted = checked_names("finalize", "per_world", per_world, PARAMETERS)
+        # attributes, which anybody may have set
+        builder.friction_rule = checked_member("finalize", "friction_rule", builder.friction_rule, FrictionRule)
+        builder.pair_rule = checked_member("finalize", "pair_rule", builder.pair_rule, PairRule)
         if not builder.bodies and not builder.joints:
             raise ModelError("finalize: the builder has no body; call add_body first")
         values = parameter_values(builder)
@@ -160,13 +168,14 @@ class Model(ParameterFields):
             "and finalize that again"
         )
 
-    def sizes(self, *, elements: bool = False, reactions: bool = False) -> dict[Size, int]:
-        """Lengths of the arrays of a Simulation, with or without force elements and joint reactions."""
+    def sizes(self, *, elements: bool = False, reactions: bool = False, accelerations: bool = False) -> dict[Size, int]:
+        """Lengths of the arrays of a Simulation, with or without force elements, joint reactions and accelerations."""
         worlds = self.world_count
         return {
             Size.WORLDS: worlds,
             Size.ELEMENT_WORLDS: worlds if elements else 1,
             Size.REACTION_WORLDS: worlds if reactions else 0,
+            Size.ACCELERATION_WORLDS: worlds if accelerations else 0,
             Size.BODIES: self.body_count,
             Size.TOUCHED_BODIES: self.body_count if self.shape_count else 0,
             Size.JOINTS: self.joint_count,
@@ -257,7 +266,7 @@ def _initial_state(builder: Specification) -> dict[str, npt.NDArray[Any]]:
 
 
 def _pair_topology(
-    t: Topology, builder: Specification, pairs: npt.NDArray[np.int32], ints: Callable[[Any], Any]
+    t: Topology, builder: Specification, pairs: npt.NDArray[np.int32], ints: Callable[[Any], Any], device: Any
 ) -> None:
     """Shapes, and which of them can meet."""
     shapes = builder.shapes
@@ -274,6 +283,31 @@ def _pair_topology(
     for low, high in sorted(_never_meet(builder)):
         apart[low + 1].append(high)
     t.excluded_start, t.excluded_body = _csr(apart, ints)
+    t.pair_rule, t.friction_rule = int(builder.pair_rule), int(builder.friction_rule)
+    t.shape_priority = ints([shape.material.priority for shape in shapes])
+    t.apart_start, t.apart_shape = _csr(_by_first(builder.excluded_shapes, len(shapes)), ints)
+    t.given_count = len(builder.given_pairs)
+    t.given_start, t.given_shape = _csr(_by_first(builder.given_pairs, len(shapes)), ints)
+    surfaces: Any = [_surface_entries(builder.given_pairs[pair]) for pair in sorted(builder.given_pairs)]
+    t.given_surface = wp.array2d(surfaces or [MADE_OF_BOTH], dtype=float, device=device)
+
+
+def _by_first(pairs: Iterable[tuple[int, int]], count: int) -> list[list[int]]:
+    """For each of `count` shapes the others that it is in a pair with and first of, in order."""
+    others: list[list[int]] = [[] for _ in range(count)]
+    for first, second in sorted(pairs):
+        others[first].append(second)
+    return others
+
+
+def _surface_entries(surface: Material | None) -> list[float]:
+    """`Topology.given_surface` of a pair."""
+    if surface is None:
+        return MADE_OF_BOTH
+    return [
+        surface.friction, surface.rolling_friction, surface.spinning_friction, surface.restitution, surface.cohesion,
+        surface.compliance, surface.damping,
+    ]  # fmt: skip
 
 
 def _never_meet(builder: Specification) -> set[tuple[int, int]]:
@@ -382,5 +416,5 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t.distance_dof = ints(np.array(tables.distance_dof, np.int32).reshape(-1, 2))
     t.box_dof = ints([dof for dof, _ in tables.boxes])
     t.box_kind = ints([kind for _, kind in tables.boxes])
-    _pair_topology(t, builder, pairs, ints)
+    _pair_topology(t, builder, pairs, ints, device)
     return t

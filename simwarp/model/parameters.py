@@ -23,8 +23,13 @@ from simwarp.core.types import (
 )
 from simwarp.kernels.core.fields import ParameterFields
 from simwarp.model.checks import INFINITE
+from simwarp.model.effort_routing import effort_bounds
 from simwarp.model.specifications import Specification
 from simwarp.model.topology import coupling_width
+
+BOUNDLESS: Final = (-INFINITE, INFINITE)
+MIRRORED: Final = INFINITE
+"""A `drive_effort_lower` that stands for minus the `drive_effort_limit`, whatever that becomes."""
 
 PARAMETERS: Final[Mapping[str, Field]] = ParameterFields.FIELDS
 """Name -> declaration of every parameter that may differ per world."""
@@ -92,7 +97,9 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     joints, dofs = builder.joints, [dof for joint in builder.joints for dof in joint.dofs]
     drives = [dof.drive for dof in dofs]
     pd = [drive if isinstance(drive, PositionDrive) else PositionDrive(stiffness=0.0) for drive in drives]
-    efforts = [drive.effort_limit if isinstance(drive, PositionDrive | VelocityMotor) else INFINITE for drive in drives]
+    bounds = [effort_bounds(each) if isinstance(each, PositionDrive | VelocityMotor) else BOUNDLESS for each in drives]
+    efforts = floats(bounds, 2)
+    paired = [np.ndim(getattr(drive, "effort_limit", 0.0)) == 1 for drive in drives]
     limits = floats(((-INFINITE, INFINITE) if dof.limit is None else dof.limit for dof in dofs), 2)
     coefficients = np.zeros((len(builder.couplings), coupling_width(builder)))
     for row, coupling in enumerate(builder.couplings):
@@ -112,7 +119,8 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         "joint_limit_upper": np.minimum(limits[:, 1], INFINITE),
         "drive_stiffness": floats(drive.stiffness for drive in pd),
         "drive_damping": floats(drive.damping for drive in pd),
-        "drive_effort_limit": np.minimum(floats(efforts), INFINITE),
+        "drive_effort_limit": np.minimum(efforts[:, 1], INFINITE),
+        "drive_effort_lower": np.where(paired, np.maximum(efforts[:, 0], -INFINITE), MIRRORED),
         "coupling_coefficient": coefficients,
         "coupling_offset": floats(offsets),
         "shape_enabled": np.ones(len(builder.shapes), np.int32),

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import Dof, JointType, Material, Pose, ShapeType
+from simwarp.core.types import Dof, FrictionRule, JointType, Material, PairRule, Pose, ShapeType
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 
 Array = npt.NDArray[np.float64]
@@ -97,6 +97,10 @@ class Specification(Protocol):
         bodies, joints, couplings, shapes: in the order of their indices.
         hulls, height_fields, meshes: geometries that shapes refer to.
         excluded_bodies: pairs of bodies whose shapes never meet.
+        excluded_shapes: pairs of shapes that never meet, the smaller index first.
+        given_pairs: pairs of shapes that may meet in any case, the smaller index first, with the surface of their
+            contact (None: made of theirs).
+        friction_rule, pair_rule: see `FrictionRule`, `PairRule`.
     """
 
     gravity: Array
@@ -108,6 +112,10 @@ class Specification(Protocol):
     height_fields: list[HeightField]
     meshes: list[TriangleMesh]
     excluded_bodies: set[tuple[int, int]]
+    excluded_shapes: set[tuple[int, int]]
+    given_pairs: dict[tuple[int, int], Material | None]
+    friction_rule: FrictionRule
+    pair_rule: PairRule
 
     @property
     def dof_count(self) -> int:

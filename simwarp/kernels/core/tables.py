@@ -33,6 +33,9 @@ class Topology:
     shape_count: int
     pair_count: int
     grid_buckets: int  # 0: pairs come from the list
+    given_count: int
+    pair_rule: int  # PairRule
+    friction_rule: int  # FrictionRule
 
     link_body: wp.array[int]  # -1: shaft
     link_parent: wp.array[int]  # -1: world
@@ -90,6 +93,21 @@ class Topology:
     pair_other: wp.array[int]
     excluded_start: wp.array[int]  # CSR over the world, then bodies: bodies of higher index that it never touches
     excluded_body: wp.array[int]
+    apart_start: wp.array[int]  # CSR over shapes: shapes of higher index that it never touches
+    apart_shape: wp.array[int]
+    given_start: wp.array[int]  # CSR over shapes: shapes of higher index that it may touch whatever else says
+    given_shape: wp.array[int]
+    given_surface: wp.array2d[float]  # (given pairs, 7): entries of `ContactParameters`, -1 first: made of the shapes'
+    shape_priority: wp.array[int]
+
+
+@wp.func
+def given_pair(shape0: int, shape1: int, topology: Topology) -> int:
+    """Index of a pair of shapes (the smaller index first) among those that were given, -1: it is none of them."""
+    for index in range(topology.given_start[shape0], topology.given_start[shape0 + 1]):
+        if topology.given_shape[index] == shape1:
+            return index
+    return -1
 
 
 @wp.struct
@@ -106,6 +124,7 @@ class StepConfig:
     tolerance: float
     row_tolerance: float
     reactions: int
+    accelerations: int
     gyroscopic: int
     solver: int  # ConeSolver
     friction_law: int  # FrictionLaw
@@ -155,7 +174,7 @@ class WorkScratch(ScratchGroup):
     xi = scratch_array(wp.float32, "tree_dofs")
     qd = scratch_array(wp.float32, "tree_dofs")
     k_qd = scratch_array(wp.float32, "tree_dofs")  # kept while a correction is computed
-    k_effort = scratch_array(wp.float32, "tree_dofs")
+    k_effort = scratch_array(wp.float32, "tree_dofs")  # after the solve the change of the rate, where it is asked for
 
     j0_ang = scratch_array(wp.vec3, "wrench_rows")  # per row, then per relative rotation of a coupling
     j0_lin = scratch_array(wp.vec3, "wrench_rows")

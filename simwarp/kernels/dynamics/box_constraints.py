@@ -12,7 +12,7 @@ from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import dof_rate, link_of, row_geometry
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_tree_dof
-from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort
+from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort, effort_bounds, is_bounded
 from simwarp.kernels.dynamics.joints import DISTANCE, POINT_AXIS0, joint_frames
 
 wp.set_module_options({"enable_backward": False})
@@ -65,19 +65,24 @@ def candidate(
         row.upper = dt * parameters.joint_friction[world_row(world, parameters.joint_friction.shape[0]), dof]
         row.lower = -row.upper
     else:
-        limit = parameters.drive_effort_limit[world_row(world, parameters.drive_effort_limit.shape[0]), dof]
-        row.upper = dt * limit
-        row.lower = -row.upper
+        bounds = effort_bounds(dof, world, parameters)
+        row.lower = dt * bounds[0]
+        row.upper = dt * bounds[1]
+        if bounds[0] <= -INFINITE_EFFORT:
+            row.lower = -INFINITE_EFFORT  # solvers know it
+        if bounds[1] >= INFINITE_EFFORT:
+            row.upper = INFINITE_EFFORT
         if kind == MOTOR:
             row.bias = -control.joint_target_qd[world, dof]
-        elif limit < INFINITE_EFFORT:
+        elif is_bounded(bounds):
             implicit = drive_effort(dof, world, dt, q, parameters, control)
             gain = wp.max(implicit.gain, 1.0e-9)
             row.compliance = 1.0 / gain
             row.bias = -implicit.effort / gain
         else:
-            row.upper = 0.0  # without an effort limit the drive is part of the tree
-    if kind != LIMIT and row.upper > 0.0:
+            row.lower = 0.0  # without an effort limit the drive is part of the tree
+            row.upper = 0.0
+    if kind != LIMIT and row.upper > row.lower:
         row.acts = 1
     return row
 
