@@ -103,7 +103,7 @@ class Model(ParameterFields):
         candidates = self.shape_count * (self.shape_count - 1) // 2
         what = f"finalize: the {candidates} pairs of {self.shape_count} shapes"
         check_fits(what, BYTES_PER_PAIR * candidates, wp.get_device("cpu"), "use fewer shapes")
-        pairs = shape_pairs(builder, _never_meet(builder))
+        pairs = shape_pairs(builder, never_meet(builder))
         self.contact_capacity = default_capacity(builder, pairs) if contact_capacity is None else contact_capacity
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
         self.shape_types = tuple(shape.type for shape in builder.shapes)
@@ -280,7 +280,7 @@ def _pair_topology(
     t.pair_start = ints(np.searchsorted(listed[:, 0], np.arange(len(shapes) + 1)))
     t.pair_other = ints(listed[:, 1])
     apart: list[list[int]] = [[] for _ in range(len(builder.bodies) + 1)]
-    for low, high in sorted(_never_meet(builder)):
+    for low, high in sorted(never_meet(builder)):
         apart[low + 1].append(high)
     t.excluded_start, t.excluded_body = _csr(apart, ints)
     t.pair_rule, t.friction_rule = int(builder.pair_rule), int(builder.friction_rule)
@@ -310,7 +310,12 @@ def _surface_entries(surface: Material | None) -> list[float]:
     ]  # fmt: skip
 
 
-def _never_meet(builder: Specification) -> set[tuple[int, int]]:
+def meeting_pairs(builder: Specification) -> set[tuple[int, int]]:
+    """Pairs of shapes that can meet, the smaller index first."""
+    return {(int(low), int(high)) for low, high in shape_pairs(builder, never_meet(builder))}
+
+
+def never_meet(builder: Specification) -> set[tuple[int, int]]:
     """Pairs of bodies whose shapes never meet: excluded, or tied by a joint, or by several through massless bodies."""
     joints = [
         joint

@@ -11,6 +11,7 @@ import numpy as np
 
 from simwarp.actuators import Activation, ActuatorSpec, Law, SitePull, Target
 from simwarp.core.types import Dof, PositionDrive
+from simwarp.importers.mjcf.mjcf_bodies import is_scalar
 from simwarp.importers.mjcf.mjcf_equalities import coordinate_terms
 from simwarp.importers.mjcf.mjcf_source import Source
 
@@ -36,7 +37,9 @@ class Servo:
         """The drive of a coordinate that moves the length by `gear`; `effort` bounds the force along the length."""
         bounds = sorted(gear * bound for bound in effort)
         return PositionDrive(
-            stiffness=self.stiffness * gear * gear, damping=self.damping * gear * gear, effort_limit=(bounds[0], bounds[1])
+            stiffness=self.stiffness * gear * gear,
+            damping=self.damping * gear * gear,
+            effort_limit=(bounds[0], bounds[1]),
         )
 
 
@@ -58,13 +61,6 @@ def servos_of(source: Source) -> dict[tuple[str, int], Servo]:
         if servo is not None:
             found.setdefault(place, []).append(servo)
     return {place: servos[0] for place, servos in found.items() if len(servos) == 1}
-
-
-def is_scalar(model: Any, joint: int) -> bool:
-    """True of hinges and slides."""
-    import mujoco
-
-    return bool(model.jnt_type[joint] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 def _servo(model: Any, index: int) -> Servo | None:
@@ -119,7 +115,8 @@ def _only_joint(model: Any, index: int) -> int | None:
 def _joint_of(model: Any, index: int) -> int | None:
     import mujoco
 
-    if model.actuator_trntype[index] in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+    kind = mujoco.mjtTrn(model.actuator_trntype[index])
+    if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
         return int(model.actuator_trnid[index][0])
     return None
 
@@ -349,7 +346,7 @@ def _site_pull(source: Source, index: int, gear: Any) -> SitePull:
 def _activation(model: Any, index: int) -> tuple[Activation, float]:
     import mujoco
 
-    kind = model.actuator_dyntype[index]
+    kind = mujoco.mjtDyn(model.actuator_dyntype[index])
     found = {
         mujoco.mjtDyn.mjDYN_INTEGRATOR: Activation.INTEGRATOR,
         mujoco.mjtDyn.mjDYN_FILTER: Activation.FILTER,

@@ -22,7 +22,7 @@ RIGID_STOPS: Final = "stops are rigid, without MuJoCo's softness and margin"
 
 
 def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
-    """Adds every body that joints move; returns bodies by name, and frames of those that are parts of others."""
+    """Adds every body that joints move; returns these by name, and the frame of every body of the file."""
     model, data = source.model, source.data
     source.bodies = [WORLD] * model.nbody
     for root in range(1, model.nbody):
@@ -50,8 +50,7 @@ def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
         name = source.name("body", body)
         if model.body_weldid[body] == body:
             names[name] = source.bodies[body]
-        else:
-            frames[name] = source.frame(body, source.pose(data.xpos[body], data.xquat[body]))
+        frames[name] = source.frame(body, source.pose(data.xpos[body], data.xquat[body]))
         source.report.hold("body", source.told("body", body))
     return names, frames
 
@@ -140,18 +139,22 @@ def _dof(source: Source, joint: int, dof: int, reference: float, drive: Position
         lower, upper = (float(value) - reference for value in model.jnt_range[joint])
         limit = (lower, upper)
     stiffness = float(model.jnt_stiffness[joint])
-    rest = float(model.qpos_spring[model.jnt_qposadr[joint]]) - reference if stiffness and limit_free(model, joint) else 0.0
+    rest = (
+        float(model.qpos_spring[model.jnt_qposadr[joint]]) - reference
+        if stiffness and is_scalar(model, joint)
+        else 0.0
+    )
     return Dof(
         limit=limit, stiffness=stiffness, rest=rest, armature=float(model.dof_armature[dof]),
         damping=float(model.dof_damping[dof]), friction=float(model.dof_frictionloss[dof]), drive=drive,
     )  # fmt: skip
 
 
-def limit_free(model: Any, joint: int) -> bool:
-    """True of joints whose position is one number."""
+def is_scalar(model: Any, joint: int) -> bool:
+    """True of joints whose position is one number: hinges and slides."""
     import mujoco
 
-    return bool(model.jnt_type[joint] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    return mujoco.mjtJoint(model.jnt_type[joint]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def _check_joint(source: Source, joint: int, kind: Any) -> None:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from simwarp.core.types import ModelError
 from simwarp.importers.report import ImportReport
+from simwarp.importers.source_files import bytes_of, parsed_xml, source_file
 
 ASSETS: Final = ("mesh", "texture", "hfield", "skin", "flexcomp", "composite")
 """Tags whose `file` attribute names an asset."""
-SHORTCUTS: Final = ("muscle", "cylinder", "adhesion", "damper", "plugin", "composite", "flexcomp", "skin", "flex", "mocap")
-"""Tags that are refused, and of which the compiled model does not always tell."""
 DEEPEST: Final = 32
 """Includes in includes; MuJoCo refuses cycles only later."""
 
@@ -40,7 +39,7 @@ def list_tags(path: Path, report: ImportReport) -> list[Tag]:
 def _tags(path: Path, folder: Path, report: ImportReport, above: tuple[Path, ...]) -> Iterator[Tag]:
     if path in above or len(above) > DEEPEST:
         raise ModelError(f"{report.source}: {path.name} includes itself; take the include out")
-    root = parsed(path, report.source)
+    root = parsed_xml(path.name, bytes_of(source_file(path, report.source, (".xml", ".mjcf"))))
     for node in root.iter():
         if not isinstance(node.tag, str):
             continue  # a comment
@@ -56,27 +55,6 @@ def _tags(path: Path, folder: Path, report: ImportReport, above: tuple[Path, ...
         else:
             inside = tuple(str(each.tag) for each in node.iterancestors())
             yield Tag(node.tag, attributes, inside, path)
-
-
-def parsed(path: Path, source: str) -> Any:
-    """Root of an XML file without entities and network.
-
-    Raises:
-        ModelError: the file is missing, is no XML, or declares a document type, which could hold entities.
-    """
-    from lxml import etree
-
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise ModelError(f"{source}: {path} cannot be read: {error.strerror or error}; check the path") from None
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise ModelError(f"{source}: {path.name} declares a document type; take <!DOCTYPE ...> out, it may hold entities")
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
-    try:
-        return etree.fromstring(text, parser)
-    except etree.XMLSyntaxError as error:
-        raise ModelError(f"{source}: {path.name} is no XML: {error.msg}; repair the file") from None
 
 
 def _tell_if_outside(what: str, file: str, report: ImportReport) -> None:

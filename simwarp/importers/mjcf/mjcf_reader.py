@@ -148,6 +148,3 @@ def _drop_visual_meshes(mujoco: Any, spec: Any) -> None:
     for mesh in list(spec.meshes):
         if mesh.name not in kept:
             spec.delete(mesh)
-
-
-

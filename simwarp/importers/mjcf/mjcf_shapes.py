@@ -8,8 +8,11 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import Material
+from simwarp.core.types import FrictionRule, Material
+from simwarp.importers.links.link_meshes import reduced_hull
 from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.model.model import meeting_pairs
+from simwarp.model.shapes import NOT_CONVEX
 
 Array = npt.NDArray[np.float64]
 
@@ -68,6 +71,7 @@ def _material(source: Source, geom: int) -> Material:
         friction=slide if dimensions >= 3 else 0.0,
         spinning_friction=spin if dimensions >= 4 else 0.0,
         rolling_friction=roll if dimensions >= 6 else 0.0,
+        priority=int(source.model.geom_priority[geom]),
     )
 
 
@@ -101,11 +105,19 @@ def _add_geom(source: Source, geom: int) -> int | None:
         case mujoco.mjtGeom.mjGEOM_HFIELD:
             return _add_height_field(source, geom, body, options)
         case mujoco.mjtGeom.mjGEOM_MESH:
-            points = hull_corners(mesh_points(model, int(model.geom_dataid[geom])))
-            return builder.add_shape_hull(body, points, **options)
+            return _add_hull(source, geom, body, options)
         case _:
             source.report.refuse(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", told)
             return None
+
+
+def _add_hull(source: Source, geom: int, body: int, options: dict[str, Any]) -> int:
+    """The hull of a mesh, of 64 corners at most; MuJoCo takes all of them."""
+    corners, off = reduced_hull(mesh_points(source.model, int(source.model.geom_dataid[geom])))
+    if off > 0.0:
+        told = f"its hull has {len(corners)} corners; surfaces lie up to {1e3 * off:.2g} mm inside that of the file"
+        source.report.approximate("geom mesh corners", source.told("geom", geom), told)
+    return source.builder.add_shape_hull(body, corners, **options)
 
 
 def _add_height_field(source: Source, geom: int, body: int, options: dict[str, Any]) -> int:
@@ -125,16 +137,18 @@ def mesh_points(model: Any, mesh: int) -> Array:
 
 
 def set_pairs(source: Source) -> None:
-    """Makes the pairs of shapes that can meet those of MuJoCo: by masks, parents, excluded bodies and explicit pairs."""
+    """Makes the pairs of shapes that can meet, and their friction, those of MuJoCo: by masks, parents, excluded bodies
+    and explicit pairs.
+    """
     wanted = wanted_pairs(source)
     builder = source.builder
-    slots = sorted(slot for shapes in source.shapes.values() for slot in shapes)
-    given = builder.pairs_that_meet(slots)
-    for low, high in sorted(wanted - given):
-        builder.add_shape_pair(low, high)
+    own = {slot for shapes in source.shapes.values() for slot in shapes}
+    given = {pair for pair in meeting_pairs(builder) if own.issuperset(pair)}
+    frictions = pair_frictions(source, wanted)
+    for low, high in sorted((wanted - given) | set(frictions)):
+        builder.add_shape_pair(low, high, material=frictions.get((low, high)))
     for low, high in sorted(given - wanted):
         builder.exclude_shapes(low, high)
-    _check_friction(source, wanted)
 
 
 def wanted_pairs(source: Source) -> set[tuple[int, int]]:
@@ -159,11 +173,13 @@ def wanted_pairs(source: Source) -> set[tuple[int, int]]:
     for one, other in zip(model.pair_geom1, model.pair_geom2, strict=True):
         if source.bodies[model.geom_bodyid[one]] != source.bodies[model.geom_bodyid[other]]:
             pairs.add((int(min(one, other)), int(max(one, other))))
-    return {
+    kinds = source.builder.shapes
+    found = {
         (min(low, high), max(low, high))
         for one, other in pairs
         for low, high in itertools.product(source.shapes.get(one, ()), source.shapes.get(other, ()))
     }
+    return {(low, high) for low, high in found if not {kinds[low].type, kinds[high].type} <= set(NOT_CONVEX)}
 
 
 def _held_apart(model: Any, bodies: tuple[int, int], by_parent: bool) -> bool:
@@ -177,29 +193,31 @@ def _held_apart(model: Any, bodies: tuple[int, int], by_parent: bool) -> bool:
     return welded[0] == parents[1] or welded[1] == parents[0]
 
 
-def _check_friction(source: Source, pairs: set[tuple[int, int]]) -> None:
-    """Tells of pairs whose friction two shapes with the rule "max" and a priority cannot have."""
-    model = source.model
+def pair_frictions(source: Source, pairs: set[tuple[int, int]]) -> dict[tuple[int, int], Material]:
+    """Surfaces of the pairs whose friction the two geoms do not give by priority and the builder's rule."""
+    model, rule = source.model, source.builder.friction_rule
     geom_of = {slot: geom for geom, slots in source.shapes.items() for slot in slots}
     explicit = {
-        tuple(sorted((int(one), int(other)))): index
+        (int(min(one, other)), int(max(one, other))): index
         for index, (one, other) in enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True))
     }
-    for low, high in sorted(pairs):
-        geoms = tuple(sorted((geom_of[low], geom_of[high])))
-        mine = combined_friction([_material(source, geom) for geom in geoms], [model.geom_priority[g] for g in geoms])
-        theirs = pair_friction(model, geoms, explicit.get(geoms))
-        if not np.allclose(mine, theirs):
-            told = f"{source.told('geom', geoms[0])}, {source.told('geom', geoms[1])}"
-            element = "pair friction" if geoms in explicit else "geom friction"
-            source.report.approximate(element, told, "friction is that of the two geoms, not of their pair")
+    found = {}
+    for low, high in pairs:
+        one, other = sorted((geom_of[low], geom_of[high]))
+        theirs = pair_friction(model, (one, other), explicit.get((one, other)))
+        mine = combined_friction([_material(source, geom) for geom in (one, other)])
+        if rule is not FrictionRule.MAX or not np.allclose(mine, theirs, rtol=1e-12, atol=0.0):
+            slide, spin, roll = (float(value) for value in theirs)
+            found[low, high] = Material(friction=slide, spinning_friction=spin, rolling_friction=roll)
+    return found
 
 
-def combined_friction(materials: list[Material], priorities: list[int]) -> Array:
-    """(slide, spin, roll) of two of our shapes."""
+def combined_friction(materials: list[Material]) -> Array:
+    """(slide, spin, roll) of two of our surfaces under the rule "max"."""
+    first, second = materials
     rows = np.array([[m.friction, m.spinning_friction, m.rolling_friction] for m in materials])
-    if priorities[0] != priorities[1]:
-        return np.asarray(rows[int(priorities[1] > priorities[0])])
+    if first.priority != second.priority:
+        return np.asarray(rows[int(second.priority > first.priority)])
     return np.asarray(rows.max(axis=0))
 
 

@@ -27,12 +27,11 @@ def shown_geoms(source: Source, compiled: Callable[[], tuple[Any, Any]]) -> Call
     def show(visuals: Visuals) -> None:
         model, data = compiled()
         touching = colliding_geoms(model)
-        names = {source.name("geom", geom): slots for geom, slots in source.shapes.items()}
+        slots = dict(zip(np.nonzero(touching)[0].tolist(), sorted(source.shapes), strict=True))
         for geom in range(model.ngeom):
-            name = source.prefix + (model.geom(geom).name or f"geom{geom}")
             colour = _colour(model, geom)
             if touching[geom]:
-                for shape in names.get(name, ()):
+                for shape in source.shapes[slots[geom]]:
                     visuals.show(shape, color=colour[:3])
             elif colour[3] > 0.0:
                 _show_geom(source, visuals, model, data, geom)
