@@ -17,7 +17,7 @@ from simwarp.core.types import PositionDrive, ShapeType, VelocityMotor, finite_v
 from simwarp.kernels.core.fields import ParameterFields
 from simwarp.model.checks import INFINITE
 from simwarp.model.specifications import Specification
-from simwarp.model.topology import coupling_width
+from simwarp.model.topology import all_sums, coupling_width
 
 PARAMETERS: Final[Mapping[str, Field]] = ParameterFields.FIELDS
 """Name -> declaration of every parameter that may differ per world."""
@@ -56,7 +56,7 @@ def _from_source(builder: Specification, parameter: Field) -> npt.NDArray[np.flo
     kind, _, path = parameter.source.partition(".")
     groups: dict[str, Sequence[Any]] = {
         "body": builder.bodies, "joint": builder.joints, "dof": [dof for joint in builder.joints for dof in joint.dofs],
-        "coupling": builder.couplings, "shape": builder.shapes,
+        "coupling": all_sums(builder), "shape": builder.shapes,
     }  # fmt: skip
     values = [attrgetter(path)(item) for item in groups[kind]]
     return np.array(values, np.float64).reshape(len(values), *getattr(parameter.dtype, "_shape_", ()))
@@ -73,13 +73,14 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     pd = [drive if isinstance(drive, PositionDrive) else PositionDrive(stiffness=0.0) for drive in drives]
     efforts = [drive.effort_limit if isinstance(drive, PositionDrive | VelocityMotor) else INFINITE for drive in drives]
     limits = floats(((-INFINITE, INFINITE) if dof.limit is None else dof.limit for dof in dofs), 2)
-    coefficients = np.zeros((len(builder.couplings), coupling_width(builder)))
-    for row, coupling in enumerate(builder.couplings):
+    sums = all_sums(builder)
+    coefficients = np.zeros((len(sums), coupling_width(builder)))
+    for row, coupling in enumerate(sums):
         coefficients[row, : len(coupling.terms)] = [value for _, value in coupling.terms]
     initial = _initial_coordinates(builder)
     offsets = [
         sum(value * initial[dof] for dof, value in coupling.terms) if coupling.offset is None else coupling.offset
-        for coupling in builder.couplings
+        for coupling in sums
     ]
     return {
         "gravity": finite_vector("finalize", "gravity", builder.gravity, 3),

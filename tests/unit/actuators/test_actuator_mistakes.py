@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 import simwarp as sw
 from simwarp.actuators import Activation, Actuators, ActuatorSpec, Law, SitePull, Target
@@ -105,17 +106,15 @@ def test_wrong_numbers_for_the_arrays_are_told() -> None:
     actuators.delay[:, 0] = 0.01
     with pytest.raises(ModelError, match=r"actuators.delay: values must be .*build the actuators with the longest"):
         actuators.delay[1, 0] = 0.02
-    with pytest.raises(ModelError, match="actuators.delay: values must be"):
+    with pytest.raises(ModelError, match=r"actuators\.delay: values must be"):
         actuators.delay[:, 1] = 0.001
     with pytest.raises(IndexError, match=r"Actuators\(per_world=\('gain',\)\) gives each its own"):
         actuators.gain[1] = (1.0, 0.0, 0.0)
     with pytest.raises(ModelError, match="per_world names an unknown parameter 'gian'; did you mean 'gain'"):
         Actuators(model, specs, dt=1e-3, per_world=["gian"])
     with pytest.raises(ModelError, match=r"action must be float32\(2, 2\)"):
-        import torch
-
         actuators.set_from_action(torch.zeros(2, 3))
-    with pytest.raises(ModelError, match="no actuator 'B'; did you mean|no actuator 'B'; there are a, b"):
+    with pytest.raises(ModelError, match="no actuator 'B'; there are a, b"):
         actuators.column("B")
     assert actuators.column("b") == 1
     assert np.isinf(actuators.ctrl_range).all()

@@ -161,4 +161,5 @@ def test_no_actuators_are_an_element_too() -> None:
     sim, actuators = run([], DT)
     actuators.set_from_action(np.zeros((1, 0)))
     sim.step()
-    assert len(actuators) == 0 and sim.state.world_status.numpy()[0] == 0
+    assert len(actuators) == 0
+    assert sim.state.world_status.numpy()[0] == 0
