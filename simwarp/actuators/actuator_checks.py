@@ -80,9 +80,10 @@ def _check_transmission(thing: str, spec: ActuatorSpec, model: Model) -> None:
 def _check_site(thing: str, site: Any, model: Model) -> None:
     if not isinstance(site, SitePull):
         raise ModelError(f"{thing}: site must be a SitePull, got {shown(site)}; write SitePull(body=...)")
-    for role, body, least in (("body", site.body, 0), ("reference", site.reference, WORLD)):
-        if role == "reference" and body is None:
-            continue
+    ends: list[tuple[str, Any, int]] = [("body", site.body, 0)]
+    if site.reference is not None:
+        ends.append(("reference", site.reference, WORLD))
+    for role, body, least in ends:
         whole = isinstance(body, (int, np.integer)) and not isinstance(body, bool)
         if not whole or not least <= body < model.body_count:
             also = " or WORLD" if least == WORLD else ""

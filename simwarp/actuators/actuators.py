@@ -100,15 +100,15 @@ class Actuators(FixedAttributes):
         self.force = writable((worlds, count), wp.float32, device, label="actuators.force")
         self._line = wp.zeros((worlds, *_line_shape(self.specs, self._dt)), dtype=wp.float32, device=device)
         self._cursor = wp.zeros(worlds, dtype=wp.int32, device=device)
-        self._tables = _tables(self.specs, device)
-        self._parameters = ActuatorParameters()
+        self._tables: Any = _tables(self.specs, device)
+        self._parameters: Any = ActuatorParameters()
         for name, (values, dtype, domain) in _parameter_values(self.specs).items():
             rows = np.repeat(values[None], worlds if name in wanted else 1, axis=0)
             hint = "" if name in wanted else f"all worlds share it: Actuators(per_world=('{name}',)) gives each its own"
             array = writable_from(rows, dtype, device, label=f"actuators.{name}", domain=domain, hint=hint)
             setattr(self, name, array)
             setattr(self._parameters, name, array)
-        self._state = ActuatorState()
+        self._state: Any = ActuatorState()
         self._state.ctrl, self._state.activation, self._state.force = self.ctrl, self.activation, self.force
         self._state.line, self._state.cursor = self._line, self._cursor
         self._given = wp.zeros((worlds, count), dtype=wp.float32, device=device)
@@ -178,7 +178,7 @@ class Actuators(FixedAttributes):
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps."""
-        arrays = {"ctrl": self.ctrl}
+        arrays: dict[str, wp.array] = {"ctrl": self.ctrl}
         if any(spec.has_activation for spec in self.specs):
             arrays["activation"] = self.activation
         if self._line.size:
@@ -212,9 +212,8 @@ class Actuators(FixedAttributes):
 
     def _shares_entries(self, other: Actuators) -> bool:
         """True where two of them write the same entries of `Control`."""
-        return not all(mine.isdisjoint(theirs) for mine, theirs in zip(
-            _entries(self.specs), _entries(other.specs), strict=True
-        ))  # fmt: skip
+        (dofs, bodies, targets), theirs = _entries(self.specs), _entries(other.specs)
+        return bool(dofs & theirs[0] or bodies & theirs[1] or targets & theirs[2])
 
 
 def _entries(specs: Sequence[ActuatorSpec]) -> tuple[set[int], set[int], set[tuple[int, int]]]:

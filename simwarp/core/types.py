@@ -55,6 +55,7 @@ class JointType(IntEnum):
     REVOLUTE_TRANSLATIONAL = 24
     BUSHING = 25
     RELATIVE_ROTATION = 26
+    COMBINATION = 27
     # names of before, until the next release
     LINE = 22
     TURN = 26
@@ -77,6 +78,8 @@ class RowKind(IntEnum):
     """Rotation about e_i of frame 1."""
     SHAFT = 6
     """The coordinate of a one-degree-of-freedom shaft; no body moves."""
+    SUM = 7
+    """A sum of coefficient x coordinate of other joints."""
 
 
 class DriveMode(IntEnum):

@@ -143,11 +143,13 @@ _DOFS: Final[dict[str, Callable[[Model, Collection[str]], ActiveEntries]]] = {
 
 
 def _of_couplings(model: Model, name: str) -> ActiveEntries:
-    count = model.coupling_offset.shape[1]
+    couplings = np.arange(model.coupling_offset.shape[1]) < model.coupling_count
     if name == "coupling_offset":
-        rigid = model.coupling_damping.numpy()[0] == 0.0
+        rigid = couplings & (model.coupling_damping.numpy()[0] == 0.0)
         return ActiveEntries(rigid, "only couplings that were built without damping keep a sum of coordinates")
-    return ActiveEntries(np.ones(count, bool), "the model has no couplings")
+    if name == "coupling_damping":
+        return ActiveEntries(couplings, "only couplings have it; a combination has joint_damping")
+    return ActiveEntries(np.ones(len(couplings), bool), "the model has no couplings")
 
 
 def _of_shapes(model: Model, name: str, contact_model: str, also: Collection[str]) -> ActiveEntries:

@@ -413,6 +413,32 @@ class ModelBuilder(ShapeList, CouplingList):
         """
         return self._add_single(JointType.RELATIVE_ROTATION, name, parent, child, None, axis, {})
 
+    def add_combination(
+        self, name: str, terms: Iterable[tuple[int, float] | tuple[int, int, float]], **options: Unpack[DofOptions]
+    ) -> int:  # fmt: skip
+        """A coordinate that is a sum of others, q = sum of coefficient x coordinate, as of a tendon that runs over
+        joints with fixed lever arms; returns its joint index.
+
+        It moves nothing of its own. Spring, damper, friction, limit, drive and `joint_force` along it act on its terms,
+        each with its coefficient; stiffness and damping are implicit.
+
+        Args:
+            terms: (joint, coefficient) or (joint, local dof, coefficient), at most twelve, of revolute, prismatic,
+                cylindrical, universal and planar joints and shafts; a combination stands for its own terms.
+            options: the fields of `Dof`.
+        """
+        thing = checked_name("combination", name)
+        dof = dof_from_options(thing, options)
+        resolved = self._terms(thing, terms, "add up fewer coordinates")
+        initial = [joint.initial_q for joint in self.joints for _ in joint.dofs]
+        origin = Frame(np.zeros(3), IDENTITY)
+        return self._append(
+            JointSpec(
+                name, JointType.COMBINATION, WORLD, WORLD, origin, origin, (dof,), terms=resolved,
+                initial_q=sum(factor * initial[column] for column, factor in resolved),
+            )
+        )  # fmt: skip
+
     # ---- finish --------------------------------------------------------------------------------------------------
 
     @property

@@ -3,7 +3,9 @@
 - TREE: coordinates of joints of the tree; along the joint's own degree of freedom (`load_tree_dofs`).
 - DISTANCE: springs between the two bodies of a tree joint of one degree of freedom; along that one, times a lever
   (`load_distances`).
-- ROW: joints that close loops, with a stiff or inertial effort, or a motion; a compliant row (`loop_joint_rows`).
+- ROW: joints that close loops, and combinations, with a stiff or inertial effort, or a motion; a compliant row
+  (`loop_joint_rows`, `combination_laws`).
+- TERMS: combinations without an effort; `joint_force` alone, on the coordinates of their terms (`load_combinations`).
 - BODY_FORCE: all others, free bodies and loop joints without an effort; `joint_force` alone, on the bodies.
 
 Beside its path, what has bounds (limits, dry friction, motors, drives with an effort limit) is a box constraint each.
@@ -40,6 +42,7 @@ class EffortRoute(enum.Enum):
     TREE = enum.auto()
     DISTANCE = enum.auto()
     ROW = enum.auto()
+    TERMS = enum.auto()
     BODY_FORCE = enum.auto()
 
 
@@ -55,7 +58,7 @@ def effort_route(kind: JointType, dof: Dof, *, in_tree: bool, along_tree_dof: bo
     if in_tree:
         return EffortRoute.BODY_FORCE if kind is JointType.FREE else EffortRoute.TREE
     if not has_effort(dof):
-        return EffortRoute.BODY_FORCE
+        return EffortRoute.TERMS if kind is JointType.COMBINATION else EffortRoute.BODY_FORCE
     if kind is JointType.DISTANCE and along_tree_dof and not is_prescribed(dof):
         return EffortRoute.DISTANCE
     return EffortRoute.ROW
@@ -131,4 +134,5 @@ class EffortModel:
     @property
     def is_computed(self) -> bool:
         """True if a step computes the effort, unless the motion is given."""
-        return self.path is not EffortRoute.BODY_FORCE and self.mode < DriveMode.PRESCRIBED_POSITION
+        alone = self.path in (EffortRoute.BODY_FORCE, EffortRoute.TERMS)
+        return not alone and self.mode < DriveMode.PRESCRIBED_POSITION

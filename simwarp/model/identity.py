@@ -141,6 +141,8 @@ def _joint_line(joint: JointSpec) -> str:
     said = f" with {', '.join(efforts)}" if any(efforts) else ""
     assert len(joint.dofs) == len(ELEMENTS[joint.type].dofs)
     kind = KINDS_IN_FILES.get(joint.type, joint.type.name.lower())
+    if joint.terms:
+        return f"'{joint.name}' ({kind} of coordinates {', '.join(str(dof) for dof, _ in joint.terms)}{said})"
     return f"'{joint.name}' ({kind} {joint.parent} to {joint.child}{said})"
 
 

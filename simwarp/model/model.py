@@ -19,15 +19,16 @@ from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.model.checks import checked_member, checked_names, whole_number
-from simwarp.model.effort_routing import EffortModel, drive_mode
+from simwarp.model.effort_routing import EffortModel, EffortRoute, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
-from simwarp.model.specifications import Specification
+from simwarp.model.specifications import CouplingSpec, Specification
 from simwarp.model.topology import (
     Tables,
+    all_sums,
     build_tables,
     collect_tables,
     coupling_width,
@@ -67,6 +68,9 @@ class Model(ParameterFields):
         contact_capacity: contact slots of every world.
         has_rolling_friction: True if contacts carry rolling and spinning friction.
         path_length: most slots between a link and the root of its tree.
+        coupling_count: couplings; what follows them in arrays of couplings are combinations.
+        response_count: bilateral rows, and combinations without one.
+        entry_count: most entries of a row of the cone problem.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
         has_loops: True if joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
@@ -111,6 +115,12 @@ class Model(ParameterFields):
         dofs = [dof for joint in builder.joints for dof in joint.dofs]
         self.effort_models = tuple(map(EffortModel.of, dofs, tables.paths))
         self.path_length = longest_path(tables)
+        self.coupling_count = len(builder.couplings)
+        paths = row_paths(builder, tables)
+        self.response_count = len(paths)
+        bounded = {dof for dof, _ in tables.boxes}
+        combined = [path for sum_, path in _sum_paths(builder, paths) if sum_.dof in bounded]
+        self.entry_count = max(2 * self.path_length, *map(len, combined), 0)
         self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
         self.initial = _initial_state(builder)
@@ -348,6 +358,12 @@ def relative_rotation_terms(builder: Specification) -> list[tuple[int, int]]:
     ]
 
 
+def _sum_paths(builder: Specification, paths: list[list[int]]) -> list[tuple[CouplingSpec, list[int]]]:
+    """Sums of coordinates with the tree degrees of freedom that they move."""
+    sums = all_sums(builder)
+    return list(zip(sums, paths[len(paths) - len(sums) :], strict=True))
+
+
 def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     """Start indices and concatenated entries."""
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
@@ -365,17 +381,23 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
             body_link[link.body] = index
     dof_rows = [(joint, row, dof) for joint, spec in enumerate(joints)
                 for row, dof in zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)]  # fmt: skip
-    coupling_dof = np.full((len(builder.couplings), coupling_width(builder)), -1, np.int32)
-    for row, coupling in enumerate(builder.couplings):
+    sums = all_sums(builder)
+    coupling_dof = np.full((len(sums), coupling_width(builder)), -1, np.int32)
+    dof_sum = np.full(builder.dof_count, -1, np.int32)
+    for row, coupling in enumerate(sums):
         coupling_dof[row, : len(coupling.terms)] = [dof for dof, _ in coupling.terms]
+        if coupling.dof >= 0:
+            dof_sum[coupling.dof] = row
+    silent = sum(path is EffortRoute.TERMS for path in tables.paths)
+    row_count = tables.row_count + len(sums) - silent
     wrench = np.full_like(coupling_dof, -1)
     for entry, (row, term) in enumerate(relative_rotation_terms(builder)):
-        wrench[row, term] = tables.row_count + len(builder.couplings) + entry
+        wrench[row, term] = row_count + entry
     curves, dof_table = collect_tables(builder)
     t = Topology()
     t.link_count, t.tree_dof_count, t.dof_count = len(links), len(tables.tree_dof_to_dof), builder.dof_count
     t.joint_count, t.loop_joint_count = len(joints), len(tables.loop_joint)
-    t.joint_row_count, t.row_count = tables.row_count, tables.row_count + len(builder.couplings)
+    t.joint_row_count, t.row_count, t.response_count = tables.row_count, row_count, row_count + silent
     t.box_count, t.loop_dof_count = len(tables.boxes), len(tables.loop_dof)
     t.distance_count = len(tables.distance_dof)
     t.link_body = ints([link.body for link in links])
@@ -402,7 +424,7 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t.dof_kind = ints([row.kind for _, row, _ in dof_rows])
     t.dof_axis = ints([max(row.axis0, row.axis1) for _, row, _ in dof_rows])
     t.dof_drive = ints([drive_mode(dof) for _, _, dof in dof_rows])
-    coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
+    coupled = {dof for coupling in sums for dof, _ in coupling.terms}
     t.dof_coupled = ints([dof in coupled for dof in range(builder.dof_count)])
     t.dof_table = ints(dof_table)
     t.table_start, t.table_x, t.table_y = function_arrays(
@@ -415,6 +437,7 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
                         for row, dof in zip(tables.rows, tables.row_dof, strict=True)])  # fmt: skip
     t.row_dof = ints(tables.row_dof)
     t.coupling_dof, t.coupling_wrench = ints(coupling_dof), ints(wrench)
+    t.coupling_law, t.dof_sum = ints([each.dof for each in sums]), ints(dof_sum)
     paths = row_paths(builder, tables)
     t.row_path, t.path_tree_dof = _csr(paths, ints)
     t.loop_dof = ints(tables.loop_dof)

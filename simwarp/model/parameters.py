@@ -25,7 +25,7 @@ from simwarp.kernels.core.fields import ParameterFields
 from simwarp.model.checks import INFINITE
 from simwarp.model.effort_routing import effort_bounds
 from simwarp.model.specifications import Specification
-from simwarp.model.topology import coupling_width
+from simwarp.model.topology import all_sums, coupling_width
 
 BOUNDLESS: Final = (-INFINITE, INFINITE)
 MIRRORED: Final = INFINITE
@@ -82,7 +82,7 @@ def _from_source(builder: Specification, parameter: Field) -> npt.NDArray[np.flo
     kind, _, path = parameter.source.partition(".")
     groups: dict[str, Sequence[Any]] = {
         "body": builder.bodies, "joint": builder.joints, "dof": [dof for joint in builder.joints for dof in joint.dofs],
-        "coupling": builder.couplings, "shape": builder.shapes,
+        "coupling": all_sums(builder), "shape": builder.shapes,
     }  # fmt: skip
     values = [attrgetter(path)(item) for item in groups[kind]]
     return np.array(values, np.float64).reshape(len(values), *getattr(parameter.dtype, "_shape_", ()))
@@ -101,13 +101,14 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     efforts = floats(bounds, 2)
     paired = [np.ndim(getattr(drive, "effort_limit", 0.0)) == 1 for drive in drives]
     limits = floats(((-INFINITE, INFINITE) if dof.limit is None else dof.limit for dof in dofs), 2)
-    coefficients = np.zeros((len(builder.couplings), coupling_width(builder)))
-    for row, coupling in enumerate(builder.couplings):
+    sums = all_sums(builder)
+    coefficients = np.zeros((len(sums), coupling_width(builder)))
+    for row, coupling in enumerate(sums):
         coefficients[row, : len(coupling.terms)] = [value for _, value in coupling.terms]
     initial = _initial_coordinates(builder)
     offsets = [
         sum(value * initial[dof] for dof, value in coupling.terms) if coupling.offset is None else coupling.offset
-        for coupling in builder.couplings
+        for coupling in sums
     ]
     return {
         "gravity": finite_vector("finalize", "gravity", builder.gravity, 3),

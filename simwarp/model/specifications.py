@@ -43,8 +43,9 @@ class Frame:
 class JointSpec:
     """One element between frame 0 on body `parent` and frame 1 on body `child`.
 
-    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²]. One that
-    `closes_loop` is never part of the spanning tree, and its bodies may collide.
+    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²]; `terms` are
+    (public dof index, coefficient) of a combination. One that `closes_loop` is never part of the spanning tree, and
+    its bodies may collide.
     """
 
     name: str
@@ -59,18 +60,21 @@ class JointSpec:
     initial_q: float = 0.0
     initial_qd: float = 0.0
     closes_loop: bool = False
+    terms: tuple[tuple[int, float], ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
 class CouplingSpec:
-    """sum of coefficient x coordinate = offset, over up to six degrees of freedom (public dof indices); with
-    `damping`, effort = -damping x sum of coefficient x rate instead.
+    """sum of coefficient x coordinate = offset, over up to twelve degrees of freedom (public dof indices); with
+    `damping`, effort = -damping x sum of coefficient x rate instead; with `dof`, the law of that coordinate, a
+    combination, which is the sum.
     """
 
     name: str
     terms: tuple[tuple[int, float], ...]
     offset: float | None
     damping: float = 0.0
+    dof: int = -1
 
 
 @dataclasses.dataclass(frozen=True)

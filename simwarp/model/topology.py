@@ -23,7 +23,7 @@ from simwarp.core.types import (
 )
 from simwarp.model.effort_routing import EffortRoute, box_constraint_kinds, effort_route, has_effort
 from simwarp.model.joint_types import ELEMENTS, Row
-from simwarp.model.specifications import JointSpec, Specification
+from simwarp.model.specifications import CouplingSpec, JointSpec, Specification
 
 IntArray = npt.NDArray[np.int32]
 NOT_COUPLABLE: Final = (JointType.FREE, JointType.SPHERICAL, JointType.BUSHING)
@@ -69,7 +69,7 @@ class Tables:
 
 
 def row_paths(builder: Specification, tables: Tables) -> list[list[int]]:
-    """Tree degrees of freedom between each row's bodies (or coordinates) and the roots: loop rows, then couplings."""
+    """Tree degrees of freedom between each row's bodies (or coordinates) and the roots: loop rows, then sums."""
     body_link = {link.body: index for index, link in enumerate(tables.links) if link.body >= 0}
 
     def above(link: int) -> set[int]:
@@ -85,7 +85,7 @@ def row_paths(builder: Specification, tables: Tables) -> list[list[int]]:
         tree_dofs = set().union(*(above(body_link[body]) for body in ends if body != WORLD))
         paths += [sorted(tree_dofs)] * (tables.loop_row[index + 1] - tables.loop_row[index])
     owner = dof_joints(builder)
-    for coupling in builder.couplings:
+    for coupling in all_sums(builder):
         links: list[int] = []
         for dof, _ in coupling.terms:
             spec = builder.joints[owner[dof]]
@@ -112,14 +112,26 @@ def longest_path(tables: Tables) -> int:
 
 
 def coupling_width(builder: Specification) -> int:
-    """Terms of the longest coupling."""
-    return max((len(coupling.terms) for coupling in builder.couplings), default=1)
+    """Terms of the longest sum."""
+    return max((len(coupling.terms) for coupling in all_sums(builder)), default=1)
+
+
+def all_sums(builder: Specification) -> list[CouplingSpec]:
+    """Sums of coordinates: couplings, then combinations with a row of their own, then those without."""
+    with_row: list[CouplingSpec] = []
+    without: list[CouplingSpec] = []
+    for joint, spec in enumerate(builder.joints):
+        if spec.type == JointType.COMBINATION:
+            path = effort_route(spec.type, spec.dofs[0], in_tree=False, along_tree_dof=False)
+            same = CouplingSpec(spec.name, spec.terms, 0.0, dof=builder.dof_start(joint))
+            (with_row if path is EffortRoute.ROW else without).append(same)
+    return [*builder.couplings, *with_row, *without]
 
 
 def build_tables(builder: Specification) -> Tables:
     """Tables of the builder's model."""
     dof_start = _dof_starts(builder)
-    coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
+    coupled = {dof for coupling in all_sums(builder) for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
     links = _ordered_links(builder, tree)
     _check_massless(builder, links)
@@ -152,6 +164,8 @@ def build_tables(builder: Specification) -> Tables:
             for dof in spec.dofs
         ]
         paths += here
+        if spec.type == JointType.COMBINATION:
+            continue  # its rows are those of its sum
         if along is not None and EffortRoute.DISTANCE in here:
             distance_dof.append((dof_start[joint], along))
         elif joint not in in_tree:
@@ -299,16 +313,22 @@ def _check_massless(builder: Specification, links: list[Link]) -> None:
 
 def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_start: list[int]) -> None:
     owner = dof_joints(builder)
-    for coupling in builder.couplings:
+    for coupling in all_sums(builder):
+        thing = f"{'coupling' if coupling.dof < 0 else 'combination'} '{coupling.name}'"
         for dof, _ in coupling.terms:
             spec: JointSpec = builder.joints[owner[dof]]
             if spec.type in NOT_COUPLABLE:
                 raise ModelError(
-                    f"coupling '{coupling.name}': joint '{spec.name}' is {spec.type.name}, whose angles are no "
+                    f"{thing}: joint '{spec.name}' is {spec.type.name}, whose angles are no "
                     "integrable coordinates; couple revolute, prismatic, cylindrical, universal or planar joints"
+                )
+            if coupling.dof >= 0 and spec.type == JointType.RELATIVE_ROTATION:
+                raise ModelError(
+                    f"{thing}: joint '{spec.name}' is a RELATIVE_ROTATION, which only couplings take; "
+                    "name the joints between its bodies"
                 )
             if dof_to_tree_dof[dof] < 0 and spec.type != JointType.RELATIVE_ROTATION:
                 raise ModelError(
-                    f"coupling '{coupling.name}': joint '{spec.name}' closes a loop of coupled joints; "
+                    f"{thing}: joint '{spec.name}' closes a loop of coupled joints; "
                     "couple another joint of that loop"
                 )

@@ -105,9 +105,7 @@ def pose_errors(pair: Pair, count: int = 64, seed: int = 0) -> tuple[float, floa
                 origin = place[world, frame.body] + own.apply(frame.pose.position)
                 rotation = own * Rotation(frame.pose.rotation)
             expected = Rotation(np.roll(data.xquat[body], -1))
-            worst = np.maximum(
-                worst, [np.abs(origin - data.xpos[body]).max(), (expected.inv() * rotation).magnitude()]
-            )
+            worst = np.maximum(worst, [np.abs(origin - data.xpos[body]).max(), (expected.inv() * rotation).magnitude()])
     return float(worst[0]), float(worst[1])
 
 

@@ -122,7 +122,7 @@ def _add_joint(
         axis = source.direction(source.data.xaxis[joint])
         slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
         add = builder.add_joint_prismatic if slides else builder.add_joint_revolute
-        index = add(name, parent, child, axis=axis, anchor=anchor, **options)  # type: ignore[arg-type]
+        index = add(name, parent, child, axis=axis, anchor=anchor, **options)
         form = JointCoordinates(
             name, CoordinateKind.SCALAR, position, rate, builder.dof_start(index), offset=float(model.qpos0[position])
         )
@@ -140,9 +140,7 @@ def _dof(source: Source, joint: int, dof: int, reference: float, drive: Position
         limit = (lower, upper)
     stiffness = float(model.jnt_stiffness[joint])
     rest = (
-        float(model.qpos_spring[model.jnt_qposadr[joint]]) - reference
-        if stiffness and is_scalar(model, joint)
-        else 0.0
+        float(model.qpos_spring[model.jnt_qposadr[joint]]) - reference if stiffness and is_scalar(model, joint) else 0.0
     )
     return Dof(
         limit=limit, stiffness=stiffness, rest=rest, armature=float(model.dof_armature[dof]),

@@ -8,7 +8,7 @@ from simwarp.core.rotation import rotate
 from simwarp.core.types import JointType, Pose
 from simwarp.importers.mjcf.mjcf_source import Source
 
-IDENTITY = (1.0, 0.0, 0.0, 0.0)
+IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 RIGID = "rigid, without MuJoCo's softness"
 
 
@@ -57,14 +57,14 @@ def _ends(source: Source, index: int, is_weld: bool) -> list[tuple[int, Pose]]:
     if not is_weld:
         places = [(first, values[0:3], IDENTITY), (second, values[3:6], IDENTITY)]
     else:  # an anchor on the second body, and the second body's pose relative to the first
-        relative = values[6:10] if values[6:10].any() else np.array(IDENTITY)
+        relative = values[6:10] if values[6:10].any() else IDENTITY
         on_first = values[3:6] + rotate(np.roll(relative, -1), values[0:3])
         places = [(first, on_first, relative), (second, values[0:3], IDENTITY)]
     return [(source.bodies[body], source.local_pose(body, place, turned)) for body, place, turned in places]
 
 
 def _add_coupling(source: Source, index: int, element: str, of_tendons: bool) -> None:
-    """y - y0 = a0 + a1 (x - x0) of two joints or tendons: linear ones only."""
+    """Y - y0 = a0 + a1 (x - x0) of two joints or tendons: linear ones only."""
     model, told = source.model, source.told("equality", index)
     constant, slope, *higher = model.eq_data[index][:5]
     if any(higher):

@@ -26,7 +26,7 @@ def add_shapes(source: Source) -> dict[str, tuple[int, ...]]:
     """Adds every geom that can touch something; returns shape slots by name."""
     model = source.model
     wanted = colliding_geoms(model)
-    names = {}
+    names: dict[str, tuple[int, ...]] = {}
     for geom in range(model.ngeom):
         told = source.told("geom", geom)
         if not wanted[geom]:

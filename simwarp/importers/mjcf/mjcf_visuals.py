@@ -47,9 +47,9 @@ def _show_geom(source: Source, visuals: Visuals, model: Any, data: Any, geom: in
         return
     frame = source.frame(int(model.geom_bodyid[geom]), source.pose_of_axes(data.geom_xpos[geom], data.geom_xmat[geom]))
     mesh = _mesh(model, int(model.geom_dataid[geom])) if kind is ShapeType.MESH else None
-    size = tuple(float(value) for value in model.geom_size[geom])
+    a, b, c = (float(value) for value in model.geom_size[geom])
     name = f"{source.prefix}{model.geom(geom).name or f'geom{geom}'}"
-    add_part(visuals, name, frame, kind, size, mesh, _colour(model, geom)[:3])
+    add_part(visuals, name, frame, kind, (a, b, c), mesh, _colour(model, geom)[:3])
 
 
 def _kinds() -> dict[Any, ShapeType]:
@@ -67,7 +67,7 @@ def _mesh(model: Any, mesh: int) -> VisualMesh:
     corner, first = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
     vertices = model.mesh_vert[corner : corner + int(model.mesh_vertnum[mesh])]
     triangles = model.mesh_face[first : first + int(model.mesh_facenum[mesh])]
-    return VisualMesh(np.asarray(vertices, np.float32), np.asarray(triangles, np.int32))
+    return VisualMesh(vertices=np.asarray(vertices, np.float64), triangles=np.asarray(triangles, np.int64))
 
 
 def _colour(model: Any, geom: int) -> tuple[float, float, float, float]:

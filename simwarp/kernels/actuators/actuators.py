@@ -244,9 +244,7 @@ def actuator_force(
     """The law, its bounds, and the motor's limit at its speed."""
     gain = affine(parameters.gain[world_row(world, parameters.gain.shape[0]), actuator], motion)
     bias = affine(parameters.bias[world_row(world, parameters.bias.shape[0]), actuator], motion)
-    force = within(
-        gain * u + bias, parameters.force_range[world_row(world, parameters.force_range.shape[0]), actuator]
-    )
+    force = within(gain * u + bias, parameters.force_range[world_row(world, parameters.force_range.shape[0]), actuator])
     if force * motion.rate >= 0.0:  # it speeds the motion up
         stall = parameters.stall_force[world_row(world, parameters.stall_force.shape[0]), actuator]
         free = parameters.free_speed[world_row(world, parameters.free_speed.shape[0]), actuator]

@@ -24,7 +24,8 @@ class Topology:
     dof_count: int
     joint_count: int
     loop_joint_count: int
-    row_count: int  # rows of loop joints, then couplings
+    row_count: int  # rows of loop joints, then couplings, then combinations with a law
+    response_count: int  # the same, then combinations without one
     joint_row_count: int
     box_count: int
     loop_dof_count: int
@@ -60,6 +61,7 @@ class Topology:
     dof_axis: wp.array[int]
     dof_drive: wp.array[int]  # DriveMode
     dof_coupled: wp.array[int]  # 1: a coupling divides its error by the step
+    dof_sum: wp.array[int]  # of a combination: its place among couplings; -1: another coordinate
     dof_table: wp.array2d[int]  # (dofs, 4): spring, damper, motion table, tables of a damper map, -1: none
     table_start: wp.array[int]  # CSR
     table_x: wp.array[wp.float64]
@@ -71,11 +73,12 @@ class Topology:
     row_axis0: wp.array[int]
     row_axis1: wp.array[int]
     row_dof: wp.array[int]  # -1: rigid; else the row carries that degree of freedom's law or prescribed motion
-    coupling_dof: wp.array2d[int]  # (couplings, terms), -1: none
+    coupling_dof: wp.array2d[int]  # (couplings and combinations, terms), -1: none
+    coupling_law: wp.array[int]  # the combination whose law it has; -1: a coupling
     coupling_wrench: wp.array2d[
         int
     ]  # (couplings, terms): where j0, j1 hold a RELATIVE_ROTATION term's wrenches, -1: a tree degree of freedom
-    row_path: wp.array[int]  # CSR over rows: tree degrees of freedom that a row can move
+    row_path: wp.array[int]  # CSR over responses: tree degrees of freedom that a row can move
     path_tree_dof: wp.array[int]
 
     distance_dof: wp.array2d[
@@ -186,7 +189,7 @@ class WorkScratch(ScratchGroup):
     row_r = scratch_array(wp.float32, "padded_rows")
     row_t = scratch_array(wp.float32, "padded_rows")
     row_scale = scratch_array(wp.float32, "padded_rows")
-    y = scratch_array(wp.float32, "rows", "tree_dofs")
+    y = scratch_array(wp.float32, "responses", "tree_dofs")
     y_t = scratch_array(wp.float32, "tree_dofs", "padded_rows")  # zero where a row does not reach
     n = scratch_array(wp.float32, "rows", "padded_rows")
     inv_pivot = scratch_array(wp.float32, "padded_rows")

@@ -6,9 +6,17 @@ from simwarp.core.types import WorldStatus
 from simwarp.kernels.core.fields import ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float, to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, row_geometry
+from simwarp.kernels.dynamics.bilateral_rows import (
+    coefficient_of,
+    combined_coordinate,
+    combined_rate,
+    link_of,
+    rate_of,
+    row_geometry,
+)
 from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_effort, prescribed_rate
 from simwarp.kernels.dynamics.joints import (
+    COMBINATION,
     DISTANCE,
     FREE,
     POINT_AXIS0,
@@ -238,6 +246,24 @@ def load_distances(
 
 
 @wp.func
+def load_combinations(
+    world: int, dt: float, topology: Topology, parameters: Parameters, control: ControlArrays, work: Work
+):
+    """`joint_force` on combinations without a law, as efforts of their terms."""
+    for row in range(topology.row_count, topology.response_count):
+        index = row - topology.joint_row_count
+        force = applied_effort(world, topology.coupling_law[index], control)
+        if force != 0.0:
+            for term in range(topology.coupling_dof.shape[1]):
+                part = topology.coupling_dof[index, term]
+                if part >= 0:
+                    tree_dof = topology.dof_to_tree_dof[part]
+                    if work.gain[tree_dof] >= 0.0:  # not prescribed
+                        coefficient = coefficient_of(index, term, world, parameters)
+                        work.effort[tree_dof] = work.effort[tree_dof] + dt * (coefficient * force)
+
+
+@wp.func
 def apply_force(link: int, wrench: Wrench, impulse: float, work: Work):
     """Adds an applied impulse to a link."""
     if link >= 0:
@@ -341,7 +367,9 @@ def publish_rates(world: int, topology: Topology, parameters: Parameters, state:
     for joint in range(topology.joint_count):
         first = topology.joint_dof[joint]
         end = topology.joint_dof[joint + 1]
-        if end > first:
+        if topology.joint_type[joint] == COMBINATION:
+            state.joint_qd[world, first] = combined_rate(first, world, topology, parameters, state)
+        elif end > first:
             if topology.dof_to_tree_dof[first] >= 0 and topology.joint_type[joint] != FREE:
                 for dof in range(first, end):
                     state.joint_qd[world, dof] = work.qd[topology.dof_to_tree_dof[dof]]
@@ -386,7 +414,9 @@ def record_accelerations(
 def publish_coordinates(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
 ):
-    """joint_x and joint_q measured at the poses in `work`; shafts are integrated."""
+    """joint_x and joint_q measured at the poses in `work`; shafts are integrated. The terms of a combination come
+    before it.
+    """
     for joint in range(topology.joint_count):
         kind = topology.joint_type[joint]
         first = topology.joint_dof[joint]
@@ -395,6 +425,10 @@ def publish_coordinates(
             q = state.joint_x[world, first] + wp.float64(dt) * wp.float64(state.joint_qd[world, first])
             state.joint_x[world, first] = q
             state.joint_q[world, first] = float(q)
+        elif kind == COMBINATION:
+            total = combined_coordinate(first, world, topology, parameters, state)
+            state.joint_x[world, first] = total
+            state.joint_q[world, first] = float(total)
         elif end > first:
             frames = joint_frames(joint, world, topology, parameters, work)
             angles = turned_frames(kind, frames)

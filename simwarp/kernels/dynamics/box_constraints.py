@@ -10,10 +10,17 @@ from simwarp.core.types import BoxKind
 from simwarp.kernels.cones.problem import BOX, ConeProblem
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.bilateral_rows import dof_rate, link_of, row_geometry
-from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_tree_dof
+from simwarp.kernels.dynamics.bilateral_rows import dof_rate, free_combined_rate, is_length, link_of, row_geometry
+from simwarp.kernels.dynamics.cone_rows import (
+    Wrenches,
+    loop_share,
+    one_row,
+    put_response,
+    walk_rows,
+    walk_tree_dof,
+)
 from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort, effort_bounds, is_bounded
-from simwarp.kernels.dynamics.joints import DISTANCE, POINT_AXIS0, joint_frames
+from simwarp.kernels.dynamics.joints import joint_frames
 
 wp.set_module_options({"enable_backward": False})
 
@@ -54,7 +61,7 @@ def candidate(
             gap = upper
             row.sign = -1.0
         fastest = config.max_depenetration_rate
-        if topology.dof_kind[dof] == POINT_AXIS0 or topology.dof_kind[dof] == DISTANCE:
+        if is_length(dof, topology):
             fastest = config.max_depenetration_velocity
         # the reserve is for speed that the other box constraints may add within the step
         if gap / dt + row.sign * rate < fastest:
@@ -96,6 +103,8 @@ def box_response(
     tree_dof = topology.dof_to_tree_dof[dof]
     if tree_dof >= 0:
         walk_tree_dof(block, row, tree_dof, sign, topology, work, cone)
+    elif topology.dof_sum[dof] >= 0:
+        put_response(block, row, topology.joint_row_count + topology.dof_sum[dof], sign, topology, work, cone)
     else:
         joint = topology.dof_joint[dof]
         frames = joint_frames(joint, world, topology, parameters, work)
@@ -129,6 +138,8 @@ def collect_boxes(
         rate = float(0.0)
         if tree_dof >= 0:
             rate = work.qd[tree_dof]
+        elif topology.dof_sum[dof] >= 0:
+            rate = free_combined_rate(dof, world, topology, parameters, work)
         else:
             rate = dof_rate(dof, world, topology, parameters, work)
         row = candidate(topology.box_kind[index], dof, rate, world, dt, topology, parameters, state, control, config)

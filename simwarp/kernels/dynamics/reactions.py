@@ -152,7 +152,8 @@ def record_reactions(
         take_distance(index, world, dt, topology, parameters, state, control, work, reports)
     for block in range(limits):
         dof = topology.box_dof[work.active[block]]
-        if topology.dof_to_tree_dof[dof] < 0:
+        # what bounds a combination acts along coordinates of the tree, as drives and limits of these do
+        if topology.dof_to_tree_dof[dof] < 0 and topology.dof_sum[dof] < 0:
             take_dof(dof, work.b_sign[block] * cone.gamma[block], world, dt, topology, parameters, work, reports)
     for block in range(limits, blocks):
         take_contact(work.active[block] - topology.box_count, world, topology, contacts, work)

@@ -13,7 +13,7 @@ from simwarp.kernels.cones.problem import SolveReport
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
-from simwarp.kernels.dynamics.bilateral_rows import loop_row_law, loop_row_wrenches
+from simwarp.kernels.dynamics.bilateral_rows import combination_laws, loop_row_law, loop_row_wrenches
 from simwarp.kernels.dynamics.bodies import (
     load_poses,
     publish_coordinates,
@@ -190,6 +190,9 @@ def bias_worlds(
                 row, joint, world, config.dt, state.world_time[world], value, topology, parameters, state, control,
                 config, work,
             )  # fmt: skip
+    combination_laws(
+        world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
+    )
 
 
 @wp.kernel(**PART)

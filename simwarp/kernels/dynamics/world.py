@@ -70,6 +70,7 @@ class ScratchSizes:
     links: int
     tree_dofs: int
     rows: int
+    responses: int
     relative_rotations: int
     blocks: int
     cone_rows: int
