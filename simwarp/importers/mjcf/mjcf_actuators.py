@@ -135,6 +135,10 @@ def add_tendons(source: Source, servos: Mapping[tuple[str, int], Servo]) -> dict
             report.hold("tendon fixed", told)
             column = _add_fixed_tendon(source, tendon, servos.get(("tendon", tendon)))
         elif wraps == [mujoco.mjtWrap.mjWRAP_SITE] * 2:
+            ends = [source.data.site_xpos[int(model.wrap_objid[first + k])] for k in range(2)]
+            if np.allclose(ends[0], ends[1], rtol=0.0, atol=1e-9):
+                report.refuse("spatial tendon", told, "its sites coincide as built, where its direction is undefined")
+                continue
             report.hold("tendon spatial", told)
             column = _add_line(source, tendon, servos.get(("tendon", tendon)))
         else:

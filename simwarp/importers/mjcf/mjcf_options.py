@@ -104,8 +104,6 @@ def _check_options(source: Source) -> None:
         report.approximate("option integrator", name, "semi-implicit steps, implicit in springs, dampers and servos")
     if options.impratio != 1.0:
         report.approximate("option impratio", "", "contacts are rigid along and across the normal")
-    if options.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL and source.model.ngeom > 0:
-        report.hold("option cone", "pyramidal", "friction cones are round")
     if options.noslip_iterations:
         report.approximate("option noslip_iterations", "", "contacts do not creep: the passes are not needed")
     if options.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:

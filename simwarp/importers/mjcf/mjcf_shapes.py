@@ -27,17 +27,19 @@ def add_shapes(source: Source) -> dict[str, tuple[int, ...]]:
     model = source.model
     wanted = colliding_geoms(model)
     names: dict[str, tuple[int, ...]] = {}
+    hulls: dict[int, tuple[Array, float]] = {}
     for geom in range(model.ngeom):
         told = source.told("geom", geom)
         if not wanted[geom]:
             source.report.hold("geom visual", told, "only shows")
             continue
         _check_geom(source, geom)
-        shape = _add_geom(source, geom)
+        shape = _add_geom(source, geom, hulls)
         if shape is not None:
             source.shapes[geom] = (shape,)
             names[source.name("geom", geom)] = (shape,)
-    set_pairs(source)
+    if set_pairs(source):
+        source.report.approximate("contact", "", RIGID_CONTACT + "; friction cones are round")
     return names
 
 
@@ -75,7 +77,7 @@ def _material(source: Source, geom: int) -> Material:
     )
 
 
-def _add_geom(source: Source, geom: int) -> int | None:
+def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[Array, float]]) -> int | None:
     import mujoco
 
     model, data, builder = source.model, source.data, source.builder
@@ -105,17 +107,22 @@ def _add_geom(source: Source, geom: int) -> int | None:
         case mujoco.mjtGeom.mjGEOM_HFIELD:
             return _add_height_field(source, geom, body, options)
         case mujoco.mjtGeom.mjGEOM_MESH:
-            return _add_hull(source, geom, body, options)
+            return _add_hull(source, geom, body, options, hulls)
         case _:
             source.report.refuse(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", told)
             return None
 
 
-def _add_hull(source: Source, geom: int, body: int, options: dict[str, Any]) -> int:
-    """The hull of a mesh, of 64 corners at most; MuJoCo takes all of them."""
-    corners, off = reduced_hull(mesh_points(source.model, int(source.model.geom_dataid[geom])))
+def _add_hull(
+    source: Source, geom: int, body: int, options: dict[str, Any], hulls: dict[int, tuple[Array, float]]
+) -> int:
+    """The hull of a mesh, of 64 corners at most; MuJoCo takes all of them. `hulls` are those of meshes seen before."""
+    mesh = int(source.model.geom_dataid[geom])
+    if mesh not in hulls:
+        hulls[mesh] = reduced_hull(mesh_points(source.model, mesh))
+    corners, off = hulls[mesh]
     if off > 0.0:
-        told = f"its hull has {len(corners)} corners; surfaces lie up to {1e3 * off:.2g} mm inside that of the file"
+        told = f"its hull has {len(corners)} corners, others lie up to {1e3 * off:.2g} mm outside it"
         source.report.approximate("geom mesh corners", source.told("geom", geom), told)
     return source.builder.add_shape_hull(body, corners, **options)
 
@@ -136,9 +143,9 @@ def mesh_points(model: Any, mesh: int) -> Array:
     return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], np.float64)
 
 
-def set_pairs(source: Source) -> None:
+def set_pairs(source: Source) -> bool:
     """Makes the pairs of shapes that can meet, and their friction, those of MuJoCo: by masks, parents, excluded bodies
-    and explicit pairs.
+    and explicit pairs. Returns whether there are any.
     """
     wanted = wanted_pairs(source)
     builder = source.builder
@@ -149,6 +156,7 @@ def set_pairs(source: Source) -> None:
         builder.add_shape_pair(low, high, material=frictions.get((low, high)))
     for low, high in sorted(given - wanted):
         builder.exclude_shapes(low, high)
+    return bool(wanted)
 
 
 def wanted_pairs(source: Source) -> set[tuple[int, int]]:
