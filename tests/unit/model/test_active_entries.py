@@ -38,6 +38,7 @@ def build() -> ModelBuilder:
         {"drive": PositionDrive(stiffness=3.0, damping=0.1)},
         {"drive": PositionDrive(stiffness=3.0, damping=0.1, effort_limit=0.5)},
         {"drive": VelocityMotor(effort_limit=0.5)},
+        {"drive": VelocityMotor(effort_limit=(-0.4, 0.3))},
         {"drive": PrescribedPosition(table=((0.0, 1.0), (0.0, 0.3))), "stiffness": 1.0, "limit": (-0.5, 0.5)},
         {"drive": PrescribedSpeed(table=((0.0, 1.0), (0.0, 0.3)))},
     ]
@@ -102,7 +103,7 @@ def changed(built: np.ndarray, name: str) -> np.ndarray:
         return np.where(np.abs(built) > 1e29, np.sign(built) * 0.05, built * nearer)
     if name == "shape_x":
         return built + 0.01
-    if name == "drive_effort_limit":  # a finite one where there was none would take the drive away
+    if name.startswith("drive_effort"):  # a finite one where there was none would take the drive away
         return np.where(built > 1e29, built, built * 0.3)
     if name == "shape_rot":
         return np.broadcast_to([0.1, 0.0, 0.0, 0.995], built.shape)
