@@ -4,7 +4,7 @@ The step solves for the changes of the rates, in which no rate is rounded. They 
 stabilisation velocity: what the velocities of the start violate at its poses, and C/h of the violation there. That is
 right on the average over steps, but late by a step where a state was set, and a difference of rounded velocities over
 h. Since the tree answers linearly, its answer to the difference between that and h times the velocity products in
-closed form is added. With rows of loops or couplings, which have products of their own, it is not.
+closed form is added, and that of the couplings. With closed loops, whose rows have products of their own, it is not.
 """
 
 import warp as wp
@@ -12,7 +12,8 @@ import warp as wp
 from simwarp.kernels.core.fields import Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import Topology, Work
-from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of
+from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, rows_residual
+from simwarp.kernels.dynamics.dense_rows import solve_rows
 from simwarp.kernels.dynamics.joints import (
     ANGLE0,
     FREE,
@@ -89,6 +90,21 @@ def add_changes(world: int, topology: Topology, work: Work, reports: Reports):
 
 
 @wp.func
+def answer_couplings(world: int, topology: Topology, parameters: Parameters, work: Work):
+    """Adds the answer of the couplings to a motion in `work` that is not the step's: their sums keep what they had."""
+    rows_residual(topology, parameters, world, work)
+    for row in range(topology.row_count):
+        step = work.row_b[row] + work.row_compliance[row] * work.row_impulse[row]
+        work.row_r[row] = work.row_r[row] - step
+    solve_rows(topology, work)
+    for row in range(topology.row_count):
+        for index in range(topology.row_path[row], topology.row_path[row + 1]):
+            tree_dof = topology.path_tree_dof[index]
+            work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
+    forward_pass(topology, work)
+
+
+@wp.func
 def answer_products(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work, reports: Reports
 ):
@@ -115,6 +131,8 @@ def answer_products(
         work.effort[tree_dof] = 0.0
     backward_pass(1.0, topology, work)
     forward_pass(topology, work)
+    if topology.row_count > 0:
+        answer_couplings(world, topology, parameters, work)
     add_changes(world, topology, work, reports)
     for link in range(topology.link_count):
         work.stabilisation_ang[link] = work.f_ang[link]
@@ -140,7 +158,7 @@ def keep_changes(
         work.rate[tree_dof] = 0.0
     forward_pass(topology, work)
     add_changes(world, topology, work, reports)
-    if topology.row_count == 0:
+    if topology.joint_row_count == 0:
         answer_products(world, dt, topology, parameters, state, work, reports)
     for tree_dof in range(topology.tree_dof_count):
         work.rate[tree_dof] = work.k_effort[tree_dof]

@@ -99,7 +99,8 @@ def correct_velocity(
                 tree_dof = topology.path_tree_dof[index]
                 work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
         forward_pass(topology, work)
-    if config.accelerations == 1:
+    if config.accelerations == 1 and topology.joint_row_count > 0:
+        # without loops the changes have the velocity products already, which this motion makes up for
         add_changes(world, topology, work, reports)
     for link in range(topology.link_count):
         work.v_ang[link] = work.f_ang[link] + work.v_ang[link]
