@@ -38,7 +38,6 @@ def build() -> ModelBuilder:
         {"drive": PositionDrive(stiffness=3.0, damping=0.1)},
         {"drive": PositionDrive(stiffness=3.0, damping=0.1, effort_limit=0.5)},
         {"drive": VelocityMotor(effort_limit=0.5)},
-        {"drive": VelocityMotor(effort_limit=(-0.4, 0.3))},
         {"drive": PrescribedPosition(table=((0.0, 1.0), (0.0, 0.3))), "stiffness": 1.0, "limit": (-0.5, 0.5)},
         {"drive": PrescribedSpeed(table=((0.0, 1.0), (0.0, 0.3)))},
     ]
@@ -61,6 +60,7 @@ def build() -> ModelBuilder:
     )
     builder.add_joint_free("root", free)
     shafts = [builder.add_shaft(f"s{k}", inertia=0.1, speed=1.0 + k) for k in range(3)]
+    builder.add_shaft("braked", inertia=0.1, speed=3.0, drive=VelocityMotor(effort_limit=(-0.4, 0.3)))
     builder.add_coupling("rigid", [(shafts[0], 1.0), (shafts[1], -2.0)])
     builder.add_coupling("viscous", [(shafts[1], 1.0), (shafts[2], -1.0)], damping=0.2)
     rolls = Material(rolling_friction=0.01, spinning_friction=0.01, compliance=1e-5, damping=0.01, cohesion=0.1)
