@@ -96,13 +96,18 @@ CALLS: dict[str, dict[str, Any]] = {
     "add_mesh_asset": {"vertices": TETRAHEDRON, "triangles": FACES},
     "add_solid": {"name": "c", "kind": "box", "size": (0.5, 0.5, 0.5), "density": 100.0, "velocity": X},
     "exclude_collision": {"body0": 0, "body1": 1},
+    "exclude_shapes": {"shape0": 0, "shape1": 1},
+    "add_shape_pair": {"shape0": 0, "shape1": 1},
     "finalize": {"world_count": 1, "device": "cpu", "per_world": ("body_mass",), "contact_capacity": 20},
 }
 """A good call of each method; test_quick.py holds that none is missing."""
 
 DOF_FIELDS = [each.name for each in dataclasses.fields(sw.Dof) if each.default == 0.0]
 MATERIAL_FIELDS = [field.name for field in dataclasses.fields(sw.Material)]
-INDICES = {"body", "body0", "body1", "parent", "child", "joint0", "joint1", "pinion", "rack", "cylindrical"}
+INDICES = {
+    "body", "body0", "body1", "shape0", "shape1", "parent", "child", "joint0", "joint1", "pinion", "rack",
+    "cylindrical",
+}  # fmt: skip
 COUPLINGS = {"add_gear", "add_rack", "add_screw", "add_coupling"}
 DIRECTIONS = {"axis", "axis0", "axis1", "normal", "direction"}
 
@@ -126,6 +131,8 @@ def prepared(method: str) -> sw.ModelBuilder:
     made = builder()
     if method in ("add_coupling", "add_gear"):
         made.add_shaft("s0", inertia=1.0), made.add_shaft("s1", inertia=1.0)
+    if method in ("exclude_shapes", "add_shape_pair"):
+        made.add_shape_sphere(0, radius=0.5), made.add_shape_sphere(1, radius=0.5)
     if method in ("add_rack", "add_screw"):
         made.add_shaft("s0", inertia=1.0)
         made.add_joint_prismatic("p", sw.WORLD, 0, axis=X)

@@ -121,6 +121,8 @@ VALID: dict[str, dict[str, Any]] = {
                   "points": None, "pose": None, "velocity": (0, 0, 0), "omega": (0, 0, 0), "material": Material(),
                   "margin": 0.0, "group": 1, "mask": 1},
     "exclude_collision": {"body0": 0, "body1": 1},
+    "exclude_shapes": {"shape0": 0, "shape1": 1},
+    "add_shape_pair": {"shape0": 0, "shape1": 1, "material": Material()},
 }  # fmt: skip
 
 
@@ -134,6 +136,7 @@ def base() -> ModelBuilder:
     builder.add_shaft("shaft", inertia=1.0)
     builder.add_joint_cylindrical("thread", 1, 2, axis=(0, 0, 1))
     builder.add_shape_sphere(1, radius=0.1)
+    builder.add_shape_sphere(2, radius=0.1)
     return builder
 
 

@@ -45,7 +45,9 @@ TOLERANCE = 2e-5
 def moved(name: str, threads: int, reactions: bool) -> tuple[sw.Simulation, dict[str, np.ndarray]]:
     model = MODELS[name]().finalize(5, "cpu")
     solver = sw.SolverOptions(tolerance=1e-6, position_projection=1)
-    sim = sw.Simulation(model, 2e-3, solver=solver, joint_reactions=reactions, threads=threads)
+    sim = sw.Simulation(
+        model, 2e-3, solver=solver, joint_reactions=reactions, joint_accelerations=reactions, threads=threads
+    )
     rng = np.random.default_rng(3)
     sim.control.joint_force.assign(rng.uniform(-0.2, 0.2, (5, model.dof_count)).astype(np.float32))
     sim.advance(20)
@@ -71,6 +73,10 @@ def test_the_same_motion(name, reactions, monkeypatch):
         force = whole.diagnostics.joint_reaction_force.numpy()
         np.testing.assert_allclose(
             parts.diagnostics.joint_reaction_force.numpy(), force, atol=2e-3 * max(1.0, np.abs(force).max(initial=0.0))
+        )
+        qdd = whole.diagnostics.joint_qdd.numpy()
+        np.testing.assert_allclose(
+            parts.diagnostics.joint_qdd.numpy(), qdd, atol=2e-3 * max(1.0, np.abs(qdd).max(initial=0.0))
         )
 
 
@@ -123,3 +129,4 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
     collision = ["place_worlds", "touch_worlds", "keep_worlds"]
     assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, "solve_worlds", "push_worlds", *end]
     assert kernels("pendulum", joint_reactions=True) == [*start, "weigh_worlds", *end]
+    assert kernels("pendulum", joint_accelerations=True) == [*start, "change_worlds", "accelerate_worlds", *end]
