@@ -62,6 +62,9 @@ def build() -> ModelBuilder:
     shafts = [builder.add_shaft(f"s{k}", inertia=0.1, speed=1.0 + k) for k in range(3)]
     builder.add_coupling("rigid", [(shafts[0], 1.0), (shafts[1], -2.0)])
     builder.add_coupling("viscous", [(shafts[1], 1.0), (shafts[2], -1.0)], damping=0.2)
+    builder.add_combination("spring", [(shafts[0], 0.5), (1, 1.0)], stiffness=3.0, rest=0.2, damping=0.1, armature=0.1)
+    builder.add_combination("stop", [(shafts[1], 1.0), (3, 1.0)], limit=(-1.0e-4, 1.0e-4), friction=0.05)
+    builder.add_combination("free", [(shafts[2], 1.0), (1, 1.0)])
     rolls = Material(rolling_friction=0.01, spinning_friction=0.01, compliance=1e-5, damping=0.01, cohesion=0.1)
     builder.add_shape_plane(WORLD, name="ground", material=rolls)
     builder.add_shape_sphere(free, radius=0.1, name="ball", material=rolls)
