@@ -58,7 +58,8 @@ def tendons() -> ModelBuilder:
 
 
 MODELS: dict[str, Callable[[], ModelBuilder]] = {
-    "busy": busy, "arm": arm_with_everything, "tendons": tendons, "four_bar": scenes.four_bar, "linkage": scenes.linkage,
+    "busy": busy, "arm": arm_with_everything, "tendons": tendons, "four_bar": scenes.four_bar,
+    "linkage": scenes.linkage,
 }  # fmt: skip
 
 

@@ -236,7 +236,7 @@ def test_a_set_state_measures_the_sum() -> None:
     assert q[:, SUM] == pytest.approx([0.0, 0.1 * (0.7 - 1.3), 0.5], abs=1e-6)
     assert qd[:, SUM] == pytest.approx([0.0, 0.7 * 0.4 - 1.3 * 0.2, 2 * 0.4 + 3 * 0.2], abs=1e-6)
     assert qd[1, :2] == pytest.approx([0.4, 0.2], abs=1e-6)  # its spring is no part of a set state
-    sim.state.body_x.assign(sim.state.body_x.numpy() + [0.2, 0.0, 0.0])
+    sim.state.body_x.assign(sim.state.body_x.numpy() + np.array([0.2, 0.0, 0.0]))
     sim.measure()
     assert sim.state.joint_q.numpy()[1, SUM] == pytest.approx(0.3 * 0.7 - 0.13, abs=1e-6)
 
