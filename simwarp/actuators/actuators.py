@@ -110,8 +110,8 @@ class Actuators(FixedAttributes):
             setattr(self._parameters, name, array)
         self._state = ActuatorState()
         kept = {"ctrl": self.ctrl, "activation": self.activation, "force": self.force}
-        for name, array in {**kept, "line": self._line, "cursor": self._cursor}.items():
-            setattr(self._state, name, array)
+        for name, each in {**kept, "line": self._line, "cursor": self._cursor}.items():
+            setattr(self._state, name, each)
         self._given = wp.zeros((worlds, count), dtype=wp.float32, device=device)
         self._mapped: tuple[Any, ...] = ()
         self._mapping: Any = None
