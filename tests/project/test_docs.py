@@ -22,7 +22,15 @@ WITH_CODE = [
     ROOT / "README.md",
     *(
         ROOT / "docs" / name
-        for name in ("conventions.md", "driving.md", "scenery.md", "sensors.md", "vehicles.md", "write-a-task.md")
+        for name in (
+            "actuators.md",
+            "conventions.md",
+            "driving.md",
+            "scenery.md",
+            "sensors.md",
+            "vehicles.md",
+            "write-a-task.md",
+        )
     ),
 ]
 EXAMPLES = {

@@ -87,7 +87,7 @@ class ParameterFields(FieldGroup):
     )
     coupling_coefficient: WritableArray = parameter(
         wp.float32, Size.COUPLINGS, Size.TERMS,
-        text="factors of the coordinates, as many terms as the longest coupling has",
+        text="factors of the coordinates, as many terms as the longest has; combinations follow the couplings",
     )
     coupling_offset: WritableArray = parameter(
         wp.float64, Size.COUPLINGS, text="sum of factors x coordinates that a coupling holds"

@@ -184,9 +184,7 @@ def bias_worlds(
                 row, joint, world, config.dt, state.world_time[world], value, topology, parameters, state, control,
                 config, work,
             )  # fmt: skip
-    combination_laws(
-        world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
-    )
+    combination_laws(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
 
 
 @wp.kernel(**PART)

@@ -268,8 +268,8 @@ DOFS: list[Case] = [
     )),
 ]  # fmt: skip
 COUPLINGS: list[Case] = [
-    ("no term", lambda b: b.add_coupling("new", []), ("coupling 'new'", "1 to 6 terms", "0")),
-    ("seven terms", lambda b: b.add_coupling("new", [(0, 1.0)] * 7), ("coupling 'new'", "1 to 6", "7", "chain")),
+    ("no term", lambda b: b.add_coupling("new", []), ("coupling 'new'", "1 to 12 terms", "0")),
+    ("thirteen terms", lambda b: b.add_coupling("new", [(0, 1.0)] * 13), ("coupling 'new'", "1 to 12", "13", "chain")),
     ("no list", lambda b: b.add_coupling("new", 3), ("coupling 'new'", "terms", "3", "[(joint")),
     ("flat list", lambda b: b.add_coupling("new", [0, 1.0]), ("coupling 'new'", "a term must be", "0", "tuples")),
     ("no such joint", lambda b: b.add_coupling("new", [(9, 1.0)]), ("coupling 'new'", "0..4", "9", "add_joint")),
@@ -475,6 +475,7 @@ def test_every_joint_type_has_an_element_and_a_way_in():
     builder.add_joint_revolute_translational("rt", 0, 16, anchor0=at, axis=axis, anchor1=apart, direction=apart)
     builder.add_bushing("bushing", 0, 17, anchor=at, stiffness=[1.0] * 6)
     builder.add_joint_relative_rotation("turn", 0, 18, axis=axis)
+    builder.add_combination("sum", [(2, 1.0), (3, -1.0)], friction=0.1)
     assert {joint.type for joint in builder.joints} == set(JointType)
     assert builder.dof_count == builder.dof_start(len(builder.joints))
     sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3)

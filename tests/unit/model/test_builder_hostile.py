@@ -97,6 +97,7 @@ VALID: dict[str, dict[str, Any]] = {
     "add_spring": {**PAIR, **ENDS},
     "add_bushing": {**PAIR, "anchor": (0, 0, 0), "rotation": (0, 0, 0, 1), "stiffness": (1,) * 6, "damping": (0,) * 6},
     "add_joint_relative_rotation": {**PAIR, "axis": (0, 0, 1)},
+    "add_combination": {"name": "new", "terms": [(0, 1.0), (1, 2.0)], **LAW},
     "add_coupling": {"name": "new", "terms": [(0, 1.0), (1, 2.0)], "offset": None, "damping": 0.0},
     "add_gear": {"name": "new", "joint0": 0, "joint1": 2, "ratio": 2.0},
     "add_rack": {"name": "new", "pinion": 0, "rack": 1, "radius": 0.1},

@@ -48,8 +48,18 @@ def arm_with_everything() -> ModelBuilder:
     return builder
 
 
+def tendons() -> ModelBuilder:
+    """The arm with sums of its angles: one with a law, one with bounds alone, one that only takes a force."""
+    builder = arm_with_everything()
+    builder.add_combination("spring", [(0, 1.0), (1, -0.5), (3, 2.0)], stiffness=30.0, damping=0.4, friction=0.2)
+    builder.add_combination("stop", [(1, 1.0), (2, 1.0), (4, 0.3)], limit=(-0.01, 0.005))
+    builder.add_combination("force", [(2, -1.0), (3, 0.7)])
+    return builder
+
+
 MODELS: dict[str, Callable[[], ModelBuilder]] = {
-    "busy": busy, "arm": arm_with_everything, "four_bar": scenes.four_bar, "linkage": scenes.linkage,
+    "busy": busy, "arm": arm_with_everything, "tendons": tendons, "four_bar": scenes.four_bar,
+    "linkage": scenes.linkage,
 }  # fmt: skip
 
 

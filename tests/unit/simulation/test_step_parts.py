@@ -33,9 +33,22 @@ def held() -> sw.ModelBuilder:
     return builder
 
 
+def tendons() -> sw.ModelBuilder:
+    """A chain with sums of its angles: with a law, with bounds alone, and with neither."""
+    builder = sw.ModelBuilder()
+    for k in range(4):
+        body = builder.add_body(f"b{k}", mass=1.0, inertia=(0.1, 0.1, 0.05), pose=sw.pose((0.4 * k, 0.0, 0.1)))
+        builder.add_joint_revolute(f"j{k}", body - 1, body, axis=(0.0, 1.0, 0.2 * k), anchor=(0.4 * k - 0.2, 0.0, 0.1))
+    builder.add_combination("spring", [(0, 1.0), (1, -0.5), (3, 2.0)], stiffness=30.0, damping=0.4, friction=0.2)
+    builder.add_combination("stop", [(1, 1.0), (2, 1.0)], limit=(-0.01, 0.005))
+    builder.add_combination("force", [(2, -1.0), (3, 0.7)])
+    return builder
+
+
 MODELS: dict[str, Any] = {
     "pendulum": scenes.pendulum, "four_bar": scenes.four_bar, "ant": scenes.ant, "stack": lambda: scenes.stack(count=3),
     "everything": lambda: random_mechanism(0, bounds=True, couplings=True), "held": held,
+    "tendons": tendons,
 }  # fmt: skip
 TOLERANCE = 2e-5
 """Compilers fuse multiplications and additions of one kernel differently from those of ten: after 20 steps rounding
