@@ -122,8 +122,8 @@ def _rows(
             "parallel": (0, 0, 1, 0), "distance": (0, 1, 0, 0), "spherical": (1, 1, 0, 0), "coaxial": (1, 0, 1, 0),
             "plane": (0, 1, 1, 0), "fixed": (1, 1, 1, 1), "revolute": (1, 1, 1, 0), "prismatic": (1, 0, 1, 1),
         }[kind]  # fmt: skip
-        across, along, tilt, spin = (bool(value) for value in locked)
-        places, turns = [across, across, along], [tilt, tilt, spin]
+        sideways, along, tilt, spin = (bool(value) for value in locked)
+        places, turns = [sideways, sideways, along], [tilt, tilt, spin]
     rows = [np.concatenate([frame[:, k], np.cross(point, frame[:, k])]) for k in range(3) if places[k]]
     rows += [np.concatenate([np.zeros(3), frame[:, k]]) for k in range(3) if turns[k]]
     return np.array(rows).reshape(-1, 6)

@@ -29,10 +29,9 @@ MODEL: Final = "GetCollisionModel."
 QUIET: Final = (
     "SetName", "SetPos", "SetRot", "SetMass", "SetInertiaXX", "SetInertiaXY", "SetFrame_COG_to_REF", "SetFrameCOMToRef",
     "SetBodyFixed", "SetFixed", "SetCollide", "EnableCollision", "AddVisualShape", "AddCollisionShape",
-    "AddCollisionModel", "AddMarker", MODEL + "ClearModel", MODEL + "BuildModel", MODEL + "AddBox",
-    MODEL + "AddSphere", MODEL + "AddCylinder", MODEL + "AddConvexHull", MODEL + "AddTriangleMesh", MODEL + "AddShape",
+    "AddCollisionModel", "AddMarker", MODEL + "ClearModel", MODEL + "BuildModel",
 )  # fmt: skip
-"""Calls that the reader understands."""
+"""Calls that the reader understands, besides those that add collision shapes."""
 
 NEAR: Final = {
     MODEL + "SetEnvelope": "distance of contact detection; that of the solver is used",
@@ -102,7 +101,7 @@ class PartReader:
                 self._add_marker(name, call, frame)
             elif call.method in NEAR:
                 self._report.approximate(call.method.removeprefix(MODEL), name, NEAR[call.method])
-            elif call.method not in QUIET:
+            elif call.method not in QUIET and not call.method.startswith(MODEL + "Add"):
                 self._report.refuse("statement", f"line {call.line}", f"{call.method} of part '{name}' is not known")
         self.links.append(link)
         return link
