@@ -388,8 +388,10 @@ NEAR = {
     "envelope": ("body_2.GetCollisionModel().SetEnvelope(0.1)", "SetEnvelope 'second'"),
     "family": ("body_2.GetCollisionModel().SetFamily(2)", "SetFamily 'second'"),
     "young": (
-        "mat = chrono.ChContactMaterialSMC()\nmat.SetYoungModulus(2e5)\n"
-        "body_2.AddCollisionShape(chrono.ChCollisionShapeSphere(mat, 0.2))",
+        (
+            "mat = chrono.ChContactMaterialSMC()\nmat.SetYoungModulus(2e5)\n"
+            "body_2.AddCollisionShape(chrono.ChCollisionShapeSphere(mat, 0.2))"
+        ),
         "material SetYoungModulus",
     ),
     "visual box": ("v = chrono.ChVisualShapeModelFile()\nbody_2.AddVisualShape(v)", "visual shape"),
