@@ -1,5 +1,6 @@
 """What type checkers and editors see of `import simwarp as sw`; at run time the names come when they are asked for."""
 
+from simwarp import actuators as actuators
 from simwarp import importers as importers
 from simwarp import scenery as scenery
 from simwarp import scenes as scenes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from simwarp.actuators.actuator_spec import Activation, ActuatorSpec, Law, SitePull
+from simwarp.actuators.actuator_spec import Activation, ActuatorSpec, Law, SitePull, Target
+from simwarp.actuators.actuators import PER_WORLD, Actuators
 
-__all__ = ["Activation", "ActuatorSpec", "Law", "SitePull"]
+__all__ = ["PER_WORLD", "Activation", "ActuatorSpec", "Actuators", "Law", "SitePull", "Target"]

@@ -32,15 +32,26 @@ class Law(enum.IntEnum):
     """The coordinate's `PositionDrive` follows the control; stiffness and damping are implicit."""
 
 
+class Target(enum.IntEnum):
+    """What a servo holds."""
+
+    POSITION = 0
+    """The coordinate: the control moves `Control.joint_target_q`; `joint_target_qd` is left to whoever writes it."""
+    VELOCITY = 1
+    """Its rate: the control moves `Control.joint_target_qd`, of a drive without stiffness."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SitePull:
-    """Transmission to a frame: a wrench along fixed directions of it.
+    """Transmission to a frame: a wrench along fixed directions, on the body at the frame's origin.
 
     Attributes:
         body: that carries the frame, not `WORLD`.
         pose: of the frame, from the body's centre of mass, in body axes [m].
         gear: (6,) force [N] and torque [N·m] per unit of actuator force, in the frame's axes.
-        reference: body of the frame in whose axes `gear` is given instead; None for the frame's own.
+        reference: body of a frame in whose axes `gear` is given instead; it takes the reaction, at the same point. The
+            length is then `gear` times place and rotation vector of the frame in the reference, and the rate that of
+            the two against each other. None: axes of the frame's own, no reaction, length 0.
         reference_pose: of that frame, from the centre of mass of `reference` (world axes for `WORLD`).
     """
 
@@ -59,18 +70,21 @@ class ActuatorSpec:
     Attributes:
         name: of the control.
         terms: (column of `State.joint_q`, coefficient): l = length_offset + sum of coefficient x q. Empty for a site.
-        site: transmission to a frame in place of coordinates; its length is 0, its rate that of the frame along `gear`.
+        site: transmission to a frame in place of coordinates; its length is 0, its rate that of the frame along `gear`,
+            unless it has a reference.
         length_offset: length where all coordinates are 0.
         law: EFFORT, or SERVO along a single coordinate whose `Dof` has a `PositionDrive`: its target is
-            (u - length_offset) / coefficient.
-        gain: (g0, g1, g2).
-        bias: (b0, b1, b2).
+            (u - length_offset) / coefficient, or that of its rate u / coefficient.
+        target: of a SERVO.
+        gain: (g0, g1, g2) of EFFORT; the law of a SERVO is that of its drive.
+        bias: (b0, b1, b2), likewise.
         ctrl_range: the control is clamped to it; None for no bounds.
-        force_range: the force is clamped to it; None for no bounds.
+        force_range: the force is clamped to it; None for no bounds. That of a SERVO is the `effort_limit` of its drive.
         activation: state between control and force.
+        early: the force follows the activation at the end of a step, not at its start.
         time_constant: of a filter [s].
         activation_range: the activation is clamped to it.
-        delay: of the control [s]; whole steps.
+        delay: of the control [s], rounded to whole sub-steps; before the first one has come through, it is 0.
         torque_speed: (stall force, speed without load) of a motor, in units of f and of l': the force that speeds the
             motion up is at most stall (1 - |l'| / speed), and 0 beyond it.
         corner_speed: below this speed the whole stall force is there, where `torque_speed` is given.
@@ -81,11 +95,13 @@ class ActuatorSpec:
     site: SitePull | None = None
     length_offset: float = 0.0
     law: Law = Law.EFFORT
+    target: Target = Target.POSITION
     gain: tuple[float, float, float] = (1.0, 0.0, 0.0)
     bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ctrl_range: tuple[float, float] | None = None
     force_range: tuple[float, float] | None = None
     activation: Activation = Activation.NONE
+    early: bool = False
     time_constant: float = 0.0
     activation_range: tuple[float, float] | None = None
     delay: float = 0.0

@@ -28,11 +28,13 @@ class Domain:
     Attributes:
         least, most: smallest and largest one; or arrays of them that broadcast to the array's shape.
         remedy: advice for values out of bounds.
+        value_axes: last axes of arrays of bounds that belong to one value: two of matrices.
     """
 
     least: Bound = -FLOAT32_MAX
     most: Bound = FLOAT32_MAX
     remedy: str = "replace or leave out such values"
+    value_axes: int = 0
 
     def check(self, label: str, values: npt.NDArray[Any]) -> None:
         """Raises a ModelError for the first value outside."""
@@ -49,6 +51,7 @@ class Domain:
         """That of a slice of an array of the given shape."""
         if not isinstance(self.least, np.ndarray) and not isinstance(self.most, np.ndarray):
             return self
+        shape = (*shape, *(1,) * self.value_axes)
         least, most = np.broadcast_to(self.least, shape)[key], np.broadcast_to(self.most, shape)[key]
         return dataclasses.replace(self, least=least, most=most)
 

@@ -25,6 +25,7 @@ class Size(enum.Enum):
     PARAMETER_WORLDS = ("1 or W", "1: all worlds share it")
     ELEMENT_WORLDS = ("1 or W", "1 without force elements")
     REACTION_WORLDS = ("W", "0 unless the Simulation records joint reactions")
+    ACCELERATION_WORLDS = ("W", "0 unless the Simulation records joint accelerations")
     BODIES = ("B", "")
     TOUCHED_BODIES = ("B", "0 without shapes")
     JOINTS = ("J", "")

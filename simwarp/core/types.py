@@ -55,6 +55,7 @@ class JointType(IntEnum):
     REVOLUTE_TRANSLATIONAL = 24
     BUSHING = 25
     RELATIVE_ROTATION = 26
+    COMBINATION = 27
     # names of before, until the next release
     LINE = 22
     TURN = 26
@@ -77,6 +78,8 @@ class RowKind(IntEnum):
     """Rotation about e_i of frame 1."""
     SHAFT = 6
     """The coordinate of a one-degree-of-freedom shaft; no body moves."""
+    SUM = 7
+    """A sum of coefficient x coordinate of other joints."""
 
 
 class DriveMode(IntEnum):
@@ -130,6 +133,27 @@ class FrictionLaw(IntEnum):
     CONVEX = 1
 
 
+class FrictionRule(IntEnum):
+    """What the friction coefficients of two surfaces make of their contact, where no `Material.priority` decides."""
+
+    MIN = 0
+    """The smaller one."""
+    MAX = 1
+    """The larger one, as in MuJoCo."""
+    MEAN = 2
+    PRODUCT = 3
+    """The product; of the levers of rolling and spinning, whose product is no length, the smaller one."""
+
+
+class PairRule(IntEnum):
+    """Which shapes may meet, by their groups and masks."""
+
+    BOTH = 0
+    """Each one's group is in the other's mask."""
+    EITHER = 1
+    """The group of one of them is in the other's mask, as in MuJoCo."""
+
+
 class ContactModel(IntEnum):
     """Contact law: unilateral rows, or penalty forces with the normal law of Hertz or Hooke."""
 
@@ -171,6 +195,8 @@ class WorldStatus(IntFlag):
     """A value of this world became NaN or infinite: the world is frozen until it is reset."""
     NOT_ASSEMBLED = 2
     """The closed loops could not be assembled for the coordinates that were set."""
+    SINGULAR = 4
+    """Axes of joints with no mass between them became parallel; for a step, the rate of one of them was held."""
 
 
 class Pose(NamedTuple):
@@ -304,20 +330,24 @@ extrapolated beyond the rates'.
 """
 
 
+EffortLimit: TypeAlias = float | tuple[float, float]
+"""Largest effort either way, or (lower, upper) with lower <= 0 <= upper, infinite for a side without a limit."""
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PositionDrive:
-    """PD drive, integrated implicitly [N/m or N·m/rad, N·s/m or N·m·s/rad, N or N·m]."""
+    """PD drive, integrated implicitly [N/m or N·m/rad, N·s/m or N·m·s/rad, N or N·m]; see `EffortLimit`."""
 
     stiffness: float
     damping: float = 0.0
-    effort_limit: float = float("inf")
+    effort_limit: EffortLimit = float("inf")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class VelocityMotor:
-    """Holds `joint_target_qd` with at most `effort_limit` [N or N·m]."""
+    """Holds `joint_target_qd` with at most `effort_limit` [N or N·m]; see `EffortLimit`."""
 
-    effort_limit: float
+    effort_limit: EffortLimit
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -336,8 +366,9 @@ class PrescribedSpeed:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Material:
-    """Surface of a shape. Two of them meet with the smaller friction (of all three kinds), restitution and cohesion,
-    the sum of their compliances, and the smaller damping (docs/theory.md).
+    """Surface of a shape. Two of them meet with the smaller restitution, cohesion and damping, the sum of their
+    compliances, and friction (of all three kinds) by the builder's `friction_rule`: the smaller one unless it is
+    set. The surface of higher priority decides alone on friction (docs/theory.md).
 
     Attributes:
         friction: Coulomb's coefficient.
@@ -348,6 +379,7 @@ class Material:
         damping: relaxation time of the compliance [s].
         young_modulus: [Pa], of the smooth contact model.
         poisson_ratio: the same.
+        priority: whole number of any sign.
     """
 
     friction: float = 0.6
@@ -359,6 +391,7 @@ class Material:
     damping: float = 0.0
     young_modulus: float = 2.0e5
     poisson_ratio: float = 0.3
+    priority: int = 0
 
 
 Drive: TypeAlias = PositionDrive | VelocityMotor | PrescribedPosition | PrescribedSpeed

@@ -179,13 +179,16 @@ def _merged_faces(
 
 def _edge_directions(vertices: Array, faces: tuple[tuple[int, ...], ...]) -> Array:
     """Unit directions of all edges, one of each set of parallel ones."""
-    found: list[Array] = []
-    for a, b in sorted({(min(side), max(side)) for face in faces for side in _sides(face)}):
+    edges = sorted({(min(side), max(side)) for face in faces for side in _sides(face)})
+    found = np.zeros((len(edges), 3))
+    count = 0
+    for a, b in edges:
         d = vertices[b] - vertices[a]
         d = d / np.linalg.norm(d)
-        if not found or np.abs(np.array(found) @ d).max() < 1.0 - 1e-9:
-            found.append(d)
-    return np.array(found)
+        if count == 0 or np.abs(found[:count] @ d).max() < 1.0 - 1e-9:
+            found[count] = d
+            count += 1
+    return found[:count]
 
 
 def hull_assets(hulls: Sequence[Hull], device: wp.DeviceLike = None) -> Assets:

@@ -65,6 +65,25 @@ class Keyframe:
     time: float = 0.0
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SourceSensor:
+    """A sensor of the file, by kind and place; those of `simwarp.sensors` are mounted there.
+
+    Attributes:
+        kind: in the words of the file's format, such as "gyro".
+        frame: where it is; None for that of a joint.
+        joint: that it measures; empty for that of a frame.
+        noise: standard deviation, in the unit of what is measured.
+        cutoff: bound of what is measured; 0 for none.
+    """
+
+    kind: str
+    frame: NamedFrame | None = None
+    joint: str = ""
+    noise: float = 0.0
+    cutoff: float = 0.0
+
+
 @dataclasses.dataclass
 class Imported:
     """A robot, or a scene, of a file.
@@ -82,6 +101,9 @@ class Imported:
         sites: name -> frame.
         cameras: name -> place.
         keyframes: name -> state.
+        sensors: name -> kind and place.
+        tendons: name -> column of its coordinate, where it has a law of its own.
+        timestep: of the file [s]; None where it tells none.
         actuators: in the order of the file, for `simwarp.actuators.Actuators`.
         effort_limits: name of a joint -> largest effort of what drives it, where the file tells [N or N·m].
         velocity_limits: name of a joint -> highest speed of what drives it, where the file tells [m/s or rad/s].
@@ -99,7 +121,10 @@ class Imported:
     sites: Mapping[str, NamedFrame] = dataclasses.field(default_factory=dict)
     cameras: Mapping[str, CameraPlace] = dataclasses.field(default_factory=dict)
     keyframes: Mapping[str, Keyframe] = dataclasses.field(default_factory=dict)
+    sensors: Mapping[str, SourceSensor] = dataclasses.field(default_factory=dict)
+    tendons: Mapping[str, int] = dataclasses.field(default_factory=dict)
     actuators: tuple[ActuatorSpec, ...] = ()
+    timestep: float | None = None
     effort_limits: Mapping[str, float] = dataclasses.field(default_factory=dict)
     velocity_limits: Mapping[str, float] = dataclasses.field(default_factory=dict)
     show: Callable[[Visuals], None] | None = None

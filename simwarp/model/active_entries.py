@@ -59,8 +59,9 @@ def active_entries(
     if size is Size.JOINTS:  # anchors and frames
         bodies = np.array([kind is not JointType.SHAFT for kind in model.joint_types], bool)
         return ActiveEntries(bodies, "shafts have no anchors and frames")
-    count = model.body_count if size is Size.BODIES else 1
-    return ActiveEntries(np.ones(count, bool), "the model has no bodies")
+    if size is Size.BODIES:
+        return ActiveEntries(model.has_mass, "only bodies with mass have one, and the model has none")
+    return ActiveEntries(np.ones(1, bool), "")
 
 
 def _boxes(model: Model, *kinds: BoxKind) -> Mask:
@@ -82,6 +83,12 @@ def _limit(model: Model, also: Collection[str]) -> ActiveEntries:
 def _effort_limit(model: Model, also: Collection[str]) -> ActiveEntries:
     rule = "it acts only where a VelocityMotor, or a PositionDrive with a finite effort_limit, was built"
     return ActiveEntries(_boxes(model, BoxKind.MOTOR, BoxKind.DRIVE), rule)
+
+
+def _effort_lower(model: Model, also: Collection[str]) -> ActiveEntries:
+    own = (model.drive_effort_lower.numpy() <= 0.0).any(axis=0)
+    rule = "it acts only where a drive was built with effort_limit=(lower, upper); else drive_effort_limit holds for it"
+    return ActiveEntries(_boxes(model, BoxKind.MOTOR, BoxKind.DRIVE) & own, rule)
 
 
 def _position_drive(model: Model, also: Collection[str]) -> ActiveEntries:
@@ -125,6 +132,7 @@ _DOFS: Final[dict[str, Callable[[Model, Collection[str]], ActiveEntries]]] = {
     "joint_limit_lower": _limit,
     "joint_limit_upper": _limit,
     "drive_effort_limit": _effort_limit,
+    "drive_effort_lower": _effort_lower,
     "drive_stiffness": _position_drive,
     "drive_damping": _position_drive,
     "joint_stiffness": _stiffness,
@@ -135,11 +143,13 @@ _DOFS: Final[dict[str, Callable[[Model, Collection[str]], ActiveEntries]]] = {
 
 
 def _of_couplings(model: Model, name: str) -> ActiveEntries:
-    count = model.coupling_offset.shape[1]
+    couplings = np.arange(model.coupling_offset.shape[1]) < model.coupling_count
     if name == "coupling_offset":
-        rigid = model.coupling_damping.numpy()[0] == 0.0
+        rigid = couplings & (model.coupling_damping.numpy()[0] == 0.0)
         return ActiveEntries(rigid, "only couplings that were built without damping keep a sum of coordinates")
-    return ActiveEntries(np.ones(count, bool), "the model has no couplings")
+    if name == "coupling_damping":
+        return ActiveEntries(couplings, "only couplings have it; a combination has joint_damping")
+    return ActiveEntries(np.ones(len(couplings), bool), "the model has no couplings")
 
 
 def _of_shapes(model: Model, name: str, contact_model: str, also: Collection[str]) -> ActiveEntries:

@@ -13,8 +13,10 @@ from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjuga
 from simwarp.core.types import (
     WORLD,
     Dof,
+    FrictionRule,
     JointType,
     ModelError,
+    PairRule,
     Pose,
     Quat,
     Vec3,
@@ -30,6 +32,7 @@ from simwarp.model.checks import (
     check_perpendicular,
     checked_dofs,
     checked_inertia,
+    checked_member,
     checked_name,
     checked_pose,
     distance_between,
@@ -70,14 +73,21 @@ class ModelBuilder(ShapeList, CouplingList):
 
     Args:
         gravity: acceleration [m/s²], world frame.
+        friction_rule: how the frictions of two surfaces combine, a `FrictionRule` or its name ("max").
+        pair_rule: how groups and masks decide which shapes meet, a `PairRule` or its name ("either").
 
     Raises:
         ModelError: by every method: a value is not usable, a name is taken, or a body does not exist.
     """
 
-    def __init__(self, gravity: Vec3 = (0.0, 0.0, -9.81)) -> None:
+    def __init__(
+        self, gravity: Vec3 = (0.0, 0.0, -9.81), *, friction_rule: FrictionRule | str = FrictionRule.MIN,
+        pair_rule: PairRule | str = PairRule.BOTH,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.gravity = finite_vector("ModelBuilder", "gravity", gravity, 3)
+        self.friction_rule = checked_member("ModelBuilder", "friction_rule", friction_rule, FrictionRule)
+        self.pair_rule = checked_member("ModelBuilder", "pair_rule", pair_rule, PairRule)
         self.bodies: list[BodySpec] = []
 
     # ---- nodes -------------------------------------------------------------------------------------------------
@@ -114,6 +124,23 @@ class ModelBuilder(ShapeList, CouplingList):
             finite_vector(thing, "omega", omega, 3),
         )
         self.bodies.append(spec)
+        return len(self.bodies) - 1
+
+    def add_massless_body(self, name: str, *, pose: Pose | None = None) -> int:
+        """A frame between joints, with no mass of its own; returns its body index.
+
+        Two bodies are tied by several joints in a row through such frames: hinges whose axes cross make a shoulder,
+        slides and a hinge a gantry. What hangs below must have mass. No shape and no joint that closes a loop
+        touches it. Where axes of neighbouring joints become parallel, one of their rates is held, and the world
+        gets `WorldStatus.SINGULAR`; a little `armature` on them avoids that.
+
+        Args:
+            name: unique among bodies.
+            pose: of the frame in the world, best where the joints' axes meet; identity when None.
+        """
+        thing = self._new_name("body", name, (body.name for body in self.bodies))
+        zero = np.zeros(3)
+        self.bodies.append(BodySpec(name, 0.0, np.zeros((3, 3)), checked_pose(thing, pose), zero, zero))
         return len(self.bodies) - 1
 
     def add_shaft(
@@ -219,6 +246,31 @@ class ModelBuilder(ShapeList, CouplingList):
         return self._append(
             JointSpec(name, JointType.FREE, WORLD, int(child), Frame(np.zeros(3), IDENTITY), frame1, (Dof(),) * 6)
         )
+
+    def add_loop_joint(
+        self, name: str, parent: int, child: int, *, kind: JointType, frame0: Pose, frame1: Pose | None = None
+    ) -> int:
+        """A joint that closes a loop between bodies that other joints hold already: its rows stay rows, and its
+        bodies may collide.
+
+        Args:
+            name: unique among joints.
+            parent: body of frame 0, or WORLD.
+            child: body of frame 1.
+            kind: FIXED or SPHERICAL.
+            frame0: on the parent, in the world [m].
+            frame1: on the child, in the world; that of frame 0 when None. Where the two differ, the loop is open as
+                built, and `Simulation.set_joint_state` or the steps close it.
+        """
+        thing = checked_name("joint", name)
+        if kind not in (JointType.FIXED, JointType.SPHERICAL):
+            raise ModelError(f"{thing}: kind must be FIXED or SPHERICAL, got {shown(kind)}; use add_joint_... instead")
+        first = checked_pose(thing, frame0)
+        second = first if frame1 is None else checked_pose(thing, frame1)
+        return self._add(
+            kind, name, parent, child, first.position, None, (), anchor1=second.position, rotation=first.rotation,
+            rotation1=second.rotation, closes_loop=True,
+        )  # fmt: skip
 
     # ---- elements that only add rows ------------------------------------------------------------------------------
 
@@ -361,6 +413,32 @@ class ModelBuilder(ShapeList, CouplingList):
         """
         return self._add_single(JointType.RELATIVE_ROTATION, name, parent, child, None, axis, {})
 
+    def add_combination(
+        self, name: str, terms: Iterable[tuple[int, float] | tuple[int, int, float]], **options: Unpack[DofOptions]
+    ) -> int:  # fmt: skip
+        """A coordinate that is a sum of others, q = sum of coefficient x coordinate, as of a tendon that runs over
+        joints with fixed lever arms; returns its joint index.
+
+        It moves nothing of its own. Spring, damper, friction, limit, drive and `joint_force` along it act on its terms,
+        each with its coefficient; stiffness and damping are implicit.
+
+        Args:
+            terms: (joint, coefficient) or (joint, local dof, coefficient), at most twelve, of revolute, prismatic,
+                cylindrical, universal and planar joints and shafts; a combination stands for its own terms.
+            options: the fields of `Dof`.
+        """
+        thing = checked_name("combination", name)
+        dof = dof_from_options(thing, options)
+        resolved = self._terms(thing, terms, "add up fewer coordinates")
+        initial = [joint.initial_q for joint in self.joints for _ in joint.dofs]
+        origin = Frame(np.zeros(3), IDENTITY)
+        return self._append(
+            JointSpec(
+                name, JointType.COMBINATION, WORLD, WORLD, origin, origin, (dof,), terms=resolved,
+                initial_q=sum(factor * initial[column] for column, factor in resolved),
+            )
+        )  # fmt: skip
+
     # ---- finish --------------------------------------------------------------------------------------------------
 
     @property
@@ -422,8 +500,8 @@ class ModelBuilder(ShapeList, CouplingList):
 
     def _add(
         self, kind: JointType, name: str, parent: int, child: int, anchor: Any, axis: Any,
-        dofs: Sequence[Dof], *, anchor1: Vec3 | None = None, rotation: Array | None = None,
-        rotation1: Array | None = None, offset: float = 0.0,
+        dofs: Sequence[Dof], *, anchor1: Vec3 | Array | None = None, rotation: Array | None = None,
+        rotation1: Array | None = None, offset: float = 0.0, closes_loop: bool = False,
     ) -> int:  # fmt: skip
         thing = checked_name("joint", name)
         child_pose = self._pose_of(thing, "child", child)
@@ -442,7 +520,7 @@ class ModelBuilder(ShapeList, CouplingList):
                 name, kind, int(parent), int(child),
                 self._frame(thing, "parent", parent, point, rotation),
                 self._frame(thing, "child", child, point1, rotation if rotation1 is None else rotation1),
-                checked, offset=offset,
+                checked, offset=offset, closes_loop=closes_loop,
             )
         )  # fmt: skip
 
@@ -459,7 +537,8 @@ class ModelBuilder(ShapeList, CouplingList):
             fresh = False
             for spec in self.joints:
                 ends = {spec.parent, spec.child}
-                if not ELEMENTS[spec.type].tree or spec.type == JointType.SHAFT or not (ends & tied):
+                in_tree = ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT and not spec.closes_loop
+                if not in_tree or not (ends & tied):
                     continue
                 if WORLD in ends:
                     how = "floats under" if spec.type == JointType.FREE else "is tied to the world by"

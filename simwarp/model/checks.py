@@ -6,7 +6,8 @@ import dataclasses
 import math
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Final
+from enum import IntEnum
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +35,7 @@ from simwarp.core.types import (
 from simwarp.core.wording import close_names
 
 Array = npt.NDArray[np.float64]
+Member = TypeVar("Member", bound=IntEnum)
 
 PERPENDICULAR = 1.0e-6
 """Largest cosine between two directions that have to be perpendicular."""
@@ -98,6 +100,18 @@ def checked_choice(thing: str, field: str, value: Any, known: Sequence[str]) -> 
         hint = f"did you mean '{near[0]}'?" if near else "choose one of them"
         raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {shown(value)}; {hint}")
     return value
+
+
+def checked_member(thing: str, field: str, value: Any, kind: type[Member]) -> Member:
+    """A member of a closed set, from itself or its name in small letters, or a ModelError that lists them."""
+    if isinstance(value, kind):
+        return value
+    known = [member.name.lower() for member in kind]
+    if not isinstance(value, str) or value not in known:
+        near = close_names(value, known)
+        hint = f"did you mean '{near[0]}'?" if near else f"write {kind.__name__}.{known[0].upper()}"
+        raise ModelError(f"{thing}: {field} must be one of {', '.join(known)}, got {shown(value)}; {hint}")
+    return kind[value.upper()]
 
 
 def checked_flag(thing: str, field: str, value: Any) -> bool:
@@ -305,19 +319,19 @@ def _check_drive(thing: str, drive: Any) -> None:
         case PositionDrive():
             for field in ("stiffness", "damping"):
                 not_negative(thing, f"drive {field}", getattr(drive, field))
-            if not number(drive.effort_limit) >= FLOAT32_LEAST:
+            if not _is_pair(thing, drive.effort_limit) and not number(drive.effort_limit) >= FLOAT32_LEAST:
                 raise ModelError(
                     f"{thing}: drive effort_limit must be > 0, got {shown(drive.effort_limit)}; "
                     "use float('inf') for none"
                 )
         case VelocityMotor():
-            positive_number(
-                thing,
-                "drive effort_limit",
-                drive.effort_limit,
-                "N or N·m",
-                "use PrescribedSpeed for a motor without one",
-            )
+            remedy = "use PrescribedSpeed for a motor without one"
+            if not _is_pair(thing, drive.effort_limit):
+                positive_number(thing, "drive effort_limit", drive.effort_limit, "N or N·m", remedy)
+            elif np.isinf(numbers(drive.effort_limit)).all():
+                raise ModelError(
+                    f"{thing}: drive effort_limit must be finite on one side, got {shown(drive.effort_limit)}; {remedy}"
+                )
         case PrescribedPosition() | PrescribedSpeed():
             _check_table(f"{thing}: drive table", drive.table)
         case _:
@@ -325,6 +339,20 @@ def _check_drive(thing: str, drive: Any) -> None:
                 f"{thing}: drive must be None or a PositionDrive, VelocityMotor, PrescribedPosition or "
                 f"PrescribedSpeed, got {shown(drive)}; construct one of them"
             )
+
+
+def _is_pair(thing: str, limit: Any) -> bool:
+    """Whether an effort limit is a pair; a ModelError for one that no drive can have."""
+    pair = numbers(limit)
+    if pair.shape != (2,):
+        return False
+    lower, upper = pair.tolist()
+    if not lower <= 0.0 <= upper or not upper - lower >= FLOAT32_LEAST:
+        raise ModelError(
+            f"{thing}: drive effort_limit must be (lower, upper) with lower <= 0 <= upper and lower < upper, "
+            f"got {shown(limit)}; use float('inf') for a side without a limit"
+        )
+    return True
 
 
 def _check_table(thing: str, table: Any) -> None:

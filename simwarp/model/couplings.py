@@ -13,7 +13,7 @@ from simwarp.model.checks import checked_name, finite_number, not_negative
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import CouplingSpec, JointSpec
 
-MAX_COUPLING_TERMS: Final = 6
+MAX_COUPLING_TERMS: Final = 12
 
 
 class CouplingList:
@@ -33,7 +33,8 @@ class CouplingList:
         Gears, racks, screws, belts and planetary sets are couplings: see `add_gear`, `add_rack`, `add_screw`.
 
         Args:
-            terms: (joint, coefficient) or (joint, local dof, coefficient), at most six.
+            terms: (joint, coefficient) or (joint, local dof, coefficient), at most twelve; a combination stands for
+                its own terms.
             damping: of a viscous coupling, whose sum may slip [N·m·s/rad or N·s/m]; 0 holds it rigidly.
 
         Raises:
@@ -42,15 +43,7 @@ class CouplingList:
         thing = checked_name("coupling", name)
         if any(coupling.name == name for coupling in self.couplings):
             raise ModelError(f"{thing}: the name is taken by another coupling; choose one of its own")
-        try:
-            listed = list(terms)
-        except TypeError:
-            raise ModelError(
-                f"{thing}: terms must be a list, got {shown(terms)}; write [(joint, coefficient), ...]"
-            ) from None
-        resolved = tuple(self._term(thing, term) for term in listed)
-        if not 1 <= len(resolved) <= MAX_COUPLING_TERMS:
-            raise ModelError(f"{thing}: needs 1 to {MAX_COUPLING_TERMS} terms, got {len(resolved)}; chain couplings")
+        resolved = self._terms(thing, terms, "chain couplings")
         constant = None if offset is None else finite_number(thing, "offset", offset, "None keeps the initial value")
         viscous = not_negative(thing, "damping", damping, "N·m·s/rad", "0 holds it rigidly")
         self.couplings.append(CouplingSpec(name, resolved, constant, viscous))
@@ -101,6 +94,20 @@ class CouplingList:
             )
         return sum(len(ELEMENTS[spec.type].dofs) for spec in self.joints[:joint])
 
+    def coordinate_of(self, column: int) -> tuple[int, int]:
+        """The joint and its local coordinate that a column of `joint_q` belongs to.
+
+        Raises:
+            ModelError: there is no such column.
+        """
+        first = 0
+        for joint, spec in enumerate(self.joints):
+            count = len(ELEMENTS[spec.type].dofs)
+            if first <= column < first + count:
+                return joint, int(column - first)
+            first += count
+        raise ModelError(f"coordinate_of: column must be in 0..{first - 1}, got {shown(column)}; see dof_start")
+
     def _coordinate(self, thing: str, joint: Any, local: Any) -> tuple[JointSpec, int]:
         """A joint of this builder and an index of one of its coordinates."""
         integers = (int, np.integer)
@@ -118,18 +125,33 @@ class CouplingList:
             )
         return spec, int(local)
 
-    def _term(self, thing: str, term: Any) -> tuple[int, float]:
+    def _terms(self, thing: str, terms: Any, remedy: str) -> tuple[tuple[int, float], ...]:
+        """(public dof index, coefficient) of 1 to 12 terms; combinations are written out."""
+        try:
+            listed = list(terms)
+        except TypeError:
+            raise ModelError(
+                f"{thing}: terms must be a list, got {shown(terms)}; write [(joint, coefficient), ...]"
+            ) from None
+        resolved = tuple(part for term in listed for part in self._term(thing, term))
+        if not 1 <= len(resolved) <= MAX_COUPLING_TERMS:
+            raise ModelError(f"{thing}: needs 1 to {MAX_COUPLING_TERMS} terms, got {len(resolved)}; {remedy}")
+        return resolved
+
+    def _term(self, thing: str, term: Any) -> list[tuple[int, float]]:
         if not isinstance(term, Sequence) or isinstance(term, (str, bytes)) or len(term) not in (2, 3):
             raise ModelError(
                 f"{thing}: a term must be (joint, coefficient) or (joint, local dof, coefficient), got {shown(term)}; "
                 "pass a list of such tuples"
             )
         joint, local, coefficient = (term[0], 0, term[1]) if len(term) == 2 else term
-        self._coordinate(thing, joint, local)
+        spec, _ = self._coordinate(thing, joint, local)
         factor = finite_number(thing, "coefficient (or ratio, radius, lead)", coefficient)
         if abs(factor) < FLOAT32_LEAST:
             raise ModelError(f"{thing}: coefficient must not be 0, got {shown(coefficient)}; leave the term out")
-        return self.dof_start(joint) + int(local), factor
+        if spec.terms:
+            return [(dof, factor * part) for dof, part in spec.terms]
+        return [(self.dof_start(joint) + int(local), factor)]
 
     def _check_kind(self, thing: str, role: str, joint: int, local: int, lengths: bool) -> None:
         spec, index = self._coordinate(thing, joint, local)

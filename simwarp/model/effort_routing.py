@@ -3,7 +3,9 @@
 - TREE: coordinates of joints of the tree; along the joint's own degree of freedom (`load_tree_dofs`).
 - DISTANCE: springs between the two bodies of a tree joint of one degree of freedom; along that one, times a lever
   (`load_distances`).
-- ROW: joints that close loops, with a stiff or inertial effort, or a motion; a compliant row (`loop_joint_rows`).
+- ROW: joints that close loops, and combinations, with a stiff or inertial effort, or a motion; a compliant row
+  (`loop_joint_rows`, `combination_laws`).
+- TERMS: combinations without an effort; `joint_force` alone, on the coordinates of their terms (`load_combinations`).
 - BODY_FORCE: all others, free bodies and loop joints without an effort; `joint_force` alone, on the bodies.
 
 Beside its path, what has bounds (limits, dry friction, motors, drives with an effort limit) is a box constraint each.
@@ -14,6 +16,8 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+
+import numpy as np
 
 from simwarp.core.types import (
     BoxKind,
@@ -38,6 +42,7 @@ class EffortRoute(enum.Enum):
     TREE = enum.auto()
     DISTANCE = enum.auto()
     ROW = enum.auto()
+    TERMS = enum.auto()
     BODY_FORCE = enum.auto()
 
 
@@ -53,7 +58,7 @@ def effort_route(kind: JointType, dof: Dof, *, in_tree: bool, along_tree_dof: bo
     if in_tree:
         return EffortRoute.BODY_FORCE if kind is JointType.FREE else EffortRoute.TREE
     if not has_effort(dof):
-        return EffortRoute.BODY_FORCE
+        return EffortRoute.TERMS if kind is JointType.COMBINATION else EffortRoute.BODY_FORCE
     if kind is JointType.DISTANCE and along_tree_dof and not is_prescribed(dof):
         return EffortRoute.DISTANCE
     return EffortRoute.ROW
@@ -66,9 +71,21 @@ def box_constraint_kinds(dof: Dof) -> list[BoxKind]:
         BoxKind.LIMIT: dof.limit is not None,
         BoxKind.FRICTION: dof.friction > 0.0,
         BoxKind.MOTOR: isinstance(drive, VelocityMotor),
-        BoxKind.DRIVE: isinstance(drive, PositionDrive) and math.isfinite(drive.effort_limit),
+        BoxKind.DRIVE: has_bounded_drive(dof),
     }
     return [kind for kind, is_there in there.items() if is_there]
+
+
+def effort_bounds(drive: PositionDrive | VelocityMotor) -> tuple[float, float]:
+    """Least and largest effort of a drive [N or N·m], infinite where it has no limit."""
+    limit = np.asarray(drive.effort_limit, np.float64)
+    lower, upper = limit.tolist() if limit.ndim else (-float(limit), float(limit))
+    return lower, upper
+
+
+def has_bounded_drive(dof: Dof) -> bool:
+    """True if the coordinate has a PositionDrive whose effort is limited, at least on one side."""
+    return isinstance(dof.drive, PositionDrive) and any(map(math.isfinite, effort_bounds(dof.drive)))
 
 
 def drive_mode(dof: Dof) -> DriveMode:
@@ -117,4 +134,5 @@ class EffortModel:
     @property
     def is_computed(self) -> bool:
         """True if a step computes the effort, unless the motion is given."""
-        return self.path is not EffortRoute.BODY_FORCE and self.mode < DriveMode.PRESCRIBED_POSITION
+        alone = self.path in (EffortRoute.BODY_FORCE, EffortRoute.TERMS)
+        return not alone and self.mode < DriveMode.PRESCRIBED_POSITION

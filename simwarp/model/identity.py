@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from simwarp.core.types import Dof, JointType, PositionDrive, shown
+from simwarp.core.types import Dof, FrictionRule, JointType, Material, PairRule, shown
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
-from simwarp.model.effort_routing import drive_mode, has_effort
+from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.model.specifications import JointSpec, Specification
+from simwarp.model.specifications import JointSpec, ShapeSpec, Specification
 
 VERSION: Final = "1"
 """Of the layout of states: another one is another identity."""
@@ -84,16 +83,24 @@ def model_identity(builder: Specification, world_count: int, contact_capacity: i
                 f"'{coupling.name}' of coordinates {', '.join(str(dof) for dof, _ in coupling.terms)}"
                 for coupling in builder.couplings
             ],
-            "shapes": [
-                f"'{shape.name}' ({shape.type.name.lower()} on {shape.body}, group {shape.group}, mask {shape.mask:x})"
-                for shape in builder.shapes
-            ],
+            "shapes": [_shape_line(shape) for shape in builder.shapes],
             "geometries": [_asset_line(asset) for asset in assets],
             "excluded pairs": [f"{a} and {b}" for a, b in sorted(builder.excluded_bodies)],
             "contact capacity": [str(contact_capacity)],
             "rolling friction": [str(rolling_friction)],
+            **_contact_rules(builder),
         }
     )
+
+
+def _contact_rules(builder: Specification) -> dict[str, list[str]]:
+    """What is not as in models of before these rules: theirs stay readable."""
+    excluded = [f"{a} and {b}" for a, b in sorted(builder.excluded_shapes)]
+    given = [f"{a} and {b}{_surface_line(surface)}" for (a, b), surface in sorted(builder.given_pairs.items())]
+    rules = [] if builder.friction_rule == 0 else [f"friction: {FrictionRule(builder.friction_rule).name.lower()}"]
+    rules += [] if builder.pair_rule == 0 else [f"pairs: {PairRule(builder.pair_rule).name.lower()}"]
+    parts = {"rules of contact": rules, "excluded pairs of shapes": excluded, "given pairs of shapes": given}
+    return {name: lines for name, lines in parts.items() if lines}
 
 
 def run_parts(elements: Sequence[Any], sensors: Sequence[Any], dt: float) -> dict[str, list[str]]:
@@ -119,11 +126,23 @@ def _part_line(part: Any) -> str:
     return f"{kind} '{name}'" if isinstance(name, str) else kind
 
 
+def _shape_line(shape: ShapeSpec) -> str:
+    ahead = f", priority {shape.material.priority}" if shape.material.priority else ""
+    kind = shape.type.name.lower()
+    return f"'{shape.name}' ({kind} on {shape.body}, group {shape.group}, mask {shape.mask:x}{ahead})"
+
+
+def _surface_line(surface: Material | None) -> str:
+    return "" if surface is None else f" with surface {_digest(repr(surface).encode())[:8]}"
+
+
 def _joint_line(joint: JointSpec) -> str:
     efforts = [_effort_line(dof) for dof in joint.dofs]
     said = f" with {', '.join(efforts)}" if any(efforts) else ""
     assert len(joint.dofs) == len(ELEMENTS[joint.type].dofs)
     kind = KINDS_IN_FILES.get(joint.type, joint.type.name.lower())
+    if joint.terms:
+        return f"'{joint.name}' ({kind} of coordinates {', '.join(str(dof) for dof, _ in joint.terms)}{said})"
     return f"'{joint.name}' ({kind} {joint.parent} to {joint.child}{said})"
 
 
@@ -133,7 +152,7 @@ def _effort_line(dof: Dof) -> str:
     words = {
         "limit": dof.limit is not None,
         "friction": dof.friction > 0.0,
-        "effort limit": isinstance(dof.drive, PositionDrive) and math.isfinite(dof.drive.effort_limit),
+        "effort limit": has_bounded_drive(dof),
         "law": has_effort(dof),
         f"drive {drive_mode(dof).name.lower()}": dof.drive is not None,
         f"tables {_digest(repr(_plain(tables)).encode())[:8]}": any(table is not None for table in tables),

@@ -73,5 +73,6 @@ ELEMENTS: Final[dict[JointType, Element]] = {
     ),
     JointType.RELATIVE_ROTATION: Element((Row(RowKind.ANGLE1, 0, Z),), (), False),
     JointType.BUSHING: Element(_points(X, Y, Z) + _angles(X, Y, Z), (), False),
+    JointType.COMBINATION: Element((Row(RowKind.SUM),), (), False),
 }
 """Sources: lock masks of the usual joint catalogue (Haug 1989, chapter 9); massless links as distance rows."""

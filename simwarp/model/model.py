@@ -13,21 +13,22 @@ from simwarp.core.arrays import writable_from
 from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
 from simwarp.core.piecewise_linear import function_arrays
-from simwarp.core.types import WORLD, ArrayLayout, JointType, ModelError, shown
+from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Material, ModelError, PairRule, shown
 from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
-from simwarp.model.checks import checked_names, whole_number
-from simwarp.model.effort_routing import EffortModel, drive_mode
+from simwarp.model.checks import checked_member, checked_names, whole_number
+from simwarp.model.effort_routing import EffortModel, EffortRoute, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
-from simwarp.model.parameters import PARAMETERS, asset_domain, parameter_values
+from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
-from simwarp.model.specifications import Specification
+from simwarp.model.specifications import CouplingSpec, Specification
 from simwarp.model.topology import (
     Tables,
+    all_sums,
     build_tables,
     collect_tables,
     coupling_width,
@@ -48,6 +49,9 @@ BYTES_PER_PAIR: Final = 40
 MOST_LISTED: Final = 12
 """Names that an error lists."""
 
+MADE_OF_BOTH: Final = [-1.0] * 7
+"""`Topology.given_surface` of a pair without a surface of its own."""
+
 FEWER: Final = "take fewer worlds or a smaller contact_capacity"
 
 
@@ -60,9 +64,13 @@ class Model(ParameterFields):
     Attributes:
         world_count, body_count, joint_count, dof_count, shape_count: sizes of the arrays.
         body_names, joint_names, shape_names: in index order.
+        has_mass: (bodies,) False for the frames between joints that `add_massless_body` made.
         contact_capacity: contact slots of every world.
         has_rolling_friction: True if contacts carry rolling and spinning friction.
         path_length: most slots between a link and the root of its tree.
+        coupling_count: couplings; what follows them in arrays of couplings are combinations.
+        response_count: bilateral rows, and combinations without one.
+        entry_count: most entries of a row of the cone problem.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
         has_loops: True if joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
@@ -82,21 +90,24 @@ class Model(ParameterFields):
         self.joint_count = len(builder.joints)
         self.dof_count = builder.dof_count
         self.body_names = tuple(body.name for body in builder.bodies)
+        self.has_mass = np.array([not body.is_massless for body in builder.bodies], bool)
         self.joint_names = tuple(joint.name for joint in builder.joints)
         self.joint_dof_start = tuple(builder.dof_start(joint) for joint in range(self.joint_count + 1))
         self.box_count = len(tables.boxes)
-        masses = [body.mass for body in builder.bodies] or [1.0]
+        masses = [body.mass for body in builder.bodies if not body.is_massless] or [1.0]
         self.mass_ratio = max(masses) / min(masses)
         self.has_loops = any(dof < 0 for dof in tables.row_dof)
         self.shape_count = len(builder.shapes)
         self.shape_names = tuple(shape.name for shape in builder.shapes)
+        surfaces = [shape.material for shape in builder.shapes]
+        surfaces += [surface for surface in builder.given_pairs.values() if surface is not None]
         self.has_rolling_friction = any(
-            shape.material.rolling_friction > 0.0 or shape.material.spinning_friction > 0.0 for shape in builder.shapes
+            surface.rolling_friction > 0.0 or surface.spinning_friction > 0.0 for surface in surfaces
         )
         candidates = self.shape_count * (self.shape_count - 1) // 2
         what = f"finalize: the {candidates} pairs of {self.shape_count} shapes"
         check_fits(what, BYTES_PER_PAIR * candidates, wp.get_device("cpu"), "use fewer shapes")
-        pairs = shape_pairs(builder.shapes, _never_meet(builder))
+        pairs = shape_pairs(builder, never_meet(builder))
         self.contact_capacity = default_capacity(builder, pairs) if contact_capacity is None else contact_capacity
         self.shapes_that_meet = np.isin(np.arange(self.shape_count), pairs)
         self.shape_types = tuple(shape.type for shape in builder.shapes)
@@ -104,6 +115,12 @@ class Model(ParameterFields):
         dofs = [dof for joint in builder.joints for dof in joint.dofs]
         self.effort_models = tuple(map(EffortModel.of, dofs, tables.paths))
         self.path_length = longest_path(tables)
+        self.coupling_count = len(builder.couplings)
+        paths = row_paths(builder, tables)
+        self.response_count = len(paths)
+        bounded = {dof for dof, _ in tables.boxes}
+        combined = [path for sum_, path in _sum_paths(builder, paths) if sum_.dof in bounded]
+        self.entry_count = max(2 * self.path_length, *map(len, combined), 0)
         self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
         self.initial = _initial_state(builder)
@@ -130,6 +147,9 @@ class Model(ParameterFields):
                 "finalize", "contact_capacity", contact_capacity, 1, MOST_ROWS, "None chooses it"
             )
         wanted = checked_names("finalize", "per_world", per_world, PARAMETERS)
+        # attributes, which anybody may have set
+        builder.friction_rule = checked_member("finalize", "friction_rule", builder.friction_rule, FrictionRule)
+        builder.pair_rule = checked_member("finalize", "pair_rule", builder.pair_rule, PairRule)
         if not builder.bodies and not builder.joints:
             raise ModelError("finalize: the builder has no body; call add_body first")
         values = parameter_values(builder)
@@ -144,7 +164,7 @@ class Model(ParameterFields):
             array = writable_from(
                 np.repeat(values[name][None], layout.shape[0], axis=0), layout.dtype, model.device,
                 label=f"model.{name}",
-                domain=asset_domain(builder) if name == "shape_asset" else PARAMETERS[name].domain,
+                domain=parameter_domain(builder, name),
                 hint=f"all worlds share it: finalize(per_world=('{name}',)) gives each its own" if shared else "",
             )  # fmt: skip
             setattr(model, name, array)
@@ -158,13 +178,14 @@ class Model(ParameterFields):
             "and finalize that again"
         )
 
-    def sizes(self, *, elements: bool = False, reactions: bool = False) -> dict[Size, int]:
-        """Lengths of the arrays of a Simulation, with or without force elements and joint reactions."""
+    def sizes(self, *, elements: bool = False, reactions: bool = False, accelerations: bool = False) -> dict[Size, int]:
+        """Lengths of the arrays of a Simulation, with or without force elements, joint reactions and accelerations."""
         worlds = self.world_count
         return {
             Size.WORLDS: worlds,
             Size.ELEMENT_WORLDS: worlds if elements else 1,
             Size.REACTION_WORLDS: worlds if reactions else 0,
+            Size.ACCELERATION_WORLDS: worlds if accelerations else 0,
             Size.BODIES: self.body_count,
             Size.TOUCHED_BODIES: self.body_count if self.shape_count else 0,
             Size.JOINTS: self.joint_count,
@@ -255,7 +276,7 @@ def _initial_state(builder: Specification) -> dict[str, npt.NDArray[Any]]:
 
 
 def _pair_topology(
-    t: Topology, builder: Specification, pairs: npt.NDArray[np.int32], ints: Callable[[Any], Any]
+    t: Topology, builder: Specification, pairs: npt.NDArray[np.int32], ints: Callable[[Any], Any], device: Any
 ) -> None:
     """Shapes, and which of them can meet."""
     shapes = builder.shapes
@@ -269,17 +290,54 @@ def _pair_topology(
     t.pair_start = ints(np.searchsorted(listed[:, 0], np.arange(len(shapes) + 1)))
     t.pair_other = ints(listed[:, 1])
     apart: list[list[int]] = [[] for _ in range(len(builder.bodies) + 1)]
-    for low, high in sorted(_never_meet(builder)):
+    for low, high in sorted(never_meet(builder)):
         apart[low + 1].append(high)
     t.excluded_start, t.excluded_body = _csr(apart, ints)
+    t.pair_rule, t.friction_rule = int(builder.pair_rule), int(builder.friction_rule)
+    t.shape_priority = ints([shape.material.priority for shape in shapes])
+    t.apart_start, t.apart_shape = _csr(_by_first(builder.excluded_shapes, len(shapes)), ints)
+    t.given_count = len(builder.given_pairs)
+    t.given_start, t.given_shape = _csr(_by_first(builder.given_pairs, len(shapes)), ints)
+    surfaces: Any = [_surface_entries(builder.given_pairs[pair]) for pair in sorted(builder.given_pairs)]
+    t.given_surface = wp.array2d(surfaces or [MADE_OF_BOTH], dtype=float, device=device)
 
 
-def _never_meet(builder: Specification) -> set[tuple[int, int]]:
-    """Pairs of bodies whose shapes never meet: excluded, or tied by a joint."""
+def _by_first(pairs: Iterable[tuple[int, int]], count: int) -> list[list[int]]:
+    """For each of `count` shapes the others that it is in a pair with and first of, in order."""
+    others: list[list[int]] = [[] for _ in range(count)]
+    for first, second in sorted(pairs):
+        others[first].append(second)
+    return others
+
+
+def _surface_entries(surface: Material | None) -> list[float]:
+    """`Topology.given_surface` of a pair."""
+    if surface is None:
+        return MADE_OF_BOTH
+    return [
+        surface.friction, surface.rolling_friction, surface.spinning_friction, surface.restitution, surface.cohesion,
+        surface.compliance, surface.damping,
+    ]  # fmt: skip
+
+
+def meeting_pairs(builder: Specification) -> set[tuple[int, int]]:
+    """Pairs of shapes that can meet, the smaller index first."""
+    return {(int(low), int(high)) for low, high in shape_pairs(builder, never_meet(builder))}
+
+
+def never_meet(builder: Specification) -> set[tuple[int, int]]:
+    """Pairs of bodies whose shapes never meet: excluded, or tied by a joint, or by several through massless bodies."""
     joints = [
-        joint for joint in builder.joints if joint.type != JointType.SHAFT and WORLD not in (joint.parent, joint.child)
+        joint
+        for joint in builder.joints
+        if joint.type != JointType.SHAFT and WORLD not in (joint.parent, joint.child) and not joint.closes_loop
     ]
-    return builder.excluded_bodies | {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
+    tied = {(min(j.parent, j.child), max(j.parent, j.child)) for j in joints}
+    for body, spec in enumerate(builder.bodies):
+        if spec.is_massless:
+            around = sorted({a + b - body for a, b in tied if body in (a, b)})
+            tied |= {(low, high) for low in around for high in around if low < high}
+    return builder.excluded_bodies | tied
 
 
 def default_capacity(builder: Specification, pairs: npt.NDArray[np.int32]) -> int:
@@ -300,6 +358,12 @@ def relative_rotation_terms(builder: Specification) -> list[tuple[int, int]]:
     ]
 
 
+def _sum_paths(builder: Specification, paths: list[list[int]]) -> list[tuple[CouplingSpec, list[int]]]:
+    """Sums of coordinates with the tree degrees of freedom that they move."""
+    sums = all_sums(builder)
+    return list(zip(sums, paths[len(paths) - len(sums) :], strict=True))
+
+
 def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     """Start indices and concatenated entries."""
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
@@ -317,17 +381,23 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
             body_link[link.body] = index
     dof_rows = [(joint, row, dof) for joint, spec in enumerate(joints)
                 for row, dof in zip(ELEMENTS[spec.type].dofs, spec.dofs, strict=True)]  # fmt: skip
-    coupling_dof = np.full((len(builder.couplings), coupling_width(builder)), -1, np.int32)
-    for row, coupling in enumerate(builder.couplings):
+    sums = all_sums(builder)
+    coupling_dof = np.full((len(sums), coupling_width(builder)), -1, np.int32)
+    dof_sum = np.full(builder.dof_count, -1, np.int32)
+    for row, coupling in enumerate(sums):
         coupling_dof[row, : len(coupling.terms)] = [dof for dof, _ in coupling.terms]
+        if coupling.dof >= 0:
+            dof_sum[coupling.dof] = row
+    silent = sum(path is EffortRoute.TERMS for path in tables.paths)
+    row_count = tables.row_count + len(sums) - silent
     wrench = np.full_like(coupling_dof, -1)
     for entry, (row, term) in enumerate(relative_rotation_terms(builder)):
-        wrench[row, term] = tables.row_count + len(builder.couplings) + entry
+        wrench[row, term] = row_count + entry
     curves, dof_table = collect_tables(builder)
     t = Topology()
     t.link_count, t.tree_dof_count, t.dof_count = len(links), len(tables.tree_dof_to_dof), builder.dof_count
     t.joint_count, t.loop_joint_count = len(joints), len(tables.loop_joint)
-    t.joint_row_count, t.row_count = tables.row_count, tables.row_count + len(builder.couplings)
+    t.joint_row_count, t.row_count, t.response_count = tables.row_count, row_count, row_count + silent
     t.box_count, t.loop_dof_count = len(tables.boxes), len(tables.loop_dof)
     t.distance_count = len(tables.distance_dof)
     t.link_body = ints([link.body for link in links])
@@ -336,6 +406,8 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t.link_type = ints([link.type for link in links])
     t.link_sign = wp.array([link.sign for link in links] or [1.0], dtype=float, device=device)
     touched = {body for joint in joints for body in (joint.parent, joint.child)}
+    massless = [link.body >= 0 and builder.bodies[link.body].is_massless for link in links]
+    t.link_massless, t.massless_count = ints(massless), sum(massless)
     t.link_alone = ints([link.body >= 0 and link.body not in touched for link in links])
     t.link_tree_dof, t.tree_dof_to_dof, t.tree_dof_link = (
         ints(tables.link_tree_dof),
@@ -352,7 +424,7 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t.dof_kind = ints([row.kind for _, row, _ in dof_rows])
     t.dof_axis = ints([max(row.axis0, row.axis1) for _, row, _ in dof_rows])
     t.dof_drive = ints([drive_mode(dof) for _, _, dof in dof_rows])
-    coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
+    coupled = {dof for coupling in sums for dof, _ in coupling.terms}
     t.dof_coupled = ints([dof in coupled for dof in range(builder.dof_count)])
     t.dof_table = ints(dof_table)
     t.table_start, t.table_x, t.table_y = function_arrays(
@@ -365,11 +437,12 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
                         for row, dof in zip(tables.rows, tables.row_dof, strict=True)])  # fmt: skip
     t.row_dof = ints(tables.row_dof)
     t.coupling_dof, t.coupling_wrench = ints(coupling_dof), ints(wrench)
+    t.coupling_law, t.dof_sum = ints([each.dof for each in sums]), ints(dof_sum)
     paths = row_paths(builder, tables)
     t.row_path, t.path_tree_dof = _csr(paths, ints)
     t.loop_dof = ints(tables.loop_dof)
     t.distance_dof = ints(np.array(tables.distance_dof, np.int32).reshape(-1, 2))
     t.box_dof = ints([dof for dof, _ in tables.boxes])
     t.box_kind = ints([kind for _, kind in tables.boxes])
-    _pair_topology(t, builder, pairs, ints)
+    _pair_topology(t, builder, pairs, ints, device)
     return t

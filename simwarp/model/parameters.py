@@ -13,14 +13,27 @@ import warp as wp
 from simwarp.core.arrays import ANY, Domain
 from simwarp.core.fields import Field
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import PositionDrive, ShapeType, VelocityMotor, finite_vector
+from simwarp.core.types import (
+    FLOAT32_LEAST,
+    FLOAT32_MAX,
+    PositionDrive,
+    ShapeType,
+    VelocityMotor,
+    finite_vector,
+)
 from simwarp.kernels.core.fields import ParameterFields
 from simwarp.model.checks import INFINITE
+from simwarp.model.effort_routing import effort_bounds
 from simwarp.model.specifications import Specification
-from simwarp.model.topology import coupling_width
+from simwarp.model.topology import all_sums, coupling_width
+
+BOUNDLESS: Final = (-INFINITE, INFINITE)
+MIRRORED: Final = INFINITE
+"""A `drive_effort_lower` that stands for minus the `drive_effort_limit`, whatever that becomes."""
 
 PARAMETERS: Final[Mapping[str, Field]] = ParameterFields.FIELDS
 """Name -> declaration of every parameter that may differ per world."""
+MASSLESS: Final = "massless bodies keep 0, the others need more"
 
 
 def parameter_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
@@ -36,8 +49,21 @@ def parameter_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         dtype = wp.dtype_to_numpy(getattr(parameter.dtype, "_wp_scalar_type_", parameter.dtype))
         with np.errstate(over="ignore"):  # told in the next line
             values[name] = given.astype(dtype)
-        (parameter.domain or ANY).check(f"finalize: {name}", values[name])
+        parameter_domain(builder, name).check(f"finalize: {name}", values[name])
     return values
+
+
+def parameter_domain(builder: Specification, name: str) -> Domain:
+    """Values that a parameter of this model may have, in one world."""
+    massless = np.array([body.is_massless for body in builder.bodies], bool)
+    if name == "shape_asset":
+        return asset_domain(builder)
+    if name == "body_mass" and massless.any():
+        return Domain(np.where(massless, 0.0, FLOAT32_LEAST), np.where(massless, 0.0, FLOAT32_MAX), MASSLESS)
+    if name == "body_inertia_b" and massless.any():
+        bounds = massless[:, None, None]
+        return Domain(np.where(bounds, 0.0, FLOAT32_LEAST), np.where(bounds, 0.0, FLOAT32_MAX), MASSLESS, 2)
+    return PARAMETERS[name].domain or ANY
 
 
 def asset_domain(builder: Specification) -> Domain:
@@ -56,7 +82,7 @@ def _from_source(builder: Specification, parameter: Field) -> npt.NDArray[np.flo
     kind, _, path = parameter.source.partition(".")
     groups: dict[str, Sequence[Any]] = {
         "body": builder.bodies, "joint": builder.joints, "dof": [dof for joint in builder.joints for dof in joint.dofs],
-        "coupling": builder.couplings, "shape": builder.shapes,
+        "coupling": all_sums(builder), "shape": builder.shapes,
     }  # fmt: skip
     values = [attrgetter(path)(item) for item in groups[kind]]
     return np.array(values, np.float64).reshape(len(values), *getattr(parameter.dtype, "_shape_", ()))
@@ -71,15 +97,18 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
     joints, dofs = builder.joints, [dof for joint in builder.joints for dof in joint.dofs]
     drives = [dof.drive for dof in dofs]
     pd = [drive if isinstance(drive, PositionDrive) else PositionDrive(stiffness=0.0) for drive in drives]
-    efforts = [drive.effort_limit if isinstance(drive, PositionDrive | VelocityMotor) else INFINITE for drive in drives]
+    bounds = [effort_bounds(each) if isinstance(each, PositionDrive | VelocityMotor) else BOUNDLESS for each in drives]
+    efforts = floats(bounds, 2)
+    paired = [np.ndim(getattr(drive, "effort_limit", 0.0)) == 1 for drive in drives]
     limits = floats(((-INFINITE, INFINITE) if dof.limit is None else dof.limit for dof in dofs), 2)
-    coefficients = np.zeros((len(builder.couplings), coupling_width(builder)))
-    for row, coupling in enumerate(builder.couplings):
+    sums = all_sums(builder)
+    coefficients = np.zeros((len(sums), coupling_width(builder)))
+    for row, coupling in enumerate(sums):
         coefficients[row, : len(coupling.terms)] = [value for _, value in coupling.terms]
     initial = _initial_coordinates(builder)
     offsets = [
         sum(value * initial[dof] for dof, value in coupling.terms) if coupling.offset is None else coupling.offset
-        for coupling in builder.couplings
+        for coupling in sums
     ]
     return {
         "gravity": finite_vector("finalize", "gravity", builder.gravity, 3),
@@ -91,7 +120,8 @@ def _computed_values(builder: Specification) -> dict[str, npt.NDArray[Any]]:
         "joint_limit_upper": np.minimum(limits[:, 1], INFINITE),
         "drive_stiffness": floats(drive.stiffness for drive in pd),
         "drive_damping": floats(drive.damping for drive in pd),
-        "drive_effort_limit": np.minimum(floats(efforts), INFINITE),
+        "drive_effort_limit": np.minimum(efforts[:, 1], INFINITE),
+        "drive_effort_lower": np.where(paired, np.maximum(efforts[:, 0], -INFINITE), MIRRORED),
         "coupling_coefficient": coefficients,
         "coupling_offset": floats(offsets),
         "shape_enabled": np.ones(len(builder.shapes), np.int32),

@@ -11,7 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import WORLD, Material, ModelError, Pose, ShapeType, Vec3, finite_vector, numbers, shown
+from simwarp.core.types import (
+    WORLD,
+    FrictionRule,
+    Material,
+    ModelError,
+    PairRule,
+    Pose,
+    ShapeType,
+    Vec3,
+    finite_vector,
+    numbers,
+    shown,
+)
 from simwarp.core.types import pose as make_pose
 from simwarp.geometry.assets import (
     HeightField,
@@ -22,9 +34,17 @@ from simwarp.geometry.assets import (
     shape_mass,
     triangle_mesh,
 )
-from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
+from simwarp.model.checks import (
+    checked_flag,
+    checked_name,
+    checked_pose,
+    finite_number,
+    not_negative,
+    positive_number,
+    whole_number,
+)
 from simwarp.model.keyword_options import ShapeOptions, SurfaceOptions
-from simwarp.model.specifications import ShapeSpec
+from simwarp.model.specifications import ShapeSpec, Specification
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +53,7 @@ ONE_POINT: Final = (ShapeType.SPHERE, ShapeType.ELLIPSOID)
 TURNED: Final = (ShapeType.CAPSULE, ShapeType.CYLINDER, ShapeType.CONE)
 """Shapes of a radius and a half length."""
 NOT_CONVEX: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD, ShapeType.MESH)
+MOST_PRIORITY: Final = 2**31 - 1
 MANIFOLD_CONTACTS: Final = 8
 """Contacts that one pair of shapes can have (kernels/collision/narrow.py)."""
 
@@ -44,6 +65,10 @@ class ShapeList:
     relative to the body's centre of mass in body axes (world axes on WORLD), `material`, `margin` by which the surface
     is thickened [m], `group` and `mask`: bits; two shapes meet if each one's group is in the other's mask.
     Returns the index of the shape slot.
+
+    Attributes:
+        friction_rule: how the frictions of two surfaces combine.
+        pair_rule: how groups and masks decide which shapes meet.
     """
 
     def __init__(self) -> None:
@@ -53,6 +78,10 @@ class ShapeList:
         self.height_fields: list[HeightField] = []
         self.meshes: list[TriangleMesh] = []
         self.excluded_bodies: set[tuple[int, int]] = set()
+        self.excluded_shapes: set[tuple[int, int]] = set()
+        self.given_pairs: dict[tuple[int, int], Material | None] = {}
+        self.friction_rule = FrictionRule.MIN
+        self.pair_rule = PairRule.BOTH
 
     def add_shape_plane(self, body: int = WORLD, **options: Unpack[ShapeOptions]) -> int:
         """The half-space below z = 0 of its frame."""
@@ -279,6 +308,50 @@ class ShapeList:
             self._check_body("exclude_collision", body)
         self.excluded_bodies.add((min(body0, body1), max(body0, body1)))
 
+    def exclude_shapes(self, shape0: int, shape1: int) -> None:
+        """These two shapes never meet; others of their bodies may."""
+        pair = self._shape_pair("exclude_shapes", shape0, shape1)
+        if pair in self.given_pairs:
+            raise ModelError(f"exclude_shapes: {self._named(pair)} were given to add_shape_pair, got both; drop one")
+        self.excluded_shapes.add(pair)
+
+    def add_shape_pair(self, shape0: int, shape1: int, *, material: Material | None = None) -> None:
+        """These two shapes may meet, whatever groups, masks, joints and `exclude_collision` say.
+
+        Args:
+            shape0: index of a shape slot.
+            shape1: that of another one, on another body.
+            material: surface of their contact, in place of what their own make of it; Young's modulus and Poisson's
+                ratio stay theirs.
+
+        Raises:
+            ModelError: they are on one body, of kinds that never meet, were excluded, or a value is not usable.
+        """
+        pair = self._shape_pair("add_shape_pair", shape0, shape1)
+        shapes = [self.shapes[index] for index in pair]
+        if shapes[0].body == shapes[1].body:
+            raise ModelError(f"add_shape_pair: shapes must be on two bodies, got {self._named(pair)} on one; drop it")
+        if all(shape.type in NOT_CONVEX for shape in shapes):
+            raise ModelError(
+                f"add_shape_pair: one shape must be convex, got {self._named(pair)}; take hulls (convex, decompose)"
+            )
+        if pair in self.excluded_shapes:
+            raise ModelError(f"add_shape_pair: {self._named(pair)} were excluded by exclude_shapes, got both; drop one")
+        if material is not None and not isinstance(material, Material):
+            raise ModelError(f"add_shape_pair: material must be a Material, got {shown(material)}; write Material(...)")
+        self.given_pairs[pair] = None if material is None else checked_material("add_shape_pair", material)
+
+    def _shape_pair(self, thing: str, shape0: int, shape1: int) -> tuple[int, int]:
+        """Two different shapes, the smaller index first."""
+        for field, shape in (("shape0", shape0), ("shape1", shape1)):
+            whole_number(thing, field, shape, 0, len(self.shapes) - 1, "pass what add_shape_... returned")
+        if shape0 == shape1:
+            raise ModelError(f"{thing}: shape0 and shape1 must differ, got {shown(shape0)} for both; name two shapes")
+        return int(min(shape0, shape1)), int(max(shape0, shape1))
+
+    def _named(self, pair: tuple[int, int]) -> str:
+        return " and ".join(f"'{self.shapes[index].name}'" for index in pair)
+
     @property
     def body_total(self) -> int:
         """Bodies added so far."""
@@ -370,6 +443,9 @@ def checked_size(thing: str, kind: ShapeType, size: Vec3 | Sequence[float]) -> A
 def checked_material(thing: str, material: Material) -> Material:
     """The material, with every field in its range."""
     for field in dataclasses.fields(material):
+        if field.name == "priority":
+            whole_number(thing, "material.priority", material.priority, -MOST_PRIORITY, MOST_PRIORITY, "0 is usual")
+            continue
         value = finite_number(thing, f"material.{field.name}", getattr(material, field.name))
         highest = {"restitution": 1.0, "poisson_ratio": 0.5}.get(field.name, float("inf"))
         if not 0.0 <= value <= highest:
@@ -387,8 +463,9 @@ def contact_limit(a: ShapeType, b: ShapeType) -> int:
     return MANIFOLD_CONTACTS
 
 
-def shape_pairs(shapes: Sequence[ShapeSpec], apart: set[tuple[int, int]]) -> npt.NDArray[np.int32]:
+def shape_pairs(builder: Specification, apart: set[tuple[int, int]]) -> npt.NDArray[np.int32]:
     """(pairs, 2) indices of shapes that can meet, in lexicographic order; `apart` are pairs of bodies that do not."""
+    shapes = builder.shapes
     count = len(shapes)
     if count < 2:
         return np.zeros((0, 2), np.int32)
@@ -398,11 +475,18 @@ def shape_pairs(shapes: Sequence[ShapeSpec], apart: set[tuple[int, int]]) -> npt
     flat = np.array([shape.type in NOT_CONVEX for shape in shapes])
     first, second = np.triu_indices(count, 1)
     keep = (body[first] != body[second]) & ~(flat[first] & flat[second])
-    keep &= ((group[first] & mask[second]) != 0) & ((group[second] & mask[first]) != 0)
+    meets, met = (group[first] & mask[second]) != 0, (group[second] & mask[first]) != 0
+    keep &= (meets | met) if builder.pair_rule == PairRule.EITHER else (meets & met)
     first, second = first[keep], second[keep]
     if apart:
         low, high = np.minimum(body[first], body[second]), np.maximum(body[first], body[second])
         codes = {(a + 1) * (body.max() + 2) + b + 1 for a, b in apart}
         together = np.isin((low + 1) * (body.max() + 2) + high + 1, list(codes))
         first, second = first[~together], second[~together]
+    if builder.excluded_shapes or builder.given_pairs:
+        excluded, given = (
+            [a * count + b for a, b in pairs] for pairs in (builder.excluded_shapes, builder.given_pairs)
+        )
+        left = first * count + second
+        first, second = np.divmod(np.union1d(left[~np.isin(left, excluded)], given).astype(np.int64), count)
     return np.stack([first, second], axis=1).astype(np.int32)

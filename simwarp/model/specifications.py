@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import Dof, JointType, Material, Pose, ShapeType
+from simwarp.core.types import Dof, FrictionRule, JointType, Material, PairRule, Pose, ShapeType
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 
 Array = npt.NDArray[np.float64]
@@ -25,6 +25,11 @@ class BodySpec:
     velocity: Array
     omega: Array
 
+    @property
+    def is_massless(self) -> bool:
+        """True of a frame between joints (`ModelBuilder.add_massless_body`)."""
+        return self.mass == 0.0
+
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
@@ -38,7 +43,9 @@ class Frame:
 class JointSpec:
     """One element between frame 0 on body `parent` and frame 1 on body `child`.
 
-    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²].
+    `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²]; `terms` are
+    (public dof index, coefficient) of a combination. One that `closes_loop` is never part of the spanning tree, and
+    its bodies may collide.
     """
 
     name: str
@@ -52,18 +59,22 @@ class JointSpec:
     inertia: float = 0.0
     initial_q: float = 0.0
     initial_qd: float = 0.0
+    closes_loop: bool = False
+    terms: tuple[tuple[int, float], ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
 class CouplingSpec:
-    """sum of coefficient x coordinate = offset, over up to six degrees of freedom (public dof indices); with
-    `damping`, effort = -damping x sum of coefficient x rate instead.
+    """sum of coefficient x coordinate = offset, over up to twelve degrees of freedom (public dof indices); with
+    `damping`, effort = -damping x sum of coefficient x rate instead; with `dof`, the law of that coordinate, a
+    combination, which is the sum.
     """
 
     name: str
     terms: tuple[tuple[int, float], ...]
     offset: float | None
     damping: float = 0.0
+    dof: int = -1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,6 +101,10 @@ class Specification(Protocol):
         bodies, joints, couplings, shapes: in the order of their indices.
         hulls, height_fields, meshes: geometries that shapes refer to.
         excluded_bodies: pairs of bodies whose shapes never meet.
+        excluded_shapes: pairs of shapes that never meet, the smaller index first.
+        given_pairs: pairs of shapes that may meet in any case, the smaller index first, with the surface of their
+            contact (None: made of theirs).
+        friction_rule, pair_rule: see `FrictionRule`, `PairRule`.
     """
 
     gravity: Array
@@ -101,6 +116,10 @@ class Specification(Protocol):
     height_fields: list[HeightField]
     meshes: list[TriangleMesh]
     excluded_bodies: set[tuple[int, int]]
+    excluded_shapes: set[tuple[int, int]]
+    given_pairs: dict[tuple[int, int], Material | None]
+    friction_rule: FrictionRule
+    pair_rule: PairRule
 
     @property
     def dof_count(self) -> int:

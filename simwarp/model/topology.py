@@ -23,7 +23,7 @@ from simwarp.core.types import (
 )
 from simwarp.model.effort_routing import EffortRoute, box_constraint_kinds, effort_route, has_effort
 from simwarp.model.joint_types import ELEMENTS, Row
-from simwarp.model.specifications import JointSpec, Specification
+from simwarp.model.specifications import CouplingSpec, JointSpec, Specification
 
 IntArray = npt.NDArray[np.int32]
 NOT_COUPLABLE: Final = (JointType.FREE, JointType.SPHERICAL, JointType.BUSHING)
@@ -69,7 +69,7 @@ class Tables:
 
 
 def row_paths(builder: Specification, tables: Tables) -> list[list[int]]:
-    """Tree degrees of freedom between each row's bodies (or coordinates) and the roots: loop rows, then couplings."""
+    """Tree degrees of freedom between each row's bodies (or coordinates) and the roots: loop rows, then sums."""
     body_link = {link.body: index for index, link in enumerate(tables.links) if link.body >= 0}
 
     def above(link: int) -> set[int]:
@@ -85,7 +85,7 @@ def row_paths(builder: Specification, tables: Tables) -> list[list[int]]:
         tree_dofs = set().union(*(above(body_link[body]) for body in ends if body != WORLD))
         paths += [sorted(tree_dofs)] * (tables.loop_row[index + 1] - tables.loop_row[index])
     owner = dof_joints(builder)
-    for coupling in builder.couplings:
+    for coupling in all_sums(builder):
         links: list[int] = []
         for dof, _ in coupling.terms:
             spec = builder.joints[owner[dof]]
@@ -112,16 +112,29 @@ def longest_path(tables: Tables) -> int:
 
 
 def coupling_width(builder: Specification) -> int:
-    """Terms of the longest coupling."""
-    return max((len(coupling.terms) for coupling in builder.couplings), default=1)
+    """Terms of the longest sum."""
+    return max((len(coupling.terms) for coupling in all_sums(builder)), default=1)
+
+
+def all_sums(builder: Specification) -> list[CouplingSpec]:
+    """Sums of coordinates: couplings, then combinations with a row of their own, then those without."""
+    with_row: list[CouplingSpec] = []
+    without: list[CouplingSpec] = []
+    for joint, spec in enumerate(builder.joints):
+        if spec.type == JointType.COMBINATION:
+            path = effort_route(spec.type, spec.dofs[0], in_tree=False, along_tree_dof=False)
+            same = CouplingSpec(spec.name, spec.terms, 0.0, dof=builder.dof_start(joint))
+            (with_row if path is EffortRoute.ROW else without).append(same)
+    return [*builder.couplings, *with_row, *without]
 
 
 def build_tables(builder: Specification) -> Tables:
     """Tables of the builder's model."""
     dof_start = _dof_starts(builder)
-    coupled = {dof for coupling in builder.couplings for dof, _ in coupling.terms}
+    coupled = {dof for coupling in all_sums(builder) for dof, _ in coupling.terms}
     tree = _spanning_tree(builder, dof_start, coupled)
     links = _ordered_links(builder, tree)
+    _check_massless(builder, links)
     link_tree_dof: list[int] = [0]
     tree_dof_to_dof: list[int] = []
     tree_dof_link: list[int] = []
@@ -151,6 +164,8 @@ def build_tables(builder: Specification) -> Tables:
             for dof in spec.dofs
         ]
         paths += here
+        if spec.type == JointType.COMBINATION:
+            continue  # its rows are those of its sum
         if along is not None and EffortRoute.DISTANCE in here:
             distance_dof.append((dof_start[joint], along))
         elif joint not in in_tree:
@@ -217,7 +232,9 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
         count = len(spec.dofs)
         is_coupled = any(dof_start[joint] + local in coupled for local in range(count))
         efforts = sum(has_effort(dof) for dof in spec.dofs)
-        return (100 * is_coupled + len(ELEMENTS[spec.type].rows) + efforts, -joint)
+        ends = [builder.bodies[body] for body in (spec.parent, spec.child) if body != WORLD]
+        needed = any(body.is_massless for body in ends)  # such a body only has the inertia of what hangs on it
+        return (10000 * needed + 100 * is_coupled + len(ELEMENTS[spec.type].rows) + efforts, -joint)
 
     group = list(range(len(builder.bodies) + 1))  # the last is the world
 
@@ -227,7 +244,11 @@ def _spanning_tree(builder: Specification, dof_start: list[int], coupled: set[in
             node = group[node]
         return node
 
-    eligible = [j for j, spec in enumerate(builder.joints) if ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT]
+    eligible = [
+        j
+        for j, spec in enumerate(builder.joints)
+        if ELEMENTS[spec.type].tree and spec.type != JointType.SHAFT and not spec.closes_loop
+    ]
     tree: set[int] = set()
     for joint in sorted(eligible, key=weight, reverse=True):
         a, b = root(builder.joints[joint].parent), root(builder.joints[joint].child)
@@ -270,18 +291,44 @@ def _ordered_links(builder: Specification, tree: set[int]) -> list[Link]:
     return links
 
 
+def _check_massless(builder: Specification, links: list[Link]) -> None:
+    """Massless bodies are carried by joints of the tree and carry a body with mass; nothing else touches them."""
+    in_tree, carrying = {link.joint for link in links}, {link.parent for link in links}
+    remedy = "give it mass, or tie the bodies directly"
+    for index, link in enumerate(links):
+        if link.body < 0 or not builder.bodies[link.body].is_massless:
+            continue
+        thing = f"body '{builder.bodies[link.body].name}'"
+        if link.joint < 0 or link.type == JointType.FREE or index not in carrying:
+            raise ModelError(
+                f"{thing}: a massless body must hang on a joint and carry a body with mass, "
+                f"but it {'floats' if link.type == JointType.FREE else 'carries none'}; {remedy}"
+            )
+        for joint, spec in enumerate(builder.joints):
+            if link.body in (spec.parent, spec.child) and joint not in in_tree:
+                raise ModelError(f"{thing}: is massless, but joint '{spec.name}' closes a loop at it; {remedy}")
+        if any(shape.body == link.body for shape in builder.shapes):
+            raise ModelError(f"{thing}: a massless body must have no shape; put it on a body with mass")
+
+
 def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_start: list[int]) -> None:
     owner = dof_joints(builder)
-    for coupling in builder.couplings:
+    for coupling in all_sums(builder):
+        thing = f"{'coupling' if coupling.dof < 0 else 'combination'} '{coupling.name}'"
         for dof, _ in coupling.terms:
             spec: JointSpec = builder.joints[owner[dof]]
             if spec.type in NOT_COUPLABLE:
                 raise ModelError(
-                    f"coupling '{coupling.name}': joint '{spec.name}' is {spec.type.name}, whose angles are no "
+                    f"{thing}: joint '{spec.name}' is {spec.type.name}, whose angles are no "
                     "integrable coordinates; couple revolute, prismatic, cylindrical, universal or planar joints"
+                )
+            if coupling.dof >= 0 and spec.type == JointType.RELATIVE_ROTATION:
+                raise ModelError(
+                    f"{thing}: joint '{spec.name}' is a RELATIVE_ROTATION, which only couplings take; "
+                    "name the joints between its bodies"
                 )
             if dof_to_tree_dof[dof] < 0 and spec.type != JointType.RELATIVE_ROTATION:
                 raise ModelError(
-                    f"coupling '{coupling.name}': joint '{spec.name}' closes a loop of coupled joints; "
+                    f"{thing}: joint '{spec.name}' closes a loop of coupled joints; "
                     "couple another joint of that loop"
                 )

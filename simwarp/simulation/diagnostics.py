@@ -23,9 +23,10 @@ SUSPICIOUS = 100.0
 class Diagnostics(ReportFields):
     """Per-world reports of the last sub-step. Its arrays are declared in `ReportFields`."""
 
-    def __init__(self, model: Model, *, reactions: bool) -> None:
+    def __init__(self, model: Model, *, reactions: bool, accelerations: bool) -> None:
         self.arrays = Reports()
-        self.allocate(model.sizes(reactions=reactions), model.device, "diagnostics", self.arrays)
+        sizes = model.sizes(reactions=reactions, accelerations=accelerations)
+        self.allocate(sizes, model.device, "diagnostics", self.arrays)
 
 
 def explain_worlds(state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float) -> list[str]:

@@ -30,11 +30,12 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
     newton = newton_dofs(model)
     return ScratchSizes(
         links=topology.link_count, tree_dofs=topology.tree_dof_count, rows=topology.row_count,
-        relative_rotations=model.relative_rotation_count, blocks=model.box_count + model.contact_capacity,
+        responses=model.response_count, relative_rotations=model.relative_rotation_count,
+        blocks=model.box_count + model.contact_capacity,
         cone_rows=rows, dense_rows=dense, factor_rows=max(dense if all_solvers else 0, newton),
         wide_rows=max(dense if all_solvers else 0, rows if newton else 0),
         wide_vectors=WIDE_VECTORS if all_solvers else NEWTON_VECTORS,
-        kept_rows=rows if all_solvers else 0, entries=2 * model.path_length,
+        kept_rows=rows if all_solvers else 0, entries=model.entry_count,
     )  # fmt: skip
 
 

@@ -63,6 +63,7 @@ class Simulation(FixedAttributes):
         substeps: equal parts that it is divided into.
         solver: see `SolverOptions`.
         joint_reactions: record the force and torque of every joint (`diagnostics.joint_reaction_force`).
+        joint_accelerations: record the acceleration of every coordinate (`diagnostics.joint_qdd`).
         elements: force elements, such as a Vehicle's, launched before each sub-step.
         sensors: cameras, inertial units and others of `simwarp.sensors`, launched after each sub-step.
         read_every: calls of `step` between two looks at the sensors' data; frames that nobody would see are not taken.
@@ -88,6 +89,7 @@ class Simulation(FixedAttributes):
         substeps: int = 1,
         solver: SolverOptions | None = None,
         joint_reactions: bool = False,
+        joint_accelerations: bool = False,
         elements: Sequence[ForceElement] = (),
         sensors: Sequence[Sensor] = (),
         read_every: int = 1,
@@ -104,6 +106,7 @@ class Simulation(FixedAttributes):
         most = (2**31 - 1) // self.substeps  # clocks of sensors count sub-steps in 32 bits
         self.read_every = whole_number("Simulation", "read_every", read_every, 1, most, "1 is the default")
         reactions = checked_flag("Simulation", "joint_reactions", joint_reactions)
+        accelerations = checked_flag("Simulation", "joint_accelerations", joint_accelerations)
         self.elements = _checked_elements(elements)
         self.sensors = _named_apart(sensors)
         all_solvers = _needs_all_solvers(model, self.solver)
@@ -111,7 +114,9 @@ class Simulation(FixedAttributes):
         element_memory = [
             reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
         ]
-        layouts = run_layouts(model.sizes(elements=bool(self.elements), reactions=reactions))
+        layouts = run_layouts(
+            model.sizes(elements=bool(self.elements), reactions=reactions, accelerations=accelerations)
+        )
         self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
         """Records launches whose worlds are shared among threads."""
         self.rounds = SensorRounds(self.read_every * self.substeps, self.shares)
@@ -123,8 +128,8 @@ class Simulation(FixedAttributes):
         copies = sum(4 * array.size for array in element_memory)
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
         self.control = Control(model, elements=bool(self.elements))
-        self.diagnostics = Diagnostics(model, reactions=reactions)
-        self._config = self._step_config(reactions)
+        self.diagnostics = Diagnostics(model, reactions=reactions, accelerations=accelerations)
+        self._config = self._step_config(reactions, accelerations)
         for sensor in self.sensors:  # all of them before any belongs to this Simulation
             if hasattr(sensor, "check"):
                 sensor.check(self, self._config.dt)
@@ -298,7 +303,7 @@ class Simulation(FixedAttributes):
 
     # ---- inside --------------------------------------------------------------------------------------------------
 
-    def _step_config(self, reactions: bool) -> StepConfig:
+    def _step_config(self, reactions: bool, accelerations: bool) -> StepConfig:
         config = StepConfig()
         config.dt = self.dt / self.substeps
         config.max_depenetration_velocity = self.solver.max_depenetration_velocity
@@ -312,6 +317,7 @@ class Simulation(FixedAttributes):
         config.tolerance = self.solver.tolerance
         config.row_tolerance = self.solver.row_tolerance
         config.reactions = int(reactions)
+        config.accelerations = int(accelerations)
         config.gyroscopic = int(self.solver.gyroscopic)
         config.friction_law = FRICTION_LAWS.index(self.solver.friction_law)
         config.solver = SOLVERS.index(self.solver.solver)

@@ -18,8 +18,10 @@ from simwarp.kernels.dynamics.solve_parts import (
 )
 from simwarp.kernels.dynamics.step_parts import (
     StepState,
+    accelerate_worlds,
     answer_worlds,
     bias_worlds,
+    change_worlds,
     collect_worlds,
     finish_worlds,
     form_worlds,
@@ -140,8 +142,12 @@ def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
             *(part(kernel, *inputs, scratch, state, step) for kernel, *inputs in _solves(arrays)),
             part(push_worlds, *model, scratch, state, contacts, step),
         ]
+    if config.accelerations == 1:
+        commands.append(part(change_worlds, topology, scratch, state))
     if config.projection_iterations > 0:
         commands.append(part(project_worlds, *model, scratch, state, step))
+    if config.accelerations == 1:
+        commands.append(part(accelerate_worlds, *model, scratch, state, arrays.reports))
     if config.reactions == 1:
         commands.append(part(weigh_worlds, *model, control, scratch, step, state, contacts, arrays.reports))
     return [

@@ -93,6 +93,8 @@ class Rows:
         self.offset = columns[:, 4]
         self.eta = np.where(np.isin(self.kind, LINEAR_KINDS), ETA_LINEAR, ETA_ANGULAR)
         self.linear = np.isin(self.kind, LINEAR_KINDS)
+        for row, terms in self._combinations():
+            self.eta[row] = min(self.eta[self.bilateral + dof] for dof, _ in terms)
 
     def frames(self, x: np.ndarray, rotation: np.ndarray) -> None:
         """Anchors and axes of every joint frame in the world, from body positions and rotation matrices."""
@@ -155,7 +157,14 @@ class Rows:
         for row in np.flatnonzero(self.kind == int(RowKind.SHAFT)):
             jacobian[row] = 0.0
             jacobian[row, 6 * self.body_count + self.shaft_of[int(self.joint[row])]] = 1.0
+        for row, terms in self._combinations():
+            jacobian[row] = sum(factor * jacobian[self.bilateral + dof] for dof, factor in terms)
         self.jacobian = jacobian
+
+    def _combinations(self) -> list[tuple[int, tuple[tuple[int, float], ...]]]:
+        """Rows that are sums of others, and their terms."""
+        rows = np.flatnonzero(self.kind == int(RowKind.SUM))
+        return [(int(row), self.joints[self.joint[row]].terms) for row in rows]
 
     def coordinates(self, shaft: np.ndarray, predicted: np.ndarray | None) -> np.ndarray:
         """Joint coordinates at the frames evaluated last; angles next to `predicted` when that is given."""
@@ -167,6 +176,8 @@ class Rows:
                 if wraps and predicted is not None:
                     value += 2.0 * np.pi * np.round((predicted[start + k] - value) / (2.0 * np.pi))
                 q[start + k] = value
+        for row, terms in self._combinations():
+            q[row - self.bilateral] = sum(factor * q[dof] for dof, factor in terms)
         return q
 
     def _joint_coordinates(self, index: int, kind: JointType, shaft: np.ndarray) -> list[tuple[float, bool]]:

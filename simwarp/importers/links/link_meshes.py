@@ -50,11 +50,17 @@ def reduced_hull(points: npt.ArrayLike, corners: int = HULL_CORNERS) -> tuple[Ar
     Raises:
         ModelError: the points have no hull.
     """
-    hull = convex_hull(points).vertices
-    if len(hull) <= corners:
-        return hull, 0.0
-    from scipy.spatial import ConvexHull  # takes a while to import
+    given = np.asarray(points, np.float64)
+    if given.ndim != 2 or len(given) <= corners:
+        return convex_hull(points).vertices, 0.0
+    from scipy.spatial import ConvexHull, QhullError  # takes a while to import
 
+    try:
+        hull = given[ConvexHull(given).vertices]
+    except (QhullError, ValueError):
+        return convex_hull(points).vertices, 0.0  # for its error
+    if len(hull) <= corners:
+        return convex_hull(hull).vertices, 0.0
     centre = hull.mean(axis=0)
     extent = float(np.ptp(hull, axis=0).max())
     unit = (hull - centre) / extent

@@ -55,19 +55,28 @@ def shown_by(
 
 def _add(visuals: Visuals, part: LinkVisual, frames: Mapping[str, NamedFrame], prefix: str) -> None:
     frame = frame_on(frames, prefix + part.link, part.pose)
-    options: dict[str, Any] = {"name": f"{prefix}{part.name}", "pose": frame.pose}
-    if part.color is not None:
-        options["color"] = part.color
-    a, b, _ = part.size
-    match part.kind:
-        case ShapeType.MESH if part.mesh is not None:
-            visuals.add_mesh(frame.body, part.mesh(), **options)
+    mesh = part.mesh() if part.mesh is not None else None
+    add_part(visuals, f"{prefix}{part.name}", frame, part.kind, part.size, mesh, part.color)
+
+
+def add_part(
+    visuals: Visuals, name: str, frame: NamedFrame, kind: ShapeType, size: tuple[float, float, float],
+    mesh: VisualMesh | None = None, color: tuple[float, float, float] | None = None,
+) -> None:  # fmt: skip
+    """Adds one visible part in a frame: a primitive of a `size` as `ShapeType` tells [m], or a mesh."""
+    options: dict[str, Any] = {"name": name, "pose": frame.pose}
+    if color is not None:
+        options["color"] = color
+    a, b, _ = size
+    match kind:
+        case ShapeType.MESH if mesh is not None:
+            visuals.add_mesh(frame.body, mesh, **options)
         case ShapeType.BOX:
-            visuals.add_box(frame.body, half=part.size, **options)
+            visuals.add_box(frame.body, half=size, **options)
         case ShapeType.SPHERE:
             visuals.add_sphere(frame.body, radius=a, **options)
         case ShapeType.ELLIPSOID:
-            visuals.add_ellipsoid(frame.body, half=part.size, **options)
+            visuals.add_ellipsoid(frame.body, half=size, **options)
         case ShapeType.CYLINDER:
             visuals.add_cylinder(frame.body, radius=a, half_length=b, **options)
         case ShapeType.CAPSULE:
@@ -75,4 +84,4 @@ def _add(visuals: Visuals, part: LinkVisual, frames: Mapping[str, NamedFrame], p
         case ShapeType.CONE:
             visuals.add_cone(frame.body, radius=a, half_length=b, **options)
         case _:
-            raise ValueError(f"no part of kind {part.kind.name} is shown")
+            raise ValueError(f"no part of kind {kind.name} is shown")

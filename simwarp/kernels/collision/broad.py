@@ -6,12 +6,14 @@ larger than the average (the ground) would spoil the cells: they are candidates 
 
 import warp as wp
 
+from simwarp.core.types import PairRule
 from simwarp.kernels.core.scratch import ScratchGroup, scratch_array
-from simwarp.kernels.core.tables import Topology
+from simwarp.kernels.core.tables import Topology, given_pair
 
 wp.set_module_options({"enable_backward": False})
 
 LARGE = wp.constant(4.0)  # times the average edge
+EITHER = wp.constant(int(PairRule.EITHER))
 ENDLESS = wp.constant(1.0e9)  # [m] planes have bounds beyond this
 
 
@@ -93,19 +95,25 @@ def fill_grid(
 
 @wp.func
 def allowed(shape0: int, shape1: int, topology: Topology) -> bool:
-    """True if bodies, groups and exclusions allow contact between two shapes."""
+    """True if two shapes, the smaller index first, were given as a pair, or bodies, groups and exclusions allow it."""
     body0 = topology.shape_body[shape0]
     body1 = topology.shape_body[shape1]
     if body0 == body1:
         return False
-    if (topology.shape_group[shape0] & topology.shape_mask[shape1]) == 0:
-        return False
-    if (topology.shape_group[shape1] & topology.shape_mask[shape0]) == 0:
+    if topology.given_count > 0:
+        if given_pair(shape0, shape1, topology) >= 0:
+            return True
+    meets = (topology.shape_group[shape0] & topology.shape_mask[shape1]) != 0
+    met = (topology.shape_group[shape1] & topology.shape_mask[shape0]) != 0
+    if not (meets and met) and (topology.pair_rule != EITHER or not (meets or met)):
         return False
     low = wp.min(body0, body1)
     high = wp.max(body0, body1)
     for index in range(topology.excluded_start[low + 1], topology.excluded_start[low + 2]):
         if topology.excluded_body[index] == high:
+            return False
+    for index in range(topology.apart_start[shape0], topology.apart_start[shape0 + 1]):
+        if topology.apart_shape[index] == shape1:
             return False
     return True
 

@@ -81,6 +81,10 @@ class ParameterFields(FieldGroup):
     drive_effort_limit: WritableArray = parameter(
         wp.float32, Size.DOFS, domain=AN_EFFORT, text="largest effort of a drive, 1e30 stands for none [N or N·m]"
     )
+    drive_effort_lower: WritableArray = parameter(
+        wp.float32, Size.DOFS, domain=A_LIMIT,
+        text="least effort of a drive, -1e30 stands for none, a positive one for -`drive_effort_limit` [N or N·m]",
+    )
     coupling_coefficient: WritableArray = parameter(
         wp.float32, Size.COUPLINGS, Size.TERMS,
         text="factors of the coordinates, as many terms as the longest coupling has",
@@ -280,6 +284,10 @@ class ReportFields(FieldGroup):
     )
     joint_reaction_torque: wp.array = field(
         wp.vec3, Size.REACTION_WORLDS, Size.JOINTS, text="torque on the second body about anchor 1 [N·m], world axes"
+    )
+    joint_qdd: wp.array = field(
+        wp.float32, Size.ACCELERATION_WORLDS, Size.DOFS,
+        text="change of the rates in the sub-step, divided by its time [m/s² or rad/s²]",
     )
     energy: wp.array = field(
         wp.float64, Size.WORLDS, of_kernels=False,

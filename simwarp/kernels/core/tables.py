@@ -24,14 +24,19 @@ class Topology:
     dof_count: int
     joint_count: int
     loop_joint_count: int
-    row_count: int  # rows of loop joints, then couplings
+    row_count: int  # rows of loop joints, then couplings, then combinations with a law
+    response_count: int  # the same, then combinations without one
     joint_row_count: int
     box_count: int
     loop_dof_count: int
     distance_count: int
+    massless_count: int
     shape_count: int
     pair_count: int
     grid_buckets: int  # 0: pairs come from the list
+    given_count: int
+    pair_rule: int  # PairRule
+    friction_rule: int  # FrictionRule
 
     link_body: wp.array[int]  # -1: shaft
     link_parent: wp.array[int]  # -1: world
@@ -39,6 +44,7 @@ class Topology:
     link_type: wp.array[int]  # JointType
     link_sign: wp.array[float]  # -1: the joint is traversed from its child to its parent
     link_alone: wp.array[int]  # 1: no joint touches the body
+    link_massless: wp.array[int]  # 1: a frame between joints
     link_tree_dof: wp.array[int]  # CSR
     tree_dof_to_dof: wp.array[int]  # -1: floating without a named joint
     tree_dof_link: wp.array[int]
@@ -55,6 +61,7 @@ class Topology:
     dof_axis: wp.array[int]
     dof_drive: wp.array[int]  # DriveMode
     dof_coupled: wp.array[int]  # 1: a coupling divides its error by the step
+    dof_sum: wp.array[int]  # of a combination: its place among couplings; -1: another coordinate
     dof_table: wp.array2d[int]  # (dofs, 4): spring, damper, motion table, tables of a damper map, -1: none
     table_start: wp.array[int]  # CSR
     table_x: wp.array[wp.float64]
@@ -66,11 +73,12 @@ class Topology:
     row_axis0: wp.array[int]
     row_axis1: wp.array[int]
     row_dof: wp.array[int]  # -1: rigid; else the row carries that degree of freedom's law or prescribed motion
-    coupling_dof: wp.array2d[int]  # (couplings, terms), -1: none
+    coupling_dof: wp.array2d[int]  # (couplings and combinations, terms), -1: none
+    coupling_law: wp.array[int]  # the combination whose law it has; -1: a coupling
     coupling_wrench: wp.array2d[
         int
     ]  # (couplings, terms): where j0, j1 hold a RELATIVE_ROTATION term's wrenches, -1: a tree degree of freedom
-    row_path: wp.array[int]  # CSR over rows: tree degrees of freedom that a row can move
+    row_path: wp.array[int]  # CSR over responses: tree degrees of freedom that a row can move
     path_tree_dof: wp.array[int]
 
     distance_dof: wp.array2d[
@@ -88,6 +96,21 @@ class Topology:
     pair_other: wp.array[int]
     excluded_start: wp.array[int]  # CSR over the world, then bodies: bodies of higher index that it never touches
     excluded_body: wp.array[int]
+    apart_start: wp.array[int]  # CSR over shapes: shapes of higher index that it never touches
+    apart_shape: wp.array[int]
+    given_start: wp.array[int]  # CSR over shapes: shapes of higher index that it may touch whatever else says
+    given_shape: wp.array[int]
+    given_surface: wp.array2d[float]  # (given pairs, 7): entries of `ContactParameters`, -1 first: made of the shapes'
+    shape_priority: wp.array[int]
+
+
+@wp.func
+def given_pair(shape0: int, shape1: int, topology: Topology) -> int:
+    """Index of a pair of shapes (the smaller index first) among those that were given, -1: it is none of them."""
+    for index in range(topology.given_start[shape0], topology.given_start[shape0 + 1]):
+        if topology.given_shape[index] == shape1:
+            return index
+    return -1
 
 
 @wp.struct
@@ -104,6 +127,7 @@ class StepConfig:
     tolerance: float
     row_tolerance: float
     reactions: int
+    accelerations: int
     gyroscopic: int
     solver: int  # ConeSolver
     friction_law: int  # FrictionLaw
@@ -153,7 +177,7 @@ class WorkScratch(ScratchGroup):
     xi = scratch_array(wp.float32, "tree_dofs")
     qd = scratch_array(wp.float32, "tree_dofs")
     k_qd = scratch_array(wp.float32, "tree_dofs")  # kept while a correction is computed
-    k_effort = scratch_array(wp.float32, "tree_dofs")
+    k_effort = scratch_array(wp.float32, "tree_dofs")  # after the solve the change of the rate, where it is asked for
 
     j0_ang = scratch_array(wp.vec3, "wrench_rows")  # per row, then per relative rotation of a coupling
     j0_lin = scratch_array(wp.vec3, "wrench_rows")
@@ -165,7 +189,7 @@ class WorkScratch(ScratchGroup):
     row_r = scratch_array(wp.float32, "padded_rows")
     row_t = scratch_array(wp.float32, "padded_rows")
     row_scale = scratch_array(wp.float32, "padded_rows")
-    y = scratch_array(wp.float32, "rows", "tree_dofs")
+    y = scratch_array(wp.float32, "responses", "tree_dofs")
     y_t = scratch_array(wp.float32, "tree_dofs", "padded_rows")  # zero where a row does not reach
     n = scratch_array(wp.float32, "rows", "padded_rows")
     inv_pivot = scratch_array(wp.float32, "padded_rows")

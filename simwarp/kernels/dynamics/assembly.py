@@ -8,6 +8,8 @@ from simwarp.kernels.core.spatial import to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import (
     apply_rows,
+    combination_laws,
+    combined_rate,
     coupling_row,
     dof_rate,
     loop_joint_rows,
@@ -171,6 +173,7 @@ def factor_at_poses(
     factor_tree(topology, work)
     for index in range(topology.loop_joint_count):
         loop_joint_rows(index, world, dt, time, topology, parameters, state, control, config, work)
+    combination_laws(world, dt, time, topology, parameters, state, control, config, work)
     loop_responses(topology, work)
     for coupling in range(topology.row_count - topology.joint_row_count):
         coupling_row(coupling, world, dt, topology, parameters, state, config, work)
@@ -306,8 +309,8 @@ def assemble_velocities(
             dof = -1
             if row < topology.joint_row_count:
                 dof = topology.row_dof[row]
-            elif work.row_compliance[row] > 0.0:
-                work.row_r[row] = 0.0  # a viscous coupling
+            elif work.row_compliance[row] > 0.0 or topology.coupling_law[row - topology.joint_row_count] >= 0:
+                work.row_r[row] = 0.0  # a viscous coupling, or a combination
             if dof >= 0:
                 if topology.dof_drive[dof] < PRESCRIBED_POSITION:
                     work.row_r[row] = 0.0
@@ -342,7 +345,9 @@ def publish_set_rates(
     for dof in range(topology.dof_count):
         tree_dof = topology.dof_to_tree_dof[dof]
         rate = joint_qd[world, dof]
-        if tree_dof < 0:
+        if topology.dof_sum[dof] >= 0:
+            rate = combined_rate(dof, world, topology, parameters, state)
+        elif tree_dof < 0:
             rate = dof_rate(dof, world, topology, parameters, work)
         elif topology.row_count > 0 and topology.link_type[topology.tree_dof_link[tree_dof]] != FREE:
             rate = work.k_qd[tree_dof]
@@ -364,5 +369,7 @@ def measure_world(world: int, topology: Topology, parameters: Parameters, state:
             state.body_v_low[world, body] = wp.vec3()
     publish_coordinates(world, 0.0, topology, parameters, state, work)
     for dof in range(topology.dof_count):
-        if topology.joint_type[topology.dof_joint[dof]] != SHAFT:
+        if topology.dof_sum[dof] >= 0:
+            state.joint_qd[world, dof] = combined_rate(dof, world, topology, parameters, state)
+        elif topology.joint_type[topology.dof_joint[dof]] != SHAFT:
             state.joint_qd[world, dof] = dof_rate(dof, world, topology, parameters, work)

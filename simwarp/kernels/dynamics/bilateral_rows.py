@@ -189,6 +189,34 @@ def loop_row_wrenches(
     return geometry.value
 
 
+@wp.struct
+class RowLaw:
+    """Right-hand side of a row, and its compliance."""
+
+    bias: float
+    compliance: float
+
+
+@wp.func
+def dof_law(
+    dof: int, world: int, dt: float, time: wp.float64, limit: float, topology: Topology, parameters: Parameters,
+    state: StateArrays, control: ControlArrays,
+) -> RowLaw:  # fmt: skip
+    """Law of a row that carries a coordinate: its prescribed motion, or its effort."""
+    law = RowLaw()
+    if topology.dof_drive[dof] >= PRESCRIBED_POSITION:
+        law.bias = -prescribed_rate(dof, world, dt, time, state.joint_x[world, dof], limit, topology, control)
+    else:
+        implicit = dof_effort(
+            dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
+        )
+        # an effort without stiffness is a plain impulse: written as an almost infinitely compliant row
+        gain = wp.max(implicit.gain, 1.0e-9)
+        law.compliance = 1.0 / gain
+        law.bias = -implicit.effort / gain
+    return law
+
+
 @wp.func(inline=True)
 def loop_row_law(
     row: int, joint: int, world: int, dt: float, time: wp.float64, value: wp.float64, topology: Topology,
@@ -197,24 +225,15 @@ def loop_row_law(
     """Right-hand side and compliance of one row, whose wrenches are there: rigid, prescribed, or an effort."""
     dof = topology.row_dof[row]
     limit = loop_row_limit(topology.row_kind[row], config)
-    bias = float(0.0)
-    compliance = float(0.0)
+    law = RowLaw()
     if dof < 0:
-        bias = wp.clamp(float(value) / dt, -limit, limit)
-    elif topology.dof_drive[dof] >= PRESCRIBED_POSITION:
-        bias = -prescribed_rate(dof, world, dt, time, state.joint_x[world, dof], limit, topology, control)
+        law.bias = wp.clamp(float(value) / dt, -limit, limit)
     else:
-        implicit = dof_effort(
-            dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
-        )
-        # an effort without stiffness is a plain impulse: written as an almost infinitely compliant row
-        gain = wp.max(implicit.gain, 1.0e-9)
-        compliance = 1.0 / gain
-        bias = -implicit.effort / gain
+        law = dof_law(dof, world, dt, time, limit, topology, parameters, state, control)
     link0 = link_of(topology.joint_body0[joint], topology)
     link1 = link_of(topology.joint_body1[joint], topology)
-    work.row_b[row] = bias + start_speed(row, topology, work, link0, link1)
-    work.row_compliance[row] = compliance
+    work.row_b[row] = law.bias + start_speed(row, topology, work, link0, link1)
+    work.row_compliance[row] = law.compliance
 
 
 @wp.func
@@ -284,7 +303,9 @@ def coupling_row(
     coupling: int, world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays,
     config: StepConfig, work: Work,
 ):  # fmt: skip
-    """Response and right-hand side of one coupling: sum of coefficient x rate = 0, with stabilisation."""
+    """Response and right-hand side of one coupling: sum of coefficient x rate = 0, with stabilisation. The right-hand
+    side of a combination's law is there already (`combination_laws`).
+    """
     row = topology.joint_row_count + coupling
     for tree_dof in range(topology.tree_dof_count):
         work.y[row, tree_dof] = 0.0
@@ -309,9 +330,99 @@ def coupling_row(
     if damping > 0.0:
         bias = 0.0
         compliance = 1.0 / (damping * dt)
-    work.row_b[row] = bias + start
-    work.row_compliance[row] = compliance
+    if topology.coupling_law[coupling] < 0:
+        work.row_b[row] = bias + start
+        work.row_compliance[row] = compliance
     work.row_scale[row] = 0.0
+
+
+@wp.func
+def is_length(dof: int, topology: Topology) -> bool:
+    """True for a coordinate whose stop is approached in m/s: a length, or a combination with a length in it."""
+    kind = topology.dof_kind[dof]
+    length = kind == POINT_AXIS0 or kind == DISTANCE
+    index = topology.dof_sum[dof]
+    if index >= 0:
+        for term in range(topology.coupling_dof.shape[1]):
+            part = topology.coupling_dof[index, term]
+            if part >= 0:
+                length = length or topology.dof_kind[part] == POINT_AXIS0
+    return length
+
+
+@wp.func
+def combination_laws(
+    world: int, dt: float, time: wp.float64, topology: Topology, parameters: Parameters, state: StateArrays,
+    control: ControlArrays, config: StepConfig, work: Work,
+):  # fmt: skip
+    """Right-hand sides of the rows of combinations: their rates are those of the tree, starts included."""
+    for coupling in range(topology.row_count - topology.joint_row_count):
+        dof = topology.coupling_law[coupling]
+        if dof >= 0:
+            limit = config.max_depenetration_rate
+            if is_length(dof, topology):
+                limit = config.max_depenetration_velocity
+            law = dof_law(dof, world, dt, time, limit, topology, parameters, state, control)
+            work.row_b[topology.joint_row_count + coupling] = law.bias
+            work.row_compliance[topology.joint_row_count + coupling] = law.compliance
+
+
+@wp.func
+def coefficient_of(coupling: int, term: int, world: int, parameters: Parameters) -> float:
+    """Factor of a term."""
+    return parameters.coupling_coefficient[world_row(world, parameters.coupling_coefficient.shape[0]), coupling, term]
+
+
+@wp.func
+def combined_rate(dof: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays) -> float:
+    """Rate of a combination from the published rates of its terms."""
+    index = topology.dof_sum[dof]
+    rate = float(0.0)
+    for term in range(topology.coupling_dof.shape[1]):
+        part = topology.coupling_dof[index, term]
+        if part >= 0:
+            rate += coefficient_of(index, term, world, parameters) * state.joint_qd[world, part]
+    return rate
+
+
+@wp.func
+def combined_coordinate(
+    dof: int, world: int, topology: Topology, parameters: Parameters, state: StateArrays
+) -> wp.float64:
+    """A combination from the coordinates of record of its terms."""
+    index = topology.dof_sum[dof]
+    value = wp.float64(0.0)
+    for term in range(topology.coupling_dof.shape[1]):
+        part = topology.coupling_dof[index, term]
+        if part >= 0:
+            value += wp.float64(coefficient_of(index, term, world, parameters)) * state.joint_x[world, part]
+    return value
+
+
+@wp.func
+def free_combined_rate(dof: int, world: int, topology: Topology, parameters: Parameters, work: Work) -> float:
+    """Rate of a combination from the rates that the step has solved for so far."""
+    index = topology.dof_sum[dof]
+    rate = float(0.0)
+    for term in range(topology.coupling_dof.shape[1]):
+        part = topology.coupling_dof[index, term]
+        if part >= 0:
+            rate += coefficient_of(index, term, world, parameters) * work.qd[topology.dof_to_tree_dof[part]]
+    return rate
+
+
+@wp.func
+def silent_responses(world: int, topology: Topology, parameters: Parameters, work: Work):
+    """Y of the combinations without a law: what their bounded impulses move."""
+    for row in range(topology.row_count, topology.response_count):
+        index = row - topology.joint_row_count
+        for tree_dof in range(topology.tree_dof_count):
+            work.y[row, tree_dof] = 0.0
+        for term in range(topology.coupling_dof.shape[1]):
+            part = topology.coupling_dof[index, term]
+            if part >= 0:
+                coefficient = coefficient_of(index, term, world, parameters)
+                project_tree_dof(row, topology.dof_to_tree_dof[part], coefficient, topology, work, work.y)
 
 
 @wp.func

@@ -2,12 +2,21 @@
 
 import warp as wp
 
-from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float, turned
+from simwarp.core.types import WorldStatus
+from simwarp.kernels.core.fields import ControlArrays, Parameters, Reports, StateArrays
+from simwarp.kernels.core.spatial import matrix_to_float, to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, row_geometry
+from simwarp.kernels.dynamics.bilateral_rows import (
+    coefficient_of,
+    combined_coordinate,
+    combined_rate,
+    link_of,
+    rate_of,
+    row_geometry,
+)
 from simwarp.kernels.dynamics.efforts import PRESCRIBED_POSITION, applied_effort, dof_effort, prescribed_rate
 from simwarp.kernels.dynamics.joints import (
+    COMBINATION,
     DISTANCE,
     FREE,
     POINT_AXIS0,
@@ -19,9 +28,11 @@ from simwarp.kernels.dynamics.joints import (
     unwrapped,
     wraps,
 )
-from simwarp.kernels.dynamics.tree import Wrench
+from simwarp.kernels.dynamics.tree import Wrench, has_held_rate
 
 wp.set_module_options({"enable_backward": False})
+
+SINGULAR = wp.constant(int(WorldStatus.SINGULAR))
 
 
 @wp.func
@@ -144,7 +155,7 @@ def load_bodies(
             work.l_ang[link] = state.body_omega_low[world, body]
             work.l_lin[link] = state.body_v_low[world, body]
             torque_b = control.body_torque_b[world, body]
-            if config.gyroscopic == 1:
+            if config.gyroscopic == 1 and mass > 0.0:
                 torque_b += gyroscopic_torque(
                     topology.link_alone[link], inertia_b, omega * rot, state.body_omega_last[world, body] * rot, dt
                 )
@@ -235,6 +246,24 @@ def load_distances(
 
 
 @wp.func
+def load_combinations(
+    world: int, dt: float, topology: Topology, parameters: Parameters, control: ControlArrays, work: Work
+):
+    """`joint_force` on combinations without a law, as efforts of their terms."""
+    for row in range(topology.row_count, topology.response_count):
+        index = row - topology.joint_row_count
+        force = applied_effort(world, topology.coupling_law[index], control)
+        if force != 0.0:
+            for term in range(topology.coupling_dof.shape[1]):
+                part = topology.coupling_dof[index, term]
+                if part >= 0:
+                    tree_dof = topology.dof_to_tree_dof[part]
+                    if work.gain[tree_dof] >= 0.0:  # not prescribed
+                        coefficient = coefficient_of(index, term, world, parameters)
+                        work.effort[tree_dof] = work.effort[tree_dof] + dt * (coefficient * force)
+
+
+@wp.func
 def apply_force(link: int, wrench: Wrench, impulse: float, work: Work):
     """Adds an applied impulse to a link."""
     if link >= 0:
@@ -297,6 +326,8 @@ def publish_motion(
     if projected == 1:
         load_poses(world, topology, state, work)
     publish_rates(world, topology, parameters, state, work)
+    if topology.massless_count > 0 and has_held_rate(topology, work):
+        state.world_status[world] = state.world_status[world] | SINGULAR
     advance_poses(world, dt, topology, state, work)
     publish_poses(world, topology, state, work)
     for link in range(topology.link_count):
@@ -336,7 +367,9 @@ def publish_rates(world: int, topology: Topology, parameters: Parameters, state:
     for joint in range(topology.joint_count):
         first = topology.joint_dof[joint]
         end = topology.joint_dof[joint + 1]
-        if end > first:
+        if topology.joint_type[joint] == COMBINATION:
+            state.joint_qd[world, first] = combined_rate(first, world, topology, parameters, state)
+        elif end > first:
             if topology.dof_to_tree_dof[first] >= 0 and topology.joint_type[joint] != FREE:
                 for dof in range(first, end):
                     state.joint_qd[world, dof] = work.qd[topology.dof_to_tree_dof[dof]]
@@ -347,10 +380,43 @@ def publish_rates(world: int, topology: Topology, parameters: Parameters, state:
 
 
 @wp.func
+def record_accelerations(
+    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work, reports: Reports
+):
+    """joint_qdd, at the poses of the step's start in `work`: the changes that the step solved for (`keep_changes`) in
+    the tree; of a floating body its change of velocity, and what the turn of the arm adds to that of its anchor;
+    elsewhere the difference of the measured rates.
+    """
+    for joint in range(topology.joint_count):
+        first = topology.joint_dof[joint]
+        end = topology.joint_dof[joint + 1]
+        if end > first:
+            frames = joint_frames(joint, world, topology, parameters, work)
+            if topology.joint_type[joint] == FREE:
+                link = link_of(topology.joint_body1[joint], topology)
+                arm = to_float(frames.r1)
+                omega = work.o_ang[link]
+                ang = work.v_ang[link] / dt
+                lin = work.v_lin[link] / dt + wp.cross(ang, arm) + wp.cross(omega, wp.cross(omega, arm))
+                for k in range(3):
+                    reports.joint_qdd[world, first + k] = lin[k]
+                    reports.joint_qdd[world, first + 3 + k] = ang[k]
+            elif topology.dof_to_tree_dof[first] >= 0:
+                for dof in range(first, end):
+                    reports.joint_qdd[world, dof] = work.k_effort[topology.dof_to_tree_dof[dof]] / dt
+            else:
+                for dof in range(first, end):
+                    change = rate_of(dof, joint, frames, topology, work) - state.joint_qd[world, dof]
+                    reports.joint_qdd[world, dof] = change / dt
+
+
+@wp.func
 def publish_coordinates(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work
 ):
-    """joint_x and joint_q measured at the poses in `work`; shafts are integrated."""
+    """joint_x and joint_q measured at the poses in `work`; shafts are integrated. The terms of a combination come
+    before it.
+    """
     for joint in range(topology.joint_count):
         kind = topology.joint_type[joint]
         first = topology.joint_dof[joint]
@@ -359,6 +425,10 @@ def publish_coordinates(
             q = state.joint_x[world, first] + wp.float64(dt) * wp.float64(state.joint_qd[world, first])
             state.joint_x[world, first] = q
             state.joint_q[world, first] = float(q)
+        elif kind == COMBINATION:
+            total = combined_coordinate(first, world, topology, parameters, state)
+            state.joint_x[world, first] = total
+            state.joint_q[world, first] = float(total)
         elif end > first:
             frames = joint_frames(joint, world, topology, parameters, work)
             angles = turned_frames(kind, frames)

@@ -10,10 +10,17 @@ from simwarp.core.types import BoxKind
 from simwarp.kernels.cones.problem import BOX, ConeProblem
 from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
-from simwarp.kernels.dynamics.bilateral_rows import dof_rate, link_of, row_geometry
-from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, one_row, walk_rows, walk_tree_dof
-from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort
-from simwarp.kernels.dynamics.joints import DISTANCE, POINT_AXIS0, joint_frames
+from simwarp.kernels.dynamics.bilateral_rows import dof_rate, free_combined_rate, is_length, link_of, row_geometry
+from simwarp.kernels.dynamics.cone_rows import (
+    Wrenches,
+    loop_share,
+    one_row,
+    put_response,
+    walk_rows,
+    walk_tree_dof,
+)
+from simwarp.kernels.dynamics.efforts import INFINITE_EFFORT, drive_effort, effort_bounds, is_bounded
+from simwarp.kernels.dynamics.joints import joint_frames
 
 wp.set_module_options({"enable_backward": False})
 
@@ -54,7 +61,7 @@ def candidate(
             gap = upper
             row.sign = -1.0
         fastest = config.max_depenetration_rate
-        if topology.dof_kind[dof] == POINT_AXIS0 or topology.dof_kind[dof] == DISTANCE:
+        if is_length(dof, topology):
             fastest = config.max_depenetration_velocity
         # the reserve is for speed that the other box constraints may add within the step
         if gap / dt + row.sign * rate < fastest:
@@ -65,19 +72,24 @@ def candidate(
         row.upper = dt * parameters.joint_friction[world_row(world, parameters.joint_friction.shape[0]), dof]
         row.lower = -row.upper
     else:
-        limit = parameters.drive_effort_limit[world_row(world, parameters.drive_effort_limit.shape[0]), dof]
-        row.upper = dt * limit
-        row.lower = -row.upper
+        bounds = effort_bounds(dof, world, parameters)
+        row.lower = dt * bounds[0]
+        row.upper = dt * bounds[1]
+        if bounds[0] <= -INFINITE_EFFORT:
+            row.lower = -INFINITE_EFFORT  # solvers know it
+        if bounds[1] >= INFINITE_EFFORT:
+            row.upper = INFINITE_EFFORT
         if kind == MOTOR:
             row.bias = -control.joint_target_qd[world, dof]
-        elif limit < INFINITE_EFFORT:
+        elif is_bounded(bounds):
             implicit = drive_effort(dof, world, dt, q, parameters, control)
             gain = wp.max(implicit.gain, 1.0e-9)
             row.compliance = 1.0 / gain
             row.bias = -implicit.effort / gain
         else:
-            row.upper = 0.0  # without an effort limit the drive is part of the tree
-    if kind != LIMIT and row.upper > 0.0:
+            row.lower = 0.0  # without an effort limit the drive is part of the tree
+            row.upper = 0.0
+    if kind != LIMIT and row.upper > row.lower:
         row.acts = 1
     return row
 
@@ -91,6 +103,8 @@ def box_response(
     tree_dof = topology.dof_to_tree_dof[dof]
     if tree_dof >= 0:
         walk_tree_dof(block, row, tree_dof, sign, topology, work, cone)
+    elif topology.dof_sum[dof] >= 0:
+        put_response(block, row, topology.joint_row_count + topology.dof_sum[dof], sign, topology, work, cone)
     else:
         joint = topology.dof_joint[dof]
         frames = joint_frames(joint, world, topology, parameters, work)
@@ -124,6 +138,8 @@ def collect_boxes(
         rate = float(0.0)
         if tree_dof >= 0:
             rate = work.qd[tree_dof]
+        elif topology.dof_sum[dof] >= 0:
+            rate = free_combined_rate(dof, world, topology, parameters, work)
         else:
             rate = dof_rate(dof, world, topology, parameters, work)
         row = candidate(topology.box_kind[index], dof, rate, world, dt, topology, parameters, state, control, config)

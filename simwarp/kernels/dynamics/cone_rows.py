@@ -131,6 +131,20 @@ def walk_tree_dof(
 
 
 @wp.func
+def put_response(
+    block: int, row: int, source: int, sign: float, topology: Topology, work: Work, cone: ConeProblem
+):  # fmt: skip
+    """A response that is known, y[source], as the only row of a block."""
+    entries = int(0)
+    for index in range(topology.row_path[source], topology.row_path[source + 1]):
+        tree_dof = topology.path_tree_dof[index]
+        cone.block_tree_dof[block, entries] = tree_dof
+        cone.y[row, entries] = sign * work.y[source, tree_dof]
+        entries += 1
+    cone.block_entries[block] = entries
+
+
+@wp.func
 def one_row(v: wp.vec3) -> wp.mat33:
     """A matrix whose first row is v."""
     return wp.mat33(v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

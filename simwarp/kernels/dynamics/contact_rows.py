@@ -6,17 +6,21 @@ spinning friction, the relative angular velocity about the tangents and the norm
 
 import warp as wp
 
-from simwarp.core.types import FrictionLaw
+from simwarp.core.types import FrictionLaw, FrictionRule
 from simwarp.kernels.cones.problem import BOX, CONTACT, ROLLING, ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, Parameters
 from simwarp.kernels.core.spatial import contact_frame
-from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
+from simwarp.kernels.core.tables import StepConfig, Topology, Work, given_pair, world_row
 from simwarp.kernels.dynamics.bilateral_rows import link_of
 from simwarp.kernels.dynamics.cone_rows import Wrenches, loop_share, walk_rows
 
 wp.set_module_options({"enable_backward": False})
 
 CONVEX = wp.constant(int(FrictionLaw.CONVEX))
+SMALLER = wp.constant(int(FrictionRule.MIN))
+LARGER = wp.constant(int(FrictionRule.MAX))
+MEAN = wp.constant(int(FrictionRule.MEAN))
+PRODUCT = wp.constant(int(FrictionRule.PRODUCT))
 FREE_MOBILITY = wp.constant(1.0e-12)  # [1/kg] below it neither side can move
 STICKY = wp.constant(0.1)  # times the contact margin: gap up to which cohesion holds
 UNBOUNDED = wp.constant(1.0e30)
@@ -36,15 +40,68 @@ class ContactParameters:
 
 
 @wp.func
-def combined_surface(world: int, shape0: int, shape1: int, parameters: Parameters) -> ContactParameters:
-    """The smaller friction, restitution, cohesion and damping of the two; compliances add up."""
+def combined_friction(coefficient0: float, coefficient1: float, ahead: int, rule: int) -> float:
+    """One coefficient of a contact: that of the shape which is `ahead` (1: shape 0, -1: shape 1), or by the rule."""
+    if ahead > 0:
+        return coefficient0
+    if ahead < 0:
+        return coefficient1
+    if rule == LARGER:
+        return wp.max(coefficient0, coefficient1)
+    if rule == MEAN:
+        return 0.5 * (coefficient0 + coefficient1)
+    if rule == PRODUCT:
+        return coefficient0 * coefficient1
+    return wp.min(coefficient0, coefficient1)
+
+
+@wp.func
+def given_surface(pair: int, topology: Topology) -> ContactParameters:
+    """The surface that a given pair of shapes has of its own."""
+    s = ContactParameters()
+    s.friction = topology.given_surface[pair, 0]
+    s.rolling = topology.given_surface[pair, 1]
+    s.spinning = topology.given_surface[pair, 2]
+    s.restitution = topology.given_surface[pair, 3]
+    s.cohesion = topology.given_surface[pair, 4]
+    s.compliance = topology.given_surface[pair, 5]
+    s.damping = topology.given_surface[pair, 6]
+    return s
+
+
+@wp.func
+def combined_surface(
+    world: int, shape0: int, shape1: int, topology: Topology, parameters: Parameters
+) -> ContactParameters:
+    """Friction of the shape of higher priority or by the rule, the smaller restitution, cohesion and damping of the
+    two, the sum of their compliances; or the surface of a given pair.
+    """
+    if topology.given_count > 0:
+        pair = given_pair(shape0, shape1, topology)
+        if pair >= 0:
+            if topology.given_surface[pair, 0] >= 0.0:
+                return given_surface(pair, topology)
+    ahead = int(0)
+    if topology.shape_priority[shape0] > topology.shape_priority[shape1]:
+        ahead = 1
+    elif topology.shape_priority[shape0] < topology.shape_priority[shape1]:
+        ahead = -1
+    rule = topology.friction_rule
     s = ContactParameters()
     w = world_row(world, parameters.shape_friction.shape[0])
-    s.friction = wp.min(parameters.shape_friction[w, shape0], parameters.shape_friction[w, shape1])
+    s.friction = combined_friction(
+        parameters.shape_friction[w, shape0], parameters.shape_friction[w, shape1], ahead, rule
+    )
+    if rule == PRODUCT:
+        rule = SMALLER  # of levers: their product is no length
     w = world_row(world, parameters.shape_rolling_friction.shape[0])
-    s.rolling = wp.min(parameters.shape_rolling_friction[w, shape0], parameters.shape_rolling_friction[w, shape1])
+    s.rolling = combined_friction(
+        parameters.shape_rolling_friction[w, shape0], parameters.shape_rolling_friction[w, shape1], ahead, rule
+    )
     w = world_row(world, parameters.shape_spinning_friction.shape[0])
-    s.spinning = wp.min(parameters.shape_spinning_friction[w, shape0], parameters.shape_spinning_friction[w, shape1])
+    s.spinning = combined_friction(
+        parameters.shape_spinning_friction[w, shape0], parameters.shape_spinning_friction[w, shape1], ahead, rule
+    )
     w = world_row(world, parameters.shape_restitution.shape[0])
     s.restitution = wp.min(parameters.shape_restitution[w, shape0], parameters.shape_restitution[w, shape1])
     w = world_row(world, parameters.shape_cohesion.shape[0])
@@ -153,8 +210,8 @@ class ContactRows:
 
 @wp.func(inline=True)
 def contact_rows(
-    world: int, contact: int, dt: float, c: ContactLinks, parameters: Parameters, contacts: ContactArrays,
-    config: StepConfig, work: Work,
+    world: int, contact: int, dt: float, c: ContactLinks, topology: Topology, parameters: Parameters,
+    contacts: ContactArrays, config: StepConfig, work: Work,
 ) -> ContactRows:  # fmt: skip
     """What a contact does in this step, whose impulses of before are taken from the arrays."""
     r = ContactRows()
@@ -166,7 +223,7 @@ def contact_rows(
     r.u = c.frame * (point_velocity(c.link1, c.arm1, work.t_ang, work.t_lin)
                      - point_velocity(c.link0, c.arm0, work.t_ang, work.t_lin))  # fmt: skip
     r.surface = combined_surface(
-        world, contacts.contact_shape0[world, contact], contacts.contact_shape1[world, contact], parameters
+        world, contacts.contact_shape0[world, contact], contacts.contact_shape1[world, contact], topology, parameters
     )
     if r.gap > STICKY * config.contact_margin:
         r.surface.cohesion = 0.0
@@ -275,7 +332,7 @@ def collect_contacts(
     row = int(rows)
     for contact in range(contacts.contact_count[world]):
         c = contact_links(world, contact, topology, contacts)
-        r = contact_rows(world, contact, dt, c, parameters, contacts, config, work)
+        r = contact_rows(world, contact, dt, c, topology, parameters, contacts, config, work)
         if r.acts == 1:
             count = set_block(block, row, dt, r.surface, cone)
             contact_response(block, row, count, c, topology, work, cone)
@@ -299,7 +356,7 @@ def list_contacts(
     row = int(rows)
     for contact in range(contacts.contact_count[world]):
         c = contact_links(world, contact, topology, contacts)
-        r = contact_rows(world, contact, dt, c, parameters, contacts, config, work)
+        r = contact_rows(world, contact, dt, c, topology, parameters, contacts, config, work)
         if r.acts == 1:
             count = set_block(block, row, dt, r.surface, cone)
             fill_contact(row, count, dt, c, r, config, work, cone)

@@ -29,6 +29,22 @@ class ImplicitEffort:
 
 
 @wp.func
+def effort_bounds(dof: int, world: int, parameters: Parameters) -> wp.vec2:
+    """Least and largest effort of a drive [N or N·m], at `INFINITE_EFFORT` where it has no limit."""
+    upper = parameters.drive_effort_limit[world_row(world, parameters.drive_effort_limit.shape[0]), dof]
+    lower = parameters.drive_effort_lower[world_row(world, parameters.drive_effort_lower.shape[0]), dof]
+    if lower > 0.0:
+        lower = -upper
+    return wp.vec2(lower, upper)
+
+
+@wp.func
+def is_bounded(bounds: wp.vec2) -> bool:
+    """True if an effort has a limit, at least on one side."""
+    return bounds[0] > -INFINITE_EFFORT or bounds[1] < INFINITE_EFFORT
+
+
+@wp.func
 def table_segment(table: int, x: wp.float64, topology: Topology) -> int:
     """Index of the first point of the segment that holds `x` (the end segments extrapolate)."""
     start = topology.table_start[table]
@@ -104,10 +120,7 @@ def dof_effort(
     implicit.gain = armature + dt * d + dt * dt * k
     implicit.effort = armature * qd + dt * (force + d * qd)
     if topology.dof_drive[dof] == POSITION:
-        if (
-            parameters.drive_effort_limit[world_row(world, parameters.drive_effort_limit.shape[0]), dof]
-            >= INFINITE_EFFORT
-        ):
+        if not is_bounded(effort_bounds(dof, world, parameters)):
             drive = drive_effort(dof, world, dt, q, parameters, control)
             implicit.gain += drive.gain
             implicit.effort += drive.effort

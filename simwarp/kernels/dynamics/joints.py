@@ -25,6 +25,7 @@ SHAFT = wp.constant(int(JointType.SHAFT))
 RELATIVE_ROTATION = wp.constant(int(JointType.RELATIVE_ROTATION))
 JOINT_DISTANCE = wp.constant(int(JointType.DISTANCE))
 BUSHING = wp.constant(int(JointType.BUSHING))
+COMBINATION = wp.constant(int(JointType.COMBINATION))
 POINT_ON_PLANE = wp.constant(int(JointType.POINT_ON_PLANE))
 POINT_ON_LINE = wp.constant(int(JointType.POINT_ON_LINE))
 

@@ -121,6 +121,9 @@ def project_positions(
         error = correct_velocity(world, dt, topology, parameters, work)
         for tree_dof in range(topology.tree_dof_count):
             work.k_qd[tree_dof] = work.k_qd[tree_dof] + work.qd[tree_dof]
+        if config.accelerations == 1:
+            for tree_dof in range(topology.tree_dof_count):
+                work.k_effort[tree_dof] = work.k_effort[tree_dof] + work.qd[tree_dof]
     for tree_dof in range(topology.tree_dof_count):
         work.qd[tree_dof] = work.k_qd[tree_dof]
     return error

@@ -106,7 +106,7 @@ def unexplained_impulses(
             mass = parameters.body_mass[world_row(world, parameters.body_mass.shape[0]), body]
             inertia_b = parameters.body_inertia_b[world_row(world, parameters.body_inertia_b.shape[0]), body]
             torque_b = control.body_torque_b[world, body]
-            if config.gyroscopic == 1:
+            if config.gyroscopic == 1 and mass > 0.0:
                 torque_b += gyroscopic_torque(
                     topology.link_alone[link],
                     inertia_b,
@@ -152,7 +152,8 @@ def record_reactions(
         take_distance(index, world, dt, topology, parameters, state, control, work, reports)
     for block in range(limits):
         dof = topology.box_dof[work.active[block]]
-        if topology.dof_to_tree_dof[dof] < 0:
+        # what bounds a combination acts along coordinates of the tree, as drives and limits of these do
+        if topology.dof_to_tree_dof[dof] < 0 and topology.dof_sum[dof] < 0:
             take_dof(dof, work.b_sign[block] * cone.gamma[block], world, dt, topology, parameters, work, reports)
     for block in range(limits, blocks):
         take_contact(work.active[block] - topology.box_count, world, topology, contacts, work)

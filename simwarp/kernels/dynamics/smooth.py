@@ -144,7 +144,7 @@ def apply_smooth_contacts(
             frame = contact_frame(contacts.contact_normal_w[world, contact])
             u = frame * (point_velocity(link1, arm1, work.o_ang, work.o_lin)
                          - point_velocity(link0, arm0, work.o_ang, work.o_lin))  # fmt: skip
-            surface = combined_surface(world, shape0, shape1, parameters)
+            surface = combined_surface(world, shape0, shape1, topology, parameters)
             s = stiffness_of(
                 world, shape0, shape1, -gap, surface.restitution, config.contact_model, topology, parameters
             )

@@ -9,14 +9,17 @@ from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import (
     apply_rows,
+    combination_laws,
     coupling_row,
     loop_joint_rows,
     loop_responses,
     rows_residual,
+    silent_responses,
 )
 from simwarp.kernels.dynamics.bodies import (
     apply_row_forces,
     load_bodies,
+    load_combinations,
     load_distances,
     load_poses,
     load_tree_dofs,
@@ -162,6 +165,7 @@ def load_step(
     load_tree_dofs(world, dt, state.world_time[world], topology, parameters, state, control, config, work)
     progress.position_error = tree_geometry(world, 1.0 / dt, topology, parameters, config, work)
     load_distances(world, dt, topology, parameters, state, control, work)
+    load_combinations(world, dt, topology, parameters, control, work)
     return progress
 
 
@@ -183,7 +187,7 @@ def form_rows(
     world: int, before: StepProgress, config: StepConfig, topology: Topology, parameters: Parameters,
     control: ControlArrays, state: StateArrays, work: Work,
 ) -> StepProgress:  # fmt: skip
-    """Wrenches and right-hand sides of the rows of loop joints."""
+    """Wrenches and right-hand sides of the rows of loop joints, right-hand sides of those of combinations."""
     progress = before
     for row in range(topology.row_count):
         work.row_impulse[row] = 0.0
@@ -192,6 +196,9 @@ def form_rows(
             index, world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
         )
         progress.position_error = wp.max(progress.position_error, error)
+    combination_laws(
+        world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
+    )
     return progress
 
 
@@ -216,6 +223,7 @@ def collect_bounds(
     total_velocities(topology, work)
     for tree_dof in range(topology.tree_dof_count):
         cone.tree_dof_sum[tree_dof] = 0.0
+    silent_responses(world, topology, parameters, work)
     limits = collect_boxes(world, config.dt, topology, parameters, state, control, config, work, cone)
     for index in range(topology.box_count):
         state.box_impulse[world, index] = 0.0

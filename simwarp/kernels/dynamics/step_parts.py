@@ -13,8 +13,14 @@ from simwarp.kernels.cones.problem import SolveReport
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
-from simwarp.kernels.dynamics.bilateral_rows import loop_row_law, loop_row_wrenches
-from simwarp.kernels.dynamics.bodies import load_poses, publish_coordinates, publish_motion, total_velocities
+from simwarp.kernels.dynamics.bilateral_rows import combination_laws, loop_row_law, loop_row_wrenches
+from simwarp.kernels.dynamics.bodies import (
+    load_poses,
+    publish_coordinates,
+    publish_motion,
+    record_accelerations,
+    total_velocities,
+)
 from simwarp.kernels.dynamics.contact_rows import list_contacts, settle_contacts, walk_contacts
 from simwarp.kernels.dynamics.joints import joint_frames
 from simwarp.kernels.dynamics.position_projection import project_positions
@@ -30,6 +36,7 @@ from simwarp.kernels.dynamics.step import (
     move_freely,
     take_impulses,
 )
+from simwarp.kernels.dynamics.tree import keep_changes
 from simwarp.kernels.dynamics.world import (
     MODULE_OPTIONS,
     Scratch,
@@ -183,6 +190,9 @@ def bias_worlds(
                 row, joint, world, config.dt, state.world_time[world], value, topology, parameters, state, control,
                 config, work,
             )  # fmt: skip
+    combination_laws(
+        world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
+    )
 
 
 @wp.kernel(**PART)
@@ -343,6 +353,22 @@ def push_worlds(
 
 
 @wp.kernel(**PART)
+def change_worlds(
+    # inputs
+    worlds: WorldRange,
+    topology: Topology,
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+):
+    """Changes of the rates, before the projection (`keep_changes`)."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0:
+        return
+    keep_changes(world, topology, state, pack(scratch, scratch_slot_of(world, worlds)))
+
+
+@wp.kernel(**PART)
 def project_worlds(
     # inputs
     worlds: WorldRange,
@@ -361,6 +387,30 @@ def project_worlds(
     work = pack(scratch, scratch_slot_of(world, worlds))
     total_velocities(topology, work)
     step.position_error[world] = project_positions(world, config.dt, topology, parameters, state, config, work)
+
+
+@wp.kernel(**PART)
+def accelerate_worlds(
+    # inputs
+    worlds: WorldRange,
+    config: StepConfig,
+    topology: Topology,
+    parameters: Parameters,
+    scratch: Scratch,
+    # in and out
+    state: StateArrays,
+    # outputs
+    reports: Reports,
+):
+    """Accelerations of the coordinates (`record_accelerations`)."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0:
+        return
+    work = pack(scratch, scratch_slot_of(world, worlds))
+    total_velocities(topology, work)
+    if config.projection_iterations > 0:
+        load_poses(world, topology, state, work)
+    record_accelerations(world, config.dt, topology, parameters, state, work, reports)
 
 
 @wp.kernel(**PART)
@@ -419,7 +469,7 @@ def publish_worlds(
     solution.residual = step.cone_residual[world]
     report_progress(world, progress_of(world, step), solution, reports)
     moved = int(0)
-    if config.projection_iterations > 0 and config.reactions == 0:
+    if config.projection_iterations > 0 and config.reactions == 0 and config.accelerations == 0:
         moved = 1
     if publish_motion(world, moved, topology, parameters, config.dt, state, work) == 0:
         state.world_status[world] = state.world_status[world] | NON_FINITE
@@ -450,5 +500,5 @@ def kernels_for_cuda_check() -> list[wp.Kernel]:
     return [
         load_worlds, move_worlds, form_worlds, bias_worlds, answer_worlds, hold_worlds, collect_worlds, meet_worlds,
         respond_worlds, settle_worlds, push_worlds,
-        project_worlds, weigh_worlds, publish_worlds, finish_worlds,
+        change_worlds, project_worlds, accelerate_worlds, weigh_worlds, publish_worlds, finish_worlds,
     ]  # fmt: skip

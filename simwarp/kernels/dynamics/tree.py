@@ -7,11 +7,16 @@ through `shift`. A joint of several degrees of freedom is eliminated one column 
 
 import warp as wp
 
+from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import cross_columns
 from simwarp.kernels.core.tables import Topology, Work
 from simwarp.kernels.dynamics.joints import FREE, SHAFT
 
 wp.set_module_options({"enable_backward": False})
+
+LEAST_PIVOT = wp.constant(1.0e-6)
+"""Of a massless link's inertia along a coordinate, relative to the largest: some ten times the rounding of float32.
+Two hinges are that near to being parallel at an angle of 1e-3 rad."""
 
 
 @wp.func
@@ -58,6 +63,10 @@ def eliminate_columns(link: int, topology: Topology, work: Work):
         inv_sqrt_d = float(0.0)
         if work.gain[tree_dof] >= 0.0:  # a negative gain marks a prescribed rate: nothing to eliminate
             inv_sqrt_d = 1.0 / wp.sqrt(d)
+            if topology.link_massless[link] == 1:
+                most = wp.trace(inertia) * wp.dot(a, a) + wp.trace(mass) * wp.dot(v, v)
+                if not d > LEAST_PIVOT * most:
+                    inv_sqrt_d = 0.0
         u_ang *= inv_sqrt_d
         u_lin *= inv_sqrt_d
         work.inv_sqrt_d[tree_dof] = inv_sqrt_d
@@ -69,6 +78,16 @@ def eliminate_columns(link: int, topology: Topology, work: Work):
     work.inertia[link] = inertia
     work.coupling[link] = coupling
     work.mass[link] = mass
+
+
+@wp.func
+def has_held_rate(topology: Topology, work: Work) -> bool:
+    """True where a joint without mass behind it could not be eliminated."""
+    held = bool(False)
+    for tree_dof in range(topology.tree_dof_count):
+        if topology.link_massless[topology.tree_dof_link[tree_dof]] == 1:
+            held = held or (work.inv_sqrt_d[tree_dof] == 0.0 and work.gain[tree_dof] >= 0.0)
+    return held
 
 
 @wp.func
@@ -177,6 +196,24 @@ def forward_pass(topology: Topology, work: Work):
                 work.qd[tree_dof] = qd + work.rate[tree_dof]
         work.v_ang[link] = v_ang
         work.v_lin[link] = v_lin
+
+
+@wp.func
+def keep_changes(world: int, topology: Topology, state: StateArrays, work: Work):
+    """`k_effort` <- change of the rate of every tree degree of freedom, without the rounding of its sum with the rate;
+    not of floating roots. Everything else is left as it was.
+    """
+    for tree_dof in range(topology.tree_dof_count):
+        work.k_qd[tree_dof] = work.rate[tree_dof]
+        work.rate[tree_dof] = 0.0
+    forward_pass(topology, work)
+    for tree_dof in range(topology.tree_dof_count):
+        work.rate[tree_dof] = work.k_qd[tree_dof]
+        work.k_effort[tree_dof] = work.qd[tree_dof]
+        dof = topology.tree_dof_to_dof[tree_dof]
+        if dof >= 0:  # a prescribed rate is not that of before
+            work.k_effort[tree_dof] = work.qd[tree_dof] + (work.rate[tree_dof] - state.joint_qd[world, dof])
+    forward_pass(topology, work)
 
 
 @wp.struct

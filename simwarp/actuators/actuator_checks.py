@@ -1,0 +1,164 @@
+"""Checks of actuators against the model that they move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from simwarp.actuators.actuator_spec import Activation, ActuatorSpec, Law, SitePull
+from simwarp.core.types import WORLD, DriveMode, ModelError, finite_vector, numbers, shown
+from simwarp.model.checks import checked_flag, checked_name, checked_pose, finite_number, not_negative, positive_number
+from simwarp.model.effort_routing import EffortRoute
+from simwarp.model.model import Model
+
+
+def checked_specs(model: Model, specs: Any) -> tuple[ActuatorSpec, ...]:
+    """The actuators, all of which fit the model.
+
+    Raises:
+        ModelError: one does not, or two have a name or a drive in common.
+    """
+    if isinstance(specs, (str, bytes, dict)) or not isinstance(specs, Iterable):
+        raise ModelError(f"Actuators: specs must be a list of ActuatorSpec, got {shown(specs)}; write [...]")
+    listed = tuple(specs)
+    names: set[str] = set()
+    driven: dict[tuple[int, int], str] = {}
+    for spec in listed:
+        if not isinstance(spec, ActuatorSpec):
+            raise ModelError(
+                f"Actuators: specs must be a list of ActuatorSpec, got {shown(spec)} among them; "
+                "write ActuatorSpec(name=..., terms=...)"
+            )
+        thing = checked_name("actuator", spec.name)
+        if spec.name in names:
+            raise ModelError(f"{thing}: the name is taken by another actuator; choose one of its own")
+        names.add(spec.name)
+        _check_transmission(thing, spec, model)
+        _check_numbers(thing, spec)
+        if spec.law is Law.SERVO:
+            _check_servo(thing, spec, model)
+            place = (spec.terms[0][0], int(spec.target))
+            if place in driven:
+                raise ModelError(
+                    f"{thing}: a drive has one target, but actuator '{driven[place]}' writes it too; "
+                    "give one of them Law.EFFORT"
+                )
+            driven[place] = spec.name
+    return listed
+
+
+def _check_transmission(thing: str, spec: ActuatorSpec, model: Model) -> None:
+    """What it pulls on exists and can be moved."""
+    if (spec.site is None) == (not spec.terms):
+        given = "both" if spec.terms else "neither"
+        raise ModelError(f"{thing}: give terms or a site, got {given}; an actuator pulls on one of them")
+    if spec.site is not None:
+        _check_site(thing, spec.site, model)
+    if not isinstance(spec.terms, Sequence) or isinstance(spec.terms, str):
+        raise ModelError(f"{thing}: terms must be (column, coefficient) pairs, got {shown(spec.terms)}; list them")
+    for term in spec.terms:
+        pair = numbers(term)
+        if pair.shape != (2,) or isinstance(term[0], bool) or not isinstance(term[0], (int, np.integer)):
+            raise ModelError(f"{thing}: a term must be (column, coefficient), got {shown(term)}; take model.dof(name)")
+        column, coefficient = term
+        if not 0 <= column < model.dof_count:
+            raise ModelError(
+                f"{thing}: column must be in 0..{model.dof_count - 1}, got {shown(column)}; take model.dof(name)"
+            )
+        if finite_number(thing, "coefficient", coefficient) == 0.0:
+            raise ModelError(f"{thing}: coefficient must not be 0, got {shown(coefficient)}; leave the term out")
+        if model.effort_models[column].mode >= DriveMode.PRESCRIBED_POSITION:
+            raise ModelError(
+                f"{thing}: joint '{_joint_name(model, column)}' has a prescribed motion, which no force changes; "
+                "leave out its drive"
+            )
+
+
+def _check_site(thing: str, site: Any, model: Model) -> None:
+    if not isinstance(site, SitePull):
+        raise ModelError(f"{thing}: site must be a SitePull, got {shown(site)}; write SitePull(body=...)")
+    ends: list[tuple[str, Any, int]] = [("body", site.body, 0)]
+    if site.reference is not None:
+        ends.append(("reference", site.reference, WORLD))
+    for role, body, least in ends:
+        whole = isinstance(body, (int, np.integer)) and not isinstance(body, bool)
+        if not whole or not least <= body < model.body_count:
+            also = " or WORLD" if least == WORLD else ""
+            raise ModelError(
+                f"{thing}: site {role} must be a body index in 0..{model.body_count - 1}{also}, got {shown(body)}; "
+                "take model.body(name)"
+            )
+    if site.body == site.reference:
+        raise ModelError(f"{thing}: site body and reference must differ, got {site.body} for both; leave one out")
+    checked_pose(thing, site.pose)
+    checked_pose(thing, site.reference_pose)
+    if not finite_vector(thing, "site gear", site.gear, 6).any():
+        raise ModelError(f"{thing}: site gear must not be zero throughout, got {shown(site.gear)}; give a direction")
+
+
+def _check_numbers(thing: str, spec: ActuatorSpec) -> None:
+    """Ranges, times and laws that can be computed."""
+    finite_vector(thing, "gain", spec.gain, 3)
+    finite_vector(thing, "bias", spec.bias, 3)
+    finite_number(thing, "length_offset", spec.length_offset)
+    not_negative(thing, "delay", spec.delay, "s")
+    checked_flag(thing, "early", spec.early)
+    for field in ("ctrl_range", "force_range", "activation_range"):
+        _check_range(thing, field, getattr(spec, field))
+    if spec.activation in (Activation.FILTER, Activation.FILTER_EXACT):
+        positive_number(thing, "time_constant", spec.time_constant, "s", "use Activation.NONE for no filter")
+    if spec.activation_range is not None and not spec.has_activation:
+        raise ModelError(f"{thing}: activation_range needs an activation, got Activation.NONE; leave the range out")
+    if spec.torque_speed is None:
+        if spec.corner_speed != 0.0:
+            raise ModelError(f"{thing}: corner_speed needs torque_speed, got None; give (stall force, free speed)")
+        return
+    stall, free = finite_vector(thing, "torque_speed", spec.torque_speed, 2).tolist()
+    positive_number(thing, "torque_speed stall force", stall, "", "leave torque_speed out for no limit")
+    positive_number(thing, "torque_speed free speed", free, "", "leave torque_speed out for no limit")
+    corner = not_negative(thing, "corner_speed", spec.corner_speed)
+    if corner >= free:
+        raise ModelError(f"{thing}: corner_speed must be below the free speed {free:g}, got {corner:g}; lower it")
+
+
+def _check_range(thing: str, field: str, given: Any) -> None:
+    if given is None:
+        return
+    pair = numbers(given)
+    lower, upper = pair.tolist() if pair.shape == (2,) else (math.nan, math.nan)
+    if not lower < upper:  # also where one is NaN
+        raise ModelError(
+            f"{thing}: {field} must be (lower, upper) with lower < upper, got {shown(given)}; None for no bounds"
+        )
+
+
+def _check_servo(thing: str, spec: ActuatorSpec, model: Model) -> None:
+    """A servo hangs on the drive of one coordinate."""
+    if len(spec.terms) != 1:
+        raise ModelError(
+            f"{thing}: a SERVO moves one coordinate, got {len(spec.terms)} terms; "
+            "make their sum one with add_combination, or take Law.EFFORT"
+        )
+    if spec.torque_speed is not None:
+        raise ModelError(f"{thing}: a SERVO has no torque_speed, its drive is implicit; take Law.EFFORT")
+    column = spec.terms[0][0]
+    effort = model.effort_models[column]
+    if effort.mode is not DriveMode.POSITION or effort.path is EffortRoute.BODY_FORCE:
+        raise ModelError(
+            f"{thing}: a SERVO needs a PositionDrive on joint '{_joint_name(model, column)}'; "
+            "give its coordinate drive=PositionDrive(stiffness=..., damping=...)"
+        )
+    bounded = bool((model.drive_effort_limit.numpy()[:, column] < 1.0e30).all())
+    if spec.force_range is not None and not bounded:
+        raise ModelError(
+            f"{thing}: the force_range of a SERVO is that of its drive, which has none; "
+            "give the PositionDrive an effort_limit"
+        )
+
+
+def _joint_name(model: Model, column: int) -> str:
+    joint = int(np.searchsorted(model.joint_dof_start, column, side="right")) - 1
+    return model.joint_names[joint]

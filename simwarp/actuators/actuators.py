@@ -1,0 +1,312 @@
+"""Actuators at work: the part of a Simulation that turns controls into efforts and targets, in every world."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from simwarp.actuators.actuator_checks import checked_specs
+from simwarp.actuators.actuator_spec import ActuatorSpec, Law, SitePull
+from simwarp.core.arrays import (
+    ANY,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Domain,
+    FixedAttributes,
+    WritableArray,
+    writable,
+    writable_from,
+)
+from simwarp.core.types import WORLD, ModelError, number, shown
+from simwarp.core.wording import close_names
+from simwarp.kernels.actuators.actuators import (
+    ActuatorParameters,
+    ActuatorState,
+    ActuatorTables,
+    drive_actuators,
+    map_actions,
+)
+from simwarp.model.checks import INFINITE, checked_names, positive_number
+from simwarp.model.model import Model
+from simwarp.simulation.protocols import StepContext
+
+PER_WORLD: Final = (
+    "gain", "bias", "force_range", "time_constant", "delay", "stall_force", "free_speed", "corner_speed",
+)  # fmt: skip
+"""Arrays that may have a row for each world."""
+
+
+class Actuators(FixedAttributes):
+    """All actuators of a model, in every world: a `ForceElement`.
+
+    Pass it to the Simulation: `Simulation(model, dt, elements=[actuators])`. It writes the entries of its coordinates
+    and bodies in `Control.element_joint_force`, `element_force` and `element_torque`, and the targets of its servos;
+    what the user writes into `joint_force` and `body_force` is added to them. No other force element may write the same
+    entries.
+
+    Args:
+        model: that they move.
+        specs: the actuators; their order is that of the columns.
+        per_world: names of arrays with a row for each world, to be randomised (`PER_WORLD`).
+        dt: time of a sub-step [s]: needed where a control is delayed, for the length of its line.
+
+    Attributes:
+        specs: the actuators.
+        names: of the controls.
+        ctrl: (W, A) float32 controls. Write them; a reset brings back what they were at construction, zero.
+        activation: (W, A) float64 states between control and force.
+        force: (W, A) float32 actuator forces of the last sub-step; of a servo, its law at the sub-step's start.
+        gain, bias: (1 or W, A) vec3.
+        force_range: (1 or W, A) vec2, 1e30 stands for no bound.
+        time_constant: (1 or W, A) of filters [s].
+        delay: (1 or W, A) of the control [s], at most as long as built.
+        stall_force, free_speed, corner_speed: (1 or W, A) of `torque_speed`; a stall force of 1e30 stands for none.
+
+    Raises:
+        ModelError: an actuator does not fit the model; says which and why.
+    """
+
+    HOST_STATE: ClassVar[frozenset[str]] = frozenset({"_mapped"})
+    """Attributes that no launch reads."""
+    FIXED: ClassVar = ("ctrl", "activation", "force", *PER_WORLD)
+
+    gain: WritableArray
+    bias: WritableArray
+    force_range: WritableArray
+    time_constant: WritableArray
+    delay: WritableArray
+    stall_force: WritableArray
+    free_speed: WritableArray
+    corner_speed: WritableArray
+
+    def __init__(
+        self, model: Model, specs: Iterable[ActuatorSpec], *, per_world: Iterable[str] = (), dt: float | None = None
+    ) -> None:
+        if not isinstance(model, Model):
+            raise ModelError(f"Actuators: model must be a Model, got {shown(model)}; pass what finalize returned")
+        self.model = model
+        self.specs = checked_specs(model, specs)
+        self.names = tuple(spec.name for spec in self.specs)
+        wanted = checked_names("Actuators", "per_world", per_world, PER_WORLD)
+        self._dt = None if dt is None else positive_number("Actuators", "dt", dt, "s", "give the time of a sub-step")
+        count, worlds, device = len(self.specs), model.world_count, model.device
+        self.ctrl = writable((worlds, count), wp.float32, device, label="actuators.ctrl")
+        self.activation = writable((worlds, count), wp.float64, device, label="actuators.activation")
+        self.force = writable((worlds, count), wp.float32, device, label="actuators.force")
+        self._line = wp.zeros((worlds, *_line_shape(self.specs, self._dt)), dtype=wp.float32, device=device)
+        self._cursor = wp.zeros(worlds, dtype=wp.int32, device=device)
+        self._tables: Any = _tables(self.specs, device)
+        self._parameters: Any = ActuatorParameters()
+        for name, (values, dtype, domain) in _parameter_values(self.specs).items():
+            rows = np.repeat(values[None], worlds if name in wanted else 1, axis=0)
+            hint = "" if name in wanted else f"all worlds share it: Actuators(per_world=('{name}',)) gives each its own"
+            array = writable_from(rows, dtype, device, label=f"actuators.{name}", domain=domain, hint=hint)
+            setattr(self, name, array)
+            setattr(self._parameters, name, array)
+        self._state: Any = ActuatorState()
+        self._state.ctrl, self._state.activation, self._state.force = self.ctrl, self.activation, self.force
+        self._state.line, self._state.cursor = self._line, self._cursor
+        self._given = wp.zeros((worlds, count), dtype=wp.float32, device=device)
+        self._mapped: tuple[Any, ...] = ()
+        self._mapping: Any = None
+        if count:
+            self._mapping = wp.launch(
+                map_actions, dim=(worlds, count), device=device, record_cmd=True,
+                inputs=[self._given, self._tables.ctrl_range, self.ctrl],
+            )  # fmt: skip
+        self._fix()
+
+    def __len__(self) -> int:
+        return len(self.specs)
+
+    def column(self, name: str) -> int:
+        """Column of an actuator by name.
+
+        Raises:
+            ModelError: there is none of this name.
+        """
+        if name not in self.names:
+            near = close_names(name, self.names)
+            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(self.names[:8]) or 'none'}"
+            raise ModelError(f"Actuators: no actuator {shown(name)}; {hint}")
+        return self.names.index(name)
+
+    @property
+    def ctrl_range(self) -> npt.NDArray[np.float64]:
+        """(A, 2) bounds of the controls, infinite where there are none."""
+        return np.array([spec.bounds for spec in self.specs], np.float64).reshape(-1, 2)
+
+    def set_from_action(self, action: Any) -> None:
+        """Sets all controls from actions: -1 to 1 becomes the range of each control; one without bounds on both sides
+        is the action itself.
+
+        Args:
+            action: (W, A) float32 tensor or Warp array on the model's device, which is read as it is, with nothing
+                allocated and nothing waited for; or numbers of the host.
+
+        Raises:
+            ModelError: it has another shape or type.
+        """
+        shape = tuple(self.ctrl.shape)
+        if isinstance(action, wp.array):
+            source: Any = action
+        elif hasattr(action, "data_ptr"):
+            tensor = action.detach()
+            source = wp.from_torch(tensor, requires_grad=False)
+        else:
+            self.ctrl[...] = action  # checks what it gets
+            wp.copy(self._given, self.ctrl)
+            source = self._given
+        if tuple(source.shape) != shape or source.dtype != wp.float32:
+            kind = f"{source.dtype.__name__}{tuple(source.shape)}"
+            raise ModelError(f"set_from_action: action must be float32{shape} (worlds, actuators), got {kind}; reshape")
+        if self._mapping is None:
+            return
+        memory = (source.ptr, source.strides)
+        if memory != self._mapped:
+            self._mapping.set_param_at_index(0, source)
+            self._mapped = memory
+        self._mapping.launch()
+
+    # ---- ForceElement ----------------------------------------------------------------------------------------------
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """State that a reset restores and a snapshot keeps."""
+        arrays: dict[str, wp.array] = {"ctrl": self.ctrl}
+        if any(spec.has_activation for spec in self.specs):
+            arrays["activation"] = self.activation
+        if self._line.size:
+            arrays |= {"line": self._line, "cursor": self._cursor}
+        return {name: array for name, array in arrays.items() if array.size}
+
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
+        """The launch of one sub-step.
+
+        Raises:
+            ModelError: the Simulation is of another model, has another sub-step than the delays, or other actuators on
+                the same coordinates or bodies.
+        """
+        if simulation.model is not self.model:
+            raise ModelError("Actuators: they are of another model than the Simulation; make them of its own")
+        if self._line.size and self._dt is not None and abs(dt - self._dt) > 1.0e-6 * dt:
+            raise ModelError(
+                f"Actuators: delays were laid out for sub-steps of {self._dt:g} s, the Simulation has {dt:g} s; "
+                f"pass Actuators(dt={dt:g})"
+            )
+        for other in getattr(simulation, "elements", ()):
+            if isinstance(other, Actuators) and other is not self and self._shares_entries(other):
+                raise ModelError(
+                    "Actuators: two of them write the same coordinates or bodies; pass all specs to one Actuators"
+                )
+        if not self.specs:
+            return []
+        model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
+        inputs = [dt, self._tables, self._parameters, model.parameters, state, self._state]
+        return [simulation.shares.record(drive_actuators, inputs=inputs, outputs=[control])]
+
+    def _shares_entries(self, other: Actuators) -> bool:
+        """True where two of them write the same entries of `Control`."""
+        (dofs, bodies, targets), theirs = _entries(self.specs), _entries(other.specs)
+        return bool(dofs & theirs[0] or bodies & theirs[1] or targets & theirs[2])
+
+
+def _entries(specs: Sequence[ActuatorSpec]) -> tuple[set[int], set[int], set[tuple[int, int]]]:
+    """Coordinates, bodies, and targets of coordinates that actuators write."""
+    dofs = {int(dof) for spec in specs if spec.law is Law.EFFORT for dof, _ in spec.terms}
+    targets = {(int(spec.terms[0][0]), int(spec.target)) for spec in specs if spec.law is Law.SERVO}
+    sites = [spec.site for spec in specs if spec.site is not None]
+    bodies = {body for site in sites for body in (site.body, site.reference) if body is not None and body != WORLD}
+    return dofs, bodies, targets
+
+
+def _line_shape(specs: Sequence[ActuatorSpec], dt: float | None) -> tuple[int, int]:
+    """Delayed controls, and samples that a line keeps."""
+    delays = [number(spec.delay) for spec in specs if spec.delay > 0.0]
+    if not delays:
+        return 0, 1
+    if dt is None:
+        name = next(spec.name for spec in specs if spec.delay > 0.0)
+        raise ModelError(
+            f"actuator '{name}': a delay needs the time of a sub-step, got None; pass Actuators(dt=...), "
+            "the Simulation's dt / substeps"
+        )
+    return len(delays), round(max(delays) / dt) + 1
+
+
+def _bounds(pair: tuple[float, float] | None) -> tuple[float, float]:
+    lower, upper = pair or (-math.inf, math.inf)
+    return max(lower, -INFINITE), min(upper, INFINITE)
+
+
+def _parameter_values(
+    specs: Sequence[ActuatorSpec],
+) -> dict[str, tuple[npt.NDArray[np.float64], Any, Domain]]:
+    """Values of one world, type and domain of the arrays that may differ per world."""
+
+    def column(read: Callable[[ActuatorSpec], Any], *shape: int) -> npt.NDArray[np.float64]:
+        return np.array([read(spec) for spec in specs], np.float64).reshape(len(specs), *shape)
+
+    def motor(spec: ActuatorSpec) -> tuple[float, float]:
+        return spec.torque_speed or (INFINITE, INFINITE)
+
+    delay = column(lambda spec: spec.delay)
+    most = np.float32(delay.max(initial=0.0)) * (delay > 0.0)  # as the array holds it
+    longest = Domain(0.0, most, "build the actuators with the longest delay")
+    corner = column(lambda spec: spec.corner_speed)
+    return {
+        "gain": (column(lambda spec: spec.gain, 3), wp.vec3, ANY),
+        "bias": (column(lambda spec: spec.bias, 3), wp.vec3, ANY),
+        "force_range": (column(lambda spec: _bounds(spec.force_range), 2), wp.vec2, ANY),
+        # where there is no filter it has no effect
+        "time_constant": (column(lambda spec: spec.time_constant or 1.0), wp.float32, POSITIVE),
+        "delay": (delay, wp.float32, longest),
+        "stall_force": (column(lambda spec: motor(spec)[0]), wp.float32, NOT_NEGATIVE),
+        "free_speed": (column(lambda spec: motor(spec)[1]), wp.float32, POSITIVE),
+        "corner_speed": (corner, wp.float32, NOT_NEGATIVE),
+    }
+
+
+def _tables(specs: Sequence[ActuatorSpec], device: Any) -> ActuatorTables:
+    """Constants on the model's device."""
+
+    def make(values: Any, dtype: Any, *shape: int) -> Any:
+        kind = wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype))
+        return wp.array(np.array(values, kind).reshape(-1, *shape), dtype=dtype, device=device)
+
+    table = ActuatorTables()
+    for name in ("law", "target", "activation", "early"):
+        setattr(table, name, make([int(getattr(spec, name)) for spec in specs], wp.int32))
+    table.ctrl_range = make([_bounds(spec.ctrl_range) for spec in specs], wp.vec2, 2)
+    table.activation_range = make([_bounds(spec.activation_range) for spec in specs], wp.vec2, 2)
+    table.length_offset = make([spec.length_offset for spec in specs], wp.float32)
+    delayed = [index for index, spec in enumerate(specs) if spec.delay > 0.0]
+    table.line = make([delayed.index(k) if k in delayed else -1 for k in range(len(specs))], wp.int32)
+    table.term_start = make(np.cumsum([0, *(len(spec.terms) for spec in specs)]), wp.int32)
+    table.term_dof = make([dof for spec in specs for dof, _ in spec.terms], wp.int32)
+    table.term_coefficient = make([factor for spec in specs for _, factor in spec.terms], wp.float32)
+    sites = [spec.site for spec in specs if spec.site is not None]
+    order = iter(range(len(sites)))
+    table.site = make([-1 if spec.site is None else next(order) for spec in specs], wp.int32)
+    dofs, bodies, _ = _entries(specs)
+    table.own_dof, table.own_body = make(sorted(dofs), wp.int32), make(sorted(bodies), wp.int32)
+    _fill_sites(table, sites, make)
+    return table
+
+
+def _fill_sites(table: ActuatorTables, sites: Sequence[SitePull], make: Callable[..., Any]) -> None:
+    """Frames, gears and references."""
+    table.site_body = make([site.body for site in sites], wp.int32)
+    table.site_x = make([site.pose.position for site in sites], wp.vec3d, 3)
+    table.site_rot = make([site.pose.rotation for site in sites], wp.quatd, 4)
+    table.site_force = make([site.gear[:3] for site in sites], wp.vec3, 3)
+    table.site_torque = make([site.gear[3:] for site in sites], wp.vec3, 3)
+    table.referred = make([site.reference is not None for site in sites], wp.int32)
+    table.reference_body = make([WORLD if site.reference is None else site.reference for site in sites], wp.int32)
+    table.reference_x = make([site.reference_pose.position for site in sites], wp.vec3d, 3)
+    table.reference_rot = make([site.reference_pose.rotation for site in sites], wp.quatd, 4)

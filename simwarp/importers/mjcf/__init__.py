@@ -1,0 +1,1 @@
+"""MJCF: robots and scenes of MuJoCo, compiled by MuJoCo itself."""

@@ -1,0 +1,181 @@
+"""Bodies and joints of MJCF: bodies without joints become parts of their parents, several joints a chain."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.rotation import matrix_of
+from simwarp.core.types import WORLD, Dof, PositionDrive
+from simwarp.core.types import pose as make_pose
+from simwarp.importers.coordinates import CoordinateKind, JointCoordinates
+from simwarp.importers.imported import NamedFrame
+from simwarp.importers.mjcf.mjcf_source import Source
+
+Array = npt.NDArray[np.float64]
+
+RIGID_STOPS: Final = "stops are rigid, without MuJoCo's softness and margin"
+
+
+def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
+    """Adds every body that joints move; returns these by name, and the frame of every body of the file."""
+    model, data = source.model, source.data
+    source.bodies = [WORLD] * model.nbody
+    for root in range(1, model.nbody):
+        if model.body_weldid[root] != root:
+            continue
+        if model.body_mocapid[root] >= 0:
+            source.report.refuse("mocap", source.told("body", root))
+        own = [body for body in range(root, model.nbody) if model.body_weldid[body] == root]
+        mass, centre, inertia = joined_mass(model, data, own)
+        turned = source.rotation(data.xquat[root])
+        matrix = matrix_of(np.roll(data.xquat[root], -1))
+        if mass <= 0.0:
+            index = source.builder.add_massless_body(
+                source.name("body", root), pose=make_pose(source.point(data.xpos[root]), turned)
+            )
+        else:
+            index = source.builder.add_body(
+                source.name("body", root), mass=mass, inertia=matrix.T @ inertia @ matrix,
+                pose=make_pose(source.point(centre), turned), strict=False,
+            )  # fmt: skip
+        for body in own:
+            source.bodies[body] = index
+    names, frames = {}, {}
+    for body in range(1, model.nbody):
+        name = source.name("body", body)
+        if model.body_weldid[body] == body:
+            names[name] = source.bodies[body]
+        frames[name] = source.frame(body, source.pose(data.xpos[body], data.xquat[body]))
+        source.report.hold("body", source.told("body", body))
+    return names, frames
+
+
+def joined_mass(model: Any, data: Any, bodies: list[int]) -> tuple[float, Array, Array]:
+    """Mass [kg], centre [m] and inertia about it (3, 3) [kg·m²] of welded bodies, in the file's world."""
+    masses = model.body_mass[bodies]
+    total = float(masses.sum())
+    if total <= 0.0:
+        return 0.0, np.array(data.xpos[bodies[0]]), np.zeros((3, 3))
+    centre = masses @ data.xipos[bodies] / total
+    inertia = np.zeros((3, 3))
+    for body, mass in zip(bodies, masses, strict=True):
+        axes = data.ximat[body].reshape(3, 3)
+        arm = data.xipos[body] - centre
+        inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T
+        inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return total, centre, inertia
+
+
+def add_joints(source: Source, drives: Mapping[int, PositionDrive]) -> list[JointCoordinates]:
+    """Adds the joints of all bodies; `drives` are those of servos, by degree of freedom of the source."""
+    model = source.model
+    coordinates: list[JointCoordinates] = []
+    for body in range(1, model.nbody):
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        parent = source.bodies[model.body_parentid[body]]
+        for joint in range(first, first + count):
+            last = joint == first + count - 1
+            child = source.bodies[body] if last else _frame_between(source, body, joint)
+            coordinates.append(_add_joint(source, joint, parent, child, body, drives))
+            parent = child
+    return coordinates
+
+
+def _frame_between(source: Source, body: int, joint: int) -> int:
+    """A massless body behind a joint that is not the last one of its body."""
+    name = f"{source.name('body', body)}:{source.told('joint', joint)}"
+    place = source.point(source.data.xanchor[joint])
+    return source.builder.add_massless_body(name, pose=make_pose(place, source.rotation(source.data.xquat[body])))
+
+
+def _add_joint(
+    source: Source, joint: int, parent: int, child: int, body: int, drives: Mapping[int, PositionDrive]
+) -> JointCoordinates:
+    import mujoco
+
+    model, builder, name = source.model, source.builder, source.name("joint", joint)
+    kind = mujoco.mjtJoint(model.jnt_type[joint])
+    position, rate = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    anchor = source.point(source.data.xanchor[joint])
+    _check_joint(source, joint, kind)
+    told, held = source.told("joint", joint), f"joint {kind.name.removeprefix('mjJNT_').lower()}"
+    source.report.hold(held, told)
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        index = builder.add_joint_free(name, child, anchor=source.point(source.data.xpos[body]))
+        form = JointCoordinates(name, CoordinateKind.FREE, position, rate, builder.dof_start(index))
+    elif kind == mujoco.mjtJoint.mjJNT_BALL:
+        dofs = [_dof(source, joint, rate + axis, 0.0, None) for axis in range(3)]
+        index = builder.add_joint_spherical(name, parent, child, anchor=anchor, dofs=dofs)
+        turned = source.rotation(source.data.xquat[body])
+        form = JointCoordinates(
+            name, CoordinateKind.BALL, position, rate, builder.dof_start(index),
+            rotation=(turned[0], turned[1], turned[2], turned[3]),
+        )  # fmt: skip
+    else:
+        dof = _dof(source, joint, rate, float(model.qpos0[position]), drives.get(rate))
+        options = {field.name: getattr(dof, field.name) for field in dataclasses.fields(dof)}
+        axis = source.direction(source.data.xaxis[joint])
+        slides = kind == mujoco.mjtJoint.mjJNT_SLIDE
+        add = builder.add_joint_prismatic if slides else builder.add_joint_revolute
+        index = add(name, parent, child, axis=axis, anchor=anchor, **options)
+        form = JointCoordinates(
+            name, CoordinateKind.SCALAR, position, rate, builder.dof_start(index), offset=float(model.qpos0[position])
+        )
+    for column in range(form.kind.rates):
+        source.dofs[rate + column] = form.dof + column
+    return form
+
+
+def _dof(source: Source, joint: int, dof: int, reference: float, drive: PositionDrive | None) -> Dof:
+    """Laws of a coordinate; `reference` is the source's position where ours is 0."""
+    model = source.model
+    limit = None
+    if model.jnt_limited[joint]:
+        lower, upper = (float(value) - reference for value in model.jnt_range[joint])
+        limit = (lower, upper)
+    stiffness = float(model.jnt_stiffness[joint])
+    rest = (
+        float(model.qpos_spring[model.jnt_qposadr[joint]]) - reference if stiffness and is_scalar(model, joint) else 0.0
+    )
+    return Dof(
+        limit=limit, stiffness=stiffness, rest=rest, armature=float(model.dof_armature[dof]),
+        damping=float(model.dof_damping[dof]), friction=float(model.dof_frictionloss[dof]), drive=drive,
+    )  # fmt: skip
+
+
+def is_scalar(model: Any, joint: int) -> bool:
+    """True of joints whose position is one number: hinges and slides."""
+    import mujoco
+
+    return mujoco.mjtJoint(model.jnt_type[joint]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+def _check_joint(source: Source, joint: int, kind: Any) -> None:
+    """What joints may carry that has no counterpart."""
+    import mujoco
+
+    model, report, told = source.model, source.report, source.told("joint", joint)
+    dofs = slice(model.jnt_dofadr[joint], model.jnt_dofadr[joint] + (6 if kind == mujoco.mjtJoint.mjJNT_FREE else 1))
+    free = kind == mujoco.mjtJoint.mjJNT_FREE
+    laws = (model.dof_damping[dofs], model.dof_armature[dofs], model.dof_frictionloss[dofs], model.jnt_stiffness[joint])
+    if free and any(np.any(law) for law in laws):
+        report.refuse("free joint law", told)
+    if kind == mujoco.mjtJoint.mjJNT_BALL and model.jnt_limited[joint]:
+        report.refuse("ball range", told)
+    if np.any(model.dof_dampingpoly[dofs]):
+        report.refuse("dampingpoly", told)
+    if np.any(model.jnt_stiffnesspoly[joint]):
+        report.refuse("stiffnesspoly", told)
+    if np.any(model.jnt_springyield[joint]):
+        report.refuse("springyield", told)
+    if model.jnt_actgravcomp[joint]:
+        report.refuse("gravcomp", told)
+    if model.jnt_limited[joint] and kind != mujoco.mjtJoint.mjJNT_BALL:
+        report.approximate("joint range", told, RIGID_STOPS)
+    if model.dof_frictionloss[dofs].any():
+        report.approximate("joint frictionloss", told, "dry friction is rigid, without MuJoCo's softness")

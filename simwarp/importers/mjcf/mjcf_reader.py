@@ -1,0 +1,150 @@
+"""`load_mjcf`: a file that MuJoCo compiles, rebuilt in our builder with a report about every element."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from simwarp.core.rotation import rotate
+from simwarp.core.types import FrictionRule, ModelError, PairRule, Pose
+from simwarp.core.types import pose as make_pose
+from simwarp.importers.coordinates import CoordinateKind, CoordinateMap, JointCoordinates
+from simwarp.importers.imported import Imported
+from simwarp.importers.links.link_tree import unchanged_on_error
+from simwarp.importers.mjcf.mjcf_actuators import actuator_specs, add_tendons, joint_drives, servos_of
+from simwarp.importers.mjcf.mjcf_bodies import add_bodies, add_joints
+from simwarp.importers.mjcf.mjcf_equalities import add_equalities
+from simwarp.importers.mjcf.mjcf_extras import cameras_of, keyframes_of, sensors_of, sites_of
+from simwarp.importers.mjcf.mjcf_files import list_tags
+from simwarp.importers.mjcf.mjcf_options import REFUSABLE, check_model, check_tags
+from simwarp.importers.mjcf.mjcf_shapes import add_shapes
+from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.importers.mjcf.mjcf_visuals import shown_geoms
+from simwarp.importers.report import ImportReport
+from simwarp.importers.source_files import needed, source_file
+from simwarp.model.builder import ModelBuilder
+
+WHAT: Final = "load_mjcf"
+
+
+def load_mjcf(
+    path: str | os.PathLike[str], builder: ModelBuilder | None = None, *, pose: Pose | None = None, prefix: str = "",
+    allow: Collection[str] = (),
+) -> Imported:  # fmt: skip
+    """A robot or scene of an MJCF file. MuJoCo itself compiles it: defaults, includes, classes and units are its own.
+
+    Args:
+        path: of the file.
+        builder: to add it to; a new one when None, which gets the file's gravity, and MuJoCo's rules for pairs and
+            friction.
+        pose: of the file's world in ours; identity when None.
+        prefix: of all names.
+        allow: kinds of refused elements to leave out with a warning.
+
+    Raises:
+        ModelError: MuJoCo cannot compile the file, or it has elements that are refused: one line that names them.
+    """
+    file = source_file(path, WHAT, (".xml", ".mjcf"))
+    mujoco = needed("mujoco", WHAT)
+    report = ImportReport(file.name, REFUSABLE, allow)
+    check_tags(list_tags(file, report), report)
+    report.check()
+    model, data = _compiled(mujoco, file, report, visuals=False)
+    fresh = builder is None
+    target = ModelBuilder() if builder is None else builder
+    source = Source(model, data, report, target, prefix, make_pose() if pose is None else pose)
+    check_model(source)
+    report.check()
+    with unchanged_on_error(target):
+        if fresh:
+            target.gravity = rotate(source.placement.rotation, _gravity(mujoco, model))
+            target.pair_rule, target.friction_rule = PairRule.EITHER, FrictionRule.MAX
+        imported = _build(source)
+        report.finish()
+    imported.show = shown_geoms(source, lambda: _compiled(mujoco, file, report, visuals=True))
+    return imported
+
+
+def _gravity(mujoco: Any, model: Any) -> Any:
+    off = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    return np.zeros(3) if off else np.asarray(model.opt.gravity, np.float64)
+
+
+def _build(source: Source) -> Imported:
+    """Adds everything to the builder."""
+    servos = servos_of(source)
+    bodies, frames = add_bodies(source)
+    joints = add_joints(source, joint_drives(source, servos))
+    tendons = add_tendons(source, servos)
+    add_equalities(source)
+    shapes = add_shapes(source)
+    coordinates = _coordinates(source, joints)
+    sites = sites_of(source)
+    return Imported(
+        builder=source.builder, bodies=bodies, dofs={joint.name: joint.dof for joint in joints}, shapes=shapes,
+        coordinates=coordinates, report=source.report, frames=frames, sites=sites, cameras=cameras_of(source),
+        keyframes=keyframes_of(source, coordinates), sensors=sensors_of(source, sites), tendons=tendons,
+        actuators=actuator_specs(source, servos), timestep=float(source.model.opt.timestep),
+    )  # fmt: skip
+
+
+def _coordinates(source: Source, joints: list[JointCoordinates]) -> CoordinateMap:
+    """The map of the file's joints; floating bodies start where the placement puts them."""
+    initial = np.array(source.model.qpos0, np.float64)
+    for joint in joints:
+        if joint.kind is CoordinateKind.FREE:
+            first = joint.position
+            initial[first : first + 3] = source.point(initial[first : first + 3])
+            initial[first + 3 : first + 7] = np.roll(source.rotation(initial[first + 3 : first + 7]), 1)
+    model = source.model
+    return CoordinateMap(tuple(joints), int(model.nq), int(model.nv), source.builder.dof_count, initial)
+
+
+def _compiled(mujoco: Any, file: Path, report: ImportReport, *, visuals: bool) -> tuple[Any, Any]:
+    """The compiled model, and its data at `qpos0`.
+
+    Args:
+        mujoco: the library.
+        file: of the model.
+        report: for messages.
+        visuals: with meshes that only show; without them their files are not read.
+
+    Raises:
+        ModelError: MuJoCo cannot compile it.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(file))
+        if not visuals:
+            _drop_visual_meshes(mujoco, spec)
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+    except (ValueError, mujoco.FatalError, OSError) as error:
+        told = " ".join(str(error).split())
+        raise ModelError(f"{report.source}: MuJoCo cannot compile it: {told}; repair the file") from None
+    return model, data
+
+
+def _drop_visual_meshes(mujoco: Any, spec: Any) -> None:
+    """Takes meshes out that only show, where the mass of their bodies is given otherwise."""
+    if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        return
+    named = {pair.geomname1 for pair in spec.pairs} | {pair.geomname2 for pair in spec.pairs}
+    kept = set()
+    for geom in list(spec.geoms):
+        is_mesh = geom.type == mujoco.mjtGeom.mjGEOM_MESH
+        only_shows = geom.contype == 0 and geom.conaffinity == 0 and geom.name not in named
+        has_mass = geom.parent.explicitinertial or geom.parent.name == "world"
+        if is_mesh and only_shows and has_mass:
+            spec.delete(geom)
+        elif geom.meshname:
+            kept.add(geom.meshname)
+    for site in spec.sites:
+        kept.add(getattr(site, "meshname", ""))
+    for mesh in list(spec.meshes):
+        if mesh.name not in kept:
+            spec.delete(mesh)

@@ -1,0 +1,1 @@
+"""Kernels of actuators: from controls to efforts and targets."""
