@@ -379,6 +379,23 @@ def test_visuals_are_read_when_shown(tmp_path):
 # ---- couplings, actuators, other joints ------------------------------------------------------------------------------
 
 
+def test_a_bare_link_between_joints_is_a_frame(tmp_path):
+    """Two crossing hinges: the inertia about both is that of what hangs below."""
+    cross = """<link name="cross"/><joint name="roll" type="continuous"><parent link="upper"/><child link="cross"/>
+      <axis xyz="1 0 0"/></joint></robot>"""
+    elbow = ('type="prismatic">\n    <parent link="upper"/>', 'type="continuous">\n    <parent link="cross"/>')
+    arm = load(tmp_path, ("</robot>", cross), elbow)
+    assert list(arm.dofs) == ["shoulder", "elbow", "roll"]
+    arm.builder.gravity = np.zeros(3)
+    sim = sw.Simulation(arm.builder.finalize(2, "cpu"), 1e-3)
+    sim.control.joint_force.assign([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    sim.step()
+    qd = sim.state.joint_qd.numpy() / 1e-3
+    # about its own axis z the forearm has 0.01 kg m² and its centre on the axis, which crosses the shoulder's
+    np.testing.assert_allclose(qd[0], [0.0, 100.0, 0.0], rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(qd[1], 0.0)
+
+
 def test_a_mimicking_joint_is_coupled(tmp_path):
     """elbow = 0.1 shoulder + 0.05: the elbow's inertia is felt by the shoulder, and the file's positions are kept."""
     mimic = (
