@@ -191,6 +191,39 @@ def massless_heads(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[s
     return [group.head.name for group in groups if not group.grounded and not carries(group)]
 
 
+def floating_joints(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[LinkJoint]:
+    """FREE joints, named link_floating, for the first link of everything that no joint ties to the world."""
+    beside: dict[str, list[str]] = {}
+    for joint in joints:
+        if joint.parent is not None:
+            beside.setdefault(joint.parent, []).append(joint.child)
+            beside.setdefault(joint.child, []).append(joint.parent)
+    reached: set[str] = set()
+
+    def reach(name: str) -> None:
+        front = [name]
+        while front:
+            here = front.pop()
+            if here not in reached:
+                reached.add(here)
+                front += beside.get(here, [])
+
+    for joint in joints:
+        if joint.parent is None:
+            reach(joint.child)
+    made = []
+    for link in links:
+        if link.name not in reached:
+            reach(link.name)
+            made.append(
+                LinkJoint(
+                    name=f"{link.name}_floating", kind=JointType.FREE, parent=None, child=link.name,
+                    anchor=link.pose.position,
+                )
+            )  # fmt: skip
+    return made
+
+
 @contextlib.contextmanager
 def unchanged_on_error(builder: ModelBuilder) -> Iterator[None]:
     """A builder that loses what was added to it when an error passes."""
