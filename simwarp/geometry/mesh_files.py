@@ -4,11 +4,13 @@ imports trimesh.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import importlib.util
 import logging
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -67,6 +69,54 @@ def load_visual_mesh(path: str | Path) -> VisualMesh:
         raise ModelError(f"mesh file: '{file.name}' must hold triangles, got none; export faces, not points or curves")
     linear = file.suffix.lower() in (".glb", ".gltf")
     return joined([_visual_part(file, part, linear) for part in parts])
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshPart:
+    """One placed part of a file of several.
+
+    Attributes:
+        name: of the part in the file.
+        matrix: (4, 4) of its frame in the file's world.
+        vertices: (V, 3) in its frame, equal ones merged.
+        triangles: (T, 3) vertex indices.
+        closed: the triangles enclose a volume, and face outwards.
+        look: the same triangles with their colours.
+    """
+
+    name: str
+    matrix: Vertices
+    vertices: Vertices
+    triangles: Triangles
+    closed: bool
+    look: VisualMesh
+
+    def visible(self) -> VisualMesh:
+        """What is seen of it."""
+        return self.look
+
+
+def load_mesh_parts(path: str | Path) -> list[MeshPart]:
+    """The parts of a GLB file where it places them, in the order of their names there.
+
+    Raises:
+        ModelError: as `load_mesh`.
+    """
+    file = _checked_file(path)
+    scene = _loaded(file, "scene")
+    parts = []
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if not len(getattr(mesh, "faces", ())):
+            continue
+        look = _visual_part(file, mesh, linear=True)
+        solid = mesh.copy()
+        solid.merge_vertices(merge_tex=True, merge_norm=True)
+        closed = bool(solid.is_watertight and solid.is_winding_consistent and solid.volume > 0.0)
+        vertices, triangles = np.asarray(solid.vertices, np.float64), np.asarray(solid.faces, np.int64)
+        parts.append(MeshPart(name, np.asarray(matrix, np.float64), vertices, triangles, closed, look))
+    return sorted(parts, key=lambda part: part.name)
 
 
 def _checked_file(path: str | Path) -> Path:
@@ -193,3 +243,27 @@ def convex_parts(vertices: npt.ArrayLike, triangles: npt.ArrayLike, **options: A
         "mesh: decompose=True needs a library for convex decomposition, found neither coacd nor vhacdx; "
         "run: pip install coacd"
     )
+
+
+def primitive_mesh(kind: str, sizes: Mapping[str, float]) -> tuple[Vertices, Triangles]:
+    """Vertices (V, 3) and triangles (T, 3) of a primitive about the origin, its axis z.
+
+    Args:
+        kind: "cube" (`size`), "sphere" (`radius`), "capsule", "cylinder" or "cone" (`radius`, `height`; that of a
+            capsule without its caps).
+        sizes: [m], by name.
+    """
+    make = trimesh.creation
+    if kind == "cube":
+        mesh = make.box((sizes["size"],) * 3)
+    elif kind == "sphere":
+        mesh = make.icosphere(subdivisions=3, radius=sizes["radius"])
+    elif kind == "capsule":
+        mesh = make.capsule(height=sizes["height"], radius=sizes["radius"])
+        mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    elif kind == "cylinder":
+        mesh = make.cylinder(radius=sizes["radius"], height=sizes["height"])
+    else:
+        mesh = make.cone(radius=sizes["radius"], height=sizes["height"])
+        mesh.apply_translation((0.0, 0.0, -0.5 * sizes["height"]))
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

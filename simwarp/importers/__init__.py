@@ -8,6 +8,17 @@ from __future__ import annotations
 from simwarp.importers.chrono_sensors import load_chrono_sensor
 from simwarp.importers.chrono_vehicle import load_chrono_vehicle
 from simwarp.importers.mjcf.mjcf_reader import load_mjcf
+from simwarp.importers.solidworks.solidworks_reader import load_solidworks
+from simwarp.importers.step.step_reader import load_step
 from simwarp.importers.urdf.urdf_reader import load_urdf
+from simwarp.importers.usd.usd_reader import load_usd
 
-__all__ = ["load_chrono_sensor", "load_chrono_vehicle", "load_mjcf", "load_urdf"]
+__all__ = [
+    "load_chrono_sensor",
+    "load_chrono_vehicle",
+    "load_mjcf",
+    "load_solidworks",
+    "load_step",
+    "load_urdf",
+    "load_usd",
+]

@@ -14,7 +14,8 @@ from simwarp.importers.report import ImportReport
 REFUSABLE: Final = {
     "geometry": "no shape of ours has this geometry",
     "origin": "only xyz and rpy say where something is",
-    "massless link": "it moves, but has no mass or no inertia; give it an <inertial>, or weld its joint (type fixed)",
+    "massless link": "it moves without mass or inertia, and is no bare frame with mass below; give it an <inertial>, "
+    "or weld its joint (type fixed)",
     "mesh": "its file cannot be used",
     "transmission": "only one joint and one actuator each, of type SimpleTransmission",
 }
@@ -28,7 +29,7 @@ JOINT_TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating"
 class Value(NamedTuple):
     """An attribute: how many numbers it has (0: it is a text; -1: one or three), and whether it must be there."""
 
-    count: int
+    numbers: int
     required: bool = False
 
 
@@ -162,8 +163,8 @@ def _check_attributes(element: Any, tag: Tag, where: str, owner: str, report: Im
                 report.approximate(f"attribute {element.tag} {plain}", owner, reason)
             continue
         value = tag.attributes[name]
-        if value.count != 0:
-            _check_numbers(where, name, text, value.count, element.tag in NOT_NEGATIVE)
+        if value.numbers != 0:
+            _check_numbers(where, name, text, value.numbers, element.tag in NOT_NEGATIVE)
         elif value.required and not text.strip():
             raise ModelError(f"{where}: {name} must not be empty; write a name")
     for name, value in tag.attributes.items():
