@@ -10,6 +10,7 @@ import dataclasses
 import itertools
 import operator
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -45,8 +46,10 @@ def mixed(a: Material, b: Material, rule: FrictionRule = FrictionRule.MIN) -> Ma
     """What two materials make of a contact: friction of the one of higher priority or by the rule, of levers never
     the product; the smaller of everything else, the sum of the compliances.
     """
-    least = {field: min(getattr(a, field), getattr(b, field)) for field in ("restitution", "cohesion", "damping")}
-    frictions = {}
+    least: dict[str, Any] = {
+        field: min(getattr(a, field), getattr(b, field)) for field in ("restitution", "cohesion", "damping")
+    }
+    frictions: dict[str, Any] = {}
     for field in ("friction", "rolling_friction", "spinning_friction"):
         combine = COMBINED[rule] if field == "friction" or rule != FrictionRule.PRODUCT else min
         frictions[field] = combine(getattr(a, field), getattr(b, field))

@@ -15,10 +15,12 @@ pytest.importorskip("lxml")
 
 BASE = """<mujoco model="base"><compiler angle="radian"/>{option}{asset}{default}
 <worldbody><light pos="0 0 3"/><geom name="floor" type="plane" size="2 2 .1"/>
-<body name="trunk" pos="0 0 1" {trunk}>{top}<geom name="box" type="box" size=".2 .1 .1" {geom}/><site name="s0" pos="0 0 .2"/>
+<body name="trunk" pos="0 0 1" {trunk}>{top}<geom name="box" type="box" size=".2 .1 .1" {geom}/>
+<site name="s0" pos="0 0 .2"/>
 <body name="leg" pos="0 0 -.2">{hip}<geom name="rod" type="capsule" fromto="0 0 0 0 0 -.3" size=".03" {rod}/>
 <site name="s1" pos="0 0 -.3"/><camera name="eye" mode="{mode}"/>
-<body name="foot" pos="0 0 -.3"><joint name="ankle" axis="0 1 0" {ankle}/><geom name="ball" size=".05" {ball}/></body></body>
+<body name="foot" pos="0 0 -.3"><joint name="ankle" axis="0 1 0" {ankle}/><geom name="ball" size=".05" {ball}/>
+</body></body>
 </body>{world}</worldbody>{rest}</mujoco>"""
 PARTS = {
     "option": "", "asset": "", "default": "", "trunk": "", "top": '<freejoint name="root"/>', "geom": "", "rod": "",
@@ -62,6 +64,8 @@ TENDON = (
     '<tendon><fixed name="pull" {0}><joint joint="hip" coef="1"/><joint joint="ankle" coef="-.5"/></fixed></tendon>'
 )
 
+WRAP = '<site site="s0"/><geom geom="ball"/><site site="s1"/>'
+
 NEAR = {
     "joint solref": ({"ankle": 'range="-1 1" limited="true" solreflimit=".03 1"'}, "ankle"),
     "joint solref of friction": ({"ankle": 'frictionloss=".1" solreffriction=".03 1"'}, "ankle"),
@@ -104,11 +108,11 @@ REFUSED = {
     "slidercrank": (
         {"rest": actuator('<motor name="crank" cranksite="s1" slidersite="s0" cranklength=".5"/>')}, "crank"
     ),
-    "actuator on ball or free joint": ({"rest": actuator('<motor name="push" joint="root" gear="1 0 0 0 0 0"/>')}, "push"),
+    "actuator on ball or free joint": ({"rest": actuator('<motor name="push" joint="root" gear="1 0 0"/>')}, "push"),
     "actuator armature": ({"rest": actuator('<motor name="push" joint="hip" armature=".1"/>')}, "push"),
     "delay": ({"rest": actuator('<motor name="push" joint="hip" delay=".01" nsample="3"/>')}, "push"),
     "spatial tendon": (
-        {"rest": '<tendon><spatial name="rope"><site site="s0"/><geom geom="ball"/><site site="s1"/></spatial></tendon>'},
+        {"rest": f'<tendon><spatial name="rope">{WRAP}</spatial></tendon>'},
         "rope",
     ),
     "tendon actuatorfrcrange": ({"rest": TENDON.format('actuatorfrcrange="-1 1"')}, "pull"),
@@ -174,9 +178,11 @@ def test_kinds_that_do_not_exist_are_no_excuse(tmp_path):
         ("<mujoco><include file='model.xml'/></mujoco>", "includes itself"),
         ("<mujoco><include file='gone.xml'/></mujoco>", "gone.xml"),
         ("<!DOCTYPE m [<!ENTITY a 'b'>]><mujoco>&a;</mujoco>", "entities must not be declared"),
-        ("<mujoco><asset><mesh name='m' file='gone.stl'/></asset><worldbody><geom type='mesh' mesh='m'/></worldbody></mujoco>",
+        ("<mujoco><asset><mesh name='m' file='gone.stl'/></asset><worldbody><geom type='mesh' mesh='m'/></worldbody>"
+         "</mujoco>",
          "gone.stl"),
-        ("<mujoco><worldbody><body><joint/><inertial pos='0 0 0' mass='0' diaginertia='0 0 0'/></body></worldbody></mujoco>",
+        ("<mujoco><worldbody><body><joint/><inertial pos='0 0 0' mass='0' diaginertia='0 0 0'/></body>"
+         "</worldbody></mujoco>",
          "mass and inertia of moving bodies must be larger"),
         ("<mujoco><worldbody><body><joint/><geom size='nan'/></body></worldbody></mujoco>", "cannot compile"),
         ("<mujoco><worldbody><body><joint/><geom size='1e300'/></body></worldbody></mujoco>",
@@ -200,7 +206,7 @@ def test_files_outside_the_folder_are_named(tmp_path):
         '<mujoco><worldbody><geom name="f" type="plane" size="1 1 1"/></worldbody></mujoco>'
     )
     path = tmp_path / "near" / "model.xml"
-    path.write_text(f'<mujoco><include file="../floor.xml"/></mujoco>')
+    path.write_text('<mujoco><include file="../floor.xml"/></mujoco>')
     robot, told = load_quietly(path)
     assert len(told) == 1
     assert "'../floor.xml'" in told[0]

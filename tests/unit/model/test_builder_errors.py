@@ -27,6 +27,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.model.joint_types import ELEMENTS
 
 INF, NAN = math.inf, math.nan
+THREE: Any = (-1.0, 0.0, 1.0)
 BAD_POSE: Any = pose  # for what no type checker lets through
 
 
@@ -254,7 +255,7 @@ DOFS: list[Case] = [
         (PositionDrive(stiffness=1.0, effort_limit=(2.0, -1.0)), "lower <= 0 <= upper", "(2.0, -1.0)"),
         (PositionDrive(stiffness=1.0, effort_limit=(0.0, 0.0)), "lower < upper", "(0.0, 0.0)", "inf"),
         (PositionDrive(stiffness=1.0, effort_limit=(NAN, 1.0)), "effort_limit", "nan"),
-        (PositionDrive(stiffness=1.0, effort_limit=(-1.0, 0.0, 1.0)), "effort_limit", "(-1.0, 0.0, 1.0)"),
+        (PositionDrive(stiffness=1.0, effort_limit=THREE), "effort_limit", "(-1.0, 0.0, 1.0)"),
         (VelocityMotor(effort_limit=(-INF, INF)), "finite on one side", "(-inf, inf)", "PrescribedSpeed"),
         (VelocityMotor(effort_limit=(-1.0, -0.5)), "effort_limit must be (lower, upper)", "(-1.0, -0.5)"),
         (VelocityMotor(effort_limit=0.0), "effort_limit must be finite and > 0", "0.0"),

@@ -12,7 +12,7 @@ import pytest
 import simwarp as sw
 import simwarp.model.model
 from simwarp.core.types import WORLD, Material, ModelError, PairRule
-from simwarp.model.model import _never_meet
+from simwarp.model.model import never_meet
 from simwarp.model.shapes import shape_pairs
 from tests.reference.contact_step import ContactReference
 
@@ -71,7 +71,7 @@ def test_list_and_grid_against_one_pair_after_the_other(
 ) -> None:
     builder = crowd(rule, seed)
     wanted = expected(builder)
-    listed = [tuple(pair) for pair in shape_pairs(builder, _never_meet(builder)).tolist()]
+    listed = [tuple(pair) for pair in shape_pairs(builder, never_meet(builder)).tolist()]
     assert listed == sorted(wanted)
     assert met(builder) == wanted
     monkeypatch.setattr(simwarp.model.model, "LISTED_PAIRS", 0)
@@ -133,6 +133,17 @@ def two() -> sw.ModelBuilder:
     return builder
 
 
+def exclude_and_add(builder: sw.ModelBuilder) -> None:
+    builder.exclude_shapes(0, 1)
+    builder.add_shape_pair(1, 0)
+
+
+def add_and_exclude(builder: sw.ModelBuilder) -> None:
+    builder.add_shape_pair(0, 1)
+    builder.exclude_shapes(1, 0)
+
+
+WRONG: Any = 0.5
 ERRORS: list[tuple[Change, list[str]]] = [
     (lambda b: b.exclude_shapes(0, 9), ["exclude_shapes", "shape1", "<= 4", "9"]),
     (lambda b: b.exclude_shapes(-1, 1), ["exclude_shapes", "shape0", "-1", "add_shape"]),
@@ -140,10 +151,10 @@ ERRORS: list[tuple[Change, list[str]]] = [
     (lambda b: b.add_shape_pair(True, 1), ["add_shape_pair", "shape0", "True"]),
     (lambda b: b.add_shape_pair(1, 2), ["add_shape_pair", "two bodies", "'b' and 'c'"]),
     (lambda b: b.add_shape_pair(3, 4), ["add_shape_pair", "convex", "'field' and 'other'", "hulls"]),
-    (lambda b: b.add_shape_pair(0, 1, material=0.5), ["add_shape_pair", "Material", "0.5"]),
+    (lambda b: b.add_shape_pair(0, 1, material=WRONG), ["add_shape_pair", "Material", "0.5"]),
     (lambda b: b.add_shape_pair(0, 1, material=Material(friction=-1.0)), ["add_shape_pair", "friction", "-1.0"]),
-    (lambda b: (b.exclude_shapes(0, 1), b.add_shape_pair(1, 0)), ["add_shape_pair", "exclude_shapes", "drop one"]),
-    (lambda b: (b.add_shape_pair(0, 1), b.exclude_shapes(1, 0)), ["exclude_shapes", "add_shape_pair", "drop one"]),
+    (exclude_and_add, ["add_shape_pair", "exclude_shapes", "drop one"]),
+    (add_and_exclude, ["exclude_shapes", "add_shape_pair", "drop one"]),
 ]
 
 
