@@ -192,7 +192,7 @@ def load_tree_dofs(
                 )
                 rate = state.joint_qd[world, dof]
                 work.gain[tree_dof] = implicit.gain
-                work.effort[tree_dof] = implicit.effort - implicit.gain * rate
+                work.effort[tree_dof] = implicit.change
                 work.rate[tree_dof] = rate
 
 
