@@ -140,6 +140,7 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
     assert kernels("pendulum") == [*start, *end]
     assert kernels("four_bar") == [*start, *loops, *end]
     collision = ["place_worlds", "touch_worlds", "keep_worlds"]
-    assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, "solve_worlds", "push_worlds", *end]
+    solves = ["solve_worlds", "proximal_worlds", "proximal_worlds"]
+    assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, *solves, "push_worlds", *end]
     assert kernels("pendulum", joint_reactions=True) == [*start, "weigh_worlds", *end]
     assert kernels("pendulum", joint_accelerations=True) == [*start, "change_worlds", "accelerate_worlds", *end]
