@@ -105,6 +105,9 @@ SERVOS = {
     "position": ('<position joint="slide" kp="200" kv="10"/>', 200.0, 10.0, SLIDE, 1.0, {}),
     "geared": ('<position joint="hinge" kp="50" kv="2" gear="-2"/>', 200.0, 8.0, HINGE, -2.0, {}),
     "velocity": ('<velocity joint="slide" kv="25"/>', 0.0, 25.0, SLIDE, 1.0, {"target": Target.VELOCITY}),
+    "geared velocity": (
+        '<velocity joint="hinge" kv="50" gear="0.5"/>', 0.0, 12.5, HINGE, 0.5, {"target": Target.VELOCITY}
+    ),
     "integrated velocity": (
         '<intvelocity joint="slide" kp="200" kv="10" actrange="-1 1"/>', 200.0, 10.0, SLIDE, 1.0,
         {"activation": Activation.INTEGRATOR, "activation_range": (-1.0, 1.0)},

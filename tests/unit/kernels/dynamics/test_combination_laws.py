@@ -288,3 +288,12 @@ def test_twelve_terms_add_up() -> None:
     # the solver's tolerance
     assert rates[:12] == pytest.approx(wanted, abs=2e-5)
     assert abs(rates[12]) < 1e-4
+
+
+def test_a_set_state_keeps_its_rates_under_a_prescribed_sum() -> None:
+    """The motion comes with the first step: what is set is what is there."""
+    sim = combined(1e-3, drive=sw.PrescribedSpeed())
+    put(sim, (0.1, 0.2), (0.4, 0.2))
+    assert sim.state.joint_qd.numpy()[0] == pytest.approx([0.4, 0.2, 0.7 * 0.4 - 1.3 * 0.2], abs=1e-6)
+    sim.step()
+    assert sim.state.joint_qd.numpy()[0, SUM] == pytest.approx(0.0, abs=1e-6)
