@@ -114,7 +114,8 @@ def arm():
         script += part(number, each.name, each.place, each.turn, each.mass, each.inertia, each.centre)
         ends = (number - 1, number) if number % 2 else (number, number - 1)
         mates.append(hinge(number, ends, each.place, each.turn @ each.axis))
-    return script + "".join(mates), urdf
+    # a name behind those of the links: which one is the parent does not go by names
+    return script.replace("'ground'", "'the ground'") + "".join(mates), urdf
 
 
 @pytest.mark.parametrize("old", [False, True], ids=["new", "old"])
