@@ -80,7 +80,7 @@ def load_solidworks(
     world = composed(checked_pose(f"{file.name}: import", pose), make_pose(rotation=UP[up]))
     script = ScriptReader(file.name, report).read(bytes_of(file).decode("utf-8-sig", "replace"))
     report.check()
-    places = FileFolders(file, {str(number): folder for number, folder in enumerate(folders)})
+    places = FileFolders(file, folders=folders)
     parts = PartReader(file.name, places, report, _tells_halves(script))
     link_of = {id(item): parts.add(item, world) for item in script.items if item.kind == "ChBodyAuxRef"}
     parts.finish()

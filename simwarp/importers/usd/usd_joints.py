@@ -129,7 +129,7 @@ class JointReader:
             value, offset[axis] = float(offset[axis]), 0.0
         elif kind == "SphericalJoint":
             turned[:] = 0.0
-            if min(joint.limit.angle0, joint.limit.angle1) >= 0.0 and joint.limit.enabled:
+            if joint.limit.enabled and max(joint.limit.lower, joint.limit.upper) >= 0.0:
                 self._report.approximate("cone limit", name, "left out: the ball turns freely")
         self._tell_apart(name, offset, turned)
         dofs: tuple[Dof, ...] = ()
@@ -203,13 +203,14 @@ class JointReader:
         values = dict(zip(FREEDOMS, [*moved.position.tolist(), *angles.tolist()], strict=True))
         locked = np.array([0.0 if word in free else values[word] for word in FREEDOMS])
         self._tell_apart(name, locked[:3], locked[3:])
-        self._report.hold("joint d6", name, f"free along {', '.join(free)}" if free else "welds")
-        if not free:
-            self.joints.append(_between(name, JointType.FIXED, ends, frames[1].position, np.zeros(3), (), 0.0))
-            return
         if len([word for word in free if word.startswith("Rot")]) == 3:
             told = "three hinges about x, y, z in a row, in place of a twist and a swing"
             self._report.approximate("joint d6", name, told)
+        else:
+            self._report.hold("joint d6", name)
+        if not free:
+            self.joints.append(_between(name, JointType.FIXED, ends, frames[1].position, np.zeros(3), (), 0.0))
+            return
         places = self._axes(frames[0], values, free)
         above = ends[0]
         for number, word in enumerate(free):

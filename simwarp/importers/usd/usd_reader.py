@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -49,7 +48,7 @@ def load_usd(
     *,
     pose: Pose | None = None,
     prefix: str = "",
-    folders: Mapping[str, str | os.PathLike[str]] | None = None,
+    folders: Collection[str | Path] = (),
     decompose: bool | Mapping[str, Any] = False,
     allow: Collection[str] = (),
 ) -> Imported:
@@ -65,7 +64,7 @@ def load_usd(
         builder: to add to; a new one, with the gravity of the file's first scene, when None.
         pose: of the file's world in ours; identity when None.
         prefix: of all names.
-        folders: in which layers may lie, by any name, besides that of the file.
+        folders: in which layers may lie, besides that of the file.
         decompose: take several hulls for a mesh instead of one: True, or options of `coacd.run_coacd`.
         allow: kinds of elements to drop with a warning where they would be refused: "joint", "collider",
             "acceleration drive", "massless body" (it is welded).
@@ -76,7 +75,7 @@ def load_usd(
     file = source_file(path, "load_usd", (".usd", ".usda", ".usdc", ".usdz"))
     report = ImportReport(file.name, REFUSABLE, allow)
     placed = checked_pose(f"{file.name}: import", pose)
-    stage = open_stage(file, FileFolders(file, folders or {}))
+    stage = open_stage(file, FileFolders(file, folders=folders))
     world = composed(placed, stage.world)
     bodies = BodyReader(stage, world, report, decompose)
     joints = JointReader(stage, world, bodies.link_of, report)

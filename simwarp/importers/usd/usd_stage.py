@@ -99,7 +99,7 @@ def open_stage(file: Path, folders: FileFolders) -> Stage:
             warnings.simplefilter("ignore", DeprecationWarning)  # its successor is not wrapped yet
             parsed = physics.LoadUsdPhysicsFromRange(stage, ["/"])
     except tf.ErrorException as error:
-        told = " ".join(str(error).split())
+        told = " ".join(str(error).split()).rpartition(" : ")[2].strip("' ").replace(f"{file}:", "line ")
         raise ModelError(f"{file.name}: must be a USD file, got: {shortened(told)}; the file may be cut off") from None
     objects = {str(kind).rpartition(".")[2]: list(descriptions) for kind, (_, descriptions) in parsed.items()}
     length, mass = float(geometry.GetStageMetersPerUnit(stage)), float(physics.GetStageKilogramsPerUnit(stage))
@@ -126,10 +126,9 @@ def _check_layers(sdf: Any, file: Path, folders: FileFolders) -> None:
         for asset in layer.GetCompositionAssetDependencies():
             if not asset:
                 continue
-            absolute = str(layer.ComputeAbsolutePath(asset))
-            relative = os.path.relpath(absolute, file.parent) if "://" not in absolute else asset
+            beside = os.path.join(os.path.relpath(os.path.dirname(path) or ".", file.parent), asset)
             try:
-                stack.append(str(folders.resolve(relative)))
+                stack.append(str(folders.resolve(asset if "://" in asset else os.path.normpath(beside))))
             except ModelError as error:
                 raise ModelError(f"{file.name}: layer {error}") from None
 
@@ -145,7 +144,8 @@ def report_foreign(stage: Stage, report: ImportReport, held: Sequence[str]) -> N
         defined = {str(name) for name in prim.GetPrimDefinition().GetPropertyNames()}
         for attribute in prim.GetAuthoredAttributes():
             name = str(attribute.GetName())
-            if name not in defined and name not in held and name.partition(":")[0] not in ANYWHERE:
+            named = name.startswith("mjcf:") and name.endswith(":name")  # of the axes of a D6 joint
+            if name not in defined and name not in held and not named and name.partition(":")[0] not in ANYWHERE:
                 report.approximate("attribute", name, "not of UsdPhysics; left out")
 
 
