@@ -84,9 +84,6 @@ class ReachConfig(TaskConfig):
         require(self.hold_time <= longest, self, "hold_time", f"at most the {longest:g} s of an episode")
 
 
-
-
-
 class ReachTask(Task[ReachConfig]):
     """Observation ``policy`` (W, 18), in this order: joint angles [rad], their rates [rad/s], the target's centre [m],
     the grip [m], both in the world. Actions are torques of the joints as shares of the largest ones.
@@ -99,7 +96,7 @@ class ReachTask(Task[ReachConfig]):
     per_world: ClassVar[tuple[str, ...]] = ("shape_x",)
     success_reasons: ClassVar[frozenset[str]] = frozenset()
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 200,
+        "iterations": 80,
         "num_envs": 256,
         "steps_per_iteration": 32,
         "network.hidden": (128, 64),
