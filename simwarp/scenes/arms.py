@@ -1,9 +1,8 @@
 """Robot arms of six hinges from published numbers: the Comau Racer3 with its hand, and the ABB IRB 120.
 
 Racer3: masses, frames and shapes of the arm's CAD export (Benatti, thesis, section 9.2), turned to Z up. IRB 120:
-`irb120_3_58.urdf` of ROS-Industrial's `abb_experimental` (support package of the IRB 120-3/0.58), which gives no
-efforts; those of `IRB120` are about 2.5 times what gravity asks for with the Racer3's hand on the flange. Its shapes are
-a box and capsules between the joints' frames.
+`irb120_3_58.urdf` of ROS-Industrial (`abb_irb120_support`), which gives no efforts; those of `IRB120` are two to three
+times what gravity asks for. Its shapes are a box and capsules between the joints' frames.
 
 All numbers are of the zero pose, in world axes.
 """

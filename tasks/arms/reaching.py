@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import torch
 import warp as wp
@@ -96,8 +96,8 @@ class ReachTask(Task[ReachConfig]):
     per_world: ClassVar[tuple[str, ...]] = ("shape_x",)
     success_reasons: ClassVar[frozenset[str]] = frozenset()
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 80,
-        "num_envs": 256,
+        "iterations": 120,
+        "num_envs": 128,
         "steps_per_iteration": 32,
         "network.hidden": (128, 64),
         "network.init_std": 0.4,

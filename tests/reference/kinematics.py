@@ -1,4 +1,4 @@
-"""Kinematics of trees of hinges in float64 NumPy: poses from coordinates, Jacobians by central differences, and the search."""
+"""Kinematics of trees of hinges in float64 NumPy: poses, Jacobians by central differences, and the search."""
 
 from __future__ import annotations
 
