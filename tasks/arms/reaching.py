@@ -19,18 +19,23 @@ from simwarp import to_torch
 from simwarp.kernels.tasks.arms import reach as kernels
 from simwarp.kernels.tasks.arms.reach import ReachingArm, ReachState
 from simwarp.scenes import IRB120, RACER3, Arm, robot_arm
-from simwarp.tasks import Drawing, Ge, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
+from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
 
 from ..framework.launching import filled, launch_over, share_over, zeros_of
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
+    from simwarp.kinematics import InverseKinematics
     from simwarp.sensors import Visuals
     from simwarp.viewer import Shot
 
-    from ..framework.launching import WorldLaunch
+    from ..framework.launching import TensorLaunch, WorldLaunch
 
 _HALF_CUBE = 0.015
+_DRIVE_ERROR = 0.02
+"""Error of a drive at which it gives its whole torque [rad]."""
+_DRIVE_TIME = 0.02
+"""Time in which it takes an error back [s]."""
 _TERMS = ("near", "contact", "fingers", "effort", "limits")
 _SHAPED_TERMS = (*_TERMS, "smooth")
 
@@ -48,6 +53,15 @@ class ReachReward(enum.Enum):
     THESIS = "thesis"
 
 
+class ReachActions(enum.Enum):
+    """Meaning of the actions: torques of the joints as shares of the largest ones; or displacements of the grip along
+    X, Y and Z, which inverse kinematics turns into angles for stiff drives.
+    """
+
+    TORQUE = "torque"
+    DISPLACEMENT = "displacement"
+
+
 @dataclasses.dataclass(frozen=True)
 class ReachConfig(TaskConfig):
     """Configuration of the reaching arms."""
@@ -60,6 +74,10 @@ class ReachConfig(TaskConfig):
     """Control steps after which an episode is truncated: 2 s."""
     gravity: float = 9.8
     """Gravitational acceleration, downwards [m/s2]."""
+    actions: ReachActions = ReachActions.TORQUE
+    """torque: six shares of the largest torques; displacement: of the grip along X, Y and Z."""
+    displacement: Annotated[float, Gt(0.0), Le(0.2)] = 0.02
+    """Way of the grip of a full action in one control step, where actions are displacements [m]."""
     reward: ReachReward = ReachReward.SHAPED
     """Variant of the reward."""
     fixed_target: bool = False
@@ -82,6 +100,8 @@ class ReachConfig(TaskConfig):
         super().validate()
         longest = self.max_episode_steps * self.control_dt
         require(self.hold_time <= longest, self, "hold_time", f"at most the {longest:g} s of an episode")
+        if self.actions is ReachActions.DISPLACEMENT:
+            require(self.action_rise_time == 0.0, self, "action_rise_time", "0 where actions are displacements")
 
 
 class ReachTask(Task[ReachConfig]):
@@ -105,11 +125,25 @@ class ReachTask(Task[ReachConfig]):
         "ppo.entropy": 0.0,
     }
 
+    def __init__(self, config: ReachConfig, num_worlds: int, **options: Any) -> None:
+        if config.actions is ReachActions.DISPLACEMENT:
+            self.action_size = 3
+        super().__init__(config, num_worlds, **options)
+
     def build(self, builder: ModelBuilder) -> ModelBuilder:
         """The arm of :mod:`simwarp.scenes` and a cube on the ground."""
         import simwarp as sw
 
-        made = robot_arm(self.arm)
+        drives = None
+        if self.config.actions is ReachActions.DISPLACEMENT:
+            drives = [
+                sw.PositionDrive(
+                    stiffness=joint.torque / _DRIVE_ERROR, damping=joint.torque / _DRIVE_ERROR * _DRIVE_TIME,
+                    effort_limit=joint.torque,
+                )
+                for joint in self.arm.joints
+            ]  # fmt: skip
+        made = robot_arm(self.arm, drives=drives)
         self.cube = made.add_shape_box(
             sw.WORLD, half=(_HALF_CUBE,) * 3, pose=sw.pose((self.config.target_x, 0.0, _HALF_CUBE)), name="target",
             material=sw.Material(friction=0.5),
@@ -131,7 +165,7 @@ class ReachTask(Task[ReachConfig]):
         self._touched, self._near_steps = to_torch(self.reach.touched), to_torch(self.reach.near_steps)
         self._target = to_torch(self.reach.target)
         self._cube_x = to_torch(simulation.model.shape_x)[:, self.cube]
-        self._policy = torch.zeros(self.num_worlds, 2 * self.action_size + 6, device=device)
+        self._policy = torch.zeros(self.num_worlds, 2 * len(self.arm.joints) + 6, device=device)
         self._success = torch.zeros(self.num_worlds, dtype=torch.bool, device=device)
         self._distance = torch.zeros(self.num_worlds, device=device)
         self._start_q, self._start_qd = (wp.zeros_like(torque) for _ in range(2))
@@ -143,6 +177,7 @@ class ReachTask(Task[ReachConfig]):
         place = [wp.vec3d(config.target_x, 0.0, _HALF_CUBE), wp.vec3d(spread, spread, 0.0)]
         streams = [self.random.stream(purpose) for purpose in ("angles", "target")]
         moved = [self.reaching, state, self.reach]
+        self._aiming = self._make_aiming() if config.actions is ReachActions.DISPLACEMENT else None
         self._begin_reach = launch_over(self, kernels.begin_reach, self.action, self.reach)
         self._drive = launch_over(self, kernels.turn_joints, self.action, self.reaching, state, torque)
         self._finish = launch_over(self, kernels.finish_reach, self.action, *moved, torque)
@@ -180,7 +215,31 @@ class ReachTask(Task[ReachConfig]):
             fingers=shapes(arm.fingers),
             force=self.simulation.contacts.shape_contact_force,
             near=self.config.near,
+            driven=int(self.config.actions is ReachActions.DISPLACEMENT),
         )
+
+    def _make_aiming(self) -> tuple[TensorLaunch, InverseKinematics, TensorLaunch]:
+        """Return what turns a displacement of the grip into coordinates of the drives."""
+        from simwarp.kinematics import InverseKinematics
+
+        config, simulation, state = self.config, self.simulation, self.simulation.state.arrays
+        search = InverseKinematics(
+            simulation, self.arm.links[-1].name, [*self.reaching.grip], iterations=10, tolerance=1e-4, damping=0.02
+        )
+        target_q = simulation.control.joint_target_q
+        aim = launch_over(
+            self, kernels.aim_grip, self.action, config.displacement, self.reaching, state, search.target
+        )
+        drive = launch_over(self, kernels.aim_drives, search.q, config.control_dt, self.reaching, state, target_q)
+        return aim, search, drive
+
+    def _move_grip(self, action: torch.Tensor) -> None:
+        """Set the drives to a displacement of the grip, if actions are displacements."""
+        if self._aiming is not None:
+            aim, search, drive = self._aiming
+            aim.on(action)
+            search.solve()
+            drive.launch()
 
     def _physics_launches(self) -> Sequence[WorldLaunch]:
         """Return the action's way, torques and touches."""
@@ -193,12 +252,16 @@ class ReachTask(Task[ReachConfig]):
         self._finish.launch()
 
     def begin_step(self) -> None:
-        """Forget the touches of the last control step, and store its action."""
+        """Forget the touches of the last control step, store its action, and aim where that is a displacement."""
         self._begin_reach.launch()
+        self._move_grip(self._path.request)
 
     def apply(self, action: torch.Tensor) -> None:
-        """Turn the joints with a share of their largest torques, none that drives beyond the largest speed."""
+        """Turn the joints with a share of their largest torques, none that drives beyond the largest speed; or move
+        the grip.
+        """
         self._drive.on(action)
+        self._move_grip(action)
 
     def after_physics(self) -> None:
         """Notice a touch, which may be over before the control step is; cut the torques anew."""

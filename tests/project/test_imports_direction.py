@@ -1,9 +1,10 @@
 """Imports go one way, and never in a circle:
 
 warp <- kernels <- core, geometry <- model <- simulation <- actuators, kinematics, vehicle, sensors, scenery, scenes <-
-importers, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share four leaves, `SHARED`: types, arrays, their
-declarations, and near names. Measurement and commands may import each other's modules, but not in a circle. Torch and
-trimesh have one file each. A name used only in annotations (`if TYPE_CHECKING:`) counts for directions and circles too.
+importers, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share four leaves, `SHARED`: types,
+arrays, their declarations, and near names. Measurement and commands may import each other's modules, but not in a
+circle. Torch and trimesh have one file each. A name used only in annotations (`if TYPE_CHECKING:`) counts for
+directions and circles too.
 """
 
 import ast

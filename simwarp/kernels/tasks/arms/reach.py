@@ -5,7 +5,7 @@ import warp as wp
 from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.tasks.frames import rotate
-from simwarp.kernels.tasks.framework.control_step import follow
+from simwarp.kernels.tasks.framework.control_step import clipped, follow
 from simwarp.kernels.tasks.framework.randomness import Draws, episode_key, uniform_at
 from simwarp.kernels.tasks.locomotion.walking import joints_at_limit
 
@@ -35,6 +35,7 @@ class ReachingArm:
     fingers: wp.array[int]
     force: wp.array2d[wp.vec3]  # (W, S) contact forces of shapes [N]
     near: wp.float64  # distance of a success [m]
+    driven: int  # 1: drives turn the joints, 0: torques
 
 
 @wp.struct
@@ -66,6 +67,8 @@ def set_arm_torques(
     world: int, arm: ReachingArm, state: StateArrays, action: wp.array2d[float], torque: wp.array2d[float]
 ):  # fmt: skip
     """Turn the joints; no torque drives one on that is too fast."""
+    if arm.driven == 1:
+        return
     for i in range(action.shape[1]):
         rate = state.joint_qd[world, i]
         value = arm.torque[i] * action[world, i]
@@ -125,6 +128,30 @@ def turn_joints(action: wp.array2d[float], arm: ReachingArm, state: StateArrays,
 
 
 @wp.kernel
+def aim_grip(
+    request: wp.array2d[float], longest: wp.float64, arm: ReachingArm, state: StateArrays, aim: wp.array[wp.vec3d]
+):  # fmt: skip
+    """Where the grip should be after the control step: displaced by the action."""
+    world = wp.tid()
+    there = grip_point(world, arm, state)
+    for i in range(3):
+        there[i] += longest * wp.float64(clipped(request[world, i]))
+    aim[world] = there
+
+
+@wp.kernel
+def aim_drives(
+    found: wp.array2d[float], control_dt: float, arm: ReachingArm, state: StateArrays, target_q: wp.array2d[float]
+):  # fmt: skip
+    """Coordinates for the drives: as near to those that were found as the joints' speeds take them."""
+    world = wp.tid()
+    for i in range(arm.speed.shape[0]):
+        q = state.joint_q[world, i]
+        far = arm.speed[i] * control_dt
+        target_q[world, i] = q + wp.clamp(found[world, i] - q, -far, far)
+
+
+@wp.kernel
 def finish_reach(
     action: wp.array2d[float], arm: ReachingArm, state: StateArrays, reach: ReachState, torque: wp.array2d[float]
 ):  # fmt: skip
@@ -161,16 +188,19 @@ def pay_reach(
         touched = 1.0
     pinch = reach.pinch[world] / decimation
     limits = joints_at_limit(world, state.joint_q, arm.middle, arm.half)
-    joints = float(action.shape[1])
+    joints = float(arm.speed.shape[0])
     power = float(0.0)
     share = float(0.0)
-    change = float(0.0)
-    for i in range(action.shape[1]):
-        product = wp.abs(action[world, i] * state.joint_qd[world, i])
+    for i in range(arm.speed.shape[0]):
+        product = wp.abs(state.joint_qd[world, i])
+        if arm.driven == 0:
+            product = wp.abs(action[world, i]) * product
         power += product
         share += wp.min(product / arm.speed[i], 1.0) / joints
+    change = float(0.0)
+    for i in range(action.shape[1]):
         difference = action[world, i] - reach.last_action[world, i]
-        change += 0.25 * difference * difference / joints
+        change += 0.25 * difference * difference / float(action.shape[1])
     if variant == THESIS:
         terms[0, world] = 1.0 / (d + 1.0e-4)
         terms[1, world] = -1000.0 * touched
