@@ -104,7 +104,7 @@ class Arm:
         shapes: what touches.
         barred: names of shapes that must not touch anything: base, upper arm, forearm.
         fingers: names of the two fingers' shapes.
-        apart: pairs of links whose shapes never reach each other, and links that never reach the ground.
+        apart: pairs of links whose shapes never reach each other; None: the ground and what lies on it.
     """
 
     links: tuple[ArmLink, ...]
@@ -174,7 +174,7 @@ RACER3 = Arm(
     barred=("base", "upper_arm", "forearm_1", "forearm_2"),
     fingers=_FINGER_NAMES,
     # The upper arm's cylinder is about the shoulder's axis and stays there
-    apart=(("base", "link_2"), ("link_2", None), ("link_4", "hand")),
+    apart=(("base", None), ("base", "link_2"), ("link_2", None), ("link_4", "hand")),
 )  # fmt: skip
 """Comau Racer3 with its hand: 27.660 kg; at zero the forearm points along -X."""
 
@@ -224,7 +224,7 @@ IRB120 = Arm(
     barred=("base", "upper_arm", "forearm"),
     fingers=_FINGER_NAMES,
     # With the shoulder at its stop the upper arm still is 0.14 m above the ground
-    apart=(("base_link", "link_2"), ("link_2", None), ("link_4", "hand")),
+    apart=(("base_link", None), ("base_link", "link_2"), ("link_2", None), ("link_4", "hand")),
 )  # fmt: skip
 """ABB IRB 120-3/0.58 with the Racer3's hand on its flange: 18.716 kg; at zero the forearm points along +X."""
 
