@@ -96,12 +96,29 @@ class ReachConfig(TaskConfig):
     """Residual at which the contact solve stops [m/s]."""
 
     def validate(self) -> None:
-        """Check that the hold fits into an episode."""
+        """Check that displacements act at once."""
         super().validate()
-        longest = self.max_episode_steps * self.control_dt
-        require(self.hold_time <= longest, self, "hold_time", f"at most the {longest:g} s of an episode")
         if self.actions is ReachActions.DISPLACEMENT:
             require(self.action_rise_time == 0.0, self, "action_rise_time", "0 where actions are displacements")
+
+
+@dataclasses.dataclass(frozen=True)
+class Aiming:
+    """Displacements of the grip, turned into coordinates of the drives.
+
+    Attributes:
+        search: coordinates that bring the grip to its target.
+        target_q: (W, dofs) of the drives, from which each search begins.
+        aim: displaces that target by an action.
+        drive: takes the drives to what was found.
+        rest: aims at where the grip is, in the worlds of a mask.
+    """
+
+    search: InverseKinematics
+    target_q: wp.array
+    aim: TensorLaunch
+    drive: TensorLaunch
+    rest: TensorLaunch
 
 
 class ReachTask(Task[ReachConfig]):
@@ -218,28 +235,28 @@ class ReachTask(Task[ReachConfig]):
             driven=int(self.config.actions is ReachActions.DISPLACEMENT),
         )
 
-    def _make_aiming(self) -> tuple[TensorLaunch, InverseKinematics, TensorLaunch]:
-        """Return what turns a displacement of the grip into coordinates of the drives."""
+    def _make_aiming(self) -> Aiming:
+        """Return what turns displacements of the grip into coordinates of the drives."""
         from simwarp.kinematics import InverseKinematics
 
-        config, simulation, state = self.config, self.simulation, self.simulation.state.arrays
+        config, simulation, arm = self.config, self.simulation, self.reaching
+        state, target_q = simulation.state.arrays, simulation.control.joint_target_q
         search = InverseKinematics(
-            simulation, self.arm.links[-1].name, [*self.reaching.grip], iterations=10, tolerance=1e-4, damping=0.02
+            simulation, self.arm.links[-1].name, [*arm.grip], iterations=10, tolerance=1e-4, damping=0.02
         )
-        target_q = simulation.control.joint_target_q
-        aim = launch_over(
-            self, kernels.aim_grip, self.action, config.displacement, self.reaching, state, search.target
-        )
-        drive = launch_over(self, kernels.aim_drives, search.q, config.control_dt, self.reaching, state, target_q)
-        return aim, search, drive
+        return Aiming(
+            search, target_q,
+            aim=launch_over(self, kernels.aim_grip, self.action, config.displacement, arm, state, search.target),
+            drive=launch_over(self, kernels.aim_drives, search.q, config.control_dt, arm, target_q),
+            rest=launch_over(self, kernels.rest_drives, self._every_world, arm, state, search.target, target_q),
+        )  # fmt: skip
 
     def _move_grip(self, action: torch.Tensor) -> None:
         """Set the drives to a displacement of the grip, if actions are displacements."""
         if self._aiming is not None:
-            aim, search, drive = self._aiming
-            aim.on(action)
-            search.solve()
-            drive.launch()
+            self._aiming.aim.on(action)
+            self._aiming.search.solve(self._aiming.target_q)
+            self._aiming.drive.launch()
 
     def _physics_launches(self) -> Sequence[WorldLaunch]:
         """Return the action's way, torques and touches."""
@@ -285,6 +302,8 @@ class ReachTask(Task[ReachConfig]):
         """Start near the zero pose, at rest; the target is anywhere in its range."""
         self._start.on(world_mask)
         self.simulation.set_joint_state(world_mask, self._start_q, self._start_qd)
+        if self._aiming is not None:
+            self._aiming.rest.on(world_mask)
 
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return ``success`` and the ``distance`` of the grip from the target [m]."""
@@ -292,14 +311,17 @@ class ReachTask(Task[ReachConfig]):
         return {"success": self._success, "distance": self._distance}
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """The target, and how long the grip has been near it."""
-        return {"target": self._target, "near_steps": self._near_steps}
+        """The target, how long the grip has been near it, and where displacements have brought its aim."""
+        state = {"target": self._target, "near_steps": self._near_steps}
+        return state if self._aiming is None else {**state, "aim": to_torch(self._aiming.search.target)}
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take it back."""
         self._target.copy_(state["target"])
         self._cube_x.copy_(self._target)
         self._near_steps.copy_(state["near_steps"])
+        if self._aiming is not None:
+            to_torch(self._aiming.search.target).copy_(state["aim"])
 
     def visuals(self, visuals: Visuals) -> None:
         """Show the links as rods between the joints, and the target in red."""

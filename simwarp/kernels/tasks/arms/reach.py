@@ -17,6 +17,8 @@ FAR = wp.constant(0.3)
 """Distance that earns a quarter of what the approach pays [m]."""
 CLOSE = wp.constant(0.02)
 """Distance that earns half of what the end pays [m]."""
+SLACK = wp.constant(wp.float64(5.0))
+"""Displacements by which the aim may be ahead of the grip."""
 FIRM = wp.constant(20.0)
 """Force on the fingers that costs most [N]."""
 
@@ -131,24 +133,39 @@ def turn_joints(action: wp.array2d[float], arm: ReachingArm, state: StateArrays,
 def aim_grip(
     request: wp.array2d[float], longest: wp.float64, arm: ReachingArm, state: StateArrays, aim: wp.array[wp.vec3d]
 ):  # fmt: skip
-    """Where the grip should be after the control step: displaced by the action."""
+    """Displace where the grip should be by an action; it does not run away from where the grip is."""
     world = wp.tid()
-    there = grip_point(world, arm, state)
+    there = aim[world]
     for i in range(3):
         there[i] += longest * wp.float64(clipped(request[world, i]))
+    grip = grip_point(world, arm, state)
+    away = there - grip
+    slack = SLACK * longest
+    if wp.length(away) > slack:
+        there = grip + away * (slack / wp.length(away))
     aim[world] = there
 
 
 @wp.kernel
-def aim_drives(
-    found: wp.array2d[float], control_dt: float, arm: ReachingArm, state: StateArrays, target_q: wp.array2d[float]
-):  # fmt: skip
-    """Coordinates for the drives: as near to those that were found as the joints' speeds take them."""
+def aim_drives(found: wp.array2d[float], control_dt: float, arm: ReachingArm, target_q: wp.array2d[float]):
+    """Take the drives to coordinates that were found, as far as the joints' speeds allow."""
     world = wp.tid()
     for i in range(arm.speed.shape[0]):
-        q = state.joint_q[world, i]
+        q = target_q[world, i]
         far = arm.speed[i] * control_dt
         target_q[world, i] = q + wp.clamp(found[world, i] - q, -far, far)
+
+
+@wp.kernel
+def rest_drives(
+    mask: wp.array[wp.bool], arm: ReachingArm, state: StateArrays, aim: wp.array[wp.vec3d], target_q: wp.array2d[float]
+):  # fmt: skip
+    """Aim at where the grip is."""
+    world = wp.tid()
+    if mask[world]:
+        aim[world] = grip_point(world, arm, state)
+        for i in range(arm.speed.shape[0]):
+            target_q[world, i] = state.joint_q[world, i]
 
 
 @wp.kernel
