@@ -61,7 +61,7 @@ class InverseKinematics:
         self.simulation = simulation
         self.body = body_index(thing, simulation, body)
         self.point = finite_vector(thing, "point", point, 3)
-        search = Search()
+        search: Any = Search()
         search.body, search.point = self.body, wp.vec3d(*self.point)
         search.iterations = whole_number(thing, "iterations", iterations, 1, 10_000, "100 is the default")
         search.tolerance = positive_number(thing, "tolerance", tolerance, "m", "1e-6 is the default")
@@ -70,7 +70,8 @@ class InverseKinematics:
         model, device = simulation.model, simulation.model.device
         worlds, dofs = model.world_count, model.dof_count
         search.movable = wp.array(self._movable(thing, joints), dtype=int, device=device)
-        arrays, found = SearchArrays(), Found()
+        arrays: Any = SearchArrays()
+        found: Any = Found()
         arrays.column = wp.zeros((worlds, dofs), dtype=wp.vec3d, device=device)
         arrays.turn = wp.zeros((worlds, dofs), dtype=wp.float64, device=device)
         arrays.free = wp.zeros((worlds, dofs), dtype=int, device=device)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -267,7 +268,7 @@ def robot_arm(
             rotation = frame_from_axis(f"shape '{shape.name}'", shape.axis)
             at = pose(np.asarray(shape.centre) - centres[shape.link], rotation)
             options = {"pose": at, "material": surface, "name": shape.name}
-            size = {"half": shape.size}
+            size: dict[str, Any] = {"half": shape.size}
             if shape.kind is not ShapeType.BOX:
                 size = {"radius": shape.size[0], "half_length": shape.size[1]}
             getattr(builder, f"add_shape_{shape.kind.name.lower()}")(bodies[shape.link], **size, **options)

@@ -211,7 +211,6 @@ class ReachTask(Task[ReachConfig]):
     def _make_arm(self) -> ReachingArm:
         """Return what the arm is."""
         arm, model, device = self.arm, self.simulation.model, str(self.device)
-        hand = arm.links[-1]
         names = list(model.shape_names)
 
         def numbers(values: Sequence[float]) -> wp.array:
@@ -222,8 +221,8 @@ class ReachTask(Task[ReachConfig]):
 
         return filled(
             ReachingArm,
-            hand=model.body(hand.name),
-            grip=wp.vec3d(*(float(a) - float(b) for a, b in zip(arm.grip, hand.centre, strict=True))),
+            hand=model.body(arm.links[-1].name),
+            grip=wp.vec3d(*self._grip()),
             torque=numbers([joint.torque for joint in arm.joints]),
             speed=numbers([joint.speed for joint in arm.joints]),
             middle=numbers([0.5 * sum(joint.limit) for joint in arm.joints]),
@@ -235,6 +234,11 @@ class ReachTask(Task[ReachConfig]):
             driven=int(self.config.actions is ReachActions.DISPLACEMENT),
         )
 
+    def _grip(self) -> list[float]:
+        """Return the grip from the hand's centre of mass [m]."""
+        arm = self.arm
+        return [float(a) - float(b) for a, b in zip(arm.grip, arm.links[-1].centre, strict=True)]
+
     def _make_aiming(self) -> Aiming:
         """Return what turns displacements of the grip into coordinates of the drives."""
         from simwarp.kinematics import InverseKinematics
@@ -242,7 +246,7 @@ class ReachTask(Task[ReachConfig]):
         config, simulation, arm = self.config, self.simulation, self.reaching
         state, target_q = simulation.state.arrays, simulation.control.joint_target_q
         search = InverseKinematics(
-            simulation, self.arm.links[-1].name, [*arm.grip], iterations=10, tolerance=1e-4, damping=0.02
+            simulation, self.arm.links[-1].name, self._grip(), iterations=10, tolerance=1e-4, damping=0.02
         )
         return Aiming(
             search, target_q,

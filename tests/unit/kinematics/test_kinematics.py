@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def grip_of(arm: Arm) -> np.ndarray:
     return np.asarray(arm.grip) - np.asarray(arm.links[-1].centre)
 
 
-def searching(arm: Arm, start: np.ndarray, **options: float) -> InverseKinematics:
+def searching(arm: Arm, start: np.ndarray, **options: Any) -> InverseKinematics:
     hand = arm.links[-1].name
     return InverseKinematics(placed(robot_arm(arm), start), hand, grip_of(arm), **options)
 
@@ -311,4 +312,4 @@ def test_models_that_have_no_tree_are_refused():
         InverseKinematics(hanging, "ball")
     arm = searching(RACER3, np.zeros((1, 6)))
     with pytest.raises(sw.ModelError, match=r"start must be a Warp array of float32 of shape \(1, 6\)"):
-        arm.solve(np.zeros((1, 6)))
+        arm.solve(np.zeros((1, 6)))  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,13 +20,13 @@ GRAVITY = 9.8
 H = 1e-4
 
 
-def simulation_of(arm: Arm, worlds: int, dt: float = H, **options: bool) -> sw.Simulation:
+def simulation_of(arm: Arm, worlds: int, dt: float = H, **options: Any) -> sw.Simulation:
     builder = robot_arm(arm, **options)
     builder.gravity = np.array([0.0, 0.0, -GRAVITY])
     return sw.Simulation(builder.finalize(world_count=worlds, device="cpu"), dt=dt)
 
 
-def mass_matrix_and_weight(arm: Arm, **options: bool) -> tuple[np.ndarray, np.ndarray]:
+def mass_matrix_and_weight(arm: Arm, **options: Any) -> tuple[np.ndarray, np.ndarray]:
     """M and the torques that hold the arm at zero: a unit effort in a world each, and one world without."""
     simulation = simulation_of(arm, 7, **options)
     torque = np.array([10.0, 10.0, 5.0, 1.0, 1.0, 0.1])
@@ -38,7 +39,7 @@ def mass_matrix_and_weight(arm: Arm, **options: bool) -> tuple[np.ndarray, np.nd
     return mass, -mass @ rate[0] / H
 
 
-def worst_weight(arm: Arm, joints: list[int], **options: bool) -> np.ndarray:
+def worst_weight(arm: Arm, joints: list[int], **options: Any) -> np.ndarray:
     """Largest torques that gravity asks for over angles of joints 2, 3, 4 and 5, as differences of its energy."""
     low, high = np.array([joint.limit for joint in arm.joints]).T
     rng = np.random.default_rng(0)
@@ -191,20 +192,26 @@ def test_the_irb120_is_that_of_its_urdf():
     origin, at = {"base_link": np.zeros(3)}, np.zeros(3)
     hinges = [joint for joint in root.iter("joint") if joint.get("type") == "revolute"]
     for joint, given in zip(IRB120.joints, hinges, strict=True):
-        at = at + numbers(given.find("origin"), "xyz")
-        origin[given.find("child").get("link")] = at
+        at = at + numbers(given, "origin", "xyz")
+        origin[text(given, "child", "link")] = at
         np.testing.assert_allclose(joint.point, at, atol=1e-12)
-        limit = given.find("limit")
-        assert [*joint.limit, joint.speed] == [float(limit.get(key)) for key in ("lower", "upper", "velocity")]
-        np.testing.assert_allclose(joint.axis, numbers(given.find("axis"), "xyz"))
+        limit = [float(text(given, "limit", key)) for key in ("lower", "upper", "velocity")]
+        assert [*joint.limit, joint.speed] == limit
+        np.testing.assert_allclose(joint.axis, numbers(given, "axis", "xyz"))
     for link in IRB120.links[:-1]:
-        given = root.find(f"link[@name='{link.name}']/inertial")
-        assert link.mass == float(given.find("mass").get("value"))
-        np.testing.assert_allclose(link.centre, origin[link.name] + numbers(given.find("origin"), "xyz"), atol=1e-12)
-        keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-        assert [*link.moments, *link.products] == [float(given.find("inertia").get(key)) for key in keys]
+        named = next(found for found in root.iter("link") if found.get("name") == link.name)
+        assert link.mass == float(text(named, "inertial/mass", "value"))
+        centre = origin[link.name] + numbers(named, "inertial/origin", "xyz")
+        np.testing.assert_allclose(link.centre, centre, atol=1e-12)
+        inertia = [float(text(named, "inertial/inertia", key)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
+        assert [*link.moments, *link.products] == inertia
 
 
-def numbers(element: ElementTree.Element | None, key: str) -> np.ndarray:
-    assert element is not None
-    return np.array([float(part) for part in (element.get(key) or "").split()])
+def text(element: ElementTree.Element, path: str, key: str) -> str:
+    found = element.find(path)
+    assert found is not None
+    return found.get(key) or ""
+
+
+def numbers(element: ElementTree.Element, path: str, key: str) -> np.ndarray:
+    return np.array([float(part) for part in text(element, path, key).split()])
