@@ -186,11 +186,13 @@ def test_targets_within_reach_are_reached(name):
 def test_the_search_takes_the_steps_of_the_reference():
     there = poses_within(RACER3, 3, 11)
     start = np.zeros_like(there)
+    low, high = limits(RACER3)
+    start[2, 1] = low[1]  # at its stop, and drawn further: the others do without it
     ik = searching(RACER3, start, iterations=4, damping=0.05, longest_step=0.25)
     target = grips(RACER3, there)
+    target[2] = -0.9, 0.3, -1.0
     q, error = solve(ik, target)
     builder = robot_arm(RACER3)
-    low, high = limits(RACER3)
     for world in range(len(there)):
         expected, left = reference.search(
             builder, len(builder.bodies) - 1, grip_of(RACER3), start[world].astype(np.float64), target[world],
