@@ -8,6 +8,7 @@ from __future__ import annotations
 from simwarp.importers.chrono_sensors import load_chrono_sensor
 from simwarp.importers.chrono_vehicle import load_chrono_vehicle
 from simwarp.importers.mjcf.mjcf_reader import load_mjcf
+from simwarp.importers.robot_files import load_robot, save_robot
 from simwarp.importers.urdf.urdf_reader import load_urdf
 
-__all__ = ["load_chrono_sensor", "load_chrono_vehicle", "load_mjcf", "load_urdf"]
+__all__ = ["load_chrono_sensor", "load_chrono_vehicle", "load_mjcf", "load_robot", "load_urdf", "save_robot"]
