@@ -359,9 +359,14 @@ def add_ground_assets(
 def hull_mass(hull: Hull, density: float, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> MassProperties:
     """Of a solid hull of given density [kg/m³], scaled by `scale`."""
     vertices = hull.vertices * np.asarray(scale, dtype=np.float64)
-    origin = vertices.mean(axis=0)
     triangles = [(face[0], face[k], face[k + 1]) for face in hull.faces for k in range(1, len(face) - 1)]
-    corners = vertices[np.array(triangles)] - origin
+    return solid_mass(vertices, np.array(triangles), density)
+
+
+def solid_mass(vertices: Array, triangles: npt.NDArray[np.integer], density: float) -> MassProperties:
+    """Of the solid inside a closed surface of triangles (T, 3) over vertices (V, 3) [m], which face outwards."""
+    origin = vertices.mean(axis=0)
+    corners = vertices[triangles] - origin
     # tetrahedra from the origin: volume, first and second moments (the latter exact for a linear field)
     volume = np.linalg.det(corners) / 6.0
     total = float(volume.sum())

@@ -4,6 +4,7 @@ imports trimesh.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import importlib.util
 import logging
@@ -67,6 +68,54 @@ def load_visual_mesh(path: str | Path) -> VisualMesh:
         raise ModelError(f"mesh file: '{file.name}' must hold triangles, got none; export faces, not points or curves")
     linear = file.suffix.lower() in (".glb", ".gltf")
     return joined([_visual_part(file, part, linear) for part in parts])
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshPart:
+    """One placed part of a file of several.
+
+    Attributes:
+        name: of the part in the file.
+        matrix: (4, 4) of its frame in the file's world.
+        vertices: (V, 3) in its frame, equal ones merged.
+        triangles: (T, 3) vertex indices.
+        closed: the triangles enclose a volume, and face outwards.
+        look: the same triangles with their colours.
+    """
+
+    name: str
+    matrix: Vertices
+    vertices: Vertices
+    triangles: Triangles
+    closed: bool
+    look: VisualMesh
+
+    def visible(self) -> VisualMesh:
+        """What is seen of it."""
+        return self.look
+
+
+def load_mesh_parts(path: str | Path) -> list[MeshPart]:
+    """The parts of a GLB file where it places them, in the order of their names there.
+
+    Raises:
+        ModelError: as `load_mesh`.
+    """
+    file = _checked_file(path)
+    scene = _loaded(file, "scene")
+    parts = []
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if not len(getattr(mesh, "faces", ())):
+            continue
+        look = _visual_part(file, mesh, linear=True)
+        solid = mesh.copy()
+        solid.merge_vertices(merge_tex=True, merge_norm=True)
+        closed = bool(solid.is_watertight and solid.is_winding_consistent and solid.volume > 0.0)
+        vertices, triangles = np.asarray(solid.vertices, np.float64), np.asarray(solid.faces, np.int64)
+        parts.append(MeshPart(name, np.asarray(matrix, np.float64), vertices, triangles, closed, look))
+    return sorted(parts, key=lambda part: part.name)
 
 
 def _checked_file(path: str | Path) -> Path:

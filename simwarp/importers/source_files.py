@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +13,18 @@ from typing import Any
 from simwarp.core import files
 from simwarp.core.types import ModelError, shown
 from simwarp.core.wording import shortened
+
+
+def check_installed(module: str, what: str, extra: str = "import") -> None:
+    """Looks for a module of an extra without importing it.
+
+    Raises:
+        ModelError: it is not installed.
+    """
+    if importlib.util.find_spec(module) is None:
+        raise ModelError(
+            f"{what} needs the library {module}, which is not installed; run: pip install 'simwarp[{extra}]'"
+        )
 
 
 def needed(module: str, what: str, extra: str = "import") -> ModuleType:

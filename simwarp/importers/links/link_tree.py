@@ -329,42 +329,43 @@ class _Assembly:
         own: list[int] = []
         for shape in link.shapes:
             name = self.prefix + shape.name
-            options: ShapeOptions = {
-                "pose": composed(frame.pose, shape.pose), "material": shape.material,
-            }  # fmt: skip
+            place = composed(frame.pose, shape.pose)
+            options: ShapeOptions = {"name": name, "pose": place, "material": shape.material}
             if beside and frame.body == WORLD:
                 options["group"] = GROUND_GROUP
             elif frame.body in beside:
                 options["mask"] = ALL_GROUPS & ~GROUND_GROUP
-            added = self._add_shape(shape, name, frame.body, options)
+            added = self._add_shape(shape, frame.body, options)
             self.result.shapes[name] = added
             own += added
         self.result.shapes_of[self.prefix + link.name] = tuple(own)
 
-    def _add_shape(self, shape: LinkShape, name: str, body: int, options: ShapeOptions) -> tuple[int, ...]:
-        builder = self.builder
+    def _add_shape(self, shape: LinkShape, body: int, options: ShapeOptions) -> tuple[int, ...]:
+        builder, name = self.builder, options["name"]
         a, b, _ = shape.size
         match shape.kind:
             case ShapeType.HULL:
-                names = [name] if len(shape.hulls) == 1 else [f"{name}_{k}" for k in range(len(shape.hulls))]
-                return tuple(
-                    builder.add_shape_hull(body, corners, name=each, **options)
-                    for each, corners in zip(names, shape.hulls, strict=True)
-                )
+                single = len(shape.hulls) == 1
+                added = []
+                for index, corners in enumerate(shape.hulls):
+                    each = options.copy()
+                    each["name"] = name if single else f"{name}_{index}"
+                    added.append(builder.add_shape_hull(body, corners, **each))
+                return tuple(added)
             case ShapeType.SPHERE:
-                return (builder.add_shape_sphere(body, radius=a, name=name, **options),)
+                return (builder.add_shape_sphere(body, radius=a, **options),)
             case ShapeType.BOX:
-                return (builder.add_shape_box(body, half=shape.size, name=name, **options),)
+                return (builder.add_shape_box(body, half=shape.size, **options),)
             case ShapeType.ELLIPSOID:
-                return (builder.add_shape_ellipsoid(body, half=shape.size, name=name, **options),)
+                return (builder.add_shape_ellipsoid(body, half=shape.size, **options),)
             case ShapeType.CYLINDER:
-                return (builder.add_shape_cylinder(body, radius=a, half_length=b, name=name, **options),)
+                return (builder.add_shape_cylinder(body, radius=a, half_length=b, **options),)
             case ShapeType.CAPSULE:
-                return (builder.add_shape_capsule(body, radius=a, half_length=b, name=name, **options),)
+                return (builder.add_shape_capsule(body, radius=a, half_length=b, **options),)
             case ShapeType.CONE:
-                return (builder.add_shape_cone(body, radius=a, half_length=b, name=name, **options),)
+                return (builder.add_shape_cone(body, radius=a, half_length=b, **options),)
             case ShapeType.PLANE:
-                return (builder.add_shape_plane(body, name=name, **options),)
+                return (builder.add_shape_plane(body, **options),)
             case _:
                 raise ModelError(f"shape '{name}': no reader makes a {shape.kind.name} of a link; use the builder")
 

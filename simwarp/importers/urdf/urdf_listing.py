@@ -28,7 +28,7 @@ JOINT_TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating"
 class Value(NamedTuple):
     """An attribute: how many numbers it has (0: it is a text; -1: one or three), and whether it must be there."""
 
-    count: int
+    numbers: int
     required: bool = False
 
 
@@ -162,8 +162,8 @@ def _check_attributes(element: Any, tag: Tag, where: str, owner: str, report: Im
                 report.approximate(f"attribute {element.tag} {plain}", owner, reason)
             continue
         value = tag.attributes[name]
-        if value.count != 0:
-            _check_numbers(where, name, text, value.count, element.tag in NOT_NEGATIVE)
+        if value.numbers != 0:
+            _check_numbers(where, name, text, value.numbers, element.tag in NOT_NEGATIVE)
         elif value.required and not text.strip():
             raise ModelError(f"{where}: {name} must not be empty; write a name")
     for name, value in tag.attributes.items():

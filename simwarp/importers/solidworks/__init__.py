@@ -1,0 +1,1 @@
+"""SolidWorks: what the Chrono add-in exports as a Python script, read and never run."""

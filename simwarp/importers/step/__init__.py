@@ -1,0 +1,1 @@
+"""STEP: solids of CAD programs, without joints."""
