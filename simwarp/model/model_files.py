@@ -38,6 +38,8 @@ from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model_format import (
     FORMAT,
     MODELS,
+    MOST_PAIRS,
+    MOST_THINGS,
     VERSION,
     BodyEntry,
     CouplingEntry,
@@ -68,6 +70,7 @@ BULGE: Final = 1e-4
 FREE_OF_BODIES: Final = (JointType.SHAFT, JointType.COMBINATION)
 PASSIVE: Final = (JointType.FREE, JointType.RELATIVE_ROTATION)
 """Joints on whose coordinates nothing acts."""
+PAIRS: Final = ("excluded_bodies", "excluded_shapes", "given_pairs")
 ROOMS: Final = {ShapeType.HULL: "hulls", ShapeType.HEIGHT_FIELD: "height_fields", ShapeType.MESH: "meshes"}
 
 
@@ -110,10 +113,10 @@ def read_model(path: str | os.PathLike[str]) -> tuple[ModelBuilder, Mapping[str,
         raise ModelError(f"load_model: path must be the path of a file, got {shown(path)}; pass 'robot.json'")
     name = shortened(Path(path).name or str(path))
     try:
-        value = files.parse_json(files.read_text(path, "model"), name)
+        value = files.parse_json(files.read_text(Path(path), "model"), name)
     except files.FileError as error:
-        told = f"{name}: {error.reason}" if error.reason else str(error)
-        raise ModelError(f"{told}; save the model anew") from None
+        told = f"{name}: cannot be read: {error.reason}" if error.reason else f"{error}; save the model anew"
+        raise ModelError(told) from None
     place = Place(name, ModelError)
     _check_head(value, place)
     entry: ModelEntry = MODELS.load(ModelEntry, value, place.line)
@@ -121,13 +124,17 @@ def read_model(path: str | os.PathLike[str]) -> tuple[ModelBuilder, Mapping[str,
 
 
 def _check_head(value: Any, place: Place) -> None:
-    """Format and version, before anything else is judged by them."""
+    """Format, version and lengths, before all the rest is judged."""
     if not isinstance(value, dict) or value.get("format") != FORMAT:
         found = shown(value.get("format")) if isinstance(value, dict) else shown(value)
         raise place.at("format").error(f"must be '{FORMAT}', got {found}; pass a file of save_model")
     version = value.get("version")
     if isinstance(version, bool) or version != VERSION:
         raise place.at("version").error(f"must be {VERSION}, got {shown(version)}; save it with this version")
+    for key, items in value.items():
+        most = MOST_PAIRS if key in PAIRS else MOST_THINGS
+        if isinstance(items, list) and len(items) > most:
+            raise place.at(key).error(f"must be at most {most} items, got {len(items)}; split the model")
 
 
 # ---- to entries ------------------------------------------------------------------------------------------------------
@@ -179,7 +186,7 @@ def _body_entry(body: BodySpec) -> BodyEntry:
     diagonal = np.array_equal(rows.view(np.int64), np.diag(np.diag(rows)).view(np.int64))
     return BodyEntry(
         name=body.name, mass=float(body.mass),
-        inertia=floats(np.diag(rows)) if diagonal else tuple(floats(row) for row in rows),  # type: ignore[arg-type]
+        inertia=floats(np.diag(rows)) if diagonal else tuple(floats(row) for row in rows),
         position=floats(body.pose.position), rotation=floats(body.pose.rotation), velocity=floats(body.velocity),
         omega=floats(body.omega),
     )  # fmt: skip
@@ -395,7 +402,10 @@ def _shape(builder: ModelBuilder, entry: ShapeEntry, taken: Taken) -> ShapeSpec:
 
 def _hull(entry: HullEntry) -> Hull:
     """A hull, held to be a closed convex polyhedron: the kernels rely on it."""
-    vertices, normals = entry.vertices.unpacked("vertices", "float64", 3), entry.normals.unpacked("normals", "float64", 3)
+    vertices, normals = (
+        entry.vertices.unpacked("vertices", "float64", 3),
+        entry.normals.unpacked("normals", "float64", 3),
+    )
     edges, faces = entry.edges.unpacked("edges", "float64", 3), entry.faces
     corners = [corner for face in faces for corner in face]
     sides = [side for face in faces for side in zip(face, (*face[1:], *face[:1]), strict=True)]
@@ -426,6 +436,9 @@ def _height_field(entry: HeightFieldEntry) -> HeightField:
 
 
 def _mesh(entry: MeshEntry) -> TriangleMesh:
-    vertices, triangles = entry.vertices.unpacked("vertices", "float32", 3), entry.triangles.unpacked("triangles", "int32", 3)
+    vertices, triangles = (
+        entry.vertices.unpacked("vertices", "float32", 3),
+        entry.triangles.unpacked("triangles", "int32", 3),
+    )
     # changes nothing in a mesh that it has made
     return triangle_mesh(vertices, triangles)

@@ -48,6 +48,7 @@ Numbers3: TypeAlias = tuple[float, float, float]
 Numbers4: TypeAlias = tuple[float, float, float, float]
 Side: TypeAlias = float | None
 ZERO: Final = (0.0, 0.0, 0.0)
+USUAL_SURFACE: Final = Material()
 UNTURNED: Final = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -207,7 +208,7 @@ class ShapeEntry:
     size: Numbers3 = ZERO
     position: Numbers3 = ZERO
     rotation: Numbers4 = UNTURNED
-    material: Material = Material()
+    material: Material = USUAL_SURFACE
     margin: float = 0.0
     group: int = 1
     mask: int = 0x7FFFFFFF
@@ -257,16 +258,16 @@ class ModelEntry:
     gravity: Numbers3 = ZERO
     friction_rule: str = "min"
     pair_rule: str = "both"
-    bodies: Annotated[tuple[BodyEntry, ...], MaxLen(MOST_THINGS)] = ()
-    joints: Annotated[tuple[JointEntry, ...], MaxLen(MOST_THINGS)] = ()
-    couplings: Annotated[tuple[CouplingEntry, ...], MaxLen(MOST_THINGS)] = ()
-    shapes: Annotated[tuple[ShapeEntry, ...], MaxLen(MOST_THINGS)] = ()
-    hulls: Annotated[tuple[HullEntry, ...], MaxLen(MOST_THINGS)] = ()
-    height_fields: Annotated[tuple[HeightFieldEntry, ...], MaxLen(MOST_THINGS)] = ()
-    meshes: Annotated[tuple[MeshEntry, ...], MaxLen(MOST_THINGS)] = ()
-    excluded_bodies: Annotated[tuple[tuple[int, int], ...], MaxLen(MOST_PAIRS)] = ()
-    excluded_shapes: Annotated[tuple[tuple[int, int], ...], MaxLen(MOST_PAIRS)] = ()
-    given_pairs: Annotated[tuple[GivenPairEntry, ...], MaxLen(MOST_PAIRS)] = ()
+    bodies: tuple[BodyEntry, ...] = ()
+    joints: tuple[JointEntry, ...] = ()
+    couplings: tuple[CouplingEntry, ...] = ()
+    shapes: tuple[ShapeEntry, ...] = ()
+    hulls: tuple[HullEntry, ...] = ()
+    height_fields: tuple[HeightFieldEntry, ...] = ()
+    meshes: tuple[MeshEntry, ...] = ()
+    excluded_bodies: tuple[tuple[int, int], ...] = ()
+    excluded_shapes: tuple[tuple[int, int], ...] = ()
+    given_pairs: tuple[GivenPairEntry, ...] = ()
     robot: Mapping[str, Any] | None = None
 
 
