@@ -27,7 +27,7 @@ from simwarp.importers.imported import CameraPlace, Imported, Keyframe, NamedFra
 from simwarp.importers.report import Fate, ImportReport, ReportLine
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_member
-from simwarp.model.model_files import read_model, write_model
+from simwarp.model.model_files import model_text, read_model, write_model
 from simwarp.model.model_format import (
     MODELS,
     MOST_THINGS,
@@ -180,6 +180,11 @@ def save_robot(robot: Imported, path: str | os.PathLike[str]) -> None:
         ModelError: it would be larger than `load_robot` reads.
     """
     write_model(robot.builder, path, plain(_robot_entry(robot)))
+
+
+def robot_text(robot: Imported) -> str:
+    """The text of a file of `save_robot`."""
+    return model_text(robot.builder, plain(_robot_entry(robot)))
 
 
 def load_robot(path: str | os.PathLike[str]) -> Imported:

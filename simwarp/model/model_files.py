@@ -89,13 +89,18 @@ def save_model(builder: ModelBuilder, path: str | os.PathLike[str]) -> None:
 
 def write_model(builder: Specification, path: str | os.PathLike[str], robot: Mapping[str, Any] | None = None) -> None:
     """As `save_model`, with what a reader of robots keeps beside the model."""
-    text = files.layout(plain(model_entry(builder, robot))) + "\n"
+    text = model_text(builder, robot)
     if len(text) > files.LARGEST_TEXT:
         raise ModelError(
             f"{Path(path).name}: a model file must have at most {files.LARGEST_TEXT / 1e6:.3g} MB, got "
             f"{len(text) / 1e6:.3g} MB; simplify its meshes"
         )
     files.write_file(Path(path), text)
+
+
+def model_text(builder: Specification, robot: Mapping[str, Any] | None = None) -> str:
+    """The text of a file of `write_model`."""
+    return files.layout(plain(model_entry(builder, robot))) + "\n"
 
 
 def load_model(path: str | os.PathLike[str]) -> ModelBuilder:
