@@ -14,7 +14,7 @@ from rich.table import Table
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options, take_path
-from simwarp.cli.robot_sources import Base, Format, RobotOptions, load_file
+from simwarp.cli.robots.robot_sources import Base, Format, RobotOptions, load_file
 from simwarp.core.files import write_file
 from simwarp.core.types import Dof, PositionDrive, VelocityMotor
 from simwarp.importers.imported import Imported
