@@ -20,6 +20,7 @@ from simwarp.core.types import (
 )
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.model import Model
+from simwarp.model.model_files import load_model, save_model
 from simwarp.simulation.cone_problems import ConeSolution, solve_cone_problems
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics
@@ -58,6 +59,8 @@ __all__ = [
     "Vec3",
     "VelocityMotor",
     "WorldStatus",
+    "load_model",
     "pose",
+    "save_model",
     "solve_cone_problems",
 ]

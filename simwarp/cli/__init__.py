@@ -62,6 +62,7 @@ COMMANDS = {
         Command("export", "RUN", "a policy as an ONNX or TorchScript file, checked", "simwarp.cli.export:run"),
         Command("record", "TASK", "episodes of a policy as a file of trajectories", "simwarp.cli.record:run"),
         Command("clone", "TASK", "a policy that imitates recorded trajectories", "simwarp.cli.clone:run"),
+        Command("import", "FILE", "a robot from MJCF, URDF, USD, STEP, SolidWorks", "simwarp.cli.robots.importing:run"),
         Command("new-task", "NAME", "a package with a task of your own, ready to change", "simwarp.cli.new_task:run"),
         Command("replay", "FILE", "the steps before a world broke down, once more", "simwarp.cli.replay:run"),
         Command("bench", "SCENE", "speed of a scene, a vehicle or a task", "simwarp.cli.benching:run"),

@@ -11,8 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+import tyro
+
 from simwarp.cli import DONE, UsageError, shortened
 from simwarp.cli.options import CommonOptions, parse_options, take_path
+from simwarp.cli.robots.robot_sources import Base, RobotOptions, load_file
 from simwarp.core.files import output_error
 
 LONGEST: Final = 64
@@ -28,7 +31,7 @@ build-backend = "setuptools.build_meta"
 [project]
 name = "@name@"
 version = "0.1.0"
-description = "A simwarp task: an arm on a hinge points where it is told"
+description = "A simwarp task: @summary@"
 requires-python = ">=3.11"
 dependencies = ["simwarp"]
 
@@ -41,7 +44,7 @@ dev = ["pytest"]
 
 [tool.setuptools]
 packages = ["@module@"]
-
+@data@
 [tool.pytest.ini_options]
 testpaths = ["tests"]
 pythonpath = ["."]
@@ -205,12 +208,34 @@ class NewTaskOptions(CommonOptions):
 
     output: Path | None = None
     """Folder to make; by default NAME in the working folder. It must not exist, or be empty."""
+    robot: Path | None = None
+    """File of a robot that the task is about: it stands, or reaches goals where its base is fixed. See `import`."""
+    velocity: tyro.conf.FlagCreatePairsOff[bool] = False
+    """The robot follows commanded velocities."""
+    base: Base | None = None
+    """Of a URDF: its root link is welded to the world, or floats."""
+    allow: tuple[str, ...] = ()
+    """Kinds of refused elements of the robot's file to drop."""
+    packages: tuple[str, ...] = ()
+    """Folders of a URDF's packages, NAME=FOLDER each."""
 
 
-def files(name: str) -> dict[str, str]:
-    """Return the files of the package of a task: path -> text."""
+_DATA = """
+[tool.setuptools.package-data]
+@module@ = ["robot.json"]
+"""
+
+
+def files(name: str, options: NewTaskOptions | None = None) -> dict[str, str]:
+    """Return the files of the package of a task: path -> text.
+
+    Args:
+        name: of the task.
+        options: those of a task about a robot; None: the arm on a hinge.
+    """
     module = name.replace("-", "_")
     words = {"@name@": name, "@module@": module, "@Class@": "".join(word.capitalize() for word in name.split("-"))}
+    words |= {"@summary@": "an arm on a hinge points where it is told", "@data@": ""}
     templates = {
         "pyproject.toml": _PYPROJECT,
         "README.md": _README,
@@ -218,7 +243,17 @@ def files(name: str) -> dict[str, str]:
         f"{module}/task.py": _TASK,
         f"tests/test_{module}.py": _TEST,
     }
-    return {path: re.sub(r"@\w+@", lambda match: words[match[0]], text) for path, text in templates.items()}
+    as_they_are = {}
+    if options is not None and options.robot is not None:
+        from simwarp.cli.robots.robot_task import robot_files
+
+        path = options.robot
+        _, robot = load_file(path, RobotOptions(options.base, options.allow, options.packages))
+        templates |= robot_files(name, module, robot, path.name, velocity=options.velocity)
+        as_they_are = {where: templates.pop(where) for where in list(templates) if where.endswith(".json")}
+        words |= {"@summary@": f"the robot of {path.name}", "@data@": _DATA.replace("@module@", module)}
+    written = {path: re.sub(r"@\w+@", lambda match: words[match[0]], text) for path, text in templates.items()}
+    return written | as_they_are
 
 
 def check_name(name: str) -> None:
@@ -294,10 +329,13 @@ def run(arguments: list[str]) -> int:
     name = str(path)
     check_name(name)
     target = options.output or Path(name)
-    options.check()
+    options.check(options.robot)
+    for flag in ("velocity", "base", "allow", "packages"):
+        if options.robot is None and getattr(options, flag):
+            raise UsageError(f"--{flag} is about a robot: add --robot FILE, or leave it away")
     if not _is_empty(target):
         raise UsageError(f"cannot write '{target}': it exists and is not an empty folder")
-    written = files(name)
+    written = files(name, options)
     write_package(target, written)
     console = options.console()
     for relative in written:

@@ -178,6 +178,22 @@ def write_file(path: str | Path, data: bytes | str) -> None:
             raise output_error(Path(path), error, draft, len(content)) from error
 
 
+def layout(value: Any, indent: str = "") -> str:
+    """JSON with lists of plain values on one line, for files that people edit."""
+    inner = indent + "  "
+    short = json.dumps(value, ensure_ascii=False)
+    if not isinstance(value, (dict, list)) or (isinstance(value, list) and len(short) + len(inner) <= 116):
+        flat = not isinstance(value, list) or not any(isinstance(item, dict) for item in value)
+        if flat or not value:
+            return short
+    if isinstance(value, dict):
+        if not value:
+            return short
+        lines = [f"{inner}{json.dumps(key)}: {layout(item, inner)}" for key, item in value.items()]
+        return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
+    return "[\n" + ",\n".join(inner + layout(item, inner) for item in value) + f"\n{indent}]"
+
+
 def output_error(path: str | Path, error: OSError, draft: Path | None = None, needed: int = 0) -> OutputError:
     """Return the error that says which folder did not take how much.
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from simwarp.importers.chrono_sensors import load_chrono_sensor
 from simwarp.importers.chrono_vehicle import load_chrono_vehicle
 from simwarp.importers.mjcf.mjcf_reader import load_mjcf
+from simwarp.importers.robot_files import load_robot, save_robot
 from simwarp.importers.solidworks.solidworks_reader import load_solidworks
 from simwarp.importers.step.step_reader import load_step
 from simwarp.importers.urdf.urdf_reader import load_urdf
@@ -17,8 +18,10 @@ __all__ = [
     "load_chrono_sensor",
     "load_chrono_vehicle",
     "load_mjcf",
+    "load_robot",
     "load_solidworks",
     "load_step",
     "load_urdf",
     "load_usd",
+    "save_robot",
 ]

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import WORLD, ModelError, Pose
+from simwarp.core.types import WORLD, Drive, ModelError, Pose, shown
 from simwarp.core.types import pose as make_pose
+from simwarp.core.wording import close_names
 from simwarp.importers.coordinates import CoordinateMap
 from simwarp.importers.report import ImportReport
 from simwarp.model.builder import ModelBuilder
@@ -158,6 +159,31 @@ class Imported:
     def qvel_from(self, qd: npt.ArrayLike, qpos: npt.ArrayLike | None = None) -> Array:
         """(..., nv) rates in the file's order and axes of our rates (..., dofs); `qpos` as in `qd_from`."""
         return self.coordinates.rates_from(qd, qpos)
+
+    def set_drive(self, joint: str, drive: Drive | None) -> None:
+        """Gives a hinge, a slide or a tendon another drive, or none.
+
+        Actuators that push the same coordinate are left alone: leave those out of what you pass to `Actuators`.
+
+        Args:
+            joint: its name in `dofs` or `tendons`.
+            drive: in the place of the one it has.
+
+        Raises:
+            ModelError: there is none of this name, it has several coordinates, or the drive is not usable.
+        """
+        columns = {**self.tendons, **self.dofs}
+        if joint not in columns:
+            near = close_names(joint, columns)
+            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(list(columns)[:12])}"
+            raise ModelError(f"{self.report.source}: no joint or tendon {shown(joint)}; {hint}")
+        index, local = self.builder.coordinate_of(columns[joint])
+        count = len(self.builder.joints[index].dofs)
+        if count > 1:
+            raise ModelError(
+                f"{self.report.source}: joint '{joint}' has {count} coordinates; use builder.set_drive for one of them"
+            )
+        self.builder.set_drive(index, drive, dof=local)
 
     def frame(self, name: str) -> NamedFrame:
         """A site, a body, or a body that is part of another one: what a sensor is mounted on.

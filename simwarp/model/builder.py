@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, Unpack
 
@@ -13,6 +14,7 @@ from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjuga
 from simwarp.core.types import (
     WORLD,
     Dof,
+    Drive,
     FrictionRule,
     JointType,
     ModelError,
@@ -30,6 +32,7 @@ from simwarp.core.types import (
 from simwarp.model.checks import (
     check_link_across_axis,
     check_perpendicular,
+    checked_dof,
     checked_dofs,
     checked_inertia,
     checked_member,
@@ -438,6 +441,21 @@ class ModelBuilder(ShapeList, CouplingList):
                 initial_q=sum(factor * initial[column] for column, factor in resolved),
             )
         )  # fmt: skip
+
+    def set_drive(self, joint: int, drive: Drive | None, *, dof: int = 0) -> None:
+        """Gives a coordinate that is there already another drive, or none.
+
+        Args:
+            joint: index of the joint.
+            drive: in the place of the one it has.
+            dof: which of the joint's coordinates.
+        """
+        spec, local = self._coordinate("set_drive", joint, dof)
+        if spec.type in (JointType.FREE, JointType.RELATIVE_ROTATION, JointType.BUSHING):
+            raise ModelError(f"set_drive: joint '{spec.name}' is {spec.type.name}, which nothing drives; name another")
+        dofs = list(spec.dofs)
+        dofs[local] = checked_dof(f"joint '{spec.name}'", dataclasses.replace(dofs[local], drive=drive))
+        self.joints[joint] = dataclasses.replace(spec, dofs=tuple(dofs))
 
     # ---- finish --------------------------------------------------------------------------------------------------
 

@@ -103,13 +103,16 @@ class FreeCamera:
         wp.launch(render, dim=(len(poses), parts), device=self._device, inputs=[WorldRange(), *inputs], outputs=outputs)
         return self.outputs[self.config.outputs[0]].numpy().copy()
 
-    def extent(self, state: State) -> npt.NDArray[np.float64]:
-        """(views, 2, 3) lowest and highest corner of what moves with bodies, world axes [m]; zeros without any."""
+    def extent(self, state: State, *, fixed: bool = False) -> npt.NDArray[np.float64]:
+        """(views, 2, 3) lowest and highest corner of what moves with bodies, world axes [m]; zeros without any.
+
+        With `fixed` also of what stands still, but for endless planes.
+        """
         self.scene.place(state, self._tables, self._due)
         origin = self._tables.origin.numpy()[list(self.worlds)]
         boxes: tuple[Any, ...] = (self._tables.lower, self._tables.upper)
         lower, upper = (array.numpy()[list(self.worlds)].astype(np.float64) for array in boxes)
-        counts = (self.scene.body >= 0)[None, :] & (upper >= lower).all(axis=-1) & (upper < 1e17).all(axis=-1)
+        counts = ((self.scene.body >= 0) | fixed)[None, :] & (upper >= lower).all(axis=-1) & (upper < 1e17).all(axis=-1)
         if not counts.any():
             return np.repeat(origin[:, None], 2, axis=1)
         low = np.where(counts[..., None], lower, np.inf).min(axis=1)

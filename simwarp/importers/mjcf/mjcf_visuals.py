@@ -31,7 +31,7 @@ def shown_geoms(source: Source, compiled: Callable[[], tuple[Any, Any]]) -> Call
         for geom in range(model.ngeom):
             colour = _colour(model, geom)
             if touching[geom]:
-                for shape in source.shapes[slots[geom]]:
+                for shape in source.shapes[slots[geom]] if _has_colour(model, geom) else ():
                     visuals.show(shape, color=colour[:3])
             elif colour[3] > 0.0:
                 _show_geom(source, visuals, model, data, geom)
@@ -68,6 +68,11 @@ def _mesh(model: Any, mesh: int) -> VisualMesh:
     vertices = model.mesh_vert[corner : corner + int(model.mesh_vertnum[mesh])]
     triangles = model.mesh_face[first : first + int(model.mesh_facenum[mesh])]
     return VisualMesh(vertices=np.asarray(vertices, np.float64), triangles=np.asarray(triangles, np.int64))
+
+
+def _has_colour(model: Any, geom: int) -> bool:
+    """False where the file gives none: a shape then keeps the look that others may paint over."""
+    return int(model.geom_matid[geom]) >= 0 or not np.allclose(model.geom_rgba[geom], UNCOLOURED)
 
 
 def _colour(model: Any, geom: int) -> tuple[float, float, float, float]:

@@ -8,7 +8,6 @@ file it stands in (a .tir file gives the object of its keys). A key "$schema", f
 from __future__ import annotations
 
 import dataclasses
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -172,7 +171,7 @@ def save_vehicle(spec: VehicleSpec, path: str | Path) -> None:
 
 def to_json(spec: Spec) -> str:
     """The text of a description, without the fields that hold their default."""
-    return layout(plain(spec)) + "\n"
+    return files.layout(plain(spec)) + "\n"
 
 
 def plain(value: Any) -> Any:
@@ -190,19 +189,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, (tuple, list)):
         return [plain(item) for item in value]
     return value
-
-
-def layout(value: Any, indent: str = "") -> str:
-    """JSON with lists of plain values on one line, for files that people edit."""
-    inner = indent + "  "
-    short = json.dumps(value, ensure_ascii=False)
-    if not isinstance(value, (dict, list)) or (isinstance(value, list) and len(short) + len(inner) <= 116):
-        flat = not isinstance(value, list) or not any(isinstance(item, dict) for item in value)
-        if flat or not value:
-            return short
-    if isinstance(value, dict):
-        if not value:
-            return short
-        lines = [f"{inner}{json.dumps(key)}: {layout(item, inner)}" for key, item in value.items()]
-        return "{\n" + ",\n".join(lines) + f"\n{indent}}}"
-    return "[\n" + ",\n".join(inner + layout(item, inner) for item in value) + f"\n{indent}]"

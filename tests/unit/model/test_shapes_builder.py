@@ -70,8 +70,8 @@ def test_refused(case: Case) -> None:
     ],
 )  # fmt: skip
 def test_materials_out_of_range(field: str, value: float) -> None:
+    wrong: Any = {field: value}
     with pytest.raises(ModelError) as error:
-        wrong: Any = {field: value}
         with_body().add_shape_sphere(0, radius=0.1, name="ball", material=sw.Material(**wrong))
     assert_line(error, ["shape 'ball'", f"material.{field}", str(value)])
 

@@ -1,0 +1,1 @@
+"""Commands for robots of one's own: files read, tasks written for them."""

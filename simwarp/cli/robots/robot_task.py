@@ -1,0 +1,235 @@
+"""A task for a robot of one's own: what of the robot moves, and the files of a package around it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.cli import UsageError
+from simwarp.cli.robots.robot_templates import FIXED, FLOATING, JOINTS, README, TEST
+from simwarp.core.types import WORLD, Dof, JointType, PositionDrive, ShapeType
+from simwarp.importers.imported import Imported
+from simwarp.importers.robot_files import robot_text
+from simwarp.model.specifications import JointSpec
+
+Array = npt.NDArray[np.float64]
+
+DAMPING: Final = 0.03
+"""Of a drive that the file does not tell: its damping over its stiffness [s]."""
+SLIDE: Final = 0.1
+"""Way over which such a drive of a slide reaches its largest effort [m]; that of a hinge is 1 rad."""
+WIDEST: Final = 1.0
+"""Most that targets of a joint leave the pose at the start [rad], or in units of SLIDE."""
+GRAVITY: Final = 9.81
+
+
+@dataclasses.dataclass(frozen=True)
+class DrivenJoint:
+    """A coordinate that the policy moves.
+
+    Attributes:
+        name: of the joint or tendon.
+        drive: that pulls it to its target.
+        lower, upper: of its targets.
+    """
+
+    name: str
+    drive: PositionDrive
+    lower: float
+    upper: float
+
+    def row(self) -> str:
+        """Its line of the table in the task."""
+        effort = self.drive.effort_limit
+        told = ", ".join(_digits(side) for side in effort) if isinstance(effort, tuple) else _digits(effort)
+        told = f"({told})" if isinstance(effort, tuple) else told
+        numbers = [_digits(self.drive.stiffness), _digits(self.drive.damping), told]
+        return f"    {json.dumps(self.name)}: ({', '.join([*numbers, _digits(self.lower), _digits(self.upper)])}),"
+
+
+@dataclasses.dataclass(frozen=True)
+class Stance:
+    """How a robot stands.
+
+    Attributes:
+        home: (dofs,) coordinates at the start.
+        keyframe: that they are of; empty for the robot as built.
+        floating: name of the joint of the base that floats; empty where it is fixed.
+        base: name of that body.
+        has_ground: the file has a ground.
+        lift: to be added to the height of the base [m].
+    """
+
+    home: Array
+    keyframe: str
+    floating: str = ""
+    base: str = ""
+    has_ground: bool = False
+    lift: float = 0.0
+
+
+def robot_files(name: str, module: str, robot: Imported, source: str, *, velocity: bool) -> dict[str, str]:
+    """The module, its test, its page and the robot: path -> text, with @words@ of the package still in it.
+
+    Args:
+        name: of the task.
+        module: of the package.
+        robot: that it is about.
+        source: file of the robot, for people.
+        velocity: follow a commanded velocity.
+
+    Raises:
+        UsageError: nothing of the robot can be driven, or its base is fixed and has no velocity.
+    """
+    stance = stance_of(robot)
+    joints = driven_joints(robot, stance.home)
+    if not joints:
+        raise UsageError(f"{source}: a task needs joints that can be driven, and there is none; add joints to the file")
+    if velocity and not stance.floating:
+        raise UsageError(f"{source}: --velocity is for robots whose base floats, this one's is fixed; leave it away")
+    what = "follows commanded velocities" if velocity else "stands upright" if stance.floating else "reaches goals"
+    summary = f"{source} {what}, {len(joints)} joints"
+    home = (
+        f"robot.keyframes[{json.dumps(stance.keyframe)}].q"
+        if stance.keyframe
+        else "robot.q_from(robot.coordinates.initial)"
+    )
+    count = len(joints)
+    words = {
+        "@what@": f"A robot, {source}, {what}" + (" of its joints" if what == "reaches goals" else ""),
+        "@summary@": summary,
+        "@source@": source,
+        "@table@": JOINTS,
+        "@joints@": "\n".join(joint.row() for joint in joints),
+        "@home@": home,
+        "@base@": stance.base,
+        "@float@": stance.floating,
+        "@lift@": f"{stance.lift:.4g}" if stance.lift % 1 else f"{stance.lift:.1f}",
+        "@ground@": "" if stance.has_ground else '        self.robot.builder.add_shape_plane(name="ground")\n',
+        "@size@": str(9 + 3 * (count + velocity) if stance.floating else 4 * count),
+    }
+    texts = {
+        "README.md": README,
+        f"{module}/task.py": "".join(_chosen(FLOATING if stance.floating else FIXED, velocity)),
+        f"tests/test_{module}.py": TEST,
+    }
+    for path, text in texts.items():
+        for word in ("@table@", *words):
+            text = text.replace(word, words[word])
+        texts[path] = text
+    return {**texts, f"{module}/robot.json": robot_text(robot)}
+
+
+def _chosen(template: str, velocity: bool) -> Iterator[str]:
+    """The lines of a template that are for this kind of task."""
+    for line in template.splitlines(keepends=True):
+        if line[:2] in ("%v", "%s"):
+            if (line[1] == "v") == velocity:
+                yield line[3:] or "\n"
+        else:
+            yield line
+
+
+def _digits(value: float) -> str:
+    """Four digits of a number, as Python reads them."""
+    return f'float("{value}")' if math.isinf(value) else repr(float(f"{value:.4g}"))
+
+
+# ---- the robot -------------------------------------------------------------------------------------------------------
+
+
+def stance_of(robot: Imported) -> Stance:
+    """Where the robot starts: its keyframe "home", else its first one, else as built."""
+    builder, keyframes = robot.builder, robot.keyframes
+    keyframe = "home" if "home" in keyframes else next(iter(keyframes), "")
+    home = keyframes[keyframe].q if keyframe else robot.q_from(robot.coordinates.initial)
+    names = {column: name for name, column in robot.dofs.items()}
+    bodies = {body: name for name, body in robot.bodies.items()}
+    for index, joint in enumerate(builder.joints):
+        column = builder.dof_start(index)
+        if joint.type == JointType.FREE and joint.child in bodies and column in names and _carries(robot, joint.child):
+            grounds = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD)
+            has_ground = any(shape.body == WORLD and shape.type in grounds for shape in builder.shapes)
+            lift = 0.0 if has_ground else -lowest_point(robot, home)
+            return Stance(home, keyframe, names[column], bodies[joint.child], has_ground, lift)
+    return Stance(home, keyframe)
+
+
+def _carries(robot: Imported, body: int) -> bool:
+    """True if joints hang on a body: an object that floats alone has none."""
+    return any(joint.parent == body and joint.dofs for joint in robot.builder.joints)
+
+
+def lowest_point(robot: Imported, q: Array) -> float:
+    """Height of the lowest point of the shapes on bodies at coordinates (dofs,) [m]."""
+    from simwarp import Simulation
+    from simwarp.sensors import CameraConfig, Visuals
+    from simwarp.viewer import FreeCamera
+
+    simulation = Simulation(robot.builder.finalize(1, "cpu"), dt=1e-3)
+    simulation.set_joint_state(None, np.asarray(q, np.float32)[None], None)
+    if all(shape.body == WORLD for shape in robot.builder.shapes):
+        return float(simulation.state.body_x.numpy()[0, :, 2].min())
+    camera = FreeCamera(Visuals(robot.builder).finalize(simulation.model), [0], CameraConfig(width=8, height=8))
+    return float(camera.extent(simulation.state)[0, 0, 2])
+
+
+def driven_joints(robot: Imported, home: Array) -> list[DrivenJoint]:
+    """What has a drive, else what actuators push, else all hinges and slides that follow no other one."""
+    builder = robot.builder
+    pushed = {column for spec in robot.actuators for column, _ in spec.terms}
+    followers = {coupling.terms[0][0] for coupling in builder.couplings}
+    found = []
+    for name, column in {**robot.dofs, **robot.tendons}.items():
+        index, local = builder.coordinate_of(column)
+        joint = builder.joints[index]
+        if len(joint.dofs) > 1:
+            continue
+        dof = joint.dofs[local]
+        if isinstance(dof.drive, PositionDrive):
+            drive = dof.drive
+        elif column in pushed or (not pushed and column not in followers and joint.type != JointType.COMBINATION):
+            drive = _made_drive(robot, name, column, joint)
+        else:
+            continue
+        found.append(DrivenJoint(name, drive, *_targets(joint, dof, float(home[column]))))
+    return found
+
+
+def _targets(joint: JointSpec, dof: Dof, home: float) -> tuple[float, float]:
+    """Range of a joint's targets: around the pose at the start, within its stops."""
+    reach = WIDEST * (SLIDE if joint.type == JointType.PRISMATIC else 1.0)
+    lower, upper = dof.limit or (-math.inf, math.inf)
+    return max(lower, home - reach), min(upper, home + reach)
+
+
+def _made_drive(robot: Imported, name: str, column: int, joint: JointSpec) -> PositionDrive:
+    """A drive that gives its largest effort one radian from its target."""
+    effort = _effort_of(robot, name, column)
+    if not math.isfinite(effort):
+        # what holds the robot's weight at half its extent, or lifts it
+        places = np.array([body.pose.position for body in robot.builder.bodies])
+        lever = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) > 1 else 0.5
+        effort = robot.mass * GRAVITY * (1.0 if joint.type == JointType.PRISMATIC else max(lever, 0.1))
+    stiffness = effort / (SLIDE if joint.type == JointType.PRISMATIC else 1.0)
+    return PositionDrive(stiffness=stiffness, damping=DAMPING * stiffness, effort_limit=effort)
+
+
+def _effort_of(robot: Imported, name: str, column: int) -> float:
+    """Largest effort of what pushes a coordinate; infinite where the file does not tell."""
+    efforts = []
+    for spec in robot.actuators:
+        for moved, factor in spec.terms:
+            if moved == column:
+                ranges = [spec.force_range] if spec.force_range else []
+                if spec.ctrl_range and not any(spec.bias) and not any(spec.gain[1:]):
+                    ranges.append((spec.gain[0] * spec.ctrl_range[0], spec.gain[0] * spec.ctrl_range[1]))
+                efforts.append(min((abs(factor) * max(map(abs, pair)) for pair in ranges), default=math.inf))
+    told = robot.effort_limits.get(name, math.inf)
+    return min(sum(efforts), told) if efforts else told
