@@ -167,7 +167,7 @@ def test_a_dropped_tendon_takes_its_actuator_along(tmp_path):
 
 
 def test_kinds_that_do_not_exist_are_no_excuse(tmp_path):
-    with pytest.raises(sw.ModelError, match="allow names 'mussel', which is never refused; did you mean 'muscle'?"):
+    with pytest.raises(sw.ModelError, match=r"allow names 'mussel', which is never refused; did you mean 'muscle'\?"):
         load_mjcf(model_file(tmp_path), allow=["mussel"])
 
 
@@ -178,11 +178,11 @@ def test_kinds_that_do_not_exist_are_no_excuse(tmp_path):
         ("<mujoco><include file='model.xml'/></mujoco>", "includes itself"),
         ("<mujoco><include file='gone.xml'/></mujoco>", "gone.xml"),
         ("<!DOCTYPE m [<!ENTITY a 'b'>]><mujoco>&a;</mujoco>", "entities must not be declared"),
-        ("<mujoco><asset><mesh name='m' file='gone.stl'/></asset><worldbody><geom type='mesh' mesh='m'/></worldbody>"
-         "</mujoco>",
+        (("<mujoco><asset><mesh name='m' file='gone.stl'/></asset><worldbody><geom type='mesh' mesh='m'/></worldbody>"
+         "</mujoco>"),
          "gone.stl"),
-        ("<mujoco><worldbody><body><joint/><inertial pos='0 0 0' mass='0' diaginertia='0 0 0'/></body>"
-         "</worldbody></mujoco>",
+        (("<mujoco><worldbody><body><joint/><inertial pos='0 0 0' mass='0' diaginertia='0 0 0'/></body>"
+         "</worldbody></mujoco>"),
          "mass and inertia of moving bodies must be larger"),
         ("<mujoco><worldbody><body><joint/><geom size='nan'/></body></worldbody></mujoco>", "cannot compile"),
         ("<mujoco><worldbody><body><joint/><geom size='1e300'/></body></worldbody></mujoco>",

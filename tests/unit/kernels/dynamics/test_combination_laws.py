@@ -30,14 +30,15 @@ def combined(dt: float, worlds: int = 1, *, joint: dict[str, Any] | None = None,
 
 
 def put(sim: sw.Simulation, q: tuple[float, float], qd: tuple[float, float]) -> None:
-    start(sim, (*q, 0.0), (*qd, 0.0))
+    both: Any = ((*q, 0.0), (*qd, 0.0))
+    start(sim, *both)
 
 
 def sums(q: np.ndarray) -> np.ndarray:
     return 0.7 * q[..., SLIDE] - 1.3 * q[..., HINGE]
 
 
-TENDONS = {
+TENDONS: dict[str, Any] = {
     "spring": ('stiffness="30" springlength="0.2"', {"stiffness": 30.0, "rest": 0.2}),
     "damper": ('damping="0.5"', {"damping": 0.5}),
     "both": ('stiffness="30" springlength="-0.1" damping="0.2"', {"stiffness": 30.0, "rest": -0.1, "damping": 0.2}),
