@@ -108,9 +108,10 @@ class Actuators(FixedAttributes):
             array = writable_from(rows, dtype, device, label=f"actuators.{name}", domain=domain, hint=hint)
             setattr(self, name, array)
             setattr(self._parameters, name, array)
-        self._state: Any = ActuatorState()
-        self._state.ctrl, self._state.activation, self._state.force = self.ctrl, self.activation, self.force
-        self._state.line, self._state.cursor = self._line, self._cursor
+        self._state = ActuatorState()
+        kept = {"ctrl": self.ctrl, "activation": self.activation, "force": self.force}
+        for name, each in {**kept, "line": self._line, "cursor": self._cursor}.items():
+            setattr(self._state, name, each)
         self._given = wp.zeros((worlds, count), dtype=wp.float32, device=device)
         self._mapped: tuple[Any, ...] = ()
         self._mapping: Any = None

@@ -10,6 +10,7 @@ import importlib.util
 import logging
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -242,3 +243,27 @@ def convex_parts(vertices: npt.ArrayLike, triangles: npt.ArrayLike, **options: A
         "mesh: decompose=True needs a library for convex decomposition, found neither coacd nor vhacdx; "
         "run: pip install coacd"
     )
+
+
+def primitive_mesh(kind: str, sizes: Mapping[str, float]) -> tuple[Vertices, Triangles]:
+    """Vertices (V, 3) and triangles (T, 3) of a primitive about the origin, its axis z.
+
+    Args:
+        kind: "cube" (`size`), "sphere" (`radius`), "capsule", "cylinder" or "cone" (`radius`, `height`; that of a
+            capsule without its caps).
+        sizes: [m], by name.
+    """
+    make = trimesh.creation
+    if kind == "cube":
+        mesh = make.box((sizes["size"],) * 3)
+    elif kind == "sphere":
+        mesh = make.icosphere(subdivisions=3, radius=sizes["radius"])
+    elif kind == "capsule":
+        mesh = make.capsule(height=sizes["height"], radius=sizes["radius"])
+        mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    elif kind == "cylinder":
+        mesh = make.cylinder(radius=sizes["radius"], height=sizes["height"])
+    else:
+        mesh = make.cone(radius=sizes["radius"], height=sizes["height"])
+        mesh.apply_translation((0.0, 0.0, -0.5 * sizes["height"]))
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)

@@ -12,6 +12,7 @@ from simwarp.importers.robot_files import load_robot, save_robot
 from simwarp.importers.solidworks.solidworks_reader import load_solidworks
 from simwarp.importers.step.step_reader import load_step
 from simwarp.importers.urdf.urdf_reader import load_urdf
+from simwarp.importers.usd.usd_reader import load_usd
 
 __all__ = [
     "load_chrono_sensor",
@@ -21,5 +22,6 @@ __all__ = [
     "load_solidworks",
     "load_step",
     "load_urdf",
+    "load_usd",
     "save_robot",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -100,13 +100,27 @@ class FileFolders:
     Args:
         file: the description.
         packages: folder of each package, by its name.
+        folders: more of them, without names.
 
     Raises:
         ModelError: a package's folder does not exist.
     """
 
-    def __init__(self, file: Path, packages: Mapping[str, str | os.PathLike[str]]) -> None:
+    def __init__(
+        self,
+        file: Path,
+        packages: Mapping[str, str | os.PathLike[str]] | None = None,
+        folders: Collection[str | os.PathLike[str]] = (),
+    ) -> None:
         self.file = file
+        self._remedy = "folders=[folder]" if packages is None else "packages={'any name': folder}"
+        if packages is None:
+            if isinstance(folders, (str, os.PathLike)):
+                raise ModelError(f"{file.name}: folders must be a list, got {shown(str(folders))}; write [folder]")
+            packages = {str(number): folder for number, folder in enumerate(folders)}
+            self._words = "folders[{}]"
+        else:
+            self._words = "packages['{}']"
         self.packages: dict[str, Path] = {}
         if not isinstance(packages, Mapping):
             raise ModelError(
@@ -115,9 +129,8 @@ class FileFolders:
             )
         for name, folder in packages.items():
             if not isinstance(folder, (str, os.PathLike)) or not os.path.isdir(folder):
-                raise ModelError(
-                    f"{file.name}: packages['{name}'] must be a folder, got {shown(str(folder))}; check the path"
-                )
+                place = self._words.format(name)
+                raise ModelError(f"{file.name}: {place} must be a folder, got {shown(str(folder))}; check the path")
             self.packages[str(name)] = Path(folder).resolve()
 
     def resolve(self, reference: str) -> Path:
@@ -161,7 +174,7 @@ class FileFolders:
         if not any(resolved.is_relative_to(folder) for folder in (own, *around, *self.packages.values())):
             raise ModelError(
                 f"file {shown(reference)}: leads out of the folders of the description to '{shortened(resolved)}'; "
-                "name the folder it is in: packages={'any name': folder}"
+                f"name the folder it is in: {self._remedy}"
             )
         if not os.path.isfile(resolved):
             raise ModelError(f"file {shown(reference)}: there must be a file '{shortened(resolved)}', got none; add it")

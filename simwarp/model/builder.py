@@ -427,7 +427,7 @@ class ModelBuilder(ShapeList, CouplingList):
 
         Args:
             terms: (joint, coefficient) or (joint, local dof, coefficient), at most twelve, of revolute, prismatic,
-                cylindrical, universal and planar joints and shafts; a combination stands for its own terms.
+                cylindrical, universal and planar joints and shafts [m, rad]; a combination stands for its own terms.
             options: the fields of `Dof`.
         """
         thing = checked_name("combination", name)

@@ -309,7 +309,11 @@ class ShapeList:
         self.excluded_bodies.add((min(body0, body1), max(body0, body1)))
 
     def exclude_shapes(self, shape0: int, shape1: int) -> None:
-        """These two shapes never meet; others of their bodies may."""
+        """These two shapes never meet; others of their bodies may.
+
+        Raises:
+            ModelError: there is no such shape, both are one, or they were given to `add_shape_pair`.
+        """
         pair = self._shape_pair("exclude_shapes", shape0, shape1)
         if pair in self.given_pairs:
             raise ModelError(f"exclude_shapes: {self._named(pair)} were given to add_shape_pair, got both; drop one")

@@ -329,6 +329,5 @@ def _check_couplings(builder: Specification, dof_to_tree_dof: list[int], dof_sta
                 )
             if dof_to_tree_dof[dof] < 0 and spec.type != JointType.RELATIVE_ROTATION:
                 raise ModelError(
-                    f"{thing}: joint '{spec.name}' closes a loop of coupled joints; "
-                    "couple another joint of that loop"
+                    f"{thing}: joint '{spec.name}' closes a loop of coupled joints; couple another joint of that loop"
                 )

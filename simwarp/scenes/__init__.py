@@ -1,5 +1,6 @@
 """Scenes with known answers, as builders: for `bench`, `verify`, examples and tests. SI units, Z up."""
 
+from simwarp.scenes.arms import IRB120, RACER3, Arm, ArmJoint, ArmLink, ArmShape, robot_arm
 from simwarp.scenes.contact import (
     ANT_LIMB_RADIUS,
     ant,
@@ -39,7 +40,13 @@ __all__ = [
     "ANT_LIMB_RADIUS",
     "FLIP_INTERVAL",
     "HEXAPOD_LIMIT",
+    "IRB120",
     "PENDULUM_PERIOD",
+    "RACER3",
+    "Arm",
+    "ArmJoint",
+    "ArmLink",
+    "ArmShape",
     "FourBar",
     "andrews",
     "ant",
@@ -59,6 +66,7 @@ __all__ = [
     "linkage",
     "pendulum",
     "pile",
+    "robot_arm",
     "rolling_box",
     "slider_crank",
     "stack",

@@ -105,8 +105,7 @@ class Simulation(FixedAttributes):
         self.solver = solver if solver is not None else SolverOptions()
         most = (2**31 - 1) // self.substeps  # clocks of sensors count sub-steps in 32 bits
         self.read_every = whole_number("Simulation", "read_every", read_every, 1, most, "1 is the default")
-        reactions = checked_flag("Simulation", "joint_reactions", joint_reactions)
-        accelerations = checked_flag("Simulation", "joint_accelerations", joint_accelerations)
+        reports = _checked_reports(joint_reactions, joint_accelerations)
         self.elements = _checked_elements(elements)
         self.sensors = _named_apart(sensors)
         all_solvers = _needs_all_solvers(model, self.solver)
@@ -114,9 +113,7 @@ class Simulation(FixedAttributes):
         element_memory = [
             reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
         ]
-        layouts = run_layouts(
-            model.sizes(elements=bool(self.elements), reactions=reactions, accelerations=accelerations)
-        )
+        layouts = run_layouts(model.sizes(elements=bool(self.elements), **reports))
         self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
         """Records launches whose worlds are shared among threads."""
         self.rounds = SensorRounds(self.read_every * self.substeps, self.shares)
@@ -128,8 +125,8 @@ class Simulation(FixedAttributes):
         copies = sum(4 * array.size for array in element_memory)
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
         self.control = Control(model, elements=bool(self.elements))
-        self.diagnostics = Diagnostics(model, reactions=reactions, accelerations=accelerations)
-        self._config = self._step_config(reactions, accelerations)
+        self.diagnostics = Diagnostics(model, **reports)
+        self._config = self._step_config(**reports)
         for sensor in self.sensors:  # all of them before any belongs to this Simulation
             if hasattr(sensor, "check"):
                 sensor.check(self, self._config.dt)
@@ -303,7 +300,7 @@ class Simulation(FixedAttributes):
 
     # ---- inside --------------------------------------------------------------------------------------------------
 
-    def _step_config(self, reactions: bool, accelerations: bool) -> StepConfig:
+    def _step_config(self, *, reactions: bool, accelerations: bool) -> StepConfig:
         config = StepConfig()
         config.dt = self.dt / self.substeps
         config.max_depenetration_velocity = self.solver.max_depenetration_velocity
@@ -478,6 +475,14 @@ class Simulation(FixedAttributes):
                 f"set_joint_state: {name} must be finite (float32), got {value!r} for world {world}; leave such worlds "
                 "out of the mask"
             )
+
+
+def _checked_reports(joint_reactions: Any, joint_accelerations: Any) -> dict[str, bool]:
+    """The reports that are made only where they are asked for."""
+    return {
+        "reactions": checked_flag("Simulation", "joint_reactions", joint_reactions),
+        "accelerations": checked_flag("Simulation", "joint_accelerations", joint_accelerations),
+    }
 
 
 def _named_apart(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:

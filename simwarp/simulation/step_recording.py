@@ -143,9 +143,9 @@ def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
             part(push_worlds, *model, scratch, state, contacts, step),
         ]
     if config.accelerations == 1:
-        commands.append(part(change_worlds, topology, scratch, state))
+        commands.append(part(change_worlds, *model, scratch, state, arrays.reports))
     if config.projection_iterations > 0:
-        commands.append(part(project_worlds, *model, scratch, state, step))
+        commands.append(part(project_worlds, *model, scratch, state, step, arrays.reports))
     if config.accelerations == 1:
         commands.append(part(accelerate_worlds, *model, scratch, state, arrays.reports))
     if config.reactions == 1:

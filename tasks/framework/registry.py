@@ -22,7 +22,8 @@ ENTRY_POINT_GROUP = "simwarp.tasks"
 
 _DRIVING = ("barrier_track", "convoy", "hallway", "obstacle_avoidance", "off_road")
 _BUILTIN_MODULES = (
-    *(f"driving.{name}" for name in _DRIVING), "fast", "locomotion.ant", "locomotion.hexapod", "pendulum",
+    "arms.reaching", *(f"driving.{name}" for name in _DRIVING), "fast", "locomotion.ant", "locomotion.hexapod",
+    "pendulum",
 )  # fmt: skip
 
 _tasks: dict[str, type[Task[Any]]] = {}

@@ -77,6 +77,7 @@ CALLS: dict[str, dict[str, Any]] = {
         "damping": (1.0,) * 6,
     },
     "add_joint_relative_rotation": {"name": "c", "parent": 0, "child": 1, "axis": Z},
+    "add_combination": {"name": "c", "terms": [(0, 1.0), (1, -1.0)]},
     "add_coupling": {"name": "c", "terms": [(0, 1.0), (1, -1.0)], "offset": 0.0, "damping": 0.0},
     "add_gear": {"name": "c", "joint0": 0, "joint1": 1, "ratio": 2.0},
     "add_rack": {"name": "c", "pinion": 0, "rack": 1, "radius": 0.1},
@@ -96,14 +97,19 @@ CALLS: dict[str, dict[str, Any]] = {
     "add_mesh_asset": {"vertices": TETRAHEDRON, "triangles": FACES},
     "add_solid": {"name": "c", "kind": "box", "size": (0.5, 0.5, 0.5), "density": 100.0, "velocity": X},
     "exclude_collision": {"body0": 0, "body1": 1},
+    "exclude_shapes": {"shape0": 0, "shape1": 1},
+    "add_shape_pair": {"shape0": 0, "shape1": 1},
     "finalize": {"world_count": 1, "device": "cpu", "per_world": ("body_mass",), "contact_capacity": 20},
 }
 """A good call of each method; test_quick.py holds that none is missing."""
 
 DOF_FIELDS = [each.name for each in dataclasses.fields(sw.Dof) if each.default == 0.0]
 MATERIAL_FIELDS = [field.name for field in dataclasses.fields(sw.Material)]
-INDICES = {"body", "body0", "body1", "parent", "child", "joint0", "joint1", "pinion", "rack", "cylindrical"}
-COUPLINGS = {"add_gear", "add_rack", "add_screw", "add_coupling"}
+INDICES = {
+    "body", "body0", "body1", "shape0", "shape1", "parent", "child", "joint0", "joint1", "pinion", "rack",
+    "cylindrical",
+}  # fmt: skip
+COUPLINGS = {"add_gear", "add_rack", "add_screw", "add_coupling", "add_combination"}
 DIRECTIONS = {"axis", "axis0", "axis1", "normal", "direction"}
 
 
@@ -124,8 +130,10 @@ def builder() -> sw.ModelBuilder:
 def prepared(method: str) -> sw.ModelBuilder:
     """A builder on which the good call of a method works."""
     made = builder()
-    if method in ("add_coupling", "add_gear"):
+    if method in ("add_coupling", "add_combination", "add_gear"):
         made.add_shaft("s0", inertia=1.0), made.add_shaft("s1", inertia=1.0)
+    if method in ("exclude_shapes", "add_shape_pair"):
+        made.add_shape_sphere(0, radius=0.5), made.add_shape_sphere(1, radius=0.5)
     if method in ("add_rack", "add_screw"):
         made.add_shaft("s0", inertia=1.0)
         made.add_joint_prismatic("p", sw.WORLD, 0, axis=X)
@@ -181,7 +189,7 @@ def _others(name: str, good: Any) -> st.SearchStrategy[Value]:
             [("x", 1.0)],
             [(0, "x")],
             [(0, 10**400)],
-            [(0, 1.0)] * 7,
+            [(0, 1.0)] * 13,
             [3],
         ),
         "pose": refused(3, "x", (0, 0, 0), [1], object(), {}),
@@ -252,7 +260,8 @@ def method_calls(draw: st.DrawFn) -> CallAttack:
 
 
 def _options_of(method: str) -> list[str]:
-    return DOF_FIELDS if method in ("add_shaft", "add_joint_revolute", "add_joint_prismatic", "add_spring") else []
+    with_options = ("add_shaft", "add_joint_revolute", "add_joint_prismatic", "add_spring", "add_combination")
+    return DOF_FIELDS if method in with_options else []
 
 
 def _words(arguments: dict[str, Any]) -> str:

@@ -82,6 +82,7 @@ LONG = {
     for name in (
         "dynamics.world", "dynamics.step_parts", "dynamics.solve_parts", "cones.batch", "collision.collide",
         "collision.collide_parts", "collision.triangle_parts", "vehicle.tires.tires", "sensors.cameras.image",
+        "kinematics.jacobian", "kinematics.inverse_kinematics",
     )
 }  # fmt: skip
 MODULES = [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in kernel_modules()]

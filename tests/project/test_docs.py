@@ -22,7 +22,15 @@ WITH_CODE = [
     ROOT / "README.md",
     *(
         ROOT / "docs" / name
-        for name in ("conventions.md", "driving.md", "scenery.md", "sensors.md", "vehicles.md", "write-a-task.md")
+        for name in (
+            "actuators.md",
+            "conventions.md",
+            "driving.md",
+            "scenery.md",
+            "sensors.md",
+            "vehicles.md",
+            "write-a-task.md",
+        )
     ),
 ]
 EXAMPLES = {
@@ -157,7 +165,7 @@ def test_the_array_tables_are_those_of_the_code():
     builder.add_joint_prismatic("slide", sw.WORLD, body, axis=(1.0, 0.0, 0.0), limit=(-1.0, 1.0))
     builder.add_shape_sphere(body, radius=0.5)
     builder.add_shape_plane()
-    sim = sw.Simulation(builder.finalize(2, "cpu"), dt=0.01, joint_reactions=True)
+    sim = sw.Simulation(builder.finalize(2, "cpu"), dt=0.01, joint_reactions=True, joint_accelerations=True)
     listed = rows(ROOT / "docs" / "conventions.md", "## Arrays", 3)
     arrays: dict[str, wp.array] = {}
     for owner in (sim.state, sim.control, sim.diagnostics, sim.contacts):

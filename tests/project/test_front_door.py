@@ -16,8 +16,7 @@ from simwarp.sensors.scene import AppearanceOptions
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "simwarp", "simwarp.actuators", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers",
-    "simwarp.viewer",
-    "simwarp.scenes", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
+    "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics", "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
     # these import libraries that are optional
     "simwarp.tasks.adapters.sb3_adapter", "simwarp.tasks.adapters.skrl_adapter",
 }  # fmt: skip
@@ -27,7 +26,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 TASKS = [
     path
-    for folder in ("", "driving", "locomotion")
+    for folder in ("", "arms", "driving", "locomotion")
     for path in sorted((ROOT / "tasks" / folder).glob("*.py"))
     if path.name != "__init__.py"
 ]

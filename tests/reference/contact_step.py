@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import operator
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from simwarp.core.rotation import quat_multiply, rotate
-from simwarp.core.types import WORLD, JointType, Material, ShapeType
+from simwarp.core.types import WORLD, FrictionRule, JointType, Material, PairRule, ShapeType
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.specifications import ShapeSpec
 from tests.reference.contact_solve import Cones, solve_cones
@@ -33,13 +36,26 @@ class Touch:
     point1: np.ndarray
 
 
-def mixed(a: Material, b: Material) -> Material:
-    """What two materials make of a contact: the smaller of everything, the sum of the compliances."""
-    least = {
-        field: min(getattr(a, field), getattr(b, field))
-        for field in ("friction", "rolling_friction", "spinning_friction", "restitution", "cohesion", "damping")
+COMBINED: dict[FrictionRule, Callable[[float, float], float]] = {
+    FrictionRule.MIN: min, FrictionRule.MAX: max, FrictionRule.MEAN: lambda a, b: (a + b) / 2.0,
+    FrictionRule.PRODUCT: operator.mul,
+}  # fmt: skip
+
+
+def mixed(a: Material, b: Material, rule: FrictionRule = FrictionRule.MIN) -> Material:
+    """What two materials make of a contact: friction of the one of higher priority or by the rule, of levers never
+    the product; the smaller of everything else, the sum of the compliances.
+    """
+    least: dict[str, Any] = {
+        field: min(getattr(a, field), getattr(b, field)) for field in ("restitution", "cohesion", "damping")
     }
-    return Material(compliance=a.compliance + b.compliance, **least)
+    frictions: dict[str, Any] = {}
+    for field in ("friction", "rolling_friction", "spinning_friction"):
+        combine = COMBINED[rule] if field == "friction" or rule != FrictionRule.PRODUCT else min
+        frictions[field] = combine(getattr(a, field), getattr(b, field))
+        if a.priority != b.priority:
+            frictions[field] = getattr(a if a.priority > b.priority else b, field)
+    return Material(compliance=a.compliance + b.compliance, **least, **frictions)
 
 
 def contact_bias(
@@ -141,11 +157,19 @@ class ContactReference(ReferenceStep):
         """All contacts that take part; `velocity` is that of the step without contacts."""
         found: list[Touch] = []
         for i, j in itertools.combinations(range(len(self.builder.shapes)), 2):
-            a, b = self.builder.shapes[i], self.builder.shapes[j]
-            allowed = a.group & b.mask and b.group & a.mask and a.body != b.body
-            if allowed and frozenset((a.body, b.body)) not in self.tied:
+            if self.may_meet(i, j):
                 found += [touch for touch in self._pair(i, j) if self._takes_part(touch, velocity)]
         return found
+
+    def may_meet(self, i: int, j: int) -> bool:
+        """Whether two shapes, the smaller index first, may have contacts."""
+        a, b = self.builder.shapes[i], self.builder.shapes[j]
+        if (i, j) in self.builder.given_pairs:
+            return True
+        sides = [a.group & b.mask != 0, b.group & a.mask != 0]
+        allowed = any(sides) if self.builder.pair_rule is PairRule.EITHER else all(sides)
+        excluded = (i, j) in self.builder.excluded_shapes or frozenset((a.body, b.body)) in self.tied
+        return allowed and not excluded and a.body != b.body
 
     def _takes_part(self, touch: Touch, velocity: np.ndarray) -> bool:
         speed = 0.0
@@ -168,7 +192,8 @@ class ContactReference(ReferenceStep):
         slopes, apex = np.zeros((len(touches), 3)), np.zeros(len(touches))
         for k, touch in enumerate(touches):
             shapes = [self.builder.shapes[s] for s in (touch.shape0, touch.shape1)]
-            material = mixed(shapes[0].material, shapes[1].material)
+            own = self.builder.given_pairs.get((touch.shape0, touch.shape1))
+            material = own or mixed(shapes[0].material, shapes[1].material, self.builder.friction_rule)
             t1, t2 = tangents(touch.normal)
             for sign, shape, point in zip((-1.0, 1.0), shapes, (touch.point0, touch.point1), strict=True):
                 if shape.body == WORLD:

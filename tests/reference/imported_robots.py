@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,64 @@ etree: Any = importlib.import_module("lxml.etree")  # it has no types
 
 ROBOTS = Path(__file__).resolve().parents[2] / "../shared/reference/robots"
 """Published model files, which are not part of the project."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ArmLink:
+    """A link of a random arm, on a hinge through its frame's origin.
+
+    Attributes:
+        name: of the link; its joint is "j" and the number.
+        offset: of its frame in the parent's [m].
+        local: rotation of its frame in the parent's.
+        axis: of its hinge, in its frame.
+        mass: [kg].
+        centre: of mass, in its frame [m].
+        inertia: about the centre, in its axes [kg m2].
+        place, turn: of its frame in the world, where all angles are 0.
+    """
+
+    name: str
+    offset: Array
+    local: Rotation
+    axis: Array
+    mass: float
+    centre: Array
+    inertia: Array
+    place: Array
+    turn: Array
+
+
+def random_arm(count: int = 5, seed: int = 3) -> tuple[list[ArmLink], str]:
+    """A serial arm of random numbers, and its URDF: for readers of other formats."""
+    rng = np.random.default_rng(seed)
+    links: list[ArmLink] = []
+    urdf = ['<robot name="arm"><link name="base"/>']
+    turn, place = np.eye(3), np.zeros(3)
+    for number in range(1, count + 1):
+        local = Rotation.from_rotvec(rng.normal(size=3))
+        offset, axis, centre = rng.uniform(-0.3, 0.3, 3), rng.normal(size=3), rng.uniform(-0.1, 0.1, 3)
+        axis /= np.linalg.norm(axis)
+        points = rng.normal(size=(6, 3)) * 0.1
+        points -= points.mean(axis=0)
+        mass = float(rng.uniform(0.5, 3.0))
+        inertia = mass / 6 * sum((np.dot(p, p) * np.eye(3) - np.outer(p, p) for p in points), np.zeros((3, 3)))
+        place, turn = place + turn @ offset, turn @ local.as_matrix()
+        links.append(ArmLink(f"link{number}", offset, local, axis, mass, centre, inertia, place, turn))
+        entries = {f"i{a}{b}": float(inertia[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if i <= j}
+        urdf.append(
+            f'<link name="link{number}"><inertial><origin xyz="{_text(centre)}"/><mass value="{mass!r}"/>'
+            f"<inertia {' '.join(f'{key}={chr(34)}{value!r}{chr(34)}' for key, value in entries.items())}/></inertial>"
+            f'</link><joint name="j{number}" type="continuous">'
+            f'<origin xyz="{_text(offset)}" rpy="{_text(local.as_euler("xyz"))}"/>'
+            f'<parent link="{"base" if number == 1 else f"link{number - 1}"}"/><child link="link{number}"/>'
+            f'<axis xyz="{_text(axis)}"/></joint>'
+        )
+    return links, "".join([*urdf, "</robot>"])
+
+
+def _text(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)
 
 
 def mujoco_urdf(text: bytes, base: str) -> mujoco.MjModel:

@@ -30,6 +30,12 @@ class DofInput:
     eta: float
 
 
+def bounds_of(drive: PositionDrive | VelocityMotor) -> tuple[float, float]:
+    """Least and largest effort."""
+    limit = drive.effort_limit
+    return limit if isinstance(limit, tuple) else (-limit, limit)
+
+
 def implicit_terms(dof: Dof, s: DofInput, h: float) -> tuple[float, float]:
     """(G, g) of the impulse gamma = -G u + g of everything along `dof` that has no bound."""
     spring, stiffness = dof.stiffness * (s.q - dof.rest), dof.stiffness
@@ -41,7 +47,7 @@ def implicit_terms(dof: Dof, s: DofInput, h: float) -> tuple[float, float]:
     gain = dof.armature + h * damping + h * h * stiffness
     start = dof.armature * s.qd + h * (s.force + dof.preload - spring - damper + damping * s.qd)
     drive = dof.drive
-    if isinstance(drive, PositionDrive) and math.isinf(drive.effort_limit):
+    if isinstance(drive, PositionDrive) and all(map(math.isinf, bounds_of(drive))):
         gain += h * drive.damping + h * h * drive.stiffness
         start += h * (drive.stiffness * (s.target_q - s.q) + drive.damping * s.target_qd)
     return gain, start
@@ -75,11 +81,13 @@ def box_constraints(dof: Dof, s: DofInput, h: float) -> list[tuple[float, float,
         rows.append((1.0, 0.0, 0.0, -h * dof.friction, h * dof.friction))
     drive = dof.drive
     if isinstance(drive, VelocityMotor):
-        rows.append((1.0, -s.target_qd, 0.0, -h * drive.effort_limit, h * drive.effort_limit))
-    if isinstance(drive, PositionDrive) and math.isfinite(drive.effort_limit):
-        k, d, most = drive.stiffness, drive.damping, h * drive.effort_limit
+        least, most = bounds_of(drive)
+        rows.append((1.0, -s.target_qd, 0.0, h * least, h * most))
+    if isinstance(drive, PositionDrive) and any(map(math.isfinite, bounds_of(drive))):
+        k, d = drive.stiffness, drive.damping
+        least, most = bounds_of(drive)
         gain = h * k + d
         if gain > 0.0:
             bias = -(k * (s.target_q - s.q) + d * s.target_qd) / gain
-            rows.append((1.0, bias, 1.0 / (h * gain), -most, most))
+            rows.append((1.0, bias, 1.0 / (h * gain), h * least, h * most))
     return rows

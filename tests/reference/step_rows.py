@@ -93,8 +93,8 @@ class Rows:
         self.offset = columns[:, 4]
         self.eta = np.where(np.isin(self.kind, LINEAR_KINDS), ETA_LINEAR, ETA_ANGULAR)
         self.linear = np.isin(self.kind, LINEAR_KINDS)
-        for row, terms in self._combinations():
-            self.eta[row] = min(self.eta[self.bilateral + dof] for dof, _ in terms)
+        for combined, terms in self._combinations():
+            self.eta[combined] = min(self.eta[self.bilateral + dof] for dof, _ in terms)
 
     def frames(self, x: np.ndarray, rotation: np.ndarray) -> None:
         """Anchors and axes of every joint frame in the world, from body positions and rotation matrices."""
@@ -157,8 +157,8 @@ class Rows:
         for row in np.flatnonzero(self.kind == int(RowKind.SHAFT)):
             jacobian[row] = 0.0
             jacobian[row, 6 * self.body_count + self.shaft_of[int(self.joint[row])]] = 1.0
-        for row, terms in self._combinations():
-            jacobian[row] = sum(factor * jacobian[self.bilateral + dof] for dof, factor in terms)
+        for combined, terms in self._combinations():
+            jacobian[combined] = sum(factor * jacobian[self.bilateral + dof] for dof, factor in terms)
         self.jacobian = jacobian
 
     def _combinations(self) -> list[tuple[int, tuple[tuple[int, float], ...]]]:

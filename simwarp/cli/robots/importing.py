@@ -94,7 +94,7 @@ def _tell(console: Console, path: Path, kind: Format, robot: Imported, wall: flo
         facts["time step"] = f"{robot.timestep:g} s"
     for name, words in facts.items():
         console.print(f"{name:<10} {words}", highlight=False, soft_wrap=True)
-    rows = [(name, f"{builder.bodies[body].mass:.5g}") for name, body in robot.bodies.items()]
+    rows: list[tuple[str, ...]] = [(name, f"{builder.bodies[body].mass:.5g}") for name, body in robot.bodies.items()]
     _print_table(console, ("body", "mass [kg]"), rows, right=(1,))
     _print_table(console, ("joint", "type", "column", "limits", "driven by"), _joint_rows(robot), right=(2,))
     _print_table(console, ("actuator", "law", "moves", "control"), _actuator_rows(robot))
@@ -117,7 +117,7 @@ def _print_table(
 
 
 def _joint_rows(robot: Imported) -> list[tuple[str, ...]]:
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, column in robot.dofs.items():
         index, local = robot.builder.coordinate_of(column)
         joint = robot.builder.joints[index]
@@ -152,7 +152,7 @@ def _driver(robot: Imported, column: int, dof: Dof) -> str:
 
 def _actuator_rows(robot: Imported) -> list[tuple[str, ...]]:
     joints = {column: name for name, column in (*robot.tendons.items(), *robot.dofs.items())}
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for spec in robot.actuators:
         terms = [
             f"{'' if factor == 1.0 else f'{factor:g} '}{joints.get(column, column)}" for column, factor in spec.terms
@@ -168,7 +168,7 @@ def _report_rows(robot: Imported) -> list[tuple[str, ...]]:
     groups: dict[tuple[str, str, str], list[ReportLine]] = {}
     for line in robot.report.lines:
         groups.setdefault((line.fate.value, line.element, line.reason), []).append(line)
-    rows = []
+    rows: list[tuple[str, ...]] = []
     order = [fate.value for fate in Fate]
     for (fate, element, reason), lines in sorted(groups.items(), key=lambda group: order.index(group[0][0])):
         names = [line.name for line in lines if line.name]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,14 +18,8 @@ from simwarp.importers.imported import NamedFrame
 from simwarp.importers.links.link_frames import NO_MASS, composed, moved_mass, relative, total_mass
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.keyword_options import ShapeOptions
-from simwarp.model.shapes import ALL_GROUPS
 
 Array = npt.NDArray[np.float64]
-
-GROUND_GROUP: Final = 1 << 30
-"""Group of shapes of a base without mass, which its neighbours do not meet."""
-
-AXIAL: Final = (JointType.REVOLUTE, JointType.PRISMATIC, JointType.CYLINDRICAL, JointType.PLANAR)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -172,12 +166,62 @@ def welded_groups(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[We
 
 
 def massless_heads(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[str]:
-    """Names of the links that move, alone or with what is welded to them, without mass or without inertia."""
-    return [
-        group.head.name
-        for group in welded_groups(links, joints)
-        if not group.grounded and not group.has_inertia
-    ]  # fmt: skip
+    """Names of the links that move, alone or with what is welded to them, without mass or without inertia, where they
+    are no frames between joints: such a frame has no shape, a joint above it, and mass below.
+    """
+    groups = welded_groups(links, joints)
+    group_of = {link.name: group for group in groups for link in group.members}
+    below: dict[str, list[WeldedGroup]] = {}
+    held: set[str] = set()
+    for joint in joints:
+        if joint.kind not in (JointType.FIXED, JointType.FREE):
+            held.add(group_of[joint.child].head.name)
+            if joint.parent is not None:
+                below.setdefault(group_of[joint.parent].head.name, []).append(group_of[joint.child])
+
+    def carries(group: WeldedGroup, asking: tuple[str, ...] = ()) -> bool:
+        name = group.head.name
+        if group.has_inertia or name in asking:
+            return group.has_inertia
+        shaped = any(link.shapes for link in group.members)
+        under = below.get(name, [])
+        frame = group.mass.mass == 0.0 and not shaped and name in held and bool(under)
+        return frame and all(carries(other, (*asking, name)) for other in under)
+
+    return [group.head.name for group in groups if not group.grounded and not carries(group)]
+
+
+def floating_joints(links: Sequence[Link], joints: Sequence[LinkJoint]) -> list[LinkJoint]:
+    """FREE joints, named link_floating, for the first link of everything that no joint ties to the world."""
+    beside: dict[str, list[str]] = {}
+    for joint in joints:
+        if joint.parent is not None:
+            beside.setdefault(joint.parent, []).append(joint.child)
+            beside.setdefault(joint.child, []).append(joint.parent)
+    reached: set[str] = set()
+
+    def reach(name: str) -> None:
+        front = [name]
+        while front:
+            here = front.pop()
+            if here not in reached:
+                reached.add(here)
+                front += beside.get(here, [])
+
+    for joint in joints:
+        if joint.parent is None:
+            reach(joint.child)
+    made = []
+    for link in links:
+        if link.name not in reached:
+            reach(link.name)
+            made.append(
+                LinkJoint(
+                    name=f"{link.name}_floating", kind=JointType.FREE, parent=None, child=link.name,
+                    anchor=link.pose.position,
+                )
+            )  # fmt: skip
+    return made
 
 
 @contextlib.contextmanager
@@ -198,7 +242,7 @@ def assemble(
     builder: ModelBuilder, links: Sequence[Link], joints: Sequence[LinkJoint], *, prefix: str, source: str
 ) -> Assembled:
     """Adds bodies, then joints in the order given, then shapes. A base without mass is a part of the world; one that
-    has mass is a body welded to it, which does not meet its neighbours.
+    has mass is a body welded to it. Neither meets its neighbours. A link without mass between joints is a frame.
 
     Args:
         builder: to add to; it is as before where an error is raised.
@@ -238,15 +282,19 @@ class _Assembly:
         self.result.coordinates = CoordinateMap(
             tuple(coordinates), len(initial), rates, builder.dof_count, np.array(initial, np.float64)
         )
-        beside = self._beside_ground(joints)
         for link in links:
-            self._add_shapes(link, beside)
+            self._add_shapes(link)
+        self._part_from_ground(joints)
 
     def _add_body(self, group: WeldedGroup) -> None:
         """The body of a group, or none where it is a part of the world; frames of all its links."""
         body, centre = WORLD, make_pose()
         name = self.prefix + group.head.name
-        if group.has_inertia or not group.grounded:
+        if not group.has_inertia and not group.grounded:
+            centre = group.head.pose
+            body = self.builder.add_massless_body(name, pose=centre)
+            self.result.bodies[name] = body
+        elif group.has_inertia:
             centre = composed(group.head.pose, make_pose(group.mass.centre))
             arm = centre.position - group.head.pose.position
             body = self.builder.add_body(
@@ -318,23 +366,30 @@ class _Assembly:
             case _:
                 raise ModelError(f"joint '{name}': no reader makes a {joint.kind.name} joint of links; use the builder")
 
-    def _beside_ground(self, joints: Sequence[LinkJoint]) -> set[int]:
-        """Bodies that a joint ties to links which are a part of the world."""
-        pairs = [(joint.parent, joint.child) for joint in joints if joint.parent is not None]
-        ends = [(self.body_of[a], self.body_of[b]) for a, b in pairs]
-        return {body for pair in ends if WORLD in pair for body in pair} - {WORLD}
+    def _part_from_ground(self, joints: Sequence[LinkJoint]) -> None:
+        """Shapes of a base that is a part of the world do not meet those of its neighbours."""
+        for joint in joints:
+            if joint.parent is None:
+                continue
+            for base, other in ((joint.parent, joint.child), (joint.child, joint.parent)):
+                if self.body_of[base] != WORLD or self.body_of[other] == WORLD:
+                    continue
+                beside = self._shapes_of_body(self.body_of[other])
+                for shape in self.result.shapes_of[self.prefix + base]:
+                    for neighbour in beside:
+                        self.builder.exclude_shapes(shape, neighbour)
 
-    def _add_shapes(self, link: Link, beside: set[int]) -> None:
+    def _shapes_of_body(self, body: int) -> list[int]:
+        links = (name for name, own in self.body_of.items() if own == body)
+        return [shape for name in links for shape in self.result.shapes_of[self.prefix + name]]
+
+    def _add_shapes(self, link: Link) -> None:
         frame = self.result.frames[self.prefix + link.name]
         own: list[int] = []
         for shape in link.shapes:
             name = self.prefix + shape.name
             place = composed(frame.pose, shape.pose)
             options: ShapeOptions = {"name": name, "pose": place, "material": shape.material}
-            if beside and frame.body == WORLD:
-                options["group"] = GROUND_GROUP
-            elif frame.body in beside:
-                options["mask"] = ALL_GROUPS & ~GROUND_GROUP
             added = self._add_shape(shape, frame.body, options)
             self.result.shapes[name] = added
             own += added

@@ -13,7 +13,7 @@ from simwarp.actuators import Activation, ActuatorSpec, Law, SitePull, Target
 from simwarp.core.types import Dof, PositionDrive
 from simwarp.importers.mjcf.mjcf_bodies import is_scalar
 from simwarp.importers.mjcf.mjcf_equalities import coordinate_terms
-from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
 
 IMPLICIT: Final = "stiffness and damping are implicit, as those of MuJoCo's implicitfast are nearly"
 
@@ -158,10 +158,13 @@ def _check_tendon(source: Source, tendon: int) -> None:
         report.refuse("stiffnesspoly", told)
     if np.any(model.tendon_springyield[tendon]):
         report.refuse("springyield", told)
-    if model.tendon_limited[tendon]:
-        report.approximate("tendon range", told, "stops are rigid, without MuJoCo's softness and margin")
-    if model.tendon_frictionloss[tendon]:
-        report.approximate("tendon frictionloss", told, "dry friction is rigid, without MuJoCo's softness")
+    limit = (model.tendon_solref_lim[tendon], model.tendon_solimp_lim[tendon], model.tendon_limited[tendon])
+    friction = (model.tendon_solref_fri[tendon], model.tendon_solimp_fri[tendon], model.tendon_frictionloss[tendon])
+    for solref, solimp, there in (limit, friction):
+        if there and (np.any(solref != DEFAULT_SOLREF) or np.any(solimp != DEFAULT_SOLIMP)):
+            report.approximate("tendon solref", told, "stops and dry friction are rigid, without MuJoCo's softness")
+    if model.tendon_limited[tendon] and model.tendon_margin[tendon]:
+        report.approximate("tendon margin", told, "stops act where they are: margin is 0")
     if model.tendon_actfrclimited[tendon]:
         report.refuse("tendon actuatorfrcrange", told)
 
@@ -270,7 +273,9 @@ def _is_known(source: Source, index: int) -> bool:
         mujoco.mjtBias(model.actuator_biastype[index]).name.removeprefix("mjBIAS_").lower(),
     }
     foreign = sorted(kinds - {"none", "integrator", "filter", "filterexact", "fixed", "affine"})
-    refused = [f"actuator {kind}" for kind in foreign[:1]]
+    refused = [kind if kind == "muscle" else f"actuator {kind}" for kind in foreign[:1]]
+    if index in source.shortcuts:
+        refused = [source.shortcuts[index]]
     if model.actuator_plugin[index] >= 0:
         refused = ["plugin"]
     if np.any(model.actuator_delay[index]):
@@ -300,7 +305,7 @@ def _transmission(source: Source, index: int) -> dict[str, Any] | None:
         offset = pull * float(model.qpos0[model.jnt_qposadr[target]])
         return {"terms": ((source.dofs[dof], pull),), "length_offset": offset}
     if kind == mujoco.mjtTrn.mjTRN_TENDON:
-        return _tendon_transmission(source, target, pull)
+        return _tendon_transmission(source, target, pull, told)
     if kind == mujoco.mjtTrn.mjTRN_SITE:
         return {"site": _site_pull(source, index, gear)}
     word = kind.name.removeprefix("mjTRN_").lower()
@@ -308,7 +313,7 @@ def _transmission(source: Source, index: int) -> dict[str, Any] | None:
     return None
 
 
-def _tendon_transmission(source: Source, tendon: int, pull: float) -> dict[str, Any] | None:
+def _tendon_transmission(source: Source, tendon: int, pull: float, told: str) -> dict[str, Any] | None:
     model = source.model
     if tendon in source.tendons:
         column = source.tendons[tendon]
@@ -316,7 +321,8 @@ def _tendon_transmission(source: Source, tendon: int, pull: float) -> dict[str, 
         offset = 0.0 if is_line else pull * length_at_zero(source, tendon)
         return {"terms": ((column, pull),), "length_offset": offset}
     if not coordinate_terms_only(model, tendon):
-        return None  # the tendon itself is refused, by name
+        source.report.approximate("actuator tendon", told, "left out with its tendon")
+        return None
     terms = tuple((source.dofs[dof], pull * factor) for dof, factor in coordinate_terms(source, tendon))
     return {"terms": terms, "length_offset": pull * length_at_zero(source, tendon)}
 

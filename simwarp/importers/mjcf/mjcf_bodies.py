@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import WORLD, Dof, PositionDrive
+from simwarp.core.types import WORLD, Dof, ModelError, PositionDrive
 from simwarp.core.types import pose as make_pose
 from simwarp.importers.coordinates import CoordinateKind, JointCoordinates
 from simwarp.importers.imported import NamedFrame
-from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
 
 Array = npt.NDArray[np.float64]
-
-RIGID_STOPS: Final = "stops are rigid, without MuJoCo's softness and margin"
 
 
 def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
@@ -28,9 +26,11 @@ def add_bodies(source: Source) -> tuple[dict[str, int], dict[str, NamedFrame]]:
     for root in range(1, model.nbody):
         if model.body_weldid[root] != root:
             continue
-        if model.body_mocapid[root] >= 0:
-            source.report.refuse("mocap", source.told("body", root))
         own = [body for body in range(root, model.nbody) if model.body_weldid[body] == root]
+        numbers = (model.body_mass[own], model.body_inertia[own], data.xipos[own])
+        if not all(np.isfinite(values).all() for values in numbers):
+            told = source.told("body", root)
+            raise ModelError(f"{source.report.source}: body '{told}': mass and inertia must be finite; check its geoms")
         mass, centre, inertia = joined_mass(model, data, own)
         turned = source.rotation(data.xquat[root])
         matrix = matrix_of(np.roll(data.xquat[root], -1))
@@ -135,7 +135,7 @@ def _dof(source: Source, joint: int, dof: int, reference: float, drive: Position
     """Laws of a coordinate; `reference` is the source's position where ours is 0."""
     model = source.model
     limit = None
-    if model.jnt_limited[joint]:
+    if model.jnt_limited[joint] and is_scalar(model, joint):
         lower, upper = (float(value) - reference for value in model.jnt_range[joint])
         limit = (lower, upper)
     stiffness = float(model.jnt_stiffness[joint])
@@ -175,7 +175,11 @@ def _check_joint(source: Source, joint: int, kind: Any) -> None:
         report.refuse("springyield", told)
     if model.jnt_actgravcomp[joint]:
         report.refuse("gravcomp", told)
-    if model.jnt_limited[joint] and kind != mujoco.mjtJoint.mjJNT_BALL:
-        report.approximate("joint range", told, RIGID_STOPS)
-    if model.dof_frictionloss[dofs].any():
-        report.approximate("joint frictionloss", told, "dry friction is rigid, without MuJoCo's softness")
+    first = int(dofs.start)
+    soft = [(model.jnt_solref[joint], model.jnt_solimp[joint])] if model.jnt_limited[joint] else []
+    if model.dof_frictionloss[first] and not free:
+        soft.append((model.dof_solref[first], model.dof_solimp[first]))
+    if any(np.any(solref != DEFAULT_SOLREF) or np.any(solimp != DEFAULT_SOLIMP) for solref, solimp in soft):
+        report.approximate("joint solref", told, "stops and dry friction are rigid, without MuJoCo's softness")
+    if model.jnt_limited[joint] and model.jnt_margin[joint]:
+        report.approximate("joint margin", told, "stops act where they are: margin is 0")

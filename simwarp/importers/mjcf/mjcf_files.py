@@ -40,6 +40,9 @@ def _tags(path: Path, folder: Path, report: ImportReport, above: tuple[Path, ...
     if path in above or len(above) > DEEPEST:
         raise ModelError(f"{report.source}: {path.name} includes itself; take the include out")
     root = parsed_xml(path.name, bytes_of(source_file(path, report.source, (".xml", ".mjcf"))))
+    if root.tag not in ("mujoco", "mujocoinclude"):
+        hint = "read URDF with load_urdf" if root.tag == "robot" else "it is no MJCF file"
+        raise ModelError(f"{report.source}: {path.name}: the root must be <mujoco>, got <{root.tag}>; {hint}")
     for node in root.iter():
         if not isinstance(node.tag, str):
             continue  # a comment

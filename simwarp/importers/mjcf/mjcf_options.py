@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from simwarp.importers.mjcf.mjcf_files import Tag
-from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
 from simwarp.importers.report import ImportReport
 
 NEW_FIELD: Final = "there is no such law; set it to 0"
@@ -32,7 +32,6 @@ REFUSABLE: Final[dict[str, str]] = {
     "damper": "there is no such actuator; give the joint damping",
     "plugin": "plugins are code of MuJoCo",
     "slidercrank": "there is no such transmission",
-    "actuator muscle": "there are no muscles",
     "actuator user": "its law is code of the user",
     "actuator dcmotor": "its electrical state has no counterpart; see ActuatorSpec.torque_speed",
     "actuator pid": "there is no integral control; write it into the task",
@@ -50,14 +49,15 @@ REFUSABLE: Final[dict[str, str]] = {
     "equality distance": "use a spatial tendon with a range",
     "geom sdf": "there are no distance fields",
     "flex": "there are no flexible bodies",
-    "flexcomp": "there are no flexible bodies",
     "composite": "there are no flexible bodies; write the parts out",
     "skin": "there are no skins",
 }
 """Kinds that `allow` takes, and why each is refused."""
 
-_TAGS: Final = ("muscle", "cylinder", "damper", "adhesion", "plugin", "composite", "flexcomp", "flex", "skin")
-"""Kinds that are tags of the source; the compiled model does not tell all of them from others."""
+_BY_TAG: Final = ("composite", "plugin")
+"""Kinds that are tags of the source; the compiled model has their parts."""
+_SHORTCUTS: Final = ("cylinder", "damper")
+"""Tags of actuators that compile to general ones."""
 
 _FLAGS: Final = {
     "mjDSBL_LIMIT": "limit", "mjDSBL_FRICTIONLOSS": "frictionloss", "mjDSBL_EQUALITY": "equality",
@@ -70,10 +70,18 @@ _FLAGS: Final = {
 def check_tags(tags: Sequence[Tag], report: ImportReport) -> None:
     """Refuse elements by their tags, wherever they are but in defaults."""
     for tag in tags:
-        if tag.tag in _TAGS and "default" not in tag.inside:
+        if tag.tag in _BY_TAG and not {"default", "extension"} & set(tag.inside):
             report.refuse(tag.tag, tag.attributes.get("name", tag.attributes.get("plugin", "")))
         if tag.tag in ("numeric", "text", "tuple"):
             report.hold(f"custom {tag.tag}", tag.attributes.get("name", ""), "left out: data without equations")
+        if tag.tag == "option" and tag.attributes.get("cone") == "pyramidal":
+            report.approximate("option cone", "pyramidal", "friction cones are round")
+
+
+def shortcut_actuators(tags: Sequence[Tag]) -> dict[int, str]:
+    """Tags of the actuators that are refused and that the compiled model cannot tell from others, by index."""
+    actuators = [tag for tag in tags if tag.inside[:1] == ("actuator",)]
+    return {index: tag.tag for index, tag in enumerate(actuators) if tag.tag in _SHORTCUTS}
 
 
 def check_model(source: Source) -> None:
@@ -85,6 +93,8 @@ def check_model(source: Source) -> None:
             report.refuse(name, "")
     if np.any(options.wind):
         report.refuse("wind", "")
+    for body in np.nonzero(model.body_mocapid >= 0)[0]:
+        report.refuse("mocap", source.told("body", int(body)))
     for body in np.nonzero(model.body_gravcomp)[0]:
         report.refuse("gravcomp", source.told("body", int(body)))
     for skin in range(model.nskin):
@@ -116,13 +126,12 @@ def _check_options(source: Source) -> None:
 def _check_contacts(source: Source) -> None:
     """Explicit pairs, and the one line that tells of rigid contacts."""
     model, report = source.model, source.report
-    default: Any = np.array([0.02, 1.0])
     for pair in range(model.npair):
         told = source.told("pair", pair)
         report.hold("pair", told)
         if model.pair_margin[pair] or model.pair_gap[pair]:
             report.approximate("pair margin", told, "margin and gap are 0")
-        if np.any(model.pair_solref[pair] != default):
+        if np.any(model.pair_solref[pair] != DEFAULT_SOLREF) or np.any(model.pair_solimp[pair] != DEFAULT_SOLIMP):
             report.approximate("pair solref", told, "contacts are rigid, without MuJoCo's softness")
         if model.pair_adhesion[pair]:
             report.refuse("adhesion", told)

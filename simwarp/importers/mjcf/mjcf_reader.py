@@ -20,7 +20,7 @@ from simwarp.importers.mjcf.mjcf_bodies import add_bodies, add_joints
 from simwarp.importers.mjcf.mjcf_equalities import add_equalities
 from simwarp.importers.mjcf.mjcf_extras import cameras_of, keyframes_of, sensors_of, sites_of
 from simwarp.importers.mjcf.mjcf_files import list_tags
-from simwarp.importers.mjcf.mjcf_options import REFUSABLE, check_model, check_tags
+from simwarp.importers.mjcf.mjcf_options import REFUSABLE, check_model, check_tags, shortcut_actuators
 from simwarp.importers.mjcf.mjcf_shapes import add_shapes
 from simwarp.importers.mjcf.mjcf_source import Source
 from simwarp.importers.mjcf.mjcf_visuals import shown_geoms
@@ -51,12 +51,14 @@ def load_mjcf(
     file = source_file(path, WHAT, (".xml", ".mjcf"))
     mujoco = needed("mujoco", WHAT)
     report = ImportReport(file.name, REFUSABLE, allow)
-    check_tags(list_tags(file, report), report)
+    tags = list_tags(file, report)
+    check_tags(tags, report)
     report.check()
     model, data = _compiled(mujoco, file, report, visuals=False)
     fresh = builder is None
     target = ModelBuilder() if builder is None else builder
     source = Source(model, data, report, target, prefix, make_pose() if pose is None else pose)
+    source.shortcuts = shortcut_actuators(tags)
     check_model(source)
     report.check()
     with unchanged_on_error(target):

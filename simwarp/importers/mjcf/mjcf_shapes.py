@@ -10,14 +10,12 @@ import numpy.typing as npt
 
 from simwarp.core.types import FrictionRule, Material
 from simwarp.importers.links.link_meshes import reduced_hull
-from simwarp.importers.mjcf.mjcf_source import Source
+from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
 from simwarp.model.model import meeting_pairs
 from simwarp.model.shapes import NOT_CONVEX
 
 Array = npt.NDArray[np.float64]
 
-DEFAULT_SOLREF: Final = np.array([0.02, 1.0])
-DEFAULT_SOLIMP: Final = np.array([0.9, 0.95, 0.001, 0.5, 2.0])
 GROUP_BITS: Final = 0x7FFFFFFF
 RIGID_CONTACT: Final = "contacts are rigid, without MuJoCo's softness"
 
@@ -39,7 +37,7 @@ def add_shapes(source: Source) -> dict[str, tuple[int, ...]]:
             source.shapes[geom] = (shape,)
             names[source.name("geom", geom)] = (shape,)
     if set_pairs(source):
-        source.report.approximate("contact", "", RIGID_CONTACT + "; friction cones are round")
+        source.report.hold("contact", "", "rigid, with round friction cones: see docs/theory.md")
     return names
 
 

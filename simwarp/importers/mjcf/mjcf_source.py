@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,10 @@ from simwarp.importers.report import ImportReport
 from simwarp.model.builder import ModelBuilder
 
 Array = npt.NDArray[np.float64]
+
+DEFAULT_SOLREF: Final = np.array([0.02, 1.0])
+DEFAULT_SOLIMP: Final = np.array([0.9, 0.95, 0.001, 0.5, 2.0])
+"""MuJoCo's softness of constraints where a file sets none."""
 
 
 @dataclasses.dataclass
@@ -31,7 +35,8 @@ class Source:
         bodies: our body of each source body, `WORLD` for fixed ones.
         dofs: our column of each degree of freedom of the source.
         shapes: our shape slots of each geom.
-        tendons: our column of the coordinate of each tendon; -1 where it has none.
+        tendons: our column of the coordinate of each tendon that has one.
+        shortcuts: tags of the actuators that are refused by them.
     """
 
     model: Any
@@ -44,6 +49,7 @@ class Source:
     dofs: dict[int, int] = dataclasses.field(default_factory=dict)
     shapes: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict)
     tendons: dict[int, int] = dataclasses.field(default_factory=dict)
+    shortcuts: dict[int, str] = dataclasses.field(default_factory=dict)
 
     def name(self, kind: str, index: int) -> str:
         """Name of a part in the source; `kind` and a number where it has none."""

@@ -262,7 +262,7 @@ class PartReader:
         surface = next((v for v in values if isinstance(v, Record) and "Material" in v.kind), None)
         if surface is None:
             return None
-        fields = {}
+        fields: dict[str, Any] = {}
         for call in surface.calls:
             if call.method not in MATERIAL:
                 self._report.approximate(

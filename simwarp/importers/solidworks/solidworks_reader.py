@@ -16,7 +16,7 @@ from simwarp.core.types import pose as make_pose
 from simwarp.core.wording import nearest
 from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_frames import composed, point_of
-from simwarp.importers.links.link_tree import Link, LinkJoint, assemble, frame_on, unchanged_on_error
+from simwarp.importers.links.link_tree import Link, LinkJoint, assemble, floating_joints, frame_on, unchanged_on_error
 from simwarp.importers.links.link_visuals import shown_by
 from simwarp.importers.report import ImportReport
 from simwarp.importers.solidworks.exported_script import Record, Script, ScriptReader
@@ -80,7 +80,7 @@ def load_solidworks(
     world = composed(checked_pose(f"{file.name}: import", pose), make_pose(rotation=UP[up]))
     script = ScriptReader(file.name, report).read(bytes_of(file).decode("utf-8-sig", "replace"))
     report.check()
-    places = FileFolders(file, {str(number): folder for number, folder in enumerate(folders)})
+    places = FileFolders(file, folders=folders)
     parts = PartReader(file.name, places, report, _tells_halves(script))
     link_of = {id(item): parts.add(item, world) for item in script.items if item.kind == "ChBodyAuxRef"}
     parts.finish()
@@ -90,9 +90,9 @@ def load_solidworks(
     report.check()
     target = ModelBuilder() if builder is None else builder
     with unchanged_on_error(target):
-        floating = _floating(parts.links, joints, grounded)
-        welds = [_on_world(link, JointType.FIXED, "world") for link in grounded]
-        result = assemble(target, parts.links, [*floating, *welds, *joints], prefix=prefix, source=file.name)
+        tied = [*(_on_world(link) for link in grounded), *joints]
+        floating = floating_joints(parts.links, tied)
+        result = assemble(target, parts.links, [*floating, *tied], prefix=prefix, source=file.name)
     report.finish()
     assert result.coordinates is not None
     sites = {prefix + name: frame_on(result.frames, prefix + part, place) for name, part, place in parts.markers}
@@ -201,26 +201,7 @@ def _depths(pairs: Sequence[tuple[Link, Link]], links: Sequence[Link], grounded:
     return order
 
 
-def _floating(links: Sequence[Link], joints: Sequence[LinkJoint], grounded: Sequence[Link]) -> list[LinkJoint]:
-    """Six coordinates for the first link of everything that no joint ties to the ground."""
-    reached: set[str] = set()
-    made = []
-    for link in [*grounded, *links]:
-        if link.name in reached:
-            continue
-        if link not in grounded:
-            made.append(_on_world(link, JointType.FREE, "floating"))
-        front = [link.name]
-        for name in front:
-            front += [
-                b
-                for joint in joints
-                for a, b in ((joint.parent, joint.child), (joint.child, joint.parent))
-                if a == name and b is not None and b not in front
-            ]
-        reached.update(front)
-    return made
-
-
-def _on_world(link: Link, kind: JointType, word: str) -> LinkJoint:
-    return LinkJoint(name=f"{link.name}_{word}", kind=kind, parent=None, child=link.name, anchor=link.pose.position)
+def _on_world(link: Link) -> LinkJoint:
+    return LinkJoint(
+        name=f"{link.name}_world", kind=JointType.FIXED, parent=None, child=link.name, anchor=link.pose.position
+    )

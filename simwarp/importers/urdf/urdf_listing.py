@@ -14,7 +14,8 @@ from simwarp.importers.report import ImportReport
 REFUSABLE: Final = {
     "geometry": "no shape of ours has this geometry",
     "origin": "only xyz and rpy say where something is",
-    "massless link": "it moves, but has no mass or no inertia; give it an <inertial>, or weld its joint (type fixed)",
+    "massless link": "it moves without mass or inertia, and is no bare frame with mass below; give it an <inertial>, "
+    "or weld its joint (type fixed)",
     "mesh": "its file cannot be used",
     "transmission": "only one joint and one actuator each, of type SimpleTransmission",
 }

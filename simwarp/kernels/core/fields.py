@@ -87,7 +87,7 @@ class ParameterFields(FieldGroup):
     )
     coupling_coefficient: WritableArray = parameter(
         wp.float32, Size.COUPLINGS, Size.TERMS,
-        text="factors of the coordinates, as many terms as the longest coupling has",
+        text="factors of the coordinates, as many terms as the longest has; combinations follow the couplings",
     )
     coupling_offset: WritableArray = parameter(
         wp.float64, Size.COUPLINGS, text="sum of factors x coordinates that a coupling holds"
@@ -287,7 +287,7 @@ class ReportFields(FieldGroup):
     )
     joint_qdd: wp.array = field(
         wp.float32, Size.ACCELERATION_WORLDS, Size.DOFS,
-        text="change of the rates in the sub-step, divided by its time [m/s² or rad/s²]",
+        text="accelerations along the coordinates [m/s² or rad/s²], in the axes of `joint_qd`",
     )
     energy: wp.array = field(
         wp.float64, Size.WORLDS, of_kernels=False,

@@ -177,7 +177,7 @@ class WorkScratch(ScratchGroup):
     xi = scratch_array(wp.float32, "tree_dofs")
     qd = scratch_array(wp.float32, "tree_dofs")
     k_qd = scratch_array(wp.float32, "tree_dofs")  # kept while a correction is computed
-    k_effort = scratch_array(wp.float32, "tree_dofs")  # after the solve the change of the rate, where it is asked for
+    k_effort = scratch_array(wp.float32, "tree_dofs")
 
     j0_ang = scratch_array(wp.vec3, "wrench_rows")  # per row, then per relative rotation of a coupling
     j0_lin = scratch_array(wp.vec3, "wrench_rows")

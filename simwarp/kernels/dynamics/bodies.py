@@ -3,8 +3,8 @@
 import warp as wp
 
 from simwarp.core.types import WorldStatus
-from simwarp.kernels.core.fields import ControlArrays, Parameters, Reports, StateArrays
-from simwarp.kernels.core.spatial import matrix_to_float, to_float, turned
+from simwarp.kernels.core.fields import ControlArrays, Parameters, StateArrays
+from simwarp.kernels.core.spatial import matrix_to_float, turned
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import (
     coefficient_of,
@@ -192,7 +192,7 @@ def load_tree_dofs(
                 )
                 rate = state.joint_qd[world, dof]
                 work.gain[tree_dof] = implicit.gain
-                work.effort[tree_dof] = implicit.effort - implicit.gain * rate
+                work.effort[tree_dof] = implicit.change
                 work.rate[tree_dof] = rate
 
 
@@ -377,37 +377,6 @@ def publish_rates(world: int, topology: Topology, parameters: Parameters, state:
                 frames = joint_frames(joint, world, topology, parameters, work)
                 for dof in range(first, end):
                     state.joint_qd[world, dof] = rate_of(dof, joint, frames, topology, work)
-
-
-@wp.func
-def record_accelerations(
-    world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, work: Work, reports: Reports
-):
-    """joint_qdd, at the poses of the step's start in `work`: the changes that the step solved for (`keep_changes`) in
-    the tree; of a floating body its change of velocity, and what the turn of the arm adds to that of its anchor;
-    elsewhere the difference of the measured rates.
-    """
-    for joint in range(topology.joint_count):
-        first = topology.joint_dof[joint]
-        end = topology.joint_dof[joint + 1]
-        if end > first:
-            frames = joint_frames(joint, world, topology, parameters, work)
-            if topology.joint_type[joint] == FREE:
-                link = link_of(topology.joint_body1[joint], topology)
-                arm = to_float(frames.r1)
-                omega = work.o_ang[link]
-                ang = work.v_ang[link] / dt
-                lin = work.v_lin[link] / dt + wp.cross(ang, arm) + wp.cross(omega, wp.cross(omega, arm))
-                for k in range(3):
-                    reports.joint_qdd[world, first + k] = lin[k]
-                    reports.joint_qdd[world, first + 3 + k] = ang[k]
-            elif topology.dof_to_tree_dof[first] >= 0:
-                for dof in range(first, end):
-                    reports.joint_qdd[world, dof] = work.k_effort[topology.dof_to_tree_dof[dof]] / dt
-            else:
-                for dof in range(first, end):
-                    change = rate_of(dof, joint, frames, topology, work) - state.joint_qd[world, dof]
-                    reports.joint_qdd[world, dof] = change / dt
 
 
 @wp.func

@@ -22,10 +22,13 @@ INFINITE_EFFORT = wp.constant(1.0e30)
 
 @wp.struct
 class ImplicitEffort:
-    """gamma = -gain u + effort [N·s or N·m·s]."""
+    """gamma = -gain u + effort [N·s or N·m·s]; `change` is effort - gain u0, in which the armature's momentum, larger
+    than all else in a short step, has cancelled before it is rounded.
+    """
 
     gain: float
     effort: float
+    change: float
 
 
 @wp.func
@@ -119,11 +122,13 @@ def dof_effort(
     force += spring_force + damper_force + applied_effort(world, dof, control)
     implicit.gain = armature + dt * d + dt * dt * k
     implicit.effort = armature * qd + dt * (force + d * qd)
+    implicit.change = dt * force - dt * dt * k * qd
     if topology.dof_drive[dof] == POSITION:
         if not is_bounded(effort_bounds(dof, world, parameters)):
             drive = drive_effort(dof, world, dt, q, parameters, control)
             implicit.gain += drive.gain
             implicit.effort += drive.effort
+            implicit.change += drive.effort - drive.gain * qd
     return implicit
 
 

@@ -2,9 +2,10 @@
 
 import warp as wp
 
-from simwarp.kernels.core.fields import Parameters, StateArrays
+from simwarp.kernels.core.fields import Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work
+from simwarp.kernels.dynamics.accelerations import add_changes
 from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry, row_offset, row_speed
 from simwarp.kernels.dynamics.bodies import advance_poses, total_velocities
 from simwarp.kernels.dynamics.dense_rows import solve_rows
@@ -77,7 +78,9 @@ def residual_rows(world: int, inv_dt: float, topology: Topology, parameters: Par
 
 
 @wp.func
-def correct_velocity(world: int, dt: float, topology: Topology, parameters: Parameters, work: Work) -> float:
+def correct_velocity(
+    world: int, dt: float, topology: Topology, parameters: Parameters, config: StepConfig, work: Work, reports: Reports
+) -> float:
     """Adds to the velocities the motion that removes the violation at the poses in `work`, with the factors of
     the step's start; returns that violation [m or rad].
     """
@@ -96,6 +99,9 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
                 tree_dof = topology.path_tree_dof[index]
                 work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
         forward_pass(topology, work)
+    if config.accelerations == 1 and topology.joint_row_count > 0:
+        # without loops the changes have the velocity products already, which this motion makes up for
+        add_changes(world, topology, work, reports)
     for link in range(topology.link_count):
         work.v_ang[link] = work.f_ang[link] + work.v_ang[link]
         work.v_lin[link] = work.f_lin[link] + work.v_lin[link]
@@ -106,7 +112,7 @@ def correct_velocity(world: int, dt: float, topology: Topology, parameters: Para
 @wp.func
 def project_positions(
     world: int, dt: float, topology: Topology, parameters: Parameters, state: StateArrays, config: StepConfig,
-    work: Work,
+    work: Work, reports: Reports,
 ) -> float:  # fmt: skip
     """Moves the end-of-step poses onto the joints along the rows of the step's start.
 
@@ -118,12 +124,9 @@ def project_positions(
     error = float(0.0)
     for _ in range(config.projection_iterations):
         advance_poses(world, dt, topology, state, work)
-        error = correct_velocity(world, dt, topology, parameters, work)
+        error = correct_velocity(world, dt, topology, parameters, config, work, reports)
         for tree_dof in range(topology.tree_dof_count):
             work.k_qd[tree_dof] = work.k_qd[tree_dof] + work.qd[tree_dof]
-        if config.accelerations == 1:
-            for tree_dof in range(topology.tree_dof_count):
-                work.k_effort[tree_dof] = work.k_effort[tree_dof] + work.qd[tree_dof]
     for tree_dof in range(topology.tree_dof_count):
         work.qd[tree_dof] = work.k_qd[tree_dof]
     return error

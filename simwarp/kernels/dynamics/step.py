@@ -196,9 +196,7 @@ def form_rows(
             index, world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
         )
         progress.position_error = wp.max(progress.position_error, error)
-    combination_laws(
-        world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
-    )
+    combination_laws(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
     return progress
 
 

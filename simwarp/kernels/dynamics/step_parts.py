@@ -13,14 +13,9 @@ from simwarp.kernels.cones.problem import SolveReport
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
+from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelerations
 from simwarp.kernels.dynamics.bilateral_rows import combination_laws, loop_row_law, loop_row_wrenches
-from simwarp.kernels.dynamics.bodies import (
-    load_poses,
-    publish_coordinates,
-    publish_motion,
-    record_accelerations,
-    total_velocities,
-)
+from simwarp.kernels.dynamics.bodies import load_poses, publish_coordinates, publish_motion, total_velocities
 from simwarp.kernels.dynamics.contact_rows import list_contacts, settle_contacts, walk_contacts
 from simwarp.kernels.dynamics.joints import joint_frames
 from simwarp.kernels.dynamics.position_projection import project_positions
@@ -36,7 +31,6 @@ from simwarp.kernels.dynamics.step import (
     move_freely,
     take_impulses,
 )
-from simwarp.kernels.dynamics.tree import keep_changes
 from simwarp.kernels.dynamics.world import (
     MODULE_OPTIONS,
     Scratch,
@@ -190,9 +184,7 @@ def bias_worlds(
                 row, joint, world, config.dt, state.world_time[world], value, topology, parameters, state, control,
                 config, work,
             )  # fmt: skip
-    combination_laws(
-        world, config.dt, state.world_time[world], topology, parameters, state, control, config, work
-    )
+    combination_laws(world, config.dt, state.world_time[world], topology, parameters, state, control, config, work)
 
 
 @wp.kernel(**PART)
@@ -356,16 +348,20 @@ def push_worlds(
 def change_worlds(
     # inputs
     worlds: WorldRange,
+    config: StepConfig,
     topology: Topology,
+    parameters: Parameters,
     scratch: Scratch,
-    # in and out
     state: StateArrays,
+    # outputs
+    reports: Reports,
 ):
     """Changes of the rates, before the projection (`keep_changes`)."""
     world = worlds.first + wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
-    keep_changes(world, topology, state, pack(scratch, scratch_slot_of(world, worlds)))
+    work = pack(scratch, scratch_slot_of(world, worlds))
+    keep_changes(world, config.dt, topology, parameters, state, work, reports)
 
 
 @wp.kernel(**PART)
@@ -379,6 +375,7 @@ def project_worlds(
     # in and out
     state: StateArrays,
     step: StepState,
+    reports: Reports,
 ):
     """Positions back onto the joints (`project_positions`)."""
     world = worlds.first + wp.tid()
@@ -386,7 +383,7 @@ def project_worlds(
         return
     work = pack(scratch, scratch_slot_of(world, worlds))
     total_velocities(topology, work)
-    step.position_error[world] = project_positions(world, config.dt, topology, parameters, state, config, work)
+    step.position_error[world] = project_positions(world, config.dt, topology, parameters, state, config, work, reports)
 
 
 @wp.kernel(**PART)

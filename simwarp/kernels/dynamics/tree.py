@@ -7,7 +7,6 @@ through `shift`. A joint of several degrees of freedom is eliminated one column 
 
 import warp as wp
 
-from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import cross_columns
 from simwarp.kernels.core.tables import Topology, Work
 from simwarp.kernels.dynamics.joints import FREE, SHAFT
@@ -196,24 +195,6 @@ def forward_pass(topology: Topology, work: Work):
                 work.qd[tree_dof] = qd + work.rate[tree_dof]
         work.v_ang[link] = v_ang
         work.v_lin[link] = v_lin
-
-
-@wp.func
-def keep_changes(world: int, topology: Topology, state: StateArrays, work: Work):
-    """`k_effort` <- change of the rate of every tree degree of freedom, without the rounding of its sum with the rate;
-    not of floating roots. Everything else is left as it was.
-    """
-    for tree_dof in range(topology.tree_dof_count):
-        work.k_qd[tree_dof] = work.rate[tree_dof]
-        work.rate[tree_dof] = 0.0
-    forward_pass(topology, work)
-    for tree_dof in range(topology.tree_dof_count):
-        work.rate[tree_dof] = work.k_qd[tree_dof]
-        work.k_effort[tree_dof] = work.qd[tree_dof]
-        dof = topology.tree_dof_to_dof[tree_dof]
-        if dof >= 0:  # a prescribed rate is not that of before
-            work.k_effort[tree_dof] = work.qd[tree_dof] + (work.rate[tree_dof] - state.joint_qd[world, dof])
-    forward_pass(topology, work)
 
 
 @wp.struct

@@ -25,8 +25,9 @@ from simwarp.kernels.core.scratch import (
 )
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, WorkScratch
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
+from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelerations
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
-from simwarp.kernels.dynamics.bodies import load_poses, record_accelerations, total_velocities
+from simwarp.kernels.dynamics.bodies import load_poses, total_velocities
 from simwarp.kernels.dynamics.dense_rows import padded
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
@@ -44,7 +45,6 @@ from simwarp.kernels.dynamics.step import (
     move_freely,
     take_impulses,
 )
-from simwarp.kernels.dynamics.tree import keep_changes
 
 # Warp's own flags, with fused multiply-adds (accuracy and speed) and without the superword pass, which slows this
 # kernel of table loops down and takes seconds to compile.
@@ -184,11 +184,13 @@ def step_worlds_kernel(all_solvers: bool) -> wp.Kernel:
                 solution = solve(problem, cone_config(config), scratch.kept[worlds.slot])
             progress = take_impulses(world, progress, config, topology, parameters, state, contacts, work, cone)
             if config.accelerations == 1:
-                keep_changes(world, topology, state, work)
+                keep_changes(world, config.dt, topology, parameters, state, work, reports)
             total_velocities(topology, work)
             moved = int(0)
             if config.projection_iterations > 0:
-                progress.position_error = project_positions(world, config.dt, topology, parameters, state, config, work)
+                progress.position_error = project_positions(
+                    world, config.dt, topology, parameters, state, config, work, reports
+                )
                 moved = 1
             report_progress(world, progress, solution, reports)
             if moved == 1 and (config.reactions == 1 or config.accelerations == 1):

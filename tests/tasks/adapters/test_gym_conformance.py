@@ -22,7 +22,8 @@ from gymnasium.wrappers.vector import (
 from simwarp.tasks import TaskVectorEnv, task_names
 from simwarp.tasks.adapters.gym_env import env_id
 
-NAMES = [name for name in ("ant", "fast", "hexapod", "pendulum") if name in task_names()]
+ARMS = ("irb120-reach", "racer3-reach")
+NAMES = [name for name in ("ant", "fast", "hexapod", "pendulum", *ARMS) if name in task_names()]
 WORLDS = 4
 
 

@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from simwarp.tasks import Curriculum, Driver, Range, Sensing, make
+from simwarp.tasks.arms.reaching import ReachActions
 from simwarp.tasks.framework.capture import recorder_of
 from tests.tasks.framework.graph_emulation import Emulator
 from tests.tasks.framework.samples import Counter, SampleConfig, counter
@@ -59,6 +60,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
             "curriculum": Curriculum(driver=Driver.PROGRESS),
         },
     ),
+    "racer3-reach displacements": ("racer3-reach", {"actions": ReachActions.DISPLACEMENT}),
     "pendulum at random": ("pendulum", {"randomise": {"gravity": Range(0.5, 1.5, when="step")}}),
 }  # fmt: skip
 LONG = {"barrier-track camera", "hallway camera", "obstacle-avoidance camera", "hallway state"}

@@ -13,6 +13,8 @@ BUDGETS = {
     ("pendulum", None): (128, 32),
     ("ant", None): (362, 80),
     ("hexapod", None): (379, 94),
+    ("racer3-reach", None): (83, 83),
+    ("irb120-reach", None): (83, 83),
     ("barrier-track", "state"): (2173, 543),
     ("barrier-track", "camera"): (2157, 539),
     ("hallway", "state"): (3557, 889),

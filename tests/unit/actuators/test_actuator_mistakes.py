@@ -13,8 +13,8 @@ from simwarp.actuators import Activation, Actuators, ActuatorSpec, Law, SitePull
 from simwarp.core.types import ModelError
 from tests.unit.actuators.cart_and_wheel import SLIDE, bodies
 
-ON = {"name": "a", "terms": ((SLIDE, 1.0),)}
-SERVO = {**ON, "law": Law.SERVO}
+ON: dict[str, Any] = {"name": "a", "terms": ((SLIDE, 1.0),)}
+SERVO: dict[str, Any] = {**ON, "law": Law.SERVO}
 MISTAKES: dict[str, tuple[Any, str]] = {
     "no list": (7, "specs must be a list of ActuatorSpec, got 7"),
     "no spec": ([7], "specs must be a list of ActuatorSpec, got 7 among them"),

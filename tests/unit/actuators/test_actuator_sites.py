@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import simwarp as sw
 from simwarp.actuators import Actuators, ActuatorSpec, SitePull
 from simwarp.core.rotation import matrix_of
 
-GEARS = [(1.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.4, -1.1, 0.7, 0.0, 0.0, 0.0), (0.3, 0.2, -0.5, 0.8, -0.4, 0.6)]
+GEARS: Any = [(1.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.4, -1.1, 0.7, 0.0, 0.0, 0.0), (0.3, 0.2, -0.5, 0.8, -0.4, 0.6)]
 REFERENCES = {"own axes": "", "world": 'refsite="ground"', "parent": 'refsite="hip"'}
 DT = 1.0e-3
 
@@ -37,7 +39,7 @@ def pose(position: tuple[float, ...], wxyz: tuple[float, ...]) -> sw.Pose:
 
 
 TIP = pose((-0.2, 0.1, 0.4), (0.5, 0.5, -0.5, 0.5))
-FRAMES = {
+FRAMES: Any = {
     "own axes": {},
     "world": {"reference": sw.WORLD, "reference_pose": pose((0.3, -0.2, 0.5), (0.8, 0.4, -0.2, 0.4))},
     "parent": {"reference": 0, "reference_pose": pose((0.1, 0.2, -0.1), (0.6, 0.0, 0.8, 0.0))},
@@ -53,7 +55,7 @@ def free_bodies() -> sw.ModelBuilder:
 
 @pytest.mark.parametrize("gear", GEARS)
 @pytest.mark.parametrize("reference", REFERENCES)
-def test_a_site_pulls_as_mujocos_does(reference: str, gear: tuple[float, ...]) -> None:
+def test_a_site_pulls_as_mujocos_does(reference: str, gear: Any) -> None:
     words = " ".join(map(str, gear))
     theirs = arm(
         f'<general site="tip" {REFERENCES[reference]} gear="{words}" gaintype="affine" gainprm="2 0 0" '

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def randomised(world: int) -> list[ActuatorSpec]:
     factor = 1.0 + 0.25 * world
     changed = []
     for spec in SPECS:
-        new = {
+        new: dict[str, Any] = {
             "gain": tuple(factor * value for value in spec.gain),
             "bias": tuple(factor * value for value in spec.bias),
             "time_constant": factor * spec.time_constant,

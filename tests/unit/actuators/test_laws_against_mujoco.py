@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ TENDON = (
 )
 GENERAL = 'gaintype="affine" gainprm="3 0.5 -0.2" biastype="affine" biasprm="0.4 -2 -0.3"'
 LAW = {"gain": (3.0, 0.5, -0.2), "bias": (0.4, -2.0, -0.3)}
-CASES = {
+CASES: dict[str, Any] = {
     "motor": (
         '<motor joint="slide" gear="3"/>',
         {"terms": ((SLIDE, 3.0),)},
@@ -101,10 +103,13 @@ def test_a_law_is_that_of_mujoco(case: str) -> None:
     assert np.ptp(forces) > 0.1
 
 
-SERVOS = {
+SERVOS: dict[str, Any] = {
     "position": ('<position joint="slide" kp="200" kv="10"/>', 200.0, 10.0, SLIDE, 1.0, {}),
     "geared": ('<position joint="hinge" kp="50" kv="2" gear="-2"/>', 200.0, 8.0, HINGE, -2.0, {}),
     "velocity": ('<velocity joint="slide" kv="25"/>', 0.0, 25.0, SLIDE, 1.0, {"target": Target.VELOCITY}),
+    "geared velocity": (
+        '<velocity joint="hinge" kv="50" gear="0.5"/>', 0.0, 12.5, HINGE, 0.5, {"target": Target.VELOCITY}
+    ),
     "integrated velocity": (
         '<intvelocity joint="slide" kp="200" kv="10" actrange="-1 1"/>', 200.0, 10.0, SLIDE, 1.0,
         {"activation": Activation.INTEGRATOR, "activation_range": (-1.0, 1.0)},
@@ -143,10 +148,11 @@ def test_a_servo_steps_as_mujocos_does(case: str) -> None:
 def test_a_stiff_servo_stays_stable() -> None:
     """Where the same law as an explicit effort does not."""
     ends = []
-    for law, more in (
+    laws: list[tuple[Law, dict[str, Any]]] = [
         (Law.SERVO, {}),
         (Law.EFFORT, {"gain": (4.0e7, 0.0, 0.0), "bias": (0.0, -4.0e7, -4.0e4)}),
-    ):
+    ]
+    for law, more in laws:
         drive = sw.PositionDrive(stiffness=4.0e7, damping=4.0e4) if law is Law.SERVO else None
         sim, actuators = run([ActuatorSpec(name="a", terms=((SLIDE, 1.0),), law=law, **more)], DT, drive=drive)
         actuators.ctrl[:] = 0.25

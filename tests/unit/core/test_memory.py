@@ -72,7 +72,8 @@ def test_scratch_beyond_32_bits(monkeypatch):
 def test_what_is_computed_is_what_is_allocated():
     """One layout makes the arrays and counts their bytes."""
     model = scenes.stack(count=3).finalize(5, "cpu", contact_capacity=40)
-    sim = sw.Simulation(model, 1e-3, joint_reactions=True, solver=sw.SolverOptions(solver="padmm"))
+    solver = sw.SolverOptions(solver="padmm")
+    sim = sw.Simulation(model, 1e-3, joint_reactions=True, joint_accelerations=True, solver=solver)
     scratch: list[Any] = [sim._scratch, sim._collision_scratch]
     groups: list[Any] = [
         *((part, part.NAMES) for part in (sim.state, sim._initial, sim.control, sim.contacts)),
@@ -80,7 +81,7 @@ def test_what_is_computed_is_what_is_allocated():
         *((part, part._cls.vars) for part in scratch),
     ]  # fmt: skip
     taken = sum(getattr(part, name).capacity for part, names in groups for name in names)
-    layouts = run_layouts(model.sizes(reactions=True)) | step_layouts(
+    layouts = run_layouts(model.sizes(reactions=True, accelerations=True)) | step_layouts(
         model, step_sizes(model, 128, True), len(sim.shares.ranges)
     )
     assert taken == memory.layout_bytes(layouts.values())

@@ -354,3 +354,5 @@ def test_elements_that_are_none(shared, wrong):
 def test_flags_that_are_none(shared, wrong):
     text = refusal(lambda: sw.Simulation(shared, 0.01, joint_reactions=wrong))
     assert text.startswith("Simulation: joint_reactions must be True or False, got ")
+    text = refusal(lambda: sw.Simulation(shared, 0.01, joint_accelerations=wrong))
+    assert text.startswith("Simulation: joint_accelerations must be True or False, got ")

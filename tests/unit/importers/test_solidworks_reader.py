@@ -13,7 +13,14 @@ from simwarp.core.types import JointType, ShapeType
 from simwarp.importers import load_solidworks, load_urdf
 from simwarp.importers.report import ImportedWarning
 from simwarp.sensors.scene import Visuals
-from tests.reference.imported_robots import ROBOTS, energy_norm_error, full_mass, inverse_mass, mujoco_urdf
+from tests.reference.imported_robots import (
+    ROBOTS,
+    energy_norm_error,
+    full_mass,
+    inverse_mass,
+    mujoco_urdf,
+    random_arm,
+)
 
 OLD = {
     "ChVector3d": "ChVectorD", "ChQuaterniond": "ChQuaternionD", "ChFramed": "ChFrameD", "ChMatrix33d": "ChMatrix33D",
@@ -99,38 +106,16 @@ def hinge(name, bodies, point, axis):
     )
 
 
-def arm(count=5, seed=3):
-    """A serial arm of random numbers: the texts of a script in the new dialect, and of a URDF."""
-    rng = np.random.default_rng(seed)
-    script = HEAD
-    urdf = ['<robot name="arm"><link name="base"/>']
-    turn, place, mates = np.eye(3), np.zeros(3), []
-    for number in range(1, count + 1):
-        local = Rotation.from_rotvec(rng.normal(size=3))
-        offset, axis, centre = rng.uniform(-0.3, 0.3, 3), rng.normal(size=3), rng.uniform(-0.1, 0.1, 3)
-        axis /= np.linalg.norm(axis)
-        points = rng.normal(size=(6, 3)) * 0.1
-        points -= points.mean(axis=0)
-        mass = float(rng.uniform(0.5, 3.0))
-        inertia = mass / 6 * sum(np.dot(p, p) * np.eye(3) - np.outer(p, p) for p in points)
-        place, turn = place + turn @ offset, turn @ local.as_matrix()
-        script += part(number, f"link{number}", place, turn, mass, inertia, centre)
-        mates.append(hinge(number, (number - 1, number) if number % 2 else (number, number - 1), place, turn @ axis))
-        rpy, xyz = local.as_euler("xyz"), offset
-        names = ("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz")
-        entries = {f"i{names[i][j]}": float(inertia[i, j]) for i in range(3) for j in range(3)}
-        urdf.append(
-            f'<link name="link{number}"><inertial><origin xyz="{text(centre)}"/><mass value="{mass!r}"/>'
-            f"<inertia {' '.join(f'{key}={chr(34)}{value!r}{chr(34)}' for key, value in entries.items())}/></inertial>"
-            f'</link><joint name="j{number}" type="continuous"><origin xyz="{text(xyz)}" rpy="{text(rpy)}"/>'
-            f'<parent link="{"base" if number == 1 else f"link{number - 1}"}"/><child link="link{number}"/>'
-            f'<axis xyz="{text(axis)}"/></joint>'
-        )
-    return script + "".join(mates), "".join([*urdf, "</robot>"])
-
-
-def text(values):
-    return " ".join(repr(float(value)) for value in values)
+def arm():
+    """The texts of an arm: of a script in the new dialect, and of its URDF."""
+    links, urdf = random_arm()
+    script, mates = HEAD, []
+    for number, each in enumerate(links, start=1):
+        script += part(number, each.name, each.place, each.turn, each.mass, each.inertia, each.centre)
+        ends = (number - 1, number) if number % 2 else (number, number - 1)
+        mates.append(hinge(number, ends, each.place, each.turn @ each.axis))
+    # a name behind those of the links: which one is the parent does not go by names
+    return script.replace("'ground'", "'the ground'") + "".join(mates), urdf
 
 
 @pytest.mark.parametrize("old", [False, True], ids=["new", "old"])

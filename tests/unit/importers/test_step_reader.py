@@ -49,7 +49,7 @@ class StepText:
         corners = [np.array(low) + np.array(size) * [(k >> i) & 1 for i in range(3)] for k in range(8)]
         points = [self.point(corner) for corner in corners]
         vertices = [self.add(f"VERTEX_POINT('',{point})") for point in points]
-        edges = {}
+        edges: dict[tuple[int, int], str] = {}
         faces = [self.face(face, corners, points, vertices, edges) for face in (FACES if closed else FACES[1:])]
         shell = self.add(f"{'CLOSED' if closed else 'OPEN'}_SHELL('',({','.join(faces)}))")
         kind = f"MANIFOLD_SOLID_BREP('{name}',{shell})" if closed else f"SHELL_BASED_SURFACE_MODEL('{name}',({shell}))"

@@ -7,6 +7,7 @@ import pytest
 
 import simwarp as sw
 from simwarp.core.types import ShapeType
+from simwarp.geometry.assets import hull_mass
 from simwarp.importers import load_urdf
 from simwarp.importers.report import ImportedWarning
 from simwarp.sensors.scene import Visuals
@@ -376,7 +377,82 @@ def test_visuals_are_read_when_shown(tmp_path):
     np.testing.assert_allclose(visuals.instances[1].appearance.color, (1.0, 0.0, 0.0))
 
 
+def test_a_mirrored_mesh_keeps_its_outside(tmp_path):
+    write_wedge(tmp_path)
+    for scale, sign in (("1 1 1", 1.0), ("1 1 -1", 1.0), ("-1 -1 2", 1.0)):
+        mesh = f'<mesh filename="wedge.obj" scale="{scale}"/>'
+        arm = load(tmp_path, ('<sphere radius="0.1"/>', mesh))
+        visuals = Visuals(arm.builder)
+        arm.add_visuals(visuals)
+        corners = visuals.meshes[0].vertices[visuals.meshes[0].triangles].astype(np.float64)
+        volume = np.linalg.det(corners).sum() / 6.0
+        assert np.sign(volume) == sign
+
+
+COLLADA = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+  <asset><created>2020-01-01T00:00:00</created><modified>2020-01-01T00:00:00</modified>
+    <unit name="centimeter" meter="0.01"/><up_axis>Y_UP</up_axis></asset>
+  <library_geometries><geometry id="g" name="g"><mesh>
+    <source id="p"><float_array id="pa" count="12">0 0 0 100 0 0 0 200 0 0 0 300</float_array>
+      <technique_common><accessor source="#pa" count="4" stride="3">
+        <param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/>
+      </accessor></technique_common></source>
+    <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+    <triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles>
+  </mesh></geometry></library_geometries>
+  <library_visual_scenes><visual_scene id="s"><node id="n"><instance_geometry url="#g"/></node></visual_scene>
+  </library_visual_scenes><scene><instance_visual_scene url="#s"/></scene>
+</COLLADA>"""
+
+
+def test_collada_tells_its_unit_and_keeps_its_axes(tmp_path):
+    (tmp_path / "wedge.dae").write_text(COLLADA)
+    arm = load(tmp_path, (MESH, '<mesh filename="wedge.dae"/>'))
+    vertices = arm.builder.hulls[0].vertices
+    np.testing.assert_allclose(vertices.max(axis=0), (1.0, 2.0, 3.0), rtol=1e-6)
+
+
+def test_a_mesh_may_become_several_hulls(tmp_path):
+    """A prism over an L: its hull fills the notch half, its two parts leave it."""
+    outline = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+    lines = [f"v {x} {y} {z}" for z in (0, 1) for x, y in outline]
+    fan = [(1, k + 1, k + 2) for k in range(1, 5)]
+    faces = [*((c, b, a) for a, b, c in fan), *((a + 6, b + 6, c + 6) for a, b, c in fan)]
+    for k in range(6):
+        a, b = k + 1, (k + 1) % 6 + 1
+        faces += [(a, b, b + 6), (a, b + 6, a + 6)]
+    (tmp_path / "corner.obj").write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in faces)]))
+    change = (MESH, '<mesh filename="corner.obj"/>')
+    whole = load(tmp_path, change)
+    quick = {"threshold": 0.05, "seed": 1, "mcts_iterations": 10, "preprocess_mode": "off"}
+    parts = load(tmp_path, change, decompose=quick)
+    volume = [sum(hull_mass(hull, 1.0).mass for hull in arm.builder.hulls) for arm in (whole, parts)]
+    assert len(parts.shapes["upper"]) == len(parts.builder.hulls) > 1
+    assert volume[0] == pytest.approx(3.5)
+    assert volume[1] == pytest.approx(3.0, rel=0.02)  # coacd cuts to some per cent
+    with pytest.raises(sw.ModelError, match="decompose has options that there are not"):
+        load(tmp_path, change, decompose={"thresh": 0.05})
+
+
 # ---- couplings, actuators, other joints ------------------------------------------------------------------------------
+
+
+def test_a_bare_link_between_joints_is_a_frame(tmp_path):
+    """Two crossing hinges: the inertia about both is that of what hangs below."""
+    cross = """<link name="cross"/><joint name="roll" type="continuous"><parent link="upper"/><child link="cross"/>
+      <axis xyz="1 0 0"/></joint></robot>"""
+    elbow = ('type="prismatic">\n    <parent link="upper"/>', 'type="continuous">\n    <parent link="cross"/>')
+    arm = load(tmp_path, ("</robot>", cross), elbow)
+    assert list(arm.dofs) == ["shoulder", "elbow", "roll"]
+    arm.builder.gravity = np.zeros(3)
+    sim = sw.Simulation(arm.builder.finalize(2, "cpu"), 1e-3)
+    sim.control.joint_force.assign([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    sim.step()
+    qd = sim.state.joint_qd.numpy() / 1e-3
+    # about its own axis z the forearm has 0.01 kg m² and its centre on the axis, which crosses the shoulder's
+    np.testing.assert_allclose(qd[0], [0.0, 100.0, 0.0], rtol=1e-5, atol=1e-4)
+    np.testing.assert_allclose(qd[1], 0.0)
 
 
 def test_a_mimicking_joint_is_coupled(tmp_path):
@@ -428,6 +504,7 @@ def test_planar_and_floating_joints(tmp_path):
 
 def test_a_base_with_mass_is_a_body_that_its_neighbours_do_not_meet(tmp_path):
     heavy = ('<link name="base">', f'<link name="base">{INERTIAL}')
+    found = []
     for changes, bodies in (((), 2), ((heavy,), 3)):
         counts = []
         for height in (-1.0, 0.0):
@@ -441,3 +518,5 @@ def test_a_base_with_mass_is_a_body_that_its_neighbours_do_not_meet(tmp_path):
         # the base and the upper arm overlap as built, but only the arm and the higher ground meet
         assert counts[0] == 0
         assert counts[1] > 0
+        found.append(counts)
+    assert found[0] == found[1]

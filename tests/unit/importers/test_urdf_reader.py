@@ -1,6 +1,7 @@
 """URDF files: masses, kinematics and inverse mass against MuJoCo's own reader, and what each element becomes."""
 
 import warnings
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,7 +20,7 @@ from tests.reference.imported_robots import (
     without_geometry,
 )
 
-FILES = {
+FILES: dict[str, tuple[str, Any]] = {
     "irb120": ("urdf/abb_irb120_support/urdf/irb120_3_58.urdf", "fixed"),
     "r2d2": ("urdf/r2d2/r2d2.urdf", "floating"),
     "quadruped": ("urdf/newton/quadruped.urdf", "floating"),

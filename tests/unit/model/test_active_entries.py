@@ -60,8 +60,12 @@ def build() -> ModelBuilder:
     )
     builder.add_joint_free("root", free)
     shafts = [builder.add_shaft(f"s{k}", inertia=0.1, speed=1.0 + k) for k in range(3)]
+    builder.add_shaft("braked", inertia=0.1, speed=3.0, drive=VelocityMotor(effort_limit=(-0.4, 0.3)))
     builder.add_coupling("rigid", [(shafts[0], 1.0), (shafts[1], -2.0)])
     builder.add_coupling("viscous", [(shafts[1], 1.0), (shafts[2], -1.0)], damping=0.2)
+    builder.add_combination("spring", [(shafts[0], 0.5), (1, 1.0)], stiffness=3.0, rest=0.2, damping=0.1, armature=0.1)
+    builder.add_combination("stop", [(shafts[1], 1.0), (3, 1.0)], limit=(-1.0e-4, 1.0e-4), friction=0.05)
+    builder.add_combination("free", [(shafts[2], 1.0), (1, 1.0)])
     rolls = Material(rolling_friction=0.01, spinning_friction=0.01, compliance=1e-5, damping=0.01, cohesion=0.1)
     builder.add_shape_plane(WORLD, name="ground", material=rolls)
     builder.add_shape_sphere(free, radius=0.1, name="ball", material=rolls)
@@ -102,7 +106,7 @@ def changed(built: np.ndarray, name: str) -> np.ndarray:
         return np.where(np.abs(built) > 1e29, np.sign(built) * 0.05, built * nearer)
     if name == "shape_x":
         return built + 0.01
-    if name == "drive_effort_limit":  # a finite one where there was none would take the drive away
+    if name.startswith("drive_effort"):  # a finite one where there was none would take the drive away
         return np.where(built > 1e29, built, built * 0.3)
     if name == "shape_rot":
         return np.broadcast_to([0.1, 0.0, 0.0, 0.995], built.shape)

@@ -27,6 +27,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.model.joint_types import ELEMENTS
 
 INF, NAN = math.inf, math.nan
+THREE: Any = (-1.0, 0.0, 1.0)
 BAD_POSE: Any = pose  # for what no type checker lets through
 
 
@@ -250,6 +251,13 @@ DOFS: list[Case] = [
         (PositionDrive(stiffness=1.0, damping=-2.0), "damping", "-2.0"),
         (PositionDrive(stiffness=1.0, effort_limit=0.0), "effort_limit must be > 0", "0.0", "inf"),
         (PositionDrive(stiffness=1.0, effort_limit=NAN), "effort_limit", "nan"),
+        (PositionDrive(stiffness=1.0, effort_limit=(1.0, 2.0)), "effort_limit must be (lower, upper)", "(1.0, 2.0)"),
+        (PositionDrive(stiffness=1.0, effort_limit=(2.0, -1.0)), "lower <= 0 <= upper", "(2.0, -1.0)"),
+        (PositionDrive(stiffness=1.0, effort_limit=(0.0, 0.0)), "lower < upper", "(0.0, 0.0)", "inf"),
+        (PositionDrive(stiffness=1.0, effort_limit=(NAN, 1.0)), "effort_limit", "nan"),
+        (PositionDrive(stiffness=1.0, effort_limit=THREE), "effort_limit", "(-1.0, 0.0, 1.0)"),
+        (VelocityMotor(effort_limit=(-INF, INF)), "finite on one side", "(-inf, inf)", "PrescribedSpeed"),
+        (VelocityMotor(effort_limit=(-1.0, -0.5)), "effort_limit must be (lower, upper)", "(-1.0, -0.5)"),
         (VelocityMotor(effort_limit=0.0), "effort_limit must be finite and > 0", "0.0"),
         (VelocityMotor(effort_limit=INF), "effort_limit", "inf", "PrescribedSpeed"),
         (VelocityMotor(effort_limit=NAN), "effort_limit", "nan"),
@@ -261,8 +269,8 @@ DOFS: list[Case] = [
     )),
 ]  # fmt: skip
 COUPLINGS: list[Case] = [
-    ("no term", lambda b: b.add_coupling("new", []), ("coupling 'new'", "1 to 6 terms", "0")),
-    ("seven terms", lambda b: b.add_coupling("new", [(0, 1.0)] * 7), ("coupling 'new'", "1 to 6", "7", "chain")),
+    ("no term", lambda b: b.add_coupling("new", []), ("coupling 'new'", "1 to 12 terms", "0")),
+    ("thirteen terms", lambda b: b.add_coupling("new", [(0, 1.0)] * 13), ("coupling 'new'", "1 to 12", "13", "chain")),
     ("no list", lambda b: b.add_coupling("new", 3), ("coupling 'new'", "terms", "3", "[(joint")),
     ("flat list", lambda b: b.add_coupling("new", [0, 1.0]), ("coupling 'new'", "a term must be", "0", "tuples")),
     ("no such joint", lambda b: b.add_coupling("new", [(9, 1.0)]), ("coupling 'new'", "0..4", "9", "add_joint")),
@@ -468,6 +476,7 @@ def test_every_joint_type_has_an_element_and_a_way_in():
     builder.add_joint_revolute_translational("rt", 0, 16, anchor0=at, axis=axis, anchor1=apart, direction=apart)
     builder.add_bushing("bushing", 0, 17, anchor=at, stiffness=[1.0] * 6)
     builder.add_joint_relative_rotation("turn", 0, 18, axis=axis)
+    builder.add_combination("sum", [(2, 1.0), (3, -1.0)], friction=0.1)
     assert {joint.type for joint in builder.joints} == set(JointType)
     assert builder.dof_count == builder.dof_start(len(builder.joints))
     sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3)

@@ -97,6 +97,7 @@ VALID: dict[str, dict[str, Any]] = {
     "add_spring": {**PAIR, **ENDS},
     "add_bushing": {**PAIR, "anchor": (0, 0, 0), "rotation": (0, 0, 0, 1), "stiffness": (1,) * 6, "damping": (0,) * 6},
     "add_joint_relative_rotation": {**PAIR, "axis": (0, 0, 1)},
+    "add_combination": {"name": "new", "terms": [(0, 1.0), (1, 2.0)], **LAW},
     "add_coupling": {"name": "new", "terms": [(0, 1.0), (1, 2.0)], "offset": None, "damping": 0.0},
     "add_gear": {"name": "new", "joint0": 0, "joint1": 2, "ratio": 2.0},
     "add_rack": {"name": "new", "pinion": 0, "rack": 1, "radius": 0.1},
@@ -121,6 +122,8 @@ VALID: dict[str, dict[str, Any]] = {
                   "points": None, "pose": None, "velocity": (0, 0, 0), "omega": (0, 0, 0), "material": Material(),
                   "margin": 0.0, "group": 1, "mask": 1},
     "exclude_collision": {"body0": 0, "body1": 1},
+    "exclude_shapes": {"shape0": 0, "shape1": 1},
+    "add_shape_pair": {"shape0": 0, "shape1": 1, "material": Material()},
 }  # fmt: skip
 
 
@@ -134,6 +137,7 @@ def base() -> ModelBuilder:
     builder.add_shaft("shaft", inertia=1.0)
     builder.add_joint_cylindrical("thread", 1, 2, axis=(0, 0, 1))
     builder.add_shape_sphere(1, radius=0.1)
+    builder.add_shape_sphere(2, radius=0.1)
     return builder
 
 

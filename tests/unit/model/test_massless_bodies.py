@@ -28,7 +28,8 @@ def walker() -> sw.ModelBuilder:
 MJCF = """<mujoco><option timestep="5e-4" integrator="RK4"/><worldbody><body name="a" pos="0 0 1">
 <joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/><joint name="r" axis="0 1 0"/>
 <inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.12 0.05"/><body name="b" pos="0 0 0.4">
-<joint name="h1" axis="1 0 0"/><joint name="h2" axis="0 1 0"/><joint name="h3" axis="0 0 1"/><inertial pos="0.1 0.05 0.2" mass="1"
+<joint name="h1" axis="1 0 0"/><joint name="h2" axis="0 1 0"/><joint name="h3" axis="0 0 1"/>
+<inertial pos="0.1 0.05 0.2" mass="1"
 diaginertia="0.02 0.03 0.01"/></body></body></worldbody></mujoco>"""
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -103,6 +104,7 @@ def everything():
         sw.WORLD, [(2, 0, 0), (3, 0, 0), (2, 1, 0), (3, 1, 0.1)], [(0, 1, 2), (1, 3, 2)], name="step"
     )
     builder.exclude_collision(base, tip)
+    assert isinstance(mesh, int)
     builder.exclude_shapes(ball, mesh)
     builder.add_shape_pair(hull, ground, material=sw.Material(friction=0.9))
     builder.add_shape_pair(hull, ball)
@@ -257,9 +259,8 @@ def test_files_that_are_cut_off_or_no_files(tmp_path, folder):
         path.write_text(text[: int(share * len(text))])
         with pytest.raises(sw.ModelError, match=r"cut\.json.*broken JSON"):
             sw.load_model(path)
-    for wrong, message in (
-        (tmp_path / "none.json", "No such file"), (tmp_path, "it is a folder"), (3, "path must be"),
-    ):  # fmt: skip
+    places: Any = ((tmp_path / "none.json", "No such file"), (tmp_path, "it is a folder"), (3, "path must be"))
+    for wrong, message in places:
         with pytest.raises(sw.ModelError, match=message):
             sw.load_model(wrong)
     path.write_text("[" * 1000)

@@ -33,6 +33,10 @@ CASES: list[Case] = [
     ("two_masses", lambda b: b.add_solid("s", "box", 0.1, mass=1.0, density=2.0), ["solid 's'", "1.0", "2.0"]),
     ("mass", lambda b: b.add_solid("s", "box", 0.1, mass=-1.0), ["solid 's'", "mass", "-1.0"]),
     ("exclude", lambda b: b.exclude_collision(0, 7), ["exclude_collision", "7"]),
+    ("friction_rule", lambda b: sw.ModelBuilder(friction_rule="maximum"), ["friction_rule", "min, max", "'maximum'"]),
+    ("pair_rule", lambda b: sw.ModelBuilder(pair_rule="eiter"), ["pair_rule", "both, either", "did you mean 'either'"]),
+    ("priority", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", material=sw.Material(priority=0.5)),  # type: ignore[arg-type]
+     ["shape 'b'", "material.priority", "integer", "0.5"]),
 ]  # fmt: skip
 
 
@@ -66,8 +70,9 @@ def test_refused(case: Case) -> None:
     ],
 )  # fmt: skip
 def test_materials_out_of_range(field: str, value: float) -> None:
+    wrong: Any = {field: value}
     with pytest.raises(ModelError) as error:
-        with_body().add_shape_sphere(0, radius=0.1, name="ball", material=sw.Material(**{field: value}))
+        with_body().add_shape_sphere(0, radius=0.1, name="ball", material=sw.Material(**wrong))
     assert_line(error, ["shape 'ball'", f"material.{field}", str(value)])
 
 

@@ -36,7 +36,7 @@ def arm_with_everything() -> ModelBuilder:
               for k in range(5)]  # fmt: skip
     options: list[dict[str, Any]] = [
         {"limit": (-0.02, 0.02), "friction": 0.5},
-        {"drive": VelocityMotor(effort_limit=5.0)},
+        {"drive": VelocityMotor(effort_limit=(-3.0, 5.0))},
         {"drive": PositionDrive(stiffness=200.0, damping=3.0, effort_limit=8.0), "limit": (-0.01, 0.3)},
         {"spring_table": ((-1.0, 0.0, 1.0), (-20.0, 0.0, 60.0)), "damping": 0.2},
         {"drive": PrescribedPosition()},
@@ -48,13 +48,25 @@ def arm_with_everything() -> ModelBuilder:
     return builder
 
 
+def tendons() -> ModelBuilder:
+    """The arm with sums of its angles: one with a law, one with bounds alone, one that only takes a force."""
+    builder = arm_with_everything()
+    builder.add_combination("spring", [(0, 1.0), (1, -0.5), (3, 2.0)], stiffness=30.0, damping=0.4, friction=0.2)
+    builder.add_combination("stop", [(1, 1.0), (2, 1.0), (4, 0.3)], limit=(-0.01, 0.005))
+    builder.add_combination("force", [(2, -1.0), (3, 0.7)])
+    return builder
+
+
 MODELS: dict[str, Callable[[], ModelBuilder]] = {
-    "busy": busy, "arm": arm_with_everything, "four_bar": scenes.four_bar, "linkage": scenes.linkage,
+    "busy": busy, "arm": arm_with_everything, "tendons": tendons, "four_bar": scenes.four_bar,
+    "linkage": scenes.linkage,
 }  # fmt: skip
 
 
 def simulation(builder: ModelBuilder, worlds: int = WORLDS, **options: Any) -> sw.Simulation:
-    return sw.Simulation(builder.finalize(worlds, "cpu"), 2e-3, joint_reactions=True, **options)
+    return sw.Simulation(
+        builder.finalize(worlds, "cpu"), 2e-3, joint_reactions=True, joint_accelerations=True, **options
+    )
 
 
 def drive(sim: sw.Simulation, step: int, worlds: int | None = None) -> None:
@@ -279,7 +291,9 @@ def test_a_snapshot_is_a_copy():
 @pytest.mark.parametrize("model", MODELS)
 def test_four_sub_steps_are_four_steps(model):
     whole = simulation(MODELS[model](), substeps=4)
-    parts = sw.Simulation(MODELS[model]().finalize(WORLDS, "cpu"), 2e-3 / 4, joint_reactions=True)
+    parts = sw.Simulation(
+        MODELS[model]().finalize(WORLDS, "cpu"), 2e-3 / 4, joint_reactions=True, joint_accelerations=True
+    )
     for step in range(5):
         for sim in (whole, parts):
             drive(sim, step)
@@ -315,7 +329,7 @@ def randomise(model: sw.Model, seed: int = 0) -> dict[str, np.ndarray]:
             values = values * factor
         elif name in ("joint_frame0", "joint_frame1"):
             pass  # frames stay rotations
-        elif name in ("joint_limit_lower", "joint_limit_upper", "drive_effort_limit"):
+        elif name in ("joint_limit_lower", "joint_limit_upper", "drive_effort_limit", "drive_effort_lower"):
             values = np.where(np.abs(values) < 1e29, values * rng.uniform(0.5, 1.5, values.shape), values)
         elif name.startswith(("joint_anchor", "joint_offset", "coupling_offset")):
             values = values + 1e-4 * rng.normal(size=values.shape)
@@ -331,13 +345,13 @@ def test_a_world_with_its_own_parameters_equals_a_model_of_its_own(model):
     builder = MODELS[model]()
     many = builder.finalize(3, "cpu", per_world=PARAMETERS)
     written = randomise(many)
-    sim = sw.Simulation(many, 2e-3, joint_reactions=True)
+    sim = sw.Simulation(many, 2e-3, joint_reactions=True, joint_accelerations=True)
     singles = []
     for world in range(3):
         alone = builder.finalize(1, "cpu")
         for name, values in written.items():
             getattr(alone, name).assign(values[world : world + 1])
-        singles.append(sw.Simulation(alone, 2e-3, joint_reactions=True))
+        singles.append(sw.Simulation(alone, 2e-3, joint_reactions=True, joint_accelerations=True))
     for step in range(6):
         rng = np.random.default_rng(step)
         force = rng.normal(size=many.dof_count).astype(np.float32)
@@ -426,6 +440,7 @@ def parameter_probe() -> ModelBuilder:
     )  # fmt: skip
     shaft = builder.add_shaft("shaft", inertia=0.03, drive=PositionDrive(stiffness=50.0, damping=2.0))
     builder.add_gear("gear", first, shaft, ratio=1.5)
+    builder.add_shaft("braked", inertia=0.03, speed=1.0, drive=VelocityMotor(effort_limit=(-0.5, 0.8)))
     builder.add_joint_distance("rod", WORLD, b, anchor0=(0.3, 0.4, 1.0), anchor1=(0.35, 0.45, 0.1))
     return builder
 

@@ -44,7 +44,8 @@ class Counter:
 @pytest.mark.parametrize("reactions", [False, True])
 @pytest.mark.parametrize("name", MODELS)
 def test_a_step_allocates_launches_and_reads_nothing(name, substeps, reactions, monkeypatch):
-    sim = sw.Simulation(MODELS[name]().finalize(4, "cpu"), 1e-3, substeps=substeps, joint_reactions=reactions)
+    model = MODELS[name]().finalize(4, "cpu")
+    sim = sw.Simulation(model, 1e-3, substeps=substeps, joint_reactions=reactions, joint_accelerations=reactions)
     sim.step()
     counter = Counter(monkeypatch)
     for function in ("launch", "zeros", "empty", "full", "clone", "copy", "synchronize", "synchronize_device"):

@@ -33,9 +33,22 @@ def held() -> sw.ModelBuilder:
     return builder
 
 
+def tendons() -> sw.ModelBuilder:
+    """A chain with sums of its angles: with a law, with bounds alone, and with neither."""
+    builder = sw.ModelBuilder()
+    for k in range(4):
+        body = builder.add_body(f"b{k}", mass=1.0, inertia=(0.1, 0.1, 0.05), pose=sw.pose((0.4 * k, 0.0, 0.1)))
+        builder.add_joint_revolute(f"j{k}", body - 1, body, axis=(0.0, 1.0, 0.2 * k), anchor=(0.4 * k - 0.2, 0.0, 0.1))
+    builder.add_combination("spring", [(0, 1.0), (1, -0.5), (3, 2.0)], stiffness=30.0, damping=0.4, friction=0.2)
+    builder.add_combination("stop", [(1, 1.0), (2, 1.0)], limit=(-0.01, 0.005))
+    builder.add_combination("force", [(2, -1.0), (3, 0.7)])
+    return builder
+
+
 MODELS: dict[str, Any] = {
     "pendulum": scenes.pendulum, "four_bar": scenes.four_bar, "ant": scenes.ant, "stack": lambda: scenes.stack(count=3),
     "everything": lambda: random_mechanism(0, bounds=True, couplings=True), "held": held,
+    "tendons": tendons,
 }  # fmt: skip
 TOLERANCE = 2e-5
 """Compilers fuse multiplications and additions of one kernel differently from those of ten: after 20 steps rounding
@@ -45,7 +58,9 @@ TOLERANCE = 2e-5
 def moved(name: str, threads: int, reactions: bool) -> tuple[sw.Simulation, dict[str, np.ndarray]]:
     model = MODELS[name]().finalize(5, "cpu")
     solver = sw.SolverOptions(tolerance=1e-6, position_projection=1)
-    sim = sw.Simulation(model, 2e-3, solver=solver, joint_reactions=reactions, threads=threads)
+    sim = sw.Simulation(
+        model, 2e-3, solver=solver, joint_reactions=reactions, joint_accelerations=reactions, threads=threads
+    )
     rng = np.random.default_rng(3)
     sim.control.joint_force.assign(rng.uniform(-0.2, 0.2, (5, model.dof_count)).astype(np.float32))
     sim.advance(20)
@@ -71,6 +86,10 @@ def test_the_same_motion(name, reactions, monkeypatch):
         force = whole.diagnostics.joint_reaction_force.numpy()
         np.testing.assert_allclose(
             parts.diagnostics.joint_reaction_force.numpy(), force, atol=2e-3 * max(1.0, np.abs(force).max(initial=0.0))
+        )
+        qdd = whole.diagnostics.joint_qdd.numpy()
+        np.testing.assert_allclose(
+            parts.diagnostics.joint_qdd.numpy(), qdd, atol=2e-3 * max(1.0, np.abs(qdd).max(initial=0.0))
         )
 
 
@@ -121,5 +140,7 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
     assert kernels("pendulum") == [*start, *end]
     assert kernels("four_bar") == [*start, *loops, *end]
     collision = ["place_worlds", "touch_worlds", "keep_worlds"]
-    assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, "solve_worlds", "push_worlds", *end]
+    solves = ["solve_worlds", "proximal_worlds", "proximal_worlds"]
+    assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, *solves, "push_worlds", *end]
     assert kernels("pendulum", joint_reactions=True) == [*start, "weigh_worlds", *end]
+    assert kernels("pendulum", joint_accelerations=True) == [*start, "change_worlds", "accelerate_worlds", *end]

@@ -33,6 +33,7 @@ from tests.reference.mechanisms import (
 from tests.reference.mechanisms import (
     _set_consistent_velocities as set_consistent_velocities,
 )
+from tests.reference.step_laws import bounds_of
 from tests.unit.kernels.dynamics.side_by_side import EPS, Controls, Pair, assert_same_steps, random_controls
 
 SEEDS = range(3)
@@ -204,6 +205,10 @@ LAWS = {
     "motor": Dof(drive=VelocityMotor(effort_limit=3.0)),
     "strong motor": Dof(drive=VelocityMotor(effort_limit=1e4)),
     "bounded drive": Dof(drive=PositionDrive(stiffness=300.0, damping=7.0, effort_limit=2.0)),
+    "one-sided motor": Dof(drive=VelocityMotor(effort_limit=(0.0, 3.0))),
+    "uneven motor": Dof(drive=VelocityMotor(effort_limit=(-float("inf"), 1.0))),
+    "uneven drive": Dof(drive=PositionDrive(stiffness=300.0, damping=7.0, effort_limit=(-0.5, 3.0))),
+    "drive bounded below": Dof(drive=PositionDrive(stiffness=300.0, damping=7.0, effort_limit=(-0.5, float("inf")))),
     "bounded drive and all": Dof(
         drive=PositionDrive(stiffness=300.0, damping=7.0, effort_limit=9.0), friction=0.3, limit=(-0.01, 0.01),
         stiffness=5.0, damping=0.1, armature=0.03,
@@ -448,7 +453,7 @@ def box_signs(pair: Pair) -> list[float]:
     for dof in pair.reference.dofs:
         signs += [s for s, at in zip((1.0, -1.0), dof.limit or (-np.inf, np.inf), strict=True) if np.isfinite(at)]
         bounded = isinstance(dof.drive, VelocityMotor) or (
-            isinstance(dof.drive, PositionDrive) and np.isfinite(dof.drive.effort_limit)
+            isinstance(dof.drive, PositionDrive) and bool(np.isfinite(bounds_of(dof.drive)).any())
         )
         signs += [1.0] * (int(dof.friction > 0.0) + int(bounded))
     return signs

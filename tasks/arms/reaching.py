@@ -1,0 +1,381 @@
+"""Reaching: an arm with six torques moves the point between its fingers to a cube on the ground and stays there.
+
+Numbers of Benatti's thesis, section 9.2, where the Comau Racer3 does it; one class for every arm of
+:mod:`simwarp.scenes`. The thesis gives no criterion of success: here the grip is within 2 cm of the cube's centre
+through the last 0.2 s.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import torch
+import warp as wp
+
+from simwarp import to_torch
+from simwarp.kernels.tasks.arms import reach as kernels
+from simwarp.kernels.tasks.arms.reach import ReachingArm, ReachState
+from simwarp.scenes import IRB120, RACER3, Arm, robot_arm
+from simwarp.tasks import Drawing, Ge, Gt, Le, Line, NotNegative, Positive, Task, TaskConfig, register, require
+
+from ..framework.launching import filled, launch_over, share_over, zeros_of
+
+if TYPE_CHECKING:
+    from simwarp import ModelBuilder, SolverOptions
+    from simwarp.kinematics import InverseKinematics
+    from simwarp.sensors import Visuals
+    from simwarp.viewer import Shot
+
+    from ..framework.launching import TensorLaunch, WorldLaunch
+
+_HALF_CUBE = 0.015
+_DRIVE_ERROR = 0.02
+"""Error of a drive at which it gives its whole torque [rad]."""
+_DRIVE_TIME = 0.02
+"""Time in which it takes an error back [s]."""
+_TERMS = ("near", "contact", "fingers", "effort", "limits")
+_SHAPED_TERMS = (*_TERMS, "smooth")
+
+
+class ReachReward(enum.Enum):
+    """Variants of the reward.
+
+    ``shaped`` is this project's own, at most 2 in a step: nearness on the scales of 0.3 m and 2 cm, less at most 1.4
+    for touches, forces on the fingers, effort, joints at their stops and trembling. ``thesis`` is what the thesis
+    prints: 1 / (d + 0.1 mm), -1000 for a touch, less forces on the fingers, 0.001 |action x rate|, 2 per joint at a
+    stop.
+    """
+
+    SHAPED = "shaped"
+    THESIS = "thesis"
+
+
+class ReachActions(enum.Enum):
+    """Meaning of the actions: torques of the joints as shares of the largest ones; or displacements of the grip along
+    X, Y and Z, which inverse kinematics turns into angles for stiff drives.
+    """
+
+    TORQUE = "torque"
+    DISPLACEMENT = "displacement"
+
+
+@dataclasses.dataclass(frozen=True)
+class ReachConfig(TaskConfig):
+    """Configuration of the reaching arms."""
+
+    dt: Positive = 0.001
+    """Physics step [s]."""
+    decimation: Annotated[int, Ge(1), Le(100_000)] = 20
+    """Physics steps per control step; one action lasts decimation * dt seconds."""
+    max_episode_steps: Annotated[int, Ge(1), Le(10**9)] = 100
+    """Control steps after which an episode is truncated: 2 s."""
+    gravity: float = 9.8
+    """Gravitational acceleration, downwards [m/s2]."""
+    actions: ReachActions = ReachActions.TORQUE
+    """torque: six shares of the largest torques; displacement: of the grip along X, Y and Z."""
+    displacement: Annotated[float, Gt(0.0), Le(0.2)] = 0.02
+    """Way of the grip of a full action in one control step, where actions are displacements [m]."""
+    reward: ReachReward = ReachReward.SHAPED
+    """Variant of the reward."""
+    fixed_target: bool = False
+    """Leave the target in the middle of its range."""
+    target_x: Annotated[float, Ge(-1.0), Le(1.0)] = -0.52
+    """Place of the target's centre along X, in the middle of its range [m]; its height is 0.015 m."""
+    target_spread: Annotated[float, Ge(0.0), Le(0.2)] = 0.05
+    """Half-width of the uniform place of the target, along X and Y [m]."""
+    start_angle: Annotated[float, Ge(0.0), Le(0.5)] = 0.05
+    """Half-width of the uniform start angles of the joints [rad]."""
+    near: Positive = 0.02
+    """Distance of the grip from the target's centre below which it is reached [m]."""
+    hold_time: NotNegative = 0.2
+    """Time at the end of an episode through which a success stays that near [s]."""
+    tolerance: Positive = 1e-3
+    """Residual at which the contact solve stops [m/s]."""
+
+    def validate(self) -> None:
+        """Check that displacements act at once."""
+        super().validate()
+        if self.actions is ReachActions.DISPLACEMENT:
+            require(self.action_rise_time == 0.0, self, "action_rise_time", "0 where actions are displacements")
+
+
+@dataclasses.dataclass(frozen=True)
+class Aiming:
+    """Displacements of the grip, turned into coordinates of the drives.
+
+    Attributes:
+        search: coordinates that bring the grip to its target.
+        target_q: (W, dofs) of the drives, from which each search begins.
+        aim: displaces that target by an action.
+        drive: takes the drives to what was found.
+        rest: aims at where the grip is, in the worlds of a mask.
+    """
+
+    search: InverseKinematics
+    target_q: wp.array
+    aim: TensorLaunch
+    drive: TensorLaunch
+    rest: TensorLaunch
+
+
+class ReachTask(Task[ReachConfig]):
+    """Observation ``policy`` (W, 18), in this order: joint angles [rad], their rates [rad/s], the target's centre [m],
+    the grip [m], both in the world. Actions are torques of the joints as shares of the largest ones.
+    """
+
+    arm: ClassVar[Arm]
+    """The robot."""
+    config_type: ClassVar[type[TaskConfig]] = ReachConfig
+    action_size: int = 6
+    per_world: ClassVar[tuple[str, ...]] = ("shape_x",)
+    success_reasons: ClassVar[frozenset[str]] = frozenset()
+    training: ClassVar[Mapping[str, Any]] = {
+        "iterations": 120,
+        "num_envs": 128,
+        "steps_per_iteration": 32,
+        "network.hidden": (128, 64),
+        "network.init_std": 0.4,
+        "ppo.gamma": 0.98,
+        "ppo.entropy": 0.0,
+    }
+
+    def __init__(self, config: ReachConfig, num_worlds: int, **options: Any) -> None:
+        if config.actions is ReachActions.DISPLACEMENT:
+            self.action_size = 3
+        super().__init__(config, num_worlds, **options)
+
+    def build(self, builder: ModelBuilder) -> ModelBuilder:
+        """The arm of :mod:`simwarp.scenes` and a cube on the ground."""
+        import simwarp as sw
+
+        drives = None
+        if self.config.actions is ReachActions.DISPLACEMENT:
+            drives = [
+                sw.PositionDrive(
+                    stiffness=joint.torque / _DRIVE_ERROR, damping=joint.torque / _DRIVE_ERROR * _DRIVE_TIME,
+                    effort_limit=joint.torque,
+                )
+                for joint in self.arm.joints
+            ]  # fmt: skip
+        made = robot_arm(self.arm, drives=drives)
+        self.cube = made.add_shape_box(
+            sw.WORLD, half=(_HALF_CUBE,) * 3, pose=sw.pose((self.config.target_x, 0.0, _HALF_CUBE)), name="target",
+            material=sw.Material(friction=0.5),
+        )  # fmt: skip
+        return made
+
+    def solver_options(self) -> SolverOptions:
+        """Contacts to ``tolerance``."""
+        from simwarp import SolverOptions
+
+        return SolverOptions(tolerance=self.config.tolerance)
+
+    def setup(self) -> None:
+        """Allocate the state of an episode, and record what a control step launches."""
+        config, simulation, device = self.config, self.simulation, self.device
+        state, torque = simulation.state.arrays, simulation.control.joint_force
+        self.reach = zeros_of(ReachState, self, last_action=self.action_size)
+        self.reaching = self._make_arm()
+        self._touched, self._near_steps = to_torch(self.reach.touched), to_torch(self.reach.near_steps)
+        self._target = to_torch(self.reach.target)
+        self._cube_x = to_torch(simulation.model.shape_x)[:, self.cube]
+        self._policy = torch.zeros(self.num_worlds, 2 * len(self.arm.joints) + 6, device=device)
+        self._success = torch.zeros(self.num_worlds, dtype=torch.bool, device=device)
+        self._distance = torch.zeros(self.num_worlds, device=device)
+        self._start_q, self._start_qd = (wp.zeros_like(torque) for _ in range(2))
+        self._names = _SHAPED_TERMS if config.reward is ReachReward.SHAPED else _TERMS
+        self._terms = torch.zeros(len(self._names), self.num_worlds, device=device)
+        variant = kernels.SHAPED if config.reward is ReachReward.SHAPED else kernels.THESIS
+        hold_steps = round(config.hold_time / config.dt)
+        spread = 0.0 if config.fixed_target else config.target_spread
+        place = [wp.vec3d(config.target_x, 0.0, _HALF_CUBE), wp.vec3d(spread, spread, 0.0)]
+        streams = [self.random.stream(purpose) for purpose in ("angles", "target")]
+        moved = [self.reaching, state, self.reach]
+        self._aiming = self._make_aiming() if config.actions is ReachActions.DISPLACEMENT else None
+        self._begin_reach = launch_over(self, kernels.begin_reach, self.action, self.reach)
+        self._drive = launch_over(self, kernels.turn_joints, self.action, self.reaching, state, torque)
+        self._finish = launch_over(self, kernels.finish_reach, self.action, *moved, torque)
+        self._observe = launch_over(self, kernels.observe_reach, *moved, self._policy)
+        self._pay = launch_over(
+            self, kernels.pay_reach, variant, float(config.decimation), self.action, *moved, self._terms
+        )
+        self._measure = launch_over(self, kernels.measure_reach, hold_steps, *moved, self._success, self._distance)
+        self._start = launch_over(
+            self, kernels.begin_reach_episode, self._every_world, config.start_angle, *place, *streams,
+            self.random.draws, self.cube, simulation.model.shape_x, self.reach, self._start_q, self._start_qd,
+        )  # fmt: skip
+
+    def _make_arm(self) -> ReachingArm:
+        """Return what the arm is."""
+        arm, model, device = self.arm, self.simulation.model, str(self.device)
+        names = list(model.shape_names)
+
+        def numbers(values: Sequence[float]) -> wp.array:
+            return wp.array([*values], dtype=float, device=device)
+
+        def shapes(wanted: Sequence[str]) -> wp.array:
+            return wp.array([names.index(name) for name in wanted], dtype=int, device=device)
+
+        return filled(
+            ReachingArm,
+            hand=model.body(arm.links[-1].name),
+            grip=wp.vec3d(*self._grip()),
+            torque=numbers([joint.torque for joint in arm.joints]),
+            speed=numbers([joint.speed for joint in arm.joints]),
+            middle=numbers([0.5 * sum(joint.limit) for joint in arm.joints]),
+            half=numbers([0.5 * (joint.limit[1] - joint.limit[0]) for joint in arm.joints]),
+            barred=shapes(arm.barred),
+            fingers=shapes(arm.fingers),
+            force=self.simulation.contacts.shape_contact_force,
+            near=self.config.near,
+            driven=int(self.config.actions is ReachActions.DISPLACEMENT),
+        )
+
+    def _grip(self) -> list[float]:
+        """Return the grip from the hand's centre of mass [m]."""
+        arm = self.arm
+        return [float(a) - float(b) for a, b in zip(arm.grip, arm.links[-1].centre, strict=True)]
+
+    def _make_aiming(self) -> Aiming:
+        """Return what turns displacements of the grip into coordinates of the drives."""
+        from simwarp.kinematics import InverseKinematics
+
+        config, simulation, arm = self.config, self.simulation, self.reaching
+        state, target_q = simulation.state.arrays, simulation.control.joint_target_q
+        search = InverseKinematics(
+            simulation, self.arm.links[-1].name, self._grip(), iterations=10, tolerance=1e-4, damping=0.02
+        )
+        return Aiming(
+            search, target_q,
+            aim=launch_over(self, kernels.aim_grip, self.action, config.displacement, arm, state, search.target),
+            drive=launch_over(self, kernels.aim_drives, search.q, config.control_dt, arm, target_q),
+            rest=launch_over(self, kernels.rest_drives, self._every_world, arm, state, search.target, target_q),
+        )  # fmt: skip
+
+    def _move_grip(self, action: torch.Tensor) -> None:
+        """Set the drives to a displacement of the grip, if actions are displacements."""
+        if self._aiming is not None:
+            self._aiming.aim.on(action)
+            self._aiming.search.solve(self._aiming.target_q)
+            self._aiming.drive.launch()
+
+    def _physics_launches(self) -> Sequence[WorldLaunch]:
+        """Return the action's way, torques and touches."""
+        path, simulation = self._path, self.simulation
+        parts = [self.reaching, simulation.state.arrays, self.reach, simulation.control.joint_force]
+        return [share_over(simulation, kernels.reach_on, path.reach, path.request, self.action, *parts)]
+
+    def _finish_physics(self) -> None:
+        """Notice the last touch."""
+        self._finish.launch()
+
+    def begin_step(self) -> None:
+        """Forget the touches of the last control step, store its action, and aim where that is a displacement."""
+        self._begin_reach.launch()
+        self._move_grip(self._path.request)
+
+    def apply(self, action: torch.Tensor) -> None:
+        """Turn the joints with a share of their largest torques, none that drives beyond the largest speed; or move
+        the grip.
+        """
+        self._drive.on(action)
+        self._move_grip(action)
+
+    def after_physics(self) -> None:
+        """Notice a touch, which may be over before the control step is; cut the torques anew."""
+        self._finish.launch()
+
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Return ``policy`` (W, 18) float32, the buffer itself."""
+        self._observe.launch()
+        return {"policy": self._policy}
+
+    def rewards(self) -> dict[str, torch.Tensor]:
+        """Return the terms of the chosen reward."""
+        self._pay.launch()
+        return dict(zip(self._names, self._terms, strict=True))
+
+    def terminations(self) -> dict[str, torch.Tensor]:
+        """Return ``contact``: base, upper arm or forearm touch anything, in any physics step."""
+        return {"contact": self._touched.clone()}
+
+    def reset(self, world_mask: torch.Tensor) -> None:
+        """Start near the zero pose, at rest; the target is anywhere in its range."""
+        self._start.on(world_mask)
+        self.simulation.set_joint_state(world_mask, self._start_q, self._start_qd)
+        if self._aiming is not None:
+            self._aiming.rest.on(world_mask)
+
+    def metrics(self) -> dict[str, torch.Tensor]:
+        """Return ``success`` and the ``distance`` of the grip from the target [m]."""
+        self._measure.launch()
+        return {"success": self._success, "distance": self._distance}
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """The target, how long the grip has been near it, and where displacements have brought its aim."""
+        state = {"target": self._target, "near_steps": self._near_steps}
+        return state if self._aiming is None else {**state, "aim": to_torch(self._aiming.search.target)}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take it back."""
+        self._target.copy_(state["target"])
+        self._cube_x.copy_(self._target)
+        self._near_steps.copy_(state["near_steps"])
+        if self._aiming is not None:
+            to_torch(self._aiming.search.target).copy_(state["aim"])
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Show the links as rods between the joints, and the target in red."""
+        from simwarp.viewer import add_skeleton
+
+        add_skeleton(visuals, 0.03)
+        visuals.show(self.cube, color=(0.75, 0.1, 0.08))
+
+    def shot(self) -> Shot:
+        """From the side, at rest: arm and target are in sight."""
+        from simwarp import WORLD
+        from simwarp.viewer import Shot
+
+        return Shot(body=WORLD, target=(0.5 * self.config.target_x, 0.0, 0.35), eye=(0.0, -1.9, 0.5), fov=0.9)
+
+    def drawing(self) -> Drawing:
+        """Draw the edge of the cube from above, and the way that is left."""
+        half = self._target.new_tensor([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1], [-1, -1, 1]]) * _HALF_CUBE
+        edge = (self._target[:, None] + half).float()
+        self._observe.launch()
+        grip = self._policy[:, -3:]
+        left = torch.stack([grip, self._target.float()], dim=1)
+        return Drawing((Line(edge, "tab:red", 2.0), Line(left, "tab:orange", 1.0)))
+
+    def map_position(self) -> torch.Tensor:
+        """The grip, (W, 3) [m]."""
+        self._observe.launch()
+        return self._policy[:, -3:]
+
+
+@register("racer3-reach")
+class Racer3ReachTask(ReachTask):
+    """The Comau Racer3; see :class:`ReachTask`."""
+
+    summary: ClassVar[str] = "arm: the Racer3 moves its grip to a cube, 18 observations, 6 torques"
+    arm: ClassVar[Arm] = RACER3
+
+
+@dataclasses.dataclass(frozen=True)
+class Irb120ReachConfig(ReachConfig):
+    """Configuration of :class:`Irb120ReachTask`."""
+
+    target_x: Annotated[float, Ge(-1.0), Le(1.0)] = 0.40
+    """Place of the target's centre along X, in the middle of its range [m]; its height is 0.015 m."""
+
+
+@register("irb120-reach")
+class Irb120ReachTask(ReachTask):
+    """The ABB IRB 120 with the Racer3's hand; see :class:`ReachTask`."""
+
+    summary: ClassVar[str] = "arm: the IRB 120 moves its grip to a cube, 18 observations, 6 torques"
+    config_type: ClassVar[type[TaskConfig]] = Irb120ReachConfig
+    arm: ClassVar[Arm] = IRB120
