@@ -449,6 +449,9 @@ class ModelBuilder(ShapeList, CouplingList):
             joint: index of the joint.
             drive: in the place of the one it has.
             dof: which of the joint's coordinates.
+
+        Raises:
+            ModelError: there is no such coordinate, nothing drives it, or the drive is not usable.
         """
         spec, local = self._coordinate("set_drive", joint, dof)
         if spec.type in (JointType.FREE, JointType.RELATIVE_ROTATION, JointType.BUSHING):

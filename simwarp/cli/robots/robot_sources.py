@@ -72,9 +72,9 @@ def format_of(path: Path) -> Format:
         known = ", ".join(dict.fromkeys(suffix for kind in FORMATS for suffix in kind.suffixes))
         hint = "; expand it with xacrodoc first" if suffix == ".xacro" else f"; files end in {known}"
         raise UsageError(f"no reader is for '{shortened(path.name)}'{hint}")
+    file = source_file(path, "robot", (suffix,))
     if len(found) == 1:
         return found[0]
-    file = source_file(path, "simwarp import", (suffix,))
     root = parsed_xml(file.name, bytes_of(file)).tag
     for kind in found:
         if kind.root == root:

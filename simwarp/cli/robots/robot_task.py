@@ -13,15 +13,18 @@ import numpy.typing as npt
 
 from simwarp.cli import UsageError
 from simwarp.cli.robots.robot_templates import FIXED, FLOATING, JOINTS, README, TEST
+from simwarp.core.rotation import matrix_of, quat_conjugate, quat_multiply, rotate
 from simwarp.core.types import WORLD, Dof, JointType, PositionDrive, ShapeType
 from simwarp.importers.imported import Imported
 from simwarp.importers.robot_files import robot_text
+from simwarp.model.builder import ModelBuilder
+from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import JointSpec
 
 Array = npt.NDArray[np.float64]
 
-DAMPING: Final = 0.03
-"""Of a drive that the file does not tell: its damping over its stiffness [s]."""
+DAMPING: Final = 0.5
+"""Damping ratio of a drive that the file does not tell, with all other joints locked."""
 SLIDE: Final = 0.1
 """Way over which such a drive of a slide reaches its largest effort [m]; that of a hinge is 1 rad."""
 WIDEST: Final = 1.0
@@ -47,8 +50,9 @@ class DrivenJoint:
     def row(self) -> str:
         """Its line of the table in the task."""
         effort = self.drive.effort_limit
-        told = ", ".join(_digits(side) for side in effort) if isinstance(effort, tuple) else _digits(effort)
-        told = f"({told})" if isinstance(effort, tuple) else told
+        if isinstance(effort, tuple) and -effort[0] == effort[1]:
+            effort = effort[1]
+        told = f"({', '.join(map(_digits, effort))})" if isinstance(effort, tuple) else _digits(effort)
         numbers = [_digits(self.drive.stiffness), _digits(self.drive.damping), told]
         return f"    {json.dumps(self.name)}: ({', '.join([*numbers, _digits(self.lower), _digits(self.upper)])}),"
 
@@ -138,7 +142,7 @@ def _chosen(template: str, velocity: bool) -> Iterator[str]:
 
 def _digits(value: float) -> str:
     """Four digits of a number, as Python reads them."""
-    return f'float("{value}")' if math.isinf(value) else repr(float(f"{value:.4g}"))
+    return f'float("{value}")' if math.isinf(value) else repr(float(f"{value:.4g}") + 0.0)
 
 
 # ---- the robot -------------------------------------------------------------------------------------------------------
@@ -195,7 +199,7 @@ def driven_joints(robot: Imported, home: Array) -> list[DrivenJoint]:
         if isinstance(dof.drive, PositionDrive):
             drive = dof.drive
         elif column in pushed or (not pushed and column not in followers and joint.type != JointType.COMBINATION):
-            drive = _made_drive(robot, name, column, joint)
+            drive = _made_drive(robot, name, column, index)
         else:
             continue
         found.append(DrivenJoint(name, drive, *_targets(joint, dof, float(home[column]))))
@@ -209,8 +213,9 @@ def _targets(joint: JointSpec, dof: Dof, home: float) -> tuple[float, float]:
     return max(lower, home - reach), min(upper, home + reach)
 
 
-def _made_drive(robot: Imported, name: str, column: int, joint: JointSpec) -> PositionDrive:
+def _made_drive(robot: Imported, name: str, column: int, index: int) -> PositionDrive:
     """A drive that gives its largest effort one radian from its target."""
+    joint = robot.builder.joints[index]
     effort = _effort_of(robot, name, column)
     if not math.isfinite(effort):
         # what holds the robot's weight at half its extent, or lifts it
@@ -218,7 +223,33 @@ def _made_drive(robot: Imported, name: str, column: int, joint: JointSpec) -> Po
         lever = 0.5 * float(np.linalg.norm(np.ptp(places, axis=0))) if len(places) > 1 else 0.5
         effort = robot.mass * GRAVITY * (1.0 if joint.type == JointType.PRISMATIC else max(lever, 0.1))
     stiffness = effort / (SLIDE if joint.type == JointType.PRISMATIC else 1.0)
-    return PositionDrive(stiffness=stiffness, damping=DAMPING * stiffness, effort_limit=effort)
+    damping = 2.0 * DAMPING * math.sqrt(stiffness * inertia_along(robot.builder, index))
+    return PositionDrive(stiffness=stiffness, damping=damping, effort_limit=effort)
+
+
+def inertia_along(builder: ModelBuilder, index: int) -> float:
+    """What a hinge or slide moves as built, all other joints locked: moment of inertia [kg·m²], or mass [kg]."""
+    joint = builder.joints[index]
+    moved, fresh = {joint.child}, True
+    while fresh:
+        more = {
+            other.child for other in builder.joints
+            if other.parent in moved and other.child >= 0 and not other.closes_loop and ELEMENTS[other.type].tree
+        }  # fmt: skip
+        fresh = not more <= moved
+        moved |= more
+    child = builder.bodies[joint.child].pose
+    axis = matrix_of(quat_multiply(child.rotation, joint.frame1.rotation))[:, 2]
+    anchor = child.position + rotate(child.rotation, joint.frame1.position)
+    total = joint.dofs[0].armature
+    for body in (builder.bodies[one] for one in moved):
+        if joint.type == JointType.PRISMATIC:
+            total += body.mass
+            continue
+        own = rotate(quat_conjugate(body.pose.rotation), axis)
+        total += float(own @ body.inertia @ own)
+        total += body.mass * float(np.square(np.cross(body.pose.position - anchor, axis)).sum())
+    return total
 
 
 def _effort_of(robot: Imported, name: str, column: int) -> float:

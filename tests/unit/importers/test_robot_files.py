@@ -1,5 +1,6 @@
 """Imported robots in files: names, actuators, coordinates, keyframes and the report come back with the model."""
 
+import copy
 import dataclasses
 import json
 import math
@@ -117,6 +118,11 @@ def test_a_robot_comes_back_with_all_its_names(robot, file, recwarn):
     assert again.show is None
 
 
+def load_robot_of(robot):
+    """The same robot in a builder of its own."""
+    return dataclasses.replace(robot, builder=copy.deepcopy(robot.builder))
+
+
 def test_saving_again_gives_the_same_file(file, tmp_path):
     save_robot(load_robot(file), tmp_path / "second.json")
     assert (tmp_path / "second.json").read_bytes() == file.read_bytes()
@@ -192,3 +198,16 @@ def test_published_robots_come_back(tmp_path, path, options):
     check_same(robot, again)
     save_robot(again, tmp_path / "second.json")
     assert (tmp_path / "second.json").read_bytes() == (tmp_path / "robot.json").read_bytes()
+
+
+def test_a_drive_of_a_joint_by_its_name(robot):
+    again = load_robot_of(robot)
+    again.set_drive("wrist", sw.PositionDrive(stiffness=1.5, effort_limit=2.0))
+    index, local = again.builder.coordinate_of(again.dofs["wrist"])
+    assert again.builder.joints[index].dofs[local].drive == sw.PositionDrive(stiffness=1.5, effort_limit=2.0)
+    assert again.builder.joints[index].dofs[local].armature == 0.01
+    for name, message in (
+        ("wrists", "no joint or tendon 'wrists'; did you mean 'wrist'"), ("ball", "'ball' has 3 coordinates"),
+    ):  # fmt: skip
+        with pytest.raises(sw.ModelError, match=message):
+            again.set_drive(name, None)
