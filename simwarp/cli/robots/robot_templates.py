@@ -226,7 +226,7 @@ class @Class@Task(Task[@Class@Config]):
     # Defaults of `simwarp train @name@`; a dot reaches into ppo and network
     training = {
         "iterations": 150, "num_envs": 256, "steps_per_iteration": 32, "network.hidden": (128, 64),
-        "network.init_std": 0.5, "ppo.gamma": 0.98, "ppo.entropy": 0.0,
+        "network.init_std": 0.5, "ppo.gamma": 0.98, "ppo.desired_kl": 0.03,
     }
 
     def build(self, builder):

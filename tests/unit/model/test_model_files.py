@@ -53,6 +53,14 @@ def arrays(owner, seen=None):
     return found
 
 
+def finalized(builder):
+    """Arrays of the model, or why there is none: some random couplings cannot be."""
+    try:
+        return arrays(builder.finalize(1, "cpu"))
+    except sw.ModelError as error:
+        return str(error)
+
+
 def saved(builder, folder):
     """The builder after a file."""
     path = folder / "model.json"
@@ -154,7 +162,7 @@ def test_random_models_come_back(tmp_path, seed, kind):
         builder = random_scene(seed)[0]
     again = saved(builder, tmp_path)
     assert content(again) == content(builder)
-    assert arrays(again.finalize(1, "cpu")) == arrays(builder.finalize(1, "cpu"))
+    assert finalized(again) == finalized(builder)
 
 
 @pytest.mark.parametrize("seed", range(3))
