@@ -118,7 +118,7 @@ def test_what_is_refused_is_dropped_on_request(folder, capfd):
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert "'flex'" in err
-    kinds = []
+    kinds: list[str] = []
     while code == 2 and len(kinds) < 4:  # as the errors ask for it
         kinds += shlex.split(err.rpartition("--allow ")[2])
         code, out, err = run(capfd, "cart.xml", "--json", "-", "--allow", *kinds)

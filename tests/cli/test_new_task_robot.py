@@ -5,6 +5,7 @@ import json
 import math
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,7 +71,7 @@ def test_a_robot_that_floats_stands(folder, monkeypatch):
         assert module.JOINTS[name] == (20.0, damping, 20.0, -1.0, 1.0)
     # feet 0.45 m below the trunk's middle, which the file puts at 1 m
     assert pytest.approx(-0.55, abs=2e-3) == module.LIFT
-    task = make("stand-walker", num_worlds=3, seed=1)
+    task: Any = make("stand-walker", num_worlds=3, seed=1)
     assert task.step(torch.zeros(3, 2)).observations["policy"].shape == (3, 15)
     # down, seen from a base that stands upright
     assert torch.allclose(task.in_base(task.down), task.down, atol=0.05)
@@ -84,7 +85,7 @@ def test_a_robot_that_floats_stands(folder, monkeypatch):
 
 def test_a_robot_that_follows_velocities(folder, monkeypatch):
     made(folder, monkeypatch, "walk-walker", "walker.xml", "--velocity")
-    task = make("walk-walker", num_worlds=64, seed=1)
+    task: Any = make("walk-walker", num_worlds=64, seed=1)
     assert task.step(torch.zeros(64, 2)).observations["policy"].shape == (64, 18)
     assert task.command[:, 0].abs().max() <= 0.5
     assert task.command.std(dim=0).min() > 0.2  # uniform in +-0.5: 0.29
@@ -100,7 +101,7 @@ def test_a_robot_with_a_fixed_base_reaches_goals(folder, monkeypatch):
     module = made(folder, monkeypatch, "reach-two", "two.urdf", "--base", "fixed")
     # 1 kg·m² on a drive of 7 N·m/rad
     assert module.JOINTS == {"turn": (7.0, 2.646, 7.0, -1.0, 1.0)}
-    task = make("reach-two", num_worlds=4, seed=1)
+    task: Any = make("reach-two", num_worlds=4, seed=1)
     for _ in range(140):
         task.step(4.0 * task.away())
     assert task.metrics()["success"].all()  # who walks towards the goal arrives

@@ -54,7 +54,7 @@ def test_the_view_holds_all_corners_and_not_much_more(box):
     forward = (target - eye) / np.linalg.norm(target - eye)
     assert np.allclose(forward, -np.array(FROM) / np.linalg.norm(FROM))
     right = np.cross(forward, (0, 0, 1))
-    right /= np.linalg.norm(right)
+    right = right / np.linalg.norm(right)
     up = np.cross(right, forward)
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     away = corners - eye
