@@ -118,6 +118,8 @@ def _compiled(mujoco: Any, file: Path, report: ImportReport, *, visuals: bool) -
     Raises:
         ModelError: MuJoCo cannot compile it.
     """
+    warned: list[str] = []
+    mujoco.set_mju_user_warning(warned.append)  # or MuJoCo writes a log file into the working folder
     try:
         spec = mujoco.MjSpec.from_file(str(file))
         if not visuals:
@@ -128,6 +130,10 @@ def _compiled(mujoco: Any, file: Path, report: ImportReport, *, visuals: bool) -
     except (ValueError, mujoco.FatalError, OSError) as error:
         told = " ".join(str(error).split())
         raise ModelError(f"{report.source}: MuJoCo cannot compile it: {told}; repair the file") from None
+    finally:
+        mujoco.set_mju_user_warning(None)
+    for text in warned:
+        report.hold("compiler", "", f"MuJoCo warns: {' '.join(text.split())}")
     return model, data
 
 
