@@ -264,9 +264,12 @@ class ModelBuilder(ShapeList, CouplingList):
             frame0: on the parent, in the world [m].
             frame1: on the child, in the world; that of frame 0 when None. Where the two differ, the loop is open as
                 built, and `Simulation.set_joint_state` or the steps close it.
+
+        Raises:
+            ModelError: it is of another kind, the name is taken, a body does not exist, or a frame is no Pose.
         """
         thing = checked_name("joint", name)
-        if kind not in (JointType.FIXED, JointType.SPHERICAL):
+        if not isinstance(kind, JointType) or kind not in (JointType.FIXED, JointType.SPHERICAL):
             raise ModelError(f"{thing}: kind must be FIXED or SPHERICAL, got {shown(kind)}; use add_joint_... instead")
         first = checked_pose(thing, frame0)
         second = first if frame1 is None else checked_pose(thing, frame1)

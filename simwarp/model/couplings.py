@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from simwarp.core.types import FLOAT32_LEAST, JointType, ModelError, RowKind, shown
-from simwarp.model.checks import checked_name, finite_number, not_negative
+from simwarp.model.checks import checked_name, finite_number, not_negative, whole_number
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.specifications import CouplingSpec, JointSpec
 
@@ -100,13 +100,14 @@ class CouplingList:
         Raises:
             ModelError: there is no such column.
         """
-        first = 0
+        remedy = "pass a column of joint_q, such as dof_start returns"
+        left = whole_number("coordinate_of", "column", column, 0, self.dof_count - 1, remedy)
         for joint, spec in enumerate(self.joints):
             count = len(ELEMENTS[spec.type].dofs)
-            if first <= column < first + count:
-                return joint, int(column - first)
-            first += count
-        raise ModelError(f"coordinate_of: column must be in 0..{first - 1}, got {shown(column)}; see dof_start")
+            if left < count:
+                return joint, left
+            left -= count
+        raise AssertionError("the counts of the joints are those of dof_count")
 
     def _coordinate(self, thing: str, joint: Any, local: Any) -> tuple[JointSpec, int]:
         """A joint of this builder and an index of one of its coordinates."""

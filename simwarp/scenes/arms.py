@@ -231,7 +231,7 @@ IRB120 = Arm(
 
 
 def robot_arm(
-    arm: Arm, *, ground: bool = True, hand: bool = True, drives: Sequence[PositionDrive] | None = None
+    arm: Arm = RACER3, *, ground: bool = True, hand: bool = True, drives: Sequence[PositionDrive] | None = None
 ) -> ModelBuilder:
     """An arm on a fixed base, at its zero pose.
 

@@ -12,6 +12,9 @@ from tests.campaign.oracle import run_in_process
 LOADING = 300.0
 """For loading torch and compiling kernels [s]."""
 
+ARM = """<robot name="arm"><link name="base"/><link name="rod"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1"
+izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="hinge" type="continuous"><parent link="base"/>
+<child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
 SCRIPT = "t_s,steering,throttle,braking\n0,0,0.1,0\n0.02,0.1,0.2,0\n"
 
 
@@ -43,6 +46,7 @@ def make_material(folder: Path) -> Path:
     )
     _break_a_world(good / "broken.npz")
     (good / "short.csv").write_text(SCRIPT)
+    (good / "arm.urdf").write_text(ARM)
     return folder
 
 

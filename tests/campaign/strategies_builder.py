@@ -77,6 +77,8 @@ CALLS: dict[str, dict[str, Any]] = {
         "damping": (1.0,) * 6,
     },
     "add_joint_relative_rotation": {"name": "c", "parent": 0, "child": 1, "axis": Z},
+    "add_massless_body": {"name": "c"},
+    "add_loop_joint": {"name": "c", "parent": 0, "child": 1, "kind": sw.JointType.FIXED, "frame0": sw.pose()},
     "add_combination": {"name": "c", "terms": [(0, 1.0), (1, -1.0)]},
     "add_coupling": {"name": "c", "terms": [(0, 1.0), (1, -1.0)], "offset": 0.0, "damping": 0.0},
     "add_gear": {"name": "c", "joint0": 0, "joint1": 1, "ratio": 2.0},

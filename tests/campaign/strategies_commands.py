@@ -67,6 +67,7 @@ BASES = (
     Base("clone", ("fast",), (("--data", "good/fast.npz"), ("--epochs", "1"))),
     Base("export", ("good/fast.pt",), (("--format", "torchscript"), ("--output", "out.ts"))),
     Base("new-task", ("my-arm",)),
+    Base("import", ("good/arm.urdf",), (("--base", "fixed"),)),
     Base("replay", ("good/broken.npz",)),
     Base("bench", ("pendulum",), (("--worlds", "1"), ("--seconds", "0.02"))),
     Base("verify", ("free-spin",)),

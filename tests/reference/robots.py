@@ -173,7 +173,7 @@ def acceleration_error(pair: Pair, count: int = 4, seed: int = 2) -> float:
         data.qpos[:], data.qvel[:] = qpos[world], qvel[world]
         mujoco.mj_forward(free, data)
         ours = pair.mine.qvel_from(found[world], qpos[world])
-        worst = max(worst, float(np.abs(ours - data.qacc).max() / np.abs(data.qacc).max()))
+        worst = max(worst, float(np.abs(ours - data.qacc).max() / max(1.0, np.abs(data.qacc).max())))
     return worst
 
 

@@ -176,6 +176,7 @@ class WorkScratch(ScratchGroup):
     rate = scratch_array(wp.float32, "tree_dofs")  # prescribed
     xi = scratch_array(wp.float32, "tree_dofs")
     qd = scratch_array(wp.float32, "tree_dofs")
+    change = scratch_array(wp.float32, "tree_dofs")  # of the rate in this step, not rounded to the rate's digits
     k_qd = scratch_array(wp.float32, "tree_dofs")  # kept while a correction is computed
     k_effort = scratch_array(wp.float32, "tree_dofs")
 

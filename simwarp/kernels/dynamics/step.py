@@ -91,9 +91,7 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
         work.k_qd[tree_dof] = work.xi[tree_dof]
         work.k_effort[tree_dof] = work.effort[tree_dof]
         if work.gain[tree_dof] > 0.0:
-            work.effort[tree_dof] = work.effort[tree_dof] - work.gain[tree_dof] * (
-                work.qd[tree_dof] - work.rate[tree_dof]
-            )
+            work.effort[tree_dof] = work.effort[tree_dof] - work.gain[tree_dof] * work.change[tree_dof]
     backward_pass(0.0, topology, work)
     for tree_dof in range(topology.tree_dof_count):
         work.xi[tree_dof] = work.xi[tree_dof] + work.k_qd[tree_dof]

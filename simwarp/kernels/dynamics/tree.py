@@ -178,7 +178,8 @@ def forward_pass(topology: Topology, work: Work):
             x_lin = wp.vec3(work.xi[first], work.xi[first + 1], work.xi[first + 2])
             v_lin = (x_lin - work.coupling[link] * v_ang) * work.mass[link]
         elif kind == SHAFT:
-            work.qd[first] = work.xi[first] * work.inv_sqrt_d[first] + work.rate[first]
+            work.change[first] = work.xi[first] * work.inv_sqrt_d[first]
+            work.qd[first] = work.change[first] + work.rate[first]
         else:
             parent = topology.link_parent[link]
             if parent >= 0:
@@ -192,6 +193,7 @@ def forward_pass(topology: Topology, work: Work):
                 )
                 v_ang += work.s_ang[tree_dof] * qd
                 v_lin += work.s_lin[tree_dof] * qd
+                work.change[tree_dof] = qd
                 work.qd[tree_dof] = qd + work.rate[tree_dof]
         work.v_ang[link] = v_ang
         work.v_lin[link] = v_lin

@@ -175,7 +175,7 @@ def test_ranges_that_act(name):
         ("joint_limit_upper", "built with a limit"), ("drive_effort_limit", "PositionDrive with a finite effort_limit"),
         ("drive_stiffness", "built with a PositionDrive"), ("drive_damping", "built with a PositionDrive"),
         ("joint_rest", "built with a spring"), ("joint_offset", "massless links have a length"),
-        ("coupling_damping", "the model has no couplings"), ("coupling_offset", "built without damping"),
+        ("coupling_damping", "only couplings have it"), ("coupling_offset", "built without damping"),
         ("shape_friction", "the model has no shapes"), ("shape_rolling_friction", "the model has no shapes"),
         ("shape_young_modulus", "the model has no shapes"),
     ],

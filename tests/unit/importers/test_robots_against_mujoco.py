@@ -2,6 +2,7 @@
 files are not here.
 """
 
+import copy
 import functools
 import warnings
 from pathlib import Path
@@ -127,3 +128,96 @@ def test_a_free_swing(name):
 def test_the_pairs_that_may_meet_are_those_of_mujoco(name):
     pair = both(name)
     assert robots.pairs_of_ours(pair) == robots.pairs_of_mujoco(pair)
+
+
+RESTING = {"go2/go2": False, "dm_control/humanoid": True, "gymnasium/ant": True}
+"""Robots that are left to themselves above the ground; True where they come to rest on the same geoms in both engines:
+the legs of a dog without torque fold one way or the other.
+"""
+
+
+@pytest.mark.parametrize("name", RESTING)
+def test_a_robot_at_rest_weighs_what_it_should(name):
+    pair = on_ground(name)
+    model, data = pair.model, pair.data
+    model.opt.timestep, model.opt.integrator = 2e-3, int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    sim = pair.simulation(1, 2e-3)
+    robots.set_positions(pair, sim, data.qpos[None].copy())
+    shapes = pair.mine.builder.shapes
+    ground = {slot for slot, shape in enumerate(shapes) if shape.type == sw.ShapeType.PLANE}
+    weight = float(model.body_mass.sum()) * 9.81
+    found = []
+    for step in range(1500):
+        sim.step()
+        mujoco.mj_step(model, data)
+        if step >= 1400:
+            found.append(ground_force(sim, ground) / 2e-3)
+    # what still rocks averages out over 0.2 s
+    assert np.mean(found) == pytest.approx(weight, rel=5e-3)
+    assert touching(sim, deepest=True) > -1e-3
+    if RESTING[name]:
+        names = [shape.name for shape in pair.mine.builder.shapes]
+        mine = {tuple(sorted((names[low], names[high]))) for low, high in touching(sim)}
+        theirs = {
+            tuple(sorted(model.geom(geom).name or f"geom{geom}" for geom in (contact.geom1, contact.geom2)))
+            for contact in data.contact
+        }
+        assert mine == theirs
+
+
+def on_ground(name):
+    """A robot of its own, on the floor of its file or on one that is added to both."""
+    path = published(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        mine = load_mjcf(path)
+    spec = mujoco.MjSpec.from_file(str(path))
+    if not any(shape.type == sw.ShapeType.PLANE for shape in mine.builder.shapes):
+        mine.builder.add_shape_plane(name="ground", material=sw.Material(friction=1.0))
+        spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    return robots.Pair(mine, spec.compile())
+
+
+def ground_force(sim, ground):
+    """Impulse along the normals of the contacts with the ground, in one step [N s]."""
+    count = int(sim.contacts.contact_count.numpy()[0])
+    pairs = zip(sim.contacts.contact_shape0.numpy()[0], sim.contacts.contact_shape1.numpy()[0], strict=True)
+    impulses = sim.contacts.contact_impulse.numpy()[0, :, 0]
+    return sum(float(impulses[k]) for k, two in enumerate(pairs) if k < count and ground & {int(s) for s in two})
+
+
+def touching(sim, *, deepest=False):
+    """Pairs of shapes that press on each other, or the smallest gap of a contact [m]."""
+    count = int(sim.contacts.contact_count.numpy()[0])
+    arrays = (sim.contacts.contact_shape0, sim.contacts.contact_shape1, sim.contacts.contact_impulse)
+    first, second, impulse = (array.numpy()[0, :count] for array in arrays)
+    if deepest:
+        return float(sim.contacts.contact_gap.numpy()[0, :count].min())
+    return {(int(a), int(b)) for a, b, force in zip(first, second, impulse[:, 0], strict=True) if force > 0.0}
+
+
+def test_servos_of_an_arm_step_as_those_of_implicitfast():
+    """A joint at a time is told to turn by 0.2 rad; the path stays within 2 % of it."""
+    pair = both("ur5e/ur5e")
+    model = copy.deepcopy(pair.model)
+    model.opt.timestep, model.opt.integrator = 1e-3, int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+    home = pair.model.key_qpos[0].copy()
+    mine = pair.mine.builder.finalize(model.nu, "cpu")
+    servos = sw.actuators.Actuators(mine, pair.mine.actuators)
+    sim = sw.Simulation(mine, 1e-3, elements=[servos])
+    robots.set_positions(pair, sim, np.tile(home, (model.nu, 1)))
+    ctrl = np.tile(pair.model.key_ctrl[0], (model.nu, 1)) + 0.2 * np.eye(model.nu)
+    servos.ctrl[:] = ctrl.astype(np.float32)
+    datas = [mujoco.MjData(model) for _ in range(model.nu)]
+    for world, data in enumerate(datas):
+        data.qpos[:], data.ctrl[:] = home, ctrl[world]
+    worst = 0.0
+    for _ in range(500):
+        sim.step()
+        for data in datas:
+            mujoco.mj_step(model, data)
+        q = pair.mine.qpos_from(sim.state.joint_q.numpy())
+        worst = max(worst, max(np.abs(q[world] - data.qpos).max() for world, data in enumerate(datas)))
+    assert worst < 0.02 * 0.2

@@ -15,6 +15,7 @@ import pytest
 from simwarp.core.types import (
     WORLD,
     Dof,
+    JointType,
     Material,
     ModelError,
     Pose,
@@ -97,6 +98,10 @@ VALID: dict[str, dict[str, Any]] = {
     "add_spring": {**PAIR, **ENDS},
     "add_bushing": {**PAIR, "anchor": (0, 0, 0), "rotation": (0, 0, 0, 1), "stiffness": (1,) * 6, "damping": (0,) * 6},
     "add_joint_relative_rotation": {**PAIR, "axis": (0, 0, 1)},
+    "add_massless_body": {"name": "new", "pose": None},
+    "add_loop_joint": {**PAIR, "kind": JointType.FIXED, "frame0": pose(), "frame1": pose()},
+    "coordinate_of": {"column": 0},
+    "set_drive": {"joint": 0, "drive": PositionDrive(stiffness=1.0), "dof": 0},
     "add_combination": {"name": "new", "terms": [(0, 1.0), (1, 2.0)], **LAW},
     "add_coupling": {"name": "new", "terms": [(0, 1.0), (1, 2.0)], "offset": None, "damping": 0.0},
     "add_gear": {"name": "new", "joint0": 0, "joint1": 2, "ratio": 2.0},

@@ -36,8 +36,10 @@ def branched(*, floating: bool = False) -> tuple[ModelBuilder, list[tuple[int, f
     cardan = builder.add_joint_universal("cardan", 3, 4, anchor=(1.3, 1.2, 0.0), axis0=axes[4], axis1=cross)
     flat = builder.add_joint_planar("flat", 4, 5, normal=axes[5], anchor=(1.8, 2.0, 0.0))
     shaft = builder.add_shaft("shaft", inertia=0.05, position=0.2, speed=1.5)
-    terms: list[Any] = [(hinge, 0.7), (slide, -2.0), (screw, 1, 1.3), (cardan, 0, -0.4), (cardan, 1, 0.6), (flat, 0, 0.8),
-             (flat, 2, -0.5), (shaft, 0.3)]  # fmt: skip
+    terms: list[Any] = [
+        (hinge, 0.7), (slide, -2.0), (screw, 1, 1.3), (cardan, 0, -0.4), (cardan, 1, 0.6), (flat, 0, 0.8),
+        (flat, 2, -0.5), (shaft, 0.3),
+    ]  # fmt: skip
     return builder, terms
 
 
