@@ -87,7 +87,7 @@ def test_a_robot_that_follows_velocities(folder, monkeypatch):
     made(folder, monkeypatch, "walk-walker", "walker.xml", "--velocity")
     task: Any = make("walk-walker", num_worlds=64, seed=1)
     assert task.step(torch.zeros(64, 2)).observations["policy"].shape == (64, 18)
-    assert task.command[:, 0].abs().max() <= 0.5
+    assert task.command[:, 0].abs().max() <= 0.8
     assert task.command.std(dim=0).min() > 0.2  # uniform in +-0.5: 0.29
     # what is paid is paid for the commanded velocity, in axes of the base
     task.views.body_omega.zero_()

@@ -49,11 +49,11 @@ class @Class@Config(TaskConfig):
     """Physics steps per action."""
     max_episode_steps: int = 500
     """Actions after which an episode is truncated."""
-    action_scale: Positive = 0.25
+    action_scale: Positive = 0.3
     """How far a full action moves a target away from the pose at the start [rad or m]."""
     start_noise: Positive = 0.05
     """Largest deviation of a joint from that pose at the start [rad or m]."""
-%v     max_speed: Positive = 0.5
+%v     max_speed: Positive = 0.8
 %v     """Largest commanded speed, forwards, backwards or sideways [m/s]."""
 %v     max_turn: Positive = 0.5
 %v     """Largest commanded rate about the vertical axis [rad/s]."""
@@ -74,7 +74,7 @@ class @Class@Task(Task[@Class@Config]):
     # Defaults of `simwarp train @name@`; a dot reaches into ppo and network
     training = {
         "iterations": 300, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 64),
-        "network.init_std": 0.5, "ppo.gamma": 0.98, "ppo.entropy": 0.002,
+        "ppo.gamma": 0.97, "ppo.desired_kl": 0.02,
     }
 
     def build(self, builder):
@@ -141,7 +141,7 @@ class @Class@Task(Task[@Class@Config]):
         tilt = self.in_base(self.down)[:, :2]
         pose = self.views.joint_q[:, self.joints] - self.pose
         return {
-%v             "speed": torch.exp(-10.0 * (speed[:, :2] - self.command[:, :2]).square().sum(dim=1)),
+%v             "speed": torch.exp(-4.0 * (speed[:, :2] - self.command[:, :2]).square().sum(dim=1)),
 %v             "turn": 0.5 * torch.exp(-4.0 * (turn[:, 2] - self.command[:, 2]).square()),
 %v             "bounce": -1.0 * speed[:, 2].square() - 0.05 * turn[:, :2].square().sum(dim=1),
 %s             "still": torch.exp(-4.0 * speed.square().sum(dim=1) - turn.square().sum(dim=1)),

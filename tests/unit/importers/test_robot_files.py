@@ -24,7 +24,7 @@ MODEL = """
       <geom name="trunk" type="box" size=".2 .1 .1" mass="2"/>
       <site name="imu" pos="0.1 0 0" quat="1 0.2 0 0"/>
       <camera name="eye" pos="0.2 0 0" fovy="50"/>
-      <body name="arm" pos="0 0 -.1">
+      <body name="arm" pos="0 0 -.1" quat="1 .3 .2 .1">
         <joint name="ball" type="ball" damping="0.1"/>
         <geom name="rod" type="capsule" size=".03 .1" mass=".3"/>
         <body name="hand" pos="0 0 -.2">

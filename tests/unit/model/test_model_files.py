@@ -106,7 +106,11 @@ def everything():
     )
     hull = builder.add_shape_hull(base, rng.normal(size=(20, 3)), name="hull", margin=0.01, scale=(0.1, 0.2, 0.1))
     ball = builder.add_shape_sphere(
-        tip, radius=0.1, name="ball", material=sw.Material(friction=0.3, priority=-2, rolling_friction=0.01)
+        tip,
+        radius=0.1,
+        name="ball",
+        pose=sw.pose((-0.0, 0.0, 0.0)),
+        material=sw.Material(friction=0.3, priority=-2, rolling_friction=0.01),
     )
     mesh = builder.add_shape_mesh(
         sw.WORLD, [(2, 0, 0), (3, 0, 0), (2, 1, 0), (3, 1, 0.1)], [(0, 1, 2), (1, 3, 2)], name="step"
