@@ -39,6 +39,7 @@ EXAMPLES = {
     "drives.py": ["--seconds", "0.5"],
     "contacts.py": [],
     "scenery.py": ["--width", "80", "--plot", "scenery.png"],
+    "import_robots.py": [],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
     "sensors.py": ["--worlds", "3", "--seconds", "1", "--plot", "sensors.png"],
     "train_sb3.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
@@ -102,6 +103,12 @@ def test_an_example_runs(name, tmp_path):
     printed = run([str(ROOT / "examples" / name)], EXAMPLES[name], tmp_path)
     if name == "cart_pole.py":
         assert "upright: 16 of 16" in printed
+    if name == "import_robots.py":
+        angles = [float(angle) for angle in re.findall(r"1\.0000 kg, .* at (\S+) rad", printed)]
+        assert len(angles) == 5
+        # USD and STEP hold float32 numbers
+        assert max(angles) - min(angles) < 1e-4
+        assert min(angles) > 1.0
     if name == "randomise.py":
         # crossings are interpolated at 1 ms; the implicit spring is off by some (h w)^2, below 4e-4 for w < 20 rad/s
         difference = re.search(r"over 3 worlds: (\S+)", printed)
