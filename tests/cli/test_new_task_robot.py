@@ -15,6 +15,7 @@ from simwarp import cli
 from simwarp.cli.robots.robot_task import inertia_along
 from simwarp.importers import load_mjcf, load_robot
 from simwarp.tasks import make
+from simwarp.tasks.framework import registry
 from tests.cli.test_import_command import URDF
 
 WALKER = """<mujoco><worldbody><body name="trunk" pos="0 0 1"><freejoint name="float"/>
@@ -29,8 +30,9 @@ WALKER = """<mujoco><worldbody><body name="trunk" pos="0 0 1"><freejoint name="f
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with robots, in which commands run and packages are found."""
+    """A folder with robots, in which commands run and packages are found; their tasks are forgotten afterwards."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(registry, "_tasks", dict(registry._tasks))
     (tmp_path / "walker.xml").write_text(WALKER)
     (tmp_path / "two.urdf").write_text(URDF)
     return tmp_path
