@@ -133,7 +133,7 @@ class Imported:
 
     @property
     def mass(self) -> float:
-        """Of all bodies [kg]."""
+        """Total mass of the bodies [kg]."""
         return float(sum(self.builder.bodies[body].mass for body in set(self.bodies.values())))
 
     def q_from(self, qpos: npt.ArrayLike) -> Array:
