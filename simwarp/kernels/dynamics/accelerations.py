@@ -12,7 +12,7 @@ import warp as wp
 from simwarp.kernels.core.fields import Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import Topology, Work
-from simwarp.kernels.dynamics.bilateral_rows import link_of, rate_of, rows_residual
+from simwarp.kernels.dynamics.bilateral_rows import coefficient_of, link_of, rate_of, rows_residual
 from simwarp.kernels.dynamics.dense_rows import solve_rows
 from simwarp.kernels.dynamics.joints import (
     ANGLE0,
@@ -90,18 +90,34 @@ def add_changes(world: int, topology: Topology, work: Work, reports: Reports):
 
 
 @wp.func
-def answer_couplings(world: int, topology: Topology, parameters: Parameters, work: Work):
-    """Adds the answer of the couplings to a motion in `work` that is not the step's: their sums keep what they had."""
+def answer_couplings(world: int, topology: Topology, parameters: Parameters, work: Work, reports: Reports):
+    """Adds the answer of the couplings to a motion in `work` that is not the step's, and is in joint_qdd with it.
+    Rigid sums change by nothing at all: what they have violated, by rounding too, is not part of an acceleration.
+    """
     rows_residual(topology, parameters, world, work)
     for row in range(topology.row_count):
         step = work.row_b[row] + work.row_compliance[row] * work.row_impulse[row]
         work.row_r[row] = work.row_r[row] - step
+        if work.row_compliance[row] == 0.0:
+            coupling = row - topology.joint_row_count
+            work.row_r[row] = 0.0
+            for term in range(topology.coupling_dof.shape[1]):
+                dof = topology.coupling_dof[coupling, term]
+                if dof >= 0:
+                    change = coefficient_of(coupling, term, world, parameters) * reports.joint_qdd[world, dof]
+                    work.row_r[row] = work.row_r[row] + change
     solve_rows(topology, work)
+    for tree_dof in range(topology.tree_dof_count):
+        work.xi[tree_dof] = 0.0
     for row in range(topology.row_count):
         for index in range(topology.row_path[row], topology.row_path[row + 1]):
             tree_dof = topology.path_tree_dof[index]
             work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
+    for link in range(topology.link_count):
+        work.stabilisation_ang[link] = wp.vec3()
+        work.stabilisation_lin[link] = wp.vec3()
     forward_pass(topology, work)
+    add_changes(world, topology, work, reports)
 
 
 @wp.func
@@ -131,9 +147,9 @@ def answer_products(
         work.effort[tree_dof] = 0.0
     backward_pass(1.0, topology, work)
     forward_pass(topology, work)
-    if topology.row_count > 0:
-        answer_couplings(world, topology, parameters, work)
     add_changes(world, topology, work, reports)
+    if topology.row_count > 0:
+        answer_couplings(world, topology, parameters, work, reports)
     for link in range(topology.link_count):
         work.stabilisation_ang[link] = work.f_ang[link]
         work.stabilisation_lin[link] = work.f_lin[link]

@@ -349,8 +349,10 @@ def publish_set_rates(
             rate = combined_rate(dof, world, topology, parameters, state)
         elif tree_dof < 0:
             rate = dof_rate(dof, world, topology, parameters, work)
-        elif topology.row_count > 0 and topology.link_type[topology.tree_dof_link[tree_dof]] != FREE:
+        elif topology.row_count > 0:
             rate = work.k_qd[tree_dof]
+            if topology.link_type[topology.tree_dof_link[tree_dof]] == FREE:  # rows move roots too
+                rate = dof_rate(dof, world, topology, parameters, work)
         state.joint_qd[world, dof] = rate
 
 

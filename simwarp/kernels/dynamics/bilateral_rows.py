@@ -26,6 +26,8 @@ from simwarp.kernels.dynamics.tree import Wrench, project_tree_dof, walk_to_root
 
 wp.set_module_options({"enable_backward": False})
 
+LEAST_GAIN = wp.constant(1.0e-18)  # as a damper it is felt by nothing; its inverse squared is still a number
+
 
 @wp.struct
 class RowGeometry:
@@ -211,7 +213,7 @@ def dof_law(
             dof, world, dt, state.joint_q[world, dof], state.joint_qd[world, dof], topology, parameters, control
         )
         # an effort without stiffness is a plain impulse: written as an almost infinitely compliant row
-        gain = wp.max(implicit.gain, 1.0e-9)
+        gain = wp.max(implicit.gain, LEAST_GAIN)
         law.compliance = 1.0 / gain
         law.bias = -implicit.effort / gain
     return law

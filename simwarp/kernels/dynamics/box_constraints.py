@@ -86,6 +86,9 @@ def candidate(
             gain = wp.max(implicit.gain, 1.0e-9)
             row.compliance = 1.0 / gain
             row.bias = -implicit.effort / gain
+            if implicit.gain <= 0.0:  # neither stiffness nor damping: no effort
+                row.lower = 0.0
+                row.upper = 0.0
         else:
             row.lower = 0.0  # without an effort limit the drive is part of the tree
             row.upper = 0.0

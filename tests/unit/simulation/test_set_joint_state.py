@@ -378,3 +378,26 @@ def test_initial_coordinates_are_those_of_the_frames():
     sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3)
     np.testing.assert_allclose(sim.state.joint_q.numpy()[0], (5.0, 2.0), rtol=1e-6)
     np.testing.assert_allclose(sim.state.joint_qd.numpy()[0], (0.6, 3.0), rtol=1e-6)
+
+
+def test_rates_of_a_floating_root_are_those_that_its_couplings_leave() -> None:
+    """Two arms that are asked to break their coupling turn the body that carries them as well."""
+    builder = ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    trunk = builder.add_body("trunk", mass=2.0, inertia=(0.2, 0.3, 0.4))
+    builder.add_joint_free("root", trunk, anchor=(0.1, 0.0, 0.0))
+    arms = []
+    for side in (-1.0, 1.0):
+        arm = builder.add_body(f"arm{side:+.0f}", mass=1.0, inertia=(0.1, 0.1, 0.1), pose=pose((0.5, 0.5 * side, 0.0)))
+        hinge = builder.add_joint_revolute(
+            f"hinge{side:+.0f}", trunk, arm, axis=(0.0, 1.0, 0.0), anchor=(0.2, 0.0, 0.0)
+        )
+        arms.append(hinge)
+    builder.add_coupling("both", [(arms[0], 1.0), (arms[1], -2.0)])
+    sim = sw.Simulation(builder.finalize(1, "cpu"), 1e-3)
+    sim.set_joint_state(None, np.zeros((1, 8)), [[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1.0, -0.5]])
+    rates, omega = sim.state.joint_qd.numpy()[0], sim.state.body_omega.numpy()[0, trunk]
+    assert abs(omega[1] - 0.5) > 0.01
+    np.testing.assert_allclose(rates[3:6], omega, atol=FINE)
+    anchor = sim.state.body_v.numpy()[0, trunk] + np.cross(omega, (0.1, 0.0, 0.0))
+    np.testing.assert_allclose(rates[:3], anchor, atol=FINE)
+    np.testing.assert_allclose(rates[6], 2.0 * rates[7], atol=FINE)

@@ -89,3 +89,17 @@ def test_a_drive_built_with_one_number_keeps_one() -> None:
     sim.model.drive_effort_limit[:, 0] = [2.0, 3.0]
     assert speeds(sim, 100.0) == pytest.approx([0.1, 0.15], abs=2e-5)
     assert speeds(sim, -100.0) == pytest.approx([-0.1, -0.15], abs=2e-5)
+
+
+def test_a_drive_without_gains_has_no_effort() -> None:
+    """Not even that of a weak damper: against the smallest bodies and steps it would be felt."""
+    drive = PositionDrive(stiffness=1.0, effort_limit=5.0)
+    builder = sw.ModelBuilder()
+    body = builder.add_body("mass", mass=MASS, inertia=(1.0, 1.0, 1.0))
+    builder.add_joint_prismatic("slide", sw.WORLD, body, axis=(1.0, 0.0, 0.0), drive=drive)
+    model = builder.finalize(1, "cpu")
+    model.drive_stiffness.zero_()
+    sim = sw.Simulation(model, 1e-5, joint_accelerations=True)
+    sim.set_joint_state(None, [[0.0]], [[2.0]])
+    sim.step()
+    assert sim.diagnostics.joint_qdd.numpy()[0, 0] == 0.0
