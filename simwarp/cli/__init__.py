@@ -58,6 +58,7 @@ COMMANDS = {
         Command("list", "", "tasks, vehicles, sensors and scenes, one line each", "simwarp.cli.listing:run"),
         Command("train", "TASK", "train a policy, with live progress and a run folder", "simwarp.cli.training:run"),
         Command("play", "TASK", "a picture or a short video of a policy at work", "simwarp.cli.playing:run"),
+        Command("view", "TARGET", "a page in the browser that shows it move", "simwarp.cli.view.viewing:run"),
         Command("eval", "TASK", "statistics of a policy over fresh worlds", "simwarp.cli.evaluating:run"),
         Command("export", "RUN", "a policy as an ONNX or TorchScript file, checked", "simwarp.cli.export:run"),
         Command("record", "TASK", "episodes of a policy as a file of trajectories", "simwarp.cli.record:run"),

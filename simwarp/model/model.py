@@ -72,6 +72,7 @@ class Model(ParameterFields):
         response_count: bilateral rows, and combinations without one.
         entry_count: most entries of a row of the cone problem.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
+        builder: that it was made of.
         has_loops: True if joints close loops: rows that no compliance softens.
         mass_ratio: of the heaviest body to the lightest, as built.
         joint_dof_start: first coordinate of each joint, plus the total at the end.
@@ -86,6 +87,7 @@ class Model(ParameterFields):
     ) -> None:
         self.world_count = world_count
         self.device = device
+        self.builder = builder
         self.body_count = len(builder.bodies)
         self.joint_count = len(builder.joints)
         self.dof_count = builder.dof_count

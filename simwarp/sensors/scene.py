@@ -342,6 +342,7 @@ class Scene:
         origin_body: the body about which float32 positions are relative; the first one when None, WORLD: none.
 
     Attributes:
+        visuals: what it was made of.
         names: of the instances, in index order.
         x: (1 or W, I) vec3d position in the body's axes from its centre of mass [m]; world axes on WORLD.
         rot: (1 or W, I) quat xyzw.
@@ -370,7 +371,7 @@ class Scene:
     def __init__(
         self, visuals: Visuals, model: Model, per_world: Iterable[str] = (), origin_body: int | None = None
     ) -> None:
-        self.model = model
+        self.model, self.visuals = model, visuals
         instances = visuals.instances
         wanted = wanted_arrays("scene", per_world, PER_WORLD)
         self.names = tuple(instance.name for instance in instances)

@@ -267,6 +267,14 @@ class Task(ABC, Generic[ConfigT]):
             self._sensors.begin(self._every_world, groups)
             return self._sensors.sense(groups)
 
+    def begin_episodes(self, world_mask: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Begin new episodes in the worlds of a mask ((W,) bool), as if theirs had ended; return the observations."""
+        with self._acting():
+            self._reset_worlds(world_mask)
+            groups = self.observations()
+            self._sensors.begin(world_mask, groups)
+            return self._sensors.sense(groups)
+
     def observe(self) -> dict[str, torch.Tensor]:
         """Return the observations as a policy gets them, group name -> (W, ...): late and noisy where configured."""
         with self._acting():

@@ -79,6 +79,11 @@ class AppearanceList:
         self._textures: list[_Entry] = []
         self._given: dict[Texture, int] = {}
 
+    @property
+    def textures(self) -> tuple[Texture, ...]:
+        """All of them, by number."""
+        return tuple(self._given)
+
     def add(self, texture: Texture) -> int:
         """Number of a texture, for `Appearance.texture` and `Scene.texture`. The same object has one number.
 

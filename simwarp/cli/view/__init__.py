@@ -1,0 +1,1 @@
+"""``simwarp view`` and what else opens the page of the web viewer."""

@@ -1,0 +1,134 @@
+"""A task with a policy, for the page: what it asks of both per control step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib.colors import to_rgb
+
+from simwarp.cli import UsageError
+from simwarp.tasks import Task
+from simwarp.train.networks.policies import Policy, reset_memory
+from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
+
+
+class TaskLoop:
+    """Steps of a task under a policy, as `simwarp play` takes them: the same seed gives the same worlds.
+
+    Args:
+        task: with physics.
+        policy: that acts.
+        seed: of the worlds.
+
+    Attributes:
+        policy: may be replaced between steps.
+        returns: (W,) rewards summed over the running episodes.
+        ended: (W,) bool, of the last step.
+        rewards: of the last step, term -> (W,).
+    """
+
+    def __init__(self, task: Task[Any], policy: Policy, seed: int) -> None:
+        if task.simulation is None:
+            raise UsageError(f"task '{task.name}' has no physics to look at; see `simwarp play {task.name}`")
+        self.task, self.policy = task, policy
+        task.keep_final_observations = False
+        self._observations = task.restart(seed=seed)
+        reset_memory(policy)
+        self.actions = torch.zeros(task.num_worlds, task.action_size, device=task.device)
+        self._taken = torch.zeros_like(self.actions, dtype=torch.bool)
+        self._given = torch.zeros_like(self.actions)
+        self.returns = torch.zeros(task.num_worlds, device=task.device)
+        self.ended = torch.zeros(task.num_worlds, dtype=torch.bool, device=task.device)
+        self.rewards: dict[str, torch.Tensor] = {}
+        self._begun = self.ended.clone()
+        self.overrides: list[Callable[[torch.Tensor], torch.Tensor]] = []
+        """Called with the (W, A) actions of every step; return those to use."""
+
+    def advance(self) -> None:
+        """One control step."""
+        actions = self.policy(self._observations)
+        for override in self.overrides:
+            actions = override(actions)
+        self.actions = torch.where(self._taken, self._given, actions.clamp(-1.0, 1.0))
+        self.returns *= ~self._begun
+        result = self.task.step(self.actions)
+        self._observations = result.observations
+        self.rewards = dict(zip(self.task.reward_terms, result.reward_terms.unbind(dim=1), strict=True))
+        self.returns += result.rewards
+        self.ended = result.terminated | result.truncated
+        self._begun = self.ended
+        reset_memory(self.policy, self.ended)
+
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Observation groups as the policy gets them next."""
+        return self._observations
+
+    def reset(self, mask: Mask | None) -> None:
+        """New episodes, in the worlds of a mask or in all."""
+        task = self.task
+        chosen = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
+        if mask is not None:
+            chosen = torch.as_tensor(np.asarray(mask), device=task.device)
+        self._observations = task.begin_episodes(chosen)
+        self.returns *= ~chosen
+        reset_memory(self.policy, chosen)
+
+    def use(self, policy: Policy) -> None:
+        """Another policy from the next step on."""
+        self.policy = policy
+        reset_memory(policy)
+
+    def take_over(self, world: int, component: int, value: float | None) -> None:
+        """A person's value for one action of a world, or the policy's again."""
+        self._taken[world, component] = value is not None
+        self._given[world, component] = 0.0 if value is None else float(np.clip(value, -1.0, 1.0))
+
+
+def task_subject(task: Task[Any], policy: Policy, seed: int) -> tuple[Subject, TaskLoop]:
+    """A task as a subject, and the loop that moves it.
+
+    Raises:
+        UsageError: it has no physics.
+    """
+    loop = TaskLoop(task, policy, seed)
+    scene = task.scene()
+    if scene is None:
+        raise UsageError(f"task '{task.name}' has no bodies to look at; see `simwarp play {task.name}`")
+    size = task.action_size
+    names = tuple(getattr(task, "action_names", None) or (f"action {index}" for index in range(size)))
+    actions = Actions(names, -np.ones(size), np.ones(size), lambda: _host(loop.actions), loop.take_over)
+    subject = Subject(
+        task.name, task.simulation, scene, float(task.config.control_dt), loop.advance, loop.reset, task.shot(),
+        paths=lambda: _paths(task), trail=lambda: _trail(task), actions=actions, returns=lambda: _host(loop.returns),
+        ended=lambda: np.asarray(_host(loop.ended), bool), elements=_elements(task),
+    )  # fmt: skip
+    return subject, loop
+
+
+def _paths(task: Task[Any]) -> list[Path]:
+    return [Path(_host(line.points), _bytes(line.colour), max(1.0, line.width)) for line in task.drawing().lines]
+
+
+def _bytes(colour: str) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * value) for value in to_rgb(colour))
+    return red, green, blue
+
+
+def _trail(task: Task[Any]) -> Floats:
+    place = task.map_position()
+    return np.zeros((task.num_worlds, 3)) if place is None else _host(place)
+
+
+def _elements(task: Task[Any]) -> dict[str, Any]:
+    """Force elements and sensors by name."""
+    simulation = task.simulation
+    found = {f"{type(element).__name__.lower()}_{index}": element for index, element in enumerate(simulation.elements)}
+    return found | dict(simulation.sensors)
+
+
+def _host(tensor: torch.Tensor) -> Floats:
+    values: Floats = tensor.detach().cpu().numpy()
+    return values

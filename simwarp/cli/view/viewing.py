@@ -1,0 +1,154 @@
+"""``simwarp view``."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Any, Literal
+
+from simwarp.cli import DONE, HELP, INTERRUPTED, UsageError
+from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_path, task_options
+from simwarp.tasks import make, resolve_device, task_class, task_names
+from simwarp.viewer.live.live_view import LiveView
+
+
+@dataclasses.dataclass(frozen=True)
+class ViewOptions(CommonOptions):
+    """Open a page that shows a task, a vehicle, a scene, a model file or the dump of a broken world as it moves."""
+
+    worlds: int | None = None
+    """Worlds that are simulated and shown; by default 16 of a task or scene, 1 of a vehicle or model file."""
+    layout: Literal["grid", "overlay", "one"] | None = None
+    """Worlds side by side, all in the scenery of one, or one alone; by default what suits their size."""
+    port: int = 8080
+    """Of the page; the next free one is taken."""
+    host: str = "127.0.0.1"
+    """Address to serve on; others than this machine's own need the token that is printed."""
+    speed: float = 1.0
+    """Times real time; 0: as fast as it goes."""
+    paused: bool = False
+    """Begin paused."""
+    open: bool = True
+    """Open a browser."""
+    seconds: float | None = None
+    """End after this much time by the clock [s]."""
+    base: Literal["fixed", "floating"] | None = None
+    """Of a URDF: its root link is welded to the world, or floats."""
+    allow: tuple[str, ...] = ()
+    """Kinds of refused elements of a model file to drop."""
+    device: str = "auto"
+    """cpu, cuda, cuda:N or auto."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TaskViewOptions(ViewOptions):
+    """Open a page that shows a task under a policy."""
+
+    checkpoint: str | None = None
+    """Checkpoint file or run folder, `shipped`, `zero` or `random`; by default the newest run, else the shipped one."""
+    seed: int = 1_000_003
+    """Seed of the worlds."""
+    runs: Path = Path("runs")
+    """Folder of the run folders."""
+
+
+def run(arguments: list[str]) -> int:
+    """Show what the arguments say."""
+    if HELP & set(arguments) and arguments[0].startswith("-"):
+        parse_options(ViewOptions, arguments, "simwarp view TARGET")
+    name, arguments = take_path(arguments, "view", "TARGET")
+    from simwarp.cli.view.targets import find_target
+
+    target = find_target(str(name), task_names)
+    options: Any
+    if target.kind == "task":
+        options, view = _task_view(target.name, arguments)
+    else:
+        options = parse_options(ViewOptions, arguments, f"simwarp view {target.name}")
+        view = _plain_view(target.kind, target.name, options)
+    return _serve(view, options)
+
+
+def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
+    import torch
+
+    from simwarp.cli.view.actors import find_actor
+    from simwarp.cli.view.task_subject import task_subject
+
+    torch.set_num_threads(1)
+    cls = task_class(name)
+    arguments = expand_shorthands(arguments, name, cls.config_type())
+    actor = find_actor(name, arguments)
+    options: Any = parse_options(
+        task_options("ViewCommand", TaskViewOptions, task=actor.config or cls.config_type()), arguments,
+        f"simwarp view {name}",
+    )  # fmt: skip
+    _check(options)
+    _say(options, f"building worlds of '{name}' ...")
+    task = make(
+        name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=options.task
+    )
+    subject, _ = task_subject(task, actor.policy(task), options.seed)
+    _say(options, f"policy: {actor.origin}")
+    return options, _view(subject, options)
+
+
+def _plain_view(kind: str, name: str, options: ViewOptions) -> LiveView:
+    from simwarp.cli.view import targets
+
+    _check(options)
+    _say(options, f"building '{name}' ...")
+    if kind == "vehicle":
+        from simwarp.cli.view.vehicle_subject import vehicle_subject
+
+        return _view(vehicle_subject(name, options.worlds or 1, options.device), options)
+    if kind == "scene":
+        return _view(targets.scene_subject(name, options.worlds or 16, options.device), options)
+    if kind == "dump":
+        raise UsageError(f"'{name}': dumps are not shown yet; simwarp replay tells about them")
+    subject = targets.model_subject(name, options.worlds or 1, options.device, base=options.base, allow=options.allow)
+    return _view(subject, options)
+
+
+def _check(options: ViewOptions) -> None:
+    options.check()
+    if options.worlds is not None and not 1 <= options.worlds <= 65536:
+        raise UsageError(f"worlds must be from 1 to 65536, got {options.worlds}")
+    if not 0.0 <= options.speed <= 1000.0:
+        raise UsageError(f"speed must be from 0 (as fast as it goes) to 1000, got {options.speed:g}")
+
+
+def _say(options: ViewOptions, text: str) -> None:
+    options.console().print(text, highlight=False, soft_wrap=True)
+
+
+def _view(subject: Any, options: ViewOptions) -> LiveView:
+    from simwarp.viewer.live.panels import add_panels
+
+    shown = min(subject.simulation.model.world_count, 64)
+    view = LiveView(subject, worlds=shown, layout=options.layout, host=options.host, port=options.port)
+    view.speed, view.paused = options.speed, options.paused
+    add_panels(view)
+    return view
+
+
+def _serve(view: LiveView, options: ViewOptions) -> int:
+    import time
+
+    if view.server.token in view.url:
+        print(f"warning: view: everybody who can reach {options.host} and has this address can look", file=sys.stderr)
+    console = options.console()
+    console.print(f"view  {view.url}", highlight=False, soft_wrap=True)
+    if options.open:
+        webbrowser.open(view.url)
+    end = None if options.seconds is None else time.perf_counter() + options.seconds
+    try:
+        view.run(None if end is None else lambda: time.perf_counter() >= end)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    finally:
+        view.stop()
+    options.emit({"url": view.url, "target": view.subject.name})
+    return DONE

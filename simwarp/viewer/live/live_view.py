@@ -1,0 +1,233 @@
+"""A page beside a running simulation: `LiveView.step()` in a loop of one's own, or `show` with ours."""
+
+from __future__ import annotations
+
+import queue
+import sys
+import time
+import webbrowser
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
+
+from simwarp.core.types import ModelError
+from simwarp.sensors.scene import Scene
+from simwarp.simulation.simulation import Simulation
+from simwarp.viewer.live.layouts import Layout, natural_layout
+from simwarp.viewer.live.page import Page
+from simwarp.viewer.live.subject import Subject, subject_of
+from simwarp.viewer.live.web_server import SocketHandler, open_server
+
+FRAMES: Final = 30.0
+"""Updates of the scene per second, at most."""
+PANELS: Final = 10.0
+"""Updates of numbers and plots per second."""
+SCENERY: Final = 2.0
+"""Times per second that the scenery is read again."""
+MOST_SHOWN: Final = 64
+
+Command = Callable[[], None]
+
+
+class Panel(Protocol):
+    """A part of the page with controls and read-outs. Its callbacks run in threads: they only `post` commands."""
+
+    def refresh(self, now: float) -> None:
+        """Brings its read-outs up to date, in the stepping thread, while somebody looks."""
+
+
+class LiveView:
+    """A page that shows a subject as it moves.
+
+    Args:
+        subject: a `Subject`, or a simulation.
+        scene: of the simulation; painted shapes when None.
+        worlds: how many worlds are shown, at most 64, or their indices.
+        layout: of the worlds; what suits their size when None.
+        host, port: of the server; the next free port is taken.
+        sockets: further web sockets of the server, by path.
+
+    Attributes:
+        page: the scene.
+        server: the server.
+        panels: refreshed while somebody looks.
+        paused: whether the loop of `run` rests.
+        speed: of `run`, times real time; 0: as fast as it goes.
+
+    Raises:
+        ModelError: viser is not installed, or an argument is not usable.
+    """
+
+    def __init__(
+        self, subject: Subject | Simulation, *, scene: Scene | None = None, worlds: int | Sequence[int] = 16,
+        layout: Layout | str | None = None, host: str = "127.0.0.1", port: int = 8080,
+        sockets: dict[str, SocketHandler] | None = None,
+    ) -> None:  # fmt: skip
+        self.subject = subject if isinstance(subject, Subject) else subject_of(subject, scene)
+        chosen = _worlds(worlds, self.subject.simulation.model.world_count)
+        self.server = open_server(host, port, self.subject.name, sockets)
+        self.page = Page(self.server, self.subject, chosen, Layout.ONE)
+        extent = self.page.batches.extent
+        state = self.subject.simulation.state
+        self.page.arrange(
+            natural_layout(extent(state), extent(state, moving=False)) if layout is None else Layout(layout)
+        )
+        self.page.aim()
+        self.panels: list[Panel] = []
+        self.listeners: list[Command] = []
+        """Called after every `advance` of `run`, looked at or not."""
+        self.shown = len(chosen)
+        """Worlds that were asked for."""
+        self.last_failed: int | None = None
+        self.paused = False
+        self.speed = 1.0
+        self.stopped = False
+        self.factor = 0.0
+        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._next_frame = self._next_panels = self._next_scenery = 0.0
+        self._clients = self.server.viser._connected_clients
+        self.recorders: list[Callable[[], None]] = []
+        """Called with every frame, looked at or not."""
+
+    @property
+    def url(self) -> str:
+        """Address for a browser."""
+        return self.server.url
+
+    def post(self, command: Command) -> None:
+        """Has the stepping thread run a command, between two control steps. May be called from any thread."""
+        self._commands.put(command)
+
+    def step(self) -> None:
+        """To be called after every step of one's own loop: sends a frame if one is due and somebody looks."""
+        if not self._clients and not self.recorders and self._commands.empty():
+            return
+        self.obey()
+        now = time.perf_counter()
+        if now >= self._next_frame:
+            self._next_frame = max(self._next_frame + 1.0 / FRAMES, now)
+            self._draw(now)
+
+    def obey(self) -> None:
+        """Runs the commands that have been posted."""
+        while True:
+            try:
+                command = self._commands.get_nowait()
+            except queue.Empty:
+                return
+            try:
+                command()
+            except Exception as error:  # noqa: BLE001  a click must not end a simulation
+                self.tell(error)
+
+    def tell(self, error: Exception) -> None:
+        """An error in the terminal and in the page."""
+        text = f"{type(error).__name__}: {error}"
+        print(f"viewer: {text}", file=sys.stderr, flush=True)
+        for client in self.server.viser.get_clients().values():
+            client.add_notification(title="Error", body=text, loading=False, with_close_button=True, color="red")
+
+    def reset(self, mask: Any = None) -> None:
+        """Begins again, in the worlds of a mask."""
+        self.subject.reset(mask)
+        self.page.refresh()
+
+    def run(self, until: Callable[[], bool] | None = None) -> None:
+        """Goes on until it is stopped, at its speed."""
+        from simwarp.viewer.live.pacing import Pace
+
+        pace = Pace(self.subject.dt)
+        while not self.stopped and not (until is not None and until()):
+            self.obey()
+            if self.paused:
+                pace.rest()
+                self._idle()
+                continue
+            self.advance()
+            pace.wait(self.speed, self.obey)
+            self.factor = pace.factor
+
+    def advance(self) -> None:
+        """One step of the subject, and what goes with it; an error rests the loop and leaves the page alive."""
+        try:
+            self.subject.advance()
+            self._note_failures()
+            for listener in self.listeners:
+                listener()
+        except Exception as error:  # noqa: BLE001  told in the page, which lives on
+            self.paused = True
+            self.tell(error)
+        self.step()
+
+    def _note_failures(self) -> None:
+        if self._clients and self.subject.ended is not None:
+            ended = self.subject.ended().nonzero()[0]
+            if len(ended):
+                self.last_failed = int(ended[0])
+
+    def stop(self) -> None:
+        """Ends the loop and closes the server."""
+        self.stopped = True
+        self.server.stop()
+
+    def _idle(self) -> None:
+        time.sleep(1.0 / FRAMES)
+        if self._clients or self.recorders:
+            self._draw(time.perf_counter())
+
+    def _draw(self, now: float) -> None:
+        if now >= self._next_scenery:
+            self._next_scenery = now + 1.0 / SCENERY
+            self.page.refresh_scenery()
+        self.page.frame()
+        for recorder in self.recorders:
+            recorder()
+        if now >= self._next_panels:
+            self._next_panels = now + 1.0 / PANELS
+            for panel in self.panels:
+                panel.refresh(now)
+
+
+def show(
+    simulation: Simulation | Subject, *, scene: Scene | None = None, worlds: int | Sequence[int] = 16,
+    layout: Layout | str | None = None, port: int = 8080, open_browser: bool = True, seconds: float | None = None,
+) -> LiveView:  # fmt: skip
+    """Opens a page on a simulation and runs it at real time until Ctrl-C.
+
+    Args:
+        simulation: also a `Subject`.
+        scene: what is seen; its shapes when None.
+        worlds: how many are shown, or which.
+        layout: "grid", "overlay" or "one".
+        port: of the page; the next free one is taken.
+        open_browser: whether a browser is opened.
+        seconds: ends after that much time by the clock.
+
+    Returns:
+        The view, with its server closed.
+    """
+    from simwarp.viewer.live.panels import add_panels
+
+    view = LiveView(simulation, scene=scene, worlds=worlds, layout=layout, port=port)
+    add_panels(view)
+    print(f"view  {view.url}", flush=True)
+    if open_browser:
+        webbrowser.open(view.url)
+    end = None if seconds is None else time.perf_counter() + seconds
+    try:
+        view.run(None if end is None else lambda: time.perf_counter() >= end)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        view.stop()
+    return view
+
+
+def _worlds(worlds: int | Sequence[int], count: int) -> list[int]:
+    if isinstance(worlds, int):
+        if worlds < 1:
+            raise ModelError(f"viewer: worlds must be at least 1, got {worlds}; 16 is the default")
+        return list(range(min(worlds, count, MOST_SHOWN)))
+    chosen = [int(world) for world in worlds]
+    if not 1 <= len(chosen) <= MOST_SHOWN or min(chosen) < 0 or max(chosen) >= count:
+        raise ModelError(f"viewer: worlds must be 1 to {MOST_SHOWN} indices below {count}, got {chosen}; name some")
+    return chosen

@@ -1,0 +1,229 @@
+"""What a browser shows of a subject: its instances, ground, light and lines, kept as the state has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.types import WORLD
+from simwarp.viewer.live.batches import Batch, Batches, body_positions
+from simwarp.viewer.live.layouts import Layout, offsets
+from simwarp.viewer.live.subject import Subject
+from simwarp.viewer.live.triangles import srgb_bytes
+from simwarp.viewer.live.web_server import WebServer
+from simwarp.viewer.studio import SIDE, Shot
+
+Array = npt.NDArray[np.float64]
+
+ROOT: Final = "/world"
+SKY: Final = ((150, 186, 226), (232, 239, 246))
+"""Colours of the sky: above, and at the horizon."""
+NIGHT: Final = ((18, 22, 30), (52, 60, 72))
+FAR: Final = 400.0
+"""Half side of a ground [m]."""
+
+
+class Page:
+    """The scene of a page.
+
+    Args:
+        server: that shows it.
+        subject: what is seen.
+        worlds: indices of the shown worlds.
+        layout: how they lie beside each other.
+    """
+
+    def __init__(self, server: WebServer, subject: Subject, worlds: Sequence[int], layout: Layout) -> None:
+        self.server, self.subject, self.layout = server, subject, layout
+        self.scene: Any = server.viser.scene
+        self.worlds = np.asarray(worlds, np.int64)
+        self.batches = Batches(subject.scene, worlds)
+        self.following = False
+        self.chosen = 0
+        """Row of the world that the camera and single panels are about."""
+        self._handles: dict[Any, Any] = {}
+        self._grounds: list[Any] = []
+        self._lines: list[Any] = []
+        self._origin = np.zeros(3)
+        self._sent = -1
+        self._rest = np.zeros(3)
+        """Place of the followed body in the scene when following began."""
+        self.offsets = np.zeros((len(self.worlds), 3))
+        self._root = self.scene.add_frame(ROOT, show_axes=False)
+        self.look(dark=False)
+        self.arrange(layout)
+        self.aim()
+
+    def look(self, *, dark: bool) -> None:
+        """Light, sky and colours of the panels."""
+        viser = self.server.viser
+        viser.gui.configure_theme(
+            control_layout="floating", control_width="medium", dark_mode=dark, show_logo=False, show_share_button=False,
+            brand_color=(208, 92, 32),
+        )  # fmt: skip
+        self.scene.set_up_direction("+z")
+        self.scene.configure_default_lights(enabled=False)
+        above, below = NIGHT if dark else SKY
+        shade = np.linspace(0.0, 1.0, 64)[:, None, None]
+        sky = (1.0 - shade) * np.array(above) + shade * np.array(below)
+        self.scene.set_background_image(np.repeat(sky, 8, axis=1).astype(np.uint8), format="png")
+        self.scene.add_light_hemisphere(
+            "/lights/sky", sky_color=above if dark else (216, 230, 255), ground_color=(112, 104, 92), intensity=0.9
+        )
+        self._sun = self.scene.add_light_directional(
+            "/lights/sun", color=(255, 244, 224), intensity=1.6, cast_shadow=True, position=(-6.0, -8.0, 14.0)
+        )
+
+    def arrange(self, layout: Layout, rows: Sequence[int] | None = None) -> None:
+        """Puts the shown worlds beside each other, upon each other, or shows one."""
+        self.layout = layout
+        state = self.subject.simulation.state
+        moving = self.batches.extent(state)
+        whole = self.batches.extent(state, moving=False)
+        self.offsets = offsets(layout, moving, whole)
+        self.refresh()
+
+    def show_worlds(self, worlds: Sequence[int]) -> None:
+        """Others of the simulation's worlds instead of those that were shown."""
+        self.worlds = np.asarray(worlds, np.int64)
+        self.batches = Batches(self.subject.scene, worlds)
+        self.chosen = min(self.chosen, len(self.worlds) - 1)
+        self._sent = -1
+        self.arrange(self.layout)
+
+    def refresh(self) -> None:
+        """Reads the scenery again, and sends what has changed of it."""
+        self.batches.read_scenery()
+        self._sent = -1
+
+    def refresh_scenery(self) -> None:
+        """Reads the scenery again; unchanged it is not sent."""
+        self.batches.read_scenery()
+
+    def frame(self) -> None:
+        """Sends the present state."""
+        state = self.subject.simulation.state
+        places, turns = self.batches.poses(state)
+        places = places + (self.offsets - self._origin)[:, None]
+        wxyz = turns[..., [3, 0, 1, 2]]
+        with self.server.viser.atomic():
+            if self._sent != self.batches.revision:
+                self._send_all(places, wxyz)
+            else:
+                for batch in self.batches.batches:
+                    if batch.moving and batch.key in self._handles:
+                        handle = self._handles[batch.key]
+                        handle.batched_positions = places[batch.rows, batch.instances].astype(np.float32)
+                        handle.batched_wxyzs = wxyz[batch.rows, batch.instances].astype(np.float32)
+            if self.following:
+                self._root.position = self._rest - self.followed()
+            self._draw_paths()
+
+    def followed(self) -> Array:
+        """Place of the body that the camera goes with, in the scene [m]."""
+        body = self._body()
+        if body == WORLD:
+            return np.zeros(3)
+        world = self.worlds[self.chosen : self.chosen + 1]
+        place = body_positions(self.subject.simulation.state, world)[0, body]
+        return np.asarray(place + self.offsets[self.chosen] - self._origin)
+
+    def follow(self, on: bool) -> None:
+        """Moves the scene under the camera, or lets it rest."""
+        self.following = on
+        self._rest = self.followed() + np.asarray(self._root.position, np.float64)
+
+    def aim(self) -> None:
+        """Camera of those who come: as the subject's shot has it, at one world or at all of them."""
+        shot = self.subject.shot or Shot()
+        extent = self.batches.extent(self.subject.simulation.state) + self.offsets[:, None] - self._origin
+        if self.layout is not Layout.GRID or len(self.worlds) == 1:
+            extent = extent[self.chosen : self.chosen + 1]
+        low, high = extent[:, 0].min(axis=0), extent[:, 1].max(axis=0)
+        target = 0.5 * (low + high)
+        size = max(float(np.linalg.norm(high - low)), 0.2)
+        away = SIDE / np.linalg.norm(SIDE) * (0.62 * size / math.tan(0.5 * 1.0))
+        if shot.eye is not None and self.layout is not Layout.GRID:
+            away = np.asarray(shot.eye, np.float64)
+            if shot.target is not None:
+                target = self.followed() + np.asarray(shot.target, np.float64)
+        camera = self.server.viser.initial_camera
+        camera.position, camera.look_at = tuple(target + away), tuple(target)
+        camera.near, camera.far = 0.01 if size < 5.0 else 0.05, 4000.0
+        self._sun.position = tuple(target + np.array([-0.4, -0.5, 1.0]) * max(size, 5.0))
+
+    def _body(self) -> int:
+        shot, model = self.subject.shot or Shot(), self.subject.simulation.model
+        if isinstance(shot.body, str):
+            return model.body_names.index(shot.body)
+        return int(shot.body) if model.body_count else WORLD
+
+    def _send_all(self, places: Array, wxyz: Array) -> None:
+        wanted = {batch.key for batch in self.batches.batches}
+        for key in [key for key in self._handles if key not in wanted]:
+            self._handles.pop(key).remove()
+        for batch in self.batches.batches:
+            self._handles[batch.key] = self._add(batch, places, wxyz)
+        for handle in self._grounds:
+            handle.remove()
+        self._grounds = [self._add_ground(index) for index in range(len(self.batches.grounds))]
+        self._sent = self.batches.revision
+
+    def _add(self, batch: Batch, places: Array, wxyz: Array) -> Any:
+        common = {
+            "batched_positions": places[batch.rows, batch.instances].astype(np.float32),
+            "batched_wxyzs": wxyz[batch.rows, batch.instances].astype(np.float32),
+            "batched_scales": batch.scales.astype(np.float32), "lod": "off",
+        }  # fmt: skip
+        name = f"{ROOT}/{'moving' if batch.moving else 'fixed'}/{_word(batch.key)}"
+        if batch.mesh.color is not None:
+            import trimesh
+
+            shaded = np.concatenate(
+                [srgb_bytes(batch.mesh.color), np.full((len(batch.mesh.vertices), 1), 255, np.uint8)], axis=1
+            )
+            mesh = trimesh.Trimesh(batch.mesh.vertices, batch.mesh.faces, vertex_colors=shaded, process=False)
+            return self.scene.add_batched_meshes_trimesh(name, mesh, **common)
+        return self.scene.add_batched_meshes_simple(
+            name, batch.mesh.vertices, batch.mesh.faces, batched_colors=batch.colors,
+            flat_shading=not batch.mesh.smooth, **common,
+        )  # fmt: skip
+
+    def _add_ground(self, index: int) -> Any:
+        ground = self.batches.grounds[index]
+        color = tuple(int(value) for value in ground.color)
+        darker = tuple(int(0.86 * value) for value in color)
+        turn = ground.rotation[[3, 0, 1, 2]]
+        return self.scene.add_grid(
+            f"{ROOT}/ground_{index}", width=2.0 * FAR, height=2.0 * FAR, cell_size=ground.tile,
+            section_size=10.0 * ground.tile, cell_color=darker, section_color=tuple(int(0.7 * v) for v in color),
+            infinite_grid=False, fade_distance=120.0 * ground.tile, plane_color=color, plane_opacity=1.0,
+            shadow_opacity=0.35, position=tuple(ground.position - self._origin), wxyz=tuple(turn),
+        )  # fmt: skip
+
+    def _draw_paths(self) -> None:
+        if self.subject.paths is None:
+            return
+        paths = list(self.subject.paths())
+        while len(self._lines) > len(paths):
+            self._lines.pop().remove()
+        for index, path in enumerate(paths):
+            points = np.asarray(path.points, np.float64)[self.worlds] + (self.offsets - self._origin)[:, None]
+            segments = np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 3).astype(np.float32)
+            if index < len(self._lines) and self._lines[index].points.shape == segments.shape:
+                if not np.array_equal(self._lines[index].points, segments):
+                    self._lines[index].points = segments
+                continue
+            handle = self.scene.add_line_segments(
+                f"{ROOT}/paths/{index}", points=segments, colors=path.color, thickness=path.width
+            )
+            self._lines[index : index + 1] = [handle]
+
+
+def _word(key: Sequence[Any]) -> str:
+    """A key as the name of a node."""
+    return "_".join(str(part).replace("/", "-").replace(" ", "") for part in (int(key[0]), *key[1:]))

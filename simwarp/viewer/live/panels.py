@@ -1,0 +1,11 @@
+"""The panels of a page: those that its subject has something for."""
+
+from __future__ import annotations
+
+from simwarp.viewer.live.live_view import LiveView
+from simwarp.viewer.live.run_panel import RunPanel
+
+
+def add_panels(view: LiveView) -> None:
+    """Adds to a view's page what its subject has something for."""
+    view.panels.append(RunPanel(view))

@@ -1,0 +1,157 @@
+"""Triangles of what a scene shows, in units that a scale per instance stretches into place."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.types import ShapeType
+from simwarp.geometry.assets import HeightField, Hull
+from simwarp.sensors.scene import Visuals
+
+Array = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.float32]
+
+ROUND: Final = 24
+"""Sides of a circle."""
+MOST_TRIANGLES: Final = 20_000
+"""Of one mesh on the page: larger ones are simplified."""
+ROUNDED: Final = (ShapeType.SPHERE, ShapeType.ELLIPSOID)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Triangles:
+    """A mesh for the page.
+
+    Attributes:
+        vertices: (V, 3) float32 [m, or parts of a scale].
+        faces: (T, 3) uint32, counter-clockwise seen from outside.
+        color: (V, 3) linear albedo by vertex, by which that of an instance is multiplied; None: 1.
+        smooth: whether its normals are those of a rounded surface.
+    """
+
+    vertices: Floats
+    faces: npt.NDArray[np.uint32]
+    color: Floats | None = None
+    smooth: bool = False
+
+
+@functools.cache
+def ball() -> Triangles:
+    """Unit sphere."""
+    import trimesh
+
+    mesh = trimesh.creation.icosphere(subdivisions=2)
+    return _made(mesh.vertices, mesh.faces, smooth=True)
+
+
+@functools.cache
+def cube() -> Triangles:
+    """Box of half lengths 1."""
+    import trimesh
+
+    mesh = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
+    return _made(mesh.vertices, mesh.faces)
+
+
+@functools.cache
+def cylinder() -> Triangles:
+    """Radius 1 about z, from -1 to 1."""
+    import trimesh
+
+    mesh = trimesh.creation.cylinder(radius=1.0, height=2.0, sections=ROUND)
+    return _made(mesh.vertices, mesh.faces)
+
+
+@functools.cache
+def cone() -> Triangles:
+    """Base of radius 1 at z = -1, tip at 1."""
+    import trimesh
+
+    mesh = trimesh.creation.cone(radius=1.0, height=2.0, sections=ROUND)
+    vertices = np.array(mesh.vertices)
+    vertices[:, 2] -= vertices[:, 2].min() + 1.0
+    return _made(vertices, mesh.faces)
+
+
+@functools.lru_cache(maxsize=256)
+def capsule(slenderness: float) -> Triangles:
+    """Radius 1 about a segment of z from -slenderness to slenderness."""
+    import trimesh
+
+    mesh = trimesh.creation.capsule(radius=1.0, height=2.0 * slenderness, count=(16, 16))
+    vertices = np.array(mesh.vertices)
+    vertices[:, 2] -= 0.5 * (vertices[:, 2].min() + vertices[:, 2].max())
+    return _made(vertices, mesh.faces, smooth=True)
+
+
+def of_hull(hull: Hull) -> Triangles:
+    """Faces as fans."""
+    fans = [(face[0], face[k], face[k + 1]) for face in hull.faces for k in range(1, len(face) - 1)]
+    return _made(hull.vertices, np.array(fans))
+
+
+def of_height_field(field: HeightField) -> Triangles:
+    """Two triangles for each cell of the grid, or of every second, third ... row where those are too many."""
+    heights = field.heights
+    step = max(1, math.ceil(math.sqrt(2.0 * heights.size / (4.0 * MOST_TRIANGLES))))
+    rows = np.unique(np.append(np.arange(0, heights.shape[0], step), heights.shape[0] - 1))
+    columns = np.unique(np.append(np.arange(0, heights.shape[1], step), heights.shape[1] - 1))
+    x = (columns - 0.5 * (heights.shape[1] - 1)) * field.spacing[0]
+    y = (rows - 0.5 * (heights.shape[0] - 1)) * field.spacing[1]
+    grid = np.stack([*np.meshgrid(x, y), heights[np.ix_(rows, columns)]], axis=-1).reshape(-1, 3)
+    corner = (np.arange(len(rows) - 1)[:, None] * len(columns) + np.arange(len(columns) - 1)).reshape(-1)
+    up = corner + len(columns)
+    faces = np.concatenate([np.stack([corner, corner + 1, up + 1], 1), np.stack([corner, up + 1, up], 1)])
+    return _made(grid, faces, smooth=True)
+
+
+def of_mesh(visuals: Visuals, asset: int) -> Triangles:
+    """A mesh of `Visuals.add_mesh_asset` with the colours of its corners; textures as their mean colour."""
+    mesh, look = visuals.meshes[asset], visuals.mesh_visuals[asset]
+    if look is None or (look.color is None and look.texture is None):
+        return simplified(_made(mesh.vertices, mesh.triangles))
+    color = np.ones((len(mesh.triangles), 3, 3), np.float32) if look.color is None else look.color.copy()
+    if look.texture is not None:
+        for index, image in enumerate(look.images):
+            color[look.texture == index] *= linear(image.reshape(-1, 3).mean(axis=0) / 255.0)
+    # corners have colours of their own: vertices are split where these differ
+    corners = np.concatenate([np.asarray(mesh.vertices)[mesh.triangles], color], axis=-1).reshape(-1, 6)
+    unique, places = np.unique(corners.astype(np.float32), axis=0, return_inverse=True)
+    made = _made(unique[:, :3], places.reshape(-1, 3))
+    return dataclasses.replace(made, color=np.ascontiguousarray(unique[:, 3:], np.float32))
+
+
+def simplified(mesh: Triangles) -> Triangles:
+    """The same with at most `MOST_TRIANGLES`, where the library that does it is there."""
+    if len(mesh.faces) <= MOST_TRIANGLES:
+        return mesh
+    import trimesh
+
+    try:
+        small = trimesh.Trimesh(mesh.vertices, mesh.faces).simplify_quadric_decimation(face_count=MOST_TRIANGLES)
+    except ImportError:
+        return mesh
+    return _made(small.vertices, small.faces, smooth=mesh.smooth)
+
+
+def linear(srgb: Any) -> Array:
+    """Linear light of sRGB values from 0 to 1."""
+    values = np.asarray(srgb, np.float64)
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_bytes(color: Any) -> npt.NDArray[np.uint8]:
+    """SRGB from 0 to 255 of linear values."""
+    values = np.clip(np.asarray(color, np.float64), 0.0, 1.0)
+    coded = np.where(values <= 0.0031308, 12.92 * values, 1.055 * values ** (1.0 / 2.4) - 0.055)
+    return np.round(255.0 * coded).astype(np.uint8)
+
+
+def _made(vertices: Any, faces: Any, *, smooth: bool = False) -> Triangles:
+    return Triangles(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32), smooth=smooth)

@@ -1,0 +1,178 @@
+"""The web server of the viewer: for this machine alone unless it is told otherwise, and never through a tunnel.
+
+Pages of other origins may open sockets to this machine: the browser only tells where they come from. All connections
+are therefore held to their `Origin` and `Host` here, by wrapping the one call with which viser opens its port.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hmac
+import io
+import os
+import secrets
+import sys
+import threading
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any, Final
+from urllib.parse import parse_qs, urlsplit
+
+from simwarp.core.types import ModelError
+
+try:
+    import viser
+    import websockets.asyncio.server
+    from viser import _messages
+    from websockets import Headers
+    from websockets.http11 import Response
+except ImportError as error:
+    raise ModelError(
+        f"viewer: viser must be installed, got no module '{error.name}'; pip install 'simwarp[viewer]'"
+    ) from None
+
+HERE: Final = ("127.0.0.1", "localhost", "[::1]")
+PORT_VARIABLE: Final = "_VISER_PORT_OVERRIDE"
+TOKEN: Final = "token"
+_OPENING = threading.Lock()
+
+SocketHandler = Callable[[Any], Awaitable[None]]
+"""Of one connection to a path of ours, until it ends."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WebServer:
+    """A server that runs.
+
+    Attributes:
+        viser: the library's server.
+        host, port: that it is bound to.
+        url: for a browser, with the token where there is one.
+        token: that a connection from elsewhere, and to a path of ours, has to bring.
+    """
+
+    viser: viser.ViserServer
+    host: str
+    port: int
+    url: str
+    token: str
+
+    @property
+    def watched(self) -> bool:
+        """True if anybody looks."""
+        return bool(self.viser._connected_clients)
+
+    def stop(self) -> None:
+        """Closes the port and all connections."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.viser.stop()
+
+
+def open_server(host: str, port: int, title: str, sockets: dict[str, SocketHandler] | None = None) -> WebServer:
+    """Opens the first free port from `port` on.
+
+    Args:
+        host: 127.0.0.1 lets nobody in but this machine; others need the token that is in the address then.
+        port: 0: any.
+        title: of the page.
+        sockets: further web sockets by path, such as /drive; they need the token as well.
+
+    Raises:
+        ModelError: the address cannot be used.
+    """
+    if not 0 <= port <= 65535:
+        raise ModelError(f"viewer: port must be in 0..65535, got {port}; 8080 is the default")
+    _check_address(host)
+    if os.environ.pop(PORT_VARIABLE, None) is not None:
+        print(f"warning: viewer: {PORT_VARIABLE} is ignored; use --port", file=sys.stderr)
+    guard = _Guard(host, secrets.token_urlsafe(16), dict(sockets or {}))
+    with _OPENING, guard.wrapped(), contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
+    bound = server.get_port()
+    guard.port = bound
+    _close_tunnels(server)
+    local = host in ("127.0.0.1", "localhost", "::1")
+    name = f"[{host}]" if ":" in host else ("127.0.0.1" if host == "0.0.0.0" else host)
+    url = f"http://{name}:{bound}" + ("" if local else f"/?{TOKEN}={guard.token}")
+    return WebServer(server, host, bound, url, guard.token)
+
+
+def _check_address(host: str) -> None:
+    import socket
+
+    try:
+        socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)
+    except OSError as error:
+        rule = f"viewer: host must be an address of this machine, got '{host}' ({error}); 127.0.0.1 is one"
+        raise ModelError(rule) from None
+
+
+def _close_tunnels(server: viser.ViserServer) -> None:
+    """No message of a page opens a tunnel to the public."""
+    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+        server._websock_server._incoming_handlers[message] = []
+
+
+class _Guard:
+    """Holds requests to origin, host and token, and leads those to paths of ours to their handlers."""
+
+    def __init__(self, host: str, token: str, sockets: dict[str, SocketHandler]) -> None:
+        self.token, self.port = token, 0
+        self._sockets = sockets
+        self._local = host in ("127.0.0.1", "localhost", "::1")
+
+    @contextlib.contextmanager
+    def wrapped(self) -> Iterator[None]:
+        """While viser opens its port."""
+        plain: Any = websockets.asyncio.server.serve
+
+        def serve(handler: SocketHandler, *arguments: Any, process_request: Any = None, **options: Any) -> Any:
+            def checked(connection: Any, request: Any) -> Any:
+                return self.refusal(request) or (process_request and process_request(connection, request))
+
+            return plain(self._routed(handler), *arguments, process_request=checked, **options)
+
+        websockets.asyncio.server.serve = serve  # type: ignore[misc,assignment]
+        try:
+            yield
+        finally:
+            websockets.asyncio.server.serve = plain  # type: ignore[misc]
+
+    def refusal(self, request: Any) -> Any:
+        """A response to what may not come in, else None."""
+        host = urlsplit("//" + (request.headers.get("Host") or "")).hostname or ""
+        if self._local and host not in ("127.0.0.1", "localhost", "::1"):
+            return _response(403, "this viewer serves 127.0.0.1 alone; start it with --host for others")
+        if request.headers.get("Upgrade", "").lower() != "websocket":
+            return None
+        origin = request.headers.get("Origin")
+        if origin is not None:
+            place = urlsplit(origin)
+            if place.scheme not in ("http", "https") or place.netloc != (request.headers.get("Host") or ""):
+                return _response(403, f"origin {origin!r} may not connect")
+        if not self._local and urlsplit(request.path).path not in self._sockets and not self.admits(request):
+            return _response(403, "the address lacks the token that was printed")
+        return None
+
+    def admits(self, request: Any) -> bool:
+        """Whether a request has the token: in its path, or in the page's address that its cookie remembers."""
+        given = parse_qs(urlsplit(request.path).query).get(TOKEN, [""])[0]
+        return hmac.compare_digest(given.encode(), self.token.encode())
+
+    def _routed(self, handler: SocketHandler) -> SocketHandler:
+        async def route(connection: Any) -> None:
+            own = self._sockets.get(urlsplit(connection.request.path).path)
+            if own is None:
+                await handler(connection)
+            elif self.admits(connection.request):
+                await own(connection)
+            else:
+                await connection.close(1008, "token")
+
+        return route
+
+
+def _response(status: int, reason: str) -> Any:
+    body = (reason + "\n").encode()
+    headers = Headers({"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))})
+    return Response(status, "Forbidden", headers, body)
