@@ -7,6 +7,8 @@ import hashlib
 import json
 import os
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -42,7 +44,7 @@ def cached_parts(
         (N, 3) vertices of each part.
     """
     file = cache_folder() / f"{_key(library, vertices, triangles, options)}.npz"
-    with contextlib.suppress(OSError, ValueError, KeyError, EOFError):  # missing or damaged: it is made again
+    with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):  # missing or damaged: it is made again
         with np.load(file, allow_pickle=False) as kept:
             ends, points = kept["ends"], kept["points"]
         if len(ends) and ends[-1] == len(points) and np.isfinite(points).all() and (np.diff(ends, prepend=0) > 3).all():
