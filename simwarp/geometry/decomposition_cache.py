@@ -11,13 +11,15 @@ import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 Vertices = npt.NDArray[np.float64]
 Triangles = npt.NDArray[np.int64]
+
+UNREADABLE: Final = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 def cache_folder() -> Path:
@@ -44,7 +46,7 @@ def cached_parts(
         (N, 3) vertices of each part.
     """
     file = cache_folder() / f"{_key(library, vertices, triangles, options)}.npz"
-    with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):  # missing or damaged: it is made again
+    with contextlib.suppress(*UNREADABLE):  # missing or damaged: it is made again
         with np.load(file, allow_pickle=False) as kept:
             ends, points = kept["ends"], kept["points"]
         if len(ends) and ends[-1] == len(points) and np.isfinite(points).all() and (np.diff(ends, prepend=0) > 3).all():
