@@ -62,10 +62,9 @@ def source_file(path: str | os.PathLike[str], what: str, suffixes: Sequence[str]
 
 
 def expansion_of(file: Path) -> str:
-    """What to run to make a URDF of a .xacro file, or of an unexpanded one."""
+    """What to run to make a URDF of a .xacro file."""
     stem = file.name.removesuffix(".xacro").removesuffix(".urdf")
-    source = file if file.suffix == ".xacro" else file.with_name(f"{file.name}.xacro")
-    words = shlex.join(["xacrodoc", str(source), "-o", str(file.with_name(f"{stem}.urdf"))])
+    words = shlex.join(["xacrodoc", str(file), "-o", str(file.with_name(f"{stem}.urdf"))])
     return f"pip install xacrodoc, then: {words}"
 
 

@@ -102,6 +102,12 @@ def test_a_robot_that_follows_velocities(folder, monkeypatch):
     speeds[:, :2] = task.command[:, :2]
     task.views.body_v[:, task.base] = task.in_base(speeds)
     assert task.rewards()["speed"].min() > 0.9
+    assert task.metrics()["success"].all()
+    # who stands earns nothing at 0.5 m/s, less at more
+    task.views.body_v.zero_()
+    wanted = task.command[:, :2].norm(dim=1)
+    assert torch.allclose(task.rewards()["speed"], 1.0 - 2.0 * wanted, atol=1e-6)
+    assert not task.metrics()["success"].any()
 
 
 def test_a_robot_with_a_fixed_base_reaches_goals(folder, monkeypatch):

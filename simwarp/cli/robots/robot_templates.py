@@ -165,9 +165,10 @@ class @Class@Task(Task[@Class@Config]):
         return {"fell": tilted | (self.views.body_q[:, self.base, 2] < 0.5 * self.height)}
 
 %v     def metrics(self):
-%v         """The metrics of `simwarp eval`."""
+%v         """The metrics of `simwarp eval`, of the end of an episode; `success` decides about success."""
 %v         speed = self.in_base(self.views.body_v[:, self.base])
-%v         return {"speed_error": (speed[:, :2] - self.command[:, :2]).norm(dim=1)}
+%v         error = (speed[:, :2] - self.command[:, :2]).norm(dim=1)
+%v         return {"speed_error": error, "success": (error < 0.2) & ~self.terminations()["fell"]}
 %v
     def reset(self, world_mask):
         """A new episode in the worlds of the mask, nothing in the others: choose with torch.where."""
