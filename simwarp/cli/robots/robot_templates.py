@@ -141,15 +141,20 @@ class @Class@Task(Task[@Class@Config]):
             )
         }
 
+%v     def speed_error(self):
+%v         """(W,) how far the horizontal velocity, in axes of the base, is from the commanded one [m/s]."""
+%v         speed = self.in_base(self.views.body_v[:, self.base])
+%v         return (speed[:, :2] - self.command[:, :2]).norm(dim=1)
+%v
     def rewards(self):
         """Named terms, each (W,); the reward is their sum."""
         speed = self.in_base(self.views.body_v[:, self.base])
-%v         error = (speed[:, :2] - self.command[:, :2]).norm(dim=1)
         turn = self.in_base(self.views.body_omega[:, self.base])
         tilt = self.in_base(self.down)[:, :2]
         pose = self.views.joint_q[:, self.joints] - self.pose
         return {
-%v             "speed": (1.0 - 2.0 * error).clamp(min=-1.0),  # nothing at an error of 0.5 m/s, as of who stands
+%v             # nothing at 5/8 of the largest speed: who stands earns little, who goes the wrong way less
+%v             "speed": (1.0 - 1.6 * self.speed_error() / self.config.max_speed).clamp(min=-1.0),
 %v             "turn": 0.5 * torch.exp(-4.0 * (turn[:, 2] - self.command[:, 2]).square()),
 %v             "bounce": -1.0 * speed[:, 2].square() - 0.05 * turn[:, :2].square().sum(dim=1),
 %s             "still": torch.exp(-4.0 * speed.square().sum(dim=1) - turn.square().sum(dim=1)),
@@ -166,9 +171,9 @@ class @Class@Task(Task[@Class@Config]):
 
 %v     def metrics(self):
 %v         """The metrics of `simwarp eval`, of the end of an episode; `success` decides about success."""
-%v         speed = self.in_base(self.views.body_v[:, self.base])
-%v         error = (speed[:, :2] - self.command[:, :2]).norm(dim=1)
-%v         return {"speed_error": error, "success": (error < 0.2) & ~self.terminations()["fell"]}
+%v         error = self.speed_error()
+%v         near = error < 0.25 * self.config.max_speed
+%v         return {"speed_error": error, "success": near & ~self.terminations()["fell"]}
 %v
     def reset(self, world_mask):
         """A new episode in the worlds of the mask, nothing in the others: choose with torch.where."""
