@@ -342,6 +342,9 @@ def run(arguments: list[str]) -> int:
     console = options.console()
     for relative in written:
         console.print(f"wrote {target / relative}", highlight=False, soft_wrap=True)
+    if options.base == "floating" and not options.pose:
+        note = "note   joints start at 0; legs learn sooner from bent knees: --pose JOINT=ANGLE, or HOME in task.py"
+        console.print(note, highlight=False, soft_wrap=True)
     console.print(
         f"next   cd {target} && pip install -e '.[dev]' && pytest && simwarp train {name}",
         highlight=False,

@@ -96,8 +96,8 @@ def _tell(console: Console, path: Path, kind: Format, robot: Imported, wall: flo
         facts["time step"] = f"{robot.timestep:g} s"
     endless = [line.name for line in robot.report.near if line.element == "limit"]
     if endless:
-        told = ", ".join(endless[:2]) + (f" and {len(endless) - 2} more" if len(endless) > 2 else "")
-        facts["warning"] = f"{len(endless)} joint{'s have' if len(endless) > 1 else ' has'} no limits: {told}"
+        named = ", ".join(endless[:2]) + (f" and {len(endless) - 2} more" if len(endless) > 2 else "")
+        facts["warning"] = f"{len(endless)} joint{'s have' if len(endless) > 1 else ' has'} no limits: {named}"
     for name, words in facts.items():
         console.print(f"{name:<10} {words}", highlight=False, soft_wrap=True)
     rows: list[tuple[str, ...]] = [(name, f"{builder.bodies[body].mass:.5g}") for name, body in robot.bodies.items()]
