@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import WORLD
-from simwarp.viewer.live.batches import Batch, Batches, body_positions
+from simwarp.viewer.live.batches import Batch, Batches, body_positions, turned
 from simwarp.viewer.live.layouts import Layout, offsets
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.triangles import srgb_bytes
@@ -43,6 +43,8 @@ class Page:
         self.worlds = np.asarray(worlds, np.int64)
         self.batches = Batches(subject.scene, worlds)
         self.following = False
+        self.turning: Callable[[], float] | None = None
+        """Returns the heading that is ahead on the page while something is followed [rad]; None: +X is."""
         self.chosen = 0
         """Row of the world that the camera and single panels are about."""
         self._handles: dict[Any, Any] = {}
@@ -120,7 +122,7 @@ class Page:
                         handle.batched_positions = places[batch.rows, batch.instances].astype(np.float32)
                         handle.batched_wxyzs = wxyz[batch.rows, batch.instances].astype(np.float32)
             if self.following:
-                self._root.position = self._rest - self.followed()
+                self._move_under_camera()
             self._draw_paths()
 
     def followed(self) -> Array:
@@ -135,7 +137,28 @@ class Page:
     def follow(self, on: bool) -> None:
         """Moves the scene under the camera, or lets it rest."""
         self.following = on
-        self._rest = self.followed() + np.asarray(self._root.position, np.float64)
+        turn = np.asarray(self._root.wxyz, np.float64)[[1, 2, 3, 0]]
+        self._rest = turned(turn, self.followed()) + np.asarray(self._root.position, np.float64)
+
+    def stand_beside(self, eye: Array, target: Array) -> None:
+        """Cameras of all who look, and of those who come, from the place of the followed body [m]."""
+        viser = self.server.viser
+        for camera in (viser.initial_camera, *(client.camera for client in viser.get_clients().values())):
+            camera.position, camera.look_at = tuple(self._rest + eye), tuple(self._rest + target)
+
+    def _move_under_camera(self) -> None:
+        place = self.followed()
+        angle = 0.0 if self.turning is None else -self.turning()
+        turn = np.array([0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)])
+        self._root.wxyz = turn[[3, 0, 1, 2]]
+        self._root.position = self._rest - turned(turn, place)
+        for ground, handle in zip(self.batches.grounds, self._grounds, strict=False):
+            if abs(ground.rotation[0]) + abs(ground.rotation[1]) < 1e-6:  # level: goes along, a section at a time
+                section = 10.0 * ground.tile
+                moved = ground.position - self._origin
+                moved[:2] += section * np.round((place - moved)[:2] / section)
+                if not np.allclose(handle.position, moved):
+                    handle.position = moved
 
     def aim(self) -> None:
         """Camera of those who come: as the subject's shot has it, at one world or at all of them."""
