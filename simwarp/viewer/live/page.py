@@ -20,6 +20,11 @@ from simwarp.viewer.studio import SIDE, Shot
 Array = npt.NDArray[np.float64]
 
 ROOT: Final = "/world"
+"""Of what is fixed: it moves under the camera where a body is followed."""
+MOVING: Final = "/moving"
+"""Of what moves by itself: sent as the camera sees it, so that a followed body does not tremble where a browser takes
+the pose of a node later than those of instances.
+"""
 SKY: Final = ((150, 186, 226), (232, 239, 246))
 """Colours of the sky: above, and at the horizon."""
 NIGHT: Final = ((18, 22, 30), (52, 60, 72))
@@ -52,6 +57,8 @@ class Page:
         self._lines: list[Any] = []
         self._origin = np.zeros(3)
         self._sent = -1
+        self._turn, self._shift = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
+        """How the fixed scene lies under the camera: xyzw, and [m]."""
         self._rest = np.zeros(3)
         """Place of the followed body in the scene when following began."""
         self.offsets = np.zeros((len(self.worlds), 3))
@@ -111,6 +118,9 @@ class Page:
         state = self.subject.simulation.state
         places, turns = self.batches.poses(state)
         places = places + (self.offsets - self._origin)[:, None]
+        if self.following:
+            self._move_under_camera()
+        places, turns = self._as_seen(places, turns)
         wxyz = turns[..., [3, 0, 1, 2]]
         with self.server.viser.atomic():
             if self._sent != self.batches.revision:
@@ -121,8 +131,9 @@ class Page:
                         handle = self._handles[batch.key]
                         handle.batched_positions = places[batch.rows, batch.instances].astype(np.float32)
                         handle.batched_wxyzs = wxyz[batch.rows, batch.instances].astype(np.float32)
+            self._root.wxyz, self._root.position = self._turn[[3, 0, 1, 2]], self._shift
             if self.following:
-                self._move_under_camera()
+                self._move_grounds()
             self._draw_paths()
 
     def followed(self) -> Array:
@@ -137,8 +148,7 @@ class Page:
     def follow(self, on: bool) -> None:
         """Moves the scene under the camera, or lets it rest."""
         self.following = on
-        turn = np.asarray(self._root.wxyz, np.float64)[[1, 2, 3, 0]]
-        self._rest = turned(turn, self.followed()) + np.asarray(self._root.position, np.float64)
+        self._rest = turned(self._turn, self.followed()) + self._shift
 
     def stand_beside(self, eye: Array, target: Array) -> None:
         """Cameras of all who look, and of those who come, from the place of the followed body [m]."""
@@ -147,11 +157,24 @@ class Page:
             camera.position, camera.look_at = tuple(self._rest + eye), tuple(self._rest + target)
 
     def _move_under_camera(self) -> None:
-        place = self.followed()
         angle = 0.0 if self.turning is None else -self.turning()
-        turn = np.array([0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)])
-        self._root.wxyz = turn[[3, 0, 1, 2]]
-        self._root.position = self._rest - turned(turn, place)
+        self._turn = np.array([0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)])
+        self._shift = self._rest - turned(self._turn, self.followed())
+
+    def _as_seen(self, places: Array, turns: Array) -> tuple[Array, Array]:
+        """Poses of moving instances under the camera; fixed ones are moved with their root."""
+        if not self._turn[2] and not self._shift.any():
+            return places, turns
+        seen_places, seen_turns = places.copy(), turns.copy()
+        for batch in self.batches.batches:
+            if batch.moving:
+                at = batch.rows, batch.instances
+                seen_places[at] = turned(self._turn, places[at]) + self._shift
+                seen_turns[at] = turned_about_z(self._turn, turns[at])
+        return seen_places, seen_turns
+
+    def _move_grounds(self) -> None:
+        place = self.followed()
         for ground, handle in zip(self.batches.grounds, self._grounds, strict=False):
             if abs(ground.rotation[0]) + abs(ground.rotation[1]) < 1e-6:  # level: goes along, a section at a time
                 section = 10.0 * ground.tile
@@ -202,7 +225,7 @@ class Page:
             "batched_wxyzs": wxyz[batch.rows, batch.instances].astype(np.float32),
             "batched_scales": batch.scales.astype(np.float32), "lod": "off",
         }  # fmt: skip
-        name = f"{ROOT}/{'moving' if batch.moving else 'fixed'}/{_word(batch.key)}"
+        name = f"{MOVING if batch.moving else ROOT + '/fixed'}/{_word(batch.key)}"
         if batch.mesh.color is not None:
             import trimesh
 
@@ -245,6 +268,13 @@ class Page:
                 f"{ROOT}/paths/{index}", points=segments, colors=path.color, thickness=path.width
             )
             self._lines[index : index + 1] = [handle]
+
+
+def turned_about_z(turn: Array, q: Array) -> Array:
+    """Orientations (..., 4) xyzw after a turn (0, 0, z, w)."""
+    z, w = turn[2], turn[3]
+    x0, y0, z0, w0 = np.moveaxis(q, -1, 0)
+    return np.stack([w * x0 - z * y0, w * y0 + z * x0, w * z0 + z * w0, w * w0 - z * z0], axis=-1)
 
 
 def _word(key: Sequence[Any]) -> str:

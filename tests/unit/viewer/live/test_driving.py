@@ -4,6 +4,7 @@ import json
 import math
 import time
 
+import numpy as np
 import pytest
 
 pytest.importorskip("viser")
@@ -12,7 +13,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from simwarp.cli.view.vehicle_subject import vehicle_subject
-from simwarp.viewer.live.driving import read_row
+from simwarp.viewer.live.batches import turned
+from simwarp.viewer.live.chase import Chase, Eye
+from simwarp.viewer.live.driving import read_row, wheel_of
 from simwarp.viewer.live.human_driver import HumanDriver, Inputs, Keys, Wish, shifted
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.panels import add_panels
@@ -224,13 +227,67 @@ def test_the_dashboard_tells_and_escapes(view):
 
 
 def test_scripted_vehicles_are_not_offered_for_driving():
-    from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-    from simwarp.viewer.live.driving import wheel_of
+    from simwarp.cli.view.maneuver_view import maneuver_subject
+    from simwarp.vehicle.driving.maneuvers import maneuver
+    from simwarp.vehicle.results.runs import set_up
+    from simwarp.vehicle.spec.vehicle_files import load_vehicle
 
-    subject = vehicle_subject("hmmwv", 1, "cpu")
-    assert wheel_of(subject) is not None
-    subject.simulation.elements.insert(0, ScriptedDriver(subject.elements["vehicle"], ScriptSpec()))
-    assert wheel_of(subject) is None
+    spec = load_vehicle("hmmwv")
+    setup = set_up(spec, maneuver("step-steer", spec), device="cpu")
+    assert wheel_of(maneuver_subject(setup, "hmmwv step-steer")) is None
+
+
+@pytest.mark.parametrize("eye", list(Eye))
+def test_the_scene_turns_and_moves_under_the_camera(view, eye):
+    chase = Chase(view.page, vehicle(view))
+    chase.take(eye)
+    view.page.frame()
+    start = moving(view)[0]
+    with DrivingPage(view, throttle=1.0, steer=1.0):
+        run_for(view, 3.0)
+    for _ in range(3):  # the camera comes round in 0.25 s
+        time.sleep(0.5)
+        view.page.frame()
+    state = view.subject.simulation.state
+    chassis = vehicle(view).parts.chassis
+    turn = state.body_rot.numpy()[0, chassis]
+    assert abs(turn[2]) > 0.2
+    place, wxyz = moving(view)
+    # the chassis: it pitches and leans, but stays before the camera, and faces it but from outside
+    assert place == pytest.approx(start, abs=0.3)
+    yaw = 2.0 * math.atan2(wxyz[3], wxyz[0])
+    assert math.remainder(yaw - (2.0 * math.atan2(turn[2], turn[3]) if eye is Eye.OUTSIDE else 0.0), math.tau) == (
+        pytest.approx(0.0, abs=0.05)
+    )
+    # what is fixed is moved by its root, as what moves is by hand: both show the same world
+    back = np.array(view.page._root.wxyz)[[1, 2, 3, 0]] * [-1.0, -1.0, -1.0, 1.0]
+    world = turned(back, place - np.array(view.page._root.position))
+    batch = next(batch for batch in view.page.batches.batches if batch.moving)
+    true = view.page.batches.poses(state)[0][0, batch.instances[0]] + view.page.offsets[0]
+    assert world == pytest.approx(true, abs=1e-4)
+    chase.leave()
+    view.page.follow(False)
+
+
+def moving(view):
+    """Pose of the vehicle's body as it was sent."""
+    batch = next(batch for batch in view.page.batches.batches if batch.moving)
+    handle = view.page._handles[batch.key]
+    return handle.batched_positions[0].astype(float), handle.batched_wxyzs[0].astype(float)
+
+
+def test_the_ground_goes_along(view):
+    Chase(view.page, vehicle(view)).take(Eye.BEHIND)
+    view.page.frame()
+    ground, handle = view.page.batches.grounds[0], view.page._grounds[0]
+    section = 10.0 * ground.tile
+    state = view.subject.simulation.state
+    places = state.body_x.numpy().copy()
+    state.body_x.assign(places + [5000.0, -300.0, 0.0])
+    view.page.frame()
+    assert np.abs(np.array(handle.position)[:2] - [5000.0, -300.0]).max() < section
+    assert np.allclose(np.remainder(np.array(handle.position)[:2] / section + 0.5, 1.0), 0.5)  # lines stay
+    view.page.follow(False)
 
 
 def test_silent_connections_end_when_driving_is_switched_off(view):
@@ -239,5 +296,3 @@ def test_silent_connections_end_when_driving_is_switched_off(view):
         view.wheel.open = False
         run_for(view, 0.04)
         assert vehicle(view).input.numpy()[0] == pytest.approx([0.0, 0.0, 0.3, 0.0])
-
-
