@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simwarp.viewer.live.chase import Chase, Eye
-from simwarp.viewer.live.driving import PATH, Driving, Wheel
+from simwarp.viewer.live.driving import PATH, TAKEN, Driving, Wheel
 from simwarp.viewer.live.human_driver import Keys
 from simwarp.viewer.live.web_server import TOKEN, run_script
 
@@ -94,7 +94,7 @@ class DrivePanel:
     def _switched(self, on: bool, clients: list[Any]) -> None:
         self._view.wheel.open = on
         if on:
-            self.chase.take(self.chase.eye)
+            self.chase.take(self.chase.eye)  # also while paused, when nothing is driven yet
             for client in clients:
                 run_script(client, self.script())
             return
@@ -111,6 +111,8 @@ class DrivePanel:
             mask = np.zeros(self._view.subject.simulation.model.world_count, bool)
             mask[self._world()] = True
             self._view.reset(mask)
+        elif button == TAKEN:
+            self.chase.take(self.chase.eye)
         elif button == "camera":
             self.chase.take(self.chase.eye.next)
             self._set(self._eye, self.chase.eye.value)

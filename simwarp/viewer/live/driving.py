@@ -23,6 +23,7 @@ WHEEL: Final = "wheel"
 """Key of a subject's `details`: its `Wheel`, or None where nobody may drive."""
 PATIENCE: Final = 1.0
 """For which a page waits for a wheel that another one holds: one that is loaded anew has just left it [s]."""
+TAKEN: Final = "taken"
 PARKED: Final = Inputs(braking=HELD_BRAKE)
 
 
@@ -162,7 +163,7 @@ class Driving:
         socket: where wishes come from.
         dt: time of a control step [s].
         world: returns the index of the world that is driven.
-        pressed: called with every other button: "reset", "camera".
+        pressed: called with every other button, "reset" and "camera", and with `TAKEN` where a world is driven from now.
 
     Attributes:
         driver: its `keys` may be changed at any time.
@@ -191,6 +192,7 @@ class Driving:
             self._leave()
             self._now = world
             self.socket.presses()
+            self._pressed(TAKEN)
         for press in self.socket.presses():
             self._press(press, world)
         speed = float(read_row(self.wheel.vehicle.velocity_b, world)[0])

@@ -70,13 +70,15 @@ class LiveView:
         self.wheel = DriveSocket()
         served = {DRIVE: self.wheel.handle, **(sockets or {})}
         self.server = open_server(host, port, self.subject.name, served)
-        self.page = Page(self.server, self.subject, chosen, Layout.ONE)
-        extent = self.page.batches.extent
-        state = self.subject.simulation.state
-        self.page.arrange(
-            natural_layout(extent(state), extent(state, moving=False)) if layout is None else Layout(layout)
-        )
+        self.page = Page(self.server, self.subject, chosen[:1], Layout.ONE)
+        extent, state = self.page.batches.extent, self.subject.simulation.state
+        natural = natural_layout(extent(state), extent(state, moving=False))
+        chosen_layout = natural if layout is None else Layout(layout)
+        if chosen_layout is not Layout.ONE:
+            self.page.layout = chosen_layout
+            self.page.show_worlds(chosen)
         self.page.aim()
+        self.page.follow(self.page.layout is Layout.ONE)
         self.panels: list[Panel] = []
         self.preparers: list[Command] = []
         """Called before every `advance` of `run`, looked at or not."""
