@@ -15,6 +15,7 @@ from websockets.sync.client import connect
 from simwarp.cli.view.vehicle_subject import vehicle_subject
 from simwarp.viewer.live.batches import turned
 from simwarp.viewer.live.chase import Chase, Eye
+from simwarp.viewer.live.drive_panel import DrivePanel
 from simwarp.viewer.live.driving import read_row, wheel_of
 from simwarp.viewer.live.human_driver import HumanDriver, Inputs, Keys, Wish, shifted
 from simwarp.viewer.live.live_view import LiveView
@@ -239,7 +240,7 @@ def test_scripted_vehicles_are_not_offered_for_driving():
 
 @pytest.mark.parametrize("eye", list(Eye))
 def test_the_scene_turns_and_moves_under_the_camera(view, eye):
-    chase = Chase(view.page, vehicle(view))
+    chase = next(panel for panel in view.panels if isinstance(panel, DrivePanel)).chase
     chase.take(eye)
     view.page.frame()
     start = moving(view)[0]
