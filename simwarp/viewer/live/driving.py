@@ -163,7 +163,7 @@ class Driving:
         socket: where wishes come from.
         dt: time of a control step [s].
         world: returns the index of the world that is driven.
-        pressed: called with every other button, "reset" and "camera", and with `TAKEN` where a world is driven from now.
+        pressed: called with every other button, "reset" and "camera", and with `TAKEN` for another world.
 
     Attributes:
         driver: its `keys` may be changed at any time.

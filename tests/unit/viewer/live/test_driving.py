@@ -284,7 +284,7 @@ def test_the_ground_goes_along(view):
     section = 10.0 * ground.tile
     state = view.subject.simulation.state
     places = state.body_x.numpy().copy()
-    state.body_x.assign(places + [5000.0, -300.0, 0.0])
+    state.body_x.assign(places + np.array([5000.0, -300.0, 0.0]))
     view.page.frame()
     assert np.abs(np.array(handle.position)[:2] - [5000.0, -300.0]).max() < section
     assert np.allclose(np.remainder(np.array(handle.position)[:2] / section + 0.5, 1.0), 0.5)  # lines stay
