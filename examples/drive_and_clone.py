@@ -3,8 +3,9 @@
     python examples/drive_and_clone.py                         # five minutes in the corridor between cones
     python examples/drive_and_clone.py --task barrier-track --minutes 10
 
-A page opens with the vehicle under your keys: W A S D or arrows, Space brakes, R begins anew, a gamepad works too. What you
-drove is written to driven.npz when the time is over, or when you press Ctrl-C. Needs: pip install 'simwarp[viewer]'
+A page opens with the vehicle under your keys: W A S D or arrows, Space brakes, R begins anew, a gamepad works too.
+What you drove is written to driven.npz when the time is over, or when you press Ctrl-C. Needs: pip install
+'simwarp[viewer]'
 """
 
 import argparse
