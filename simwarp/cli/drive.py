@@ -227,7 +227,7 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     begin = time.perf_counter()
     with _Bar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
-            drive.run(bar.advance if page is None else lambda t: (bar.advance(t), page.advance(t))[0])
+            drive.run(bar.advance if page is None else page.beside(bar.advance))
             if page is not None:
                 page.hold()
         except KeyboardInterrupt:

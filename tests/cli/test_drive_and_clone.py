@@ -1,6 +1,6 @@
 """From a person at the wheel to a policy: `examples/drive_and_clone.py`, driven by a script over the page's socket."""
 
-import importlib.util
+import importlib
 import json
 import math
 from pathlib import Path
@@ -119,10 +119,9 @@ def test_what_nobody_can_drive(view, arguments, message):
 @pytest.mark.slow
 def test_the_example_from_the_wheel_to_a_trained_policy(tmp_path, monkeypatch, driven_by_a_script):
     monkeypatch.chdir(tmp_path)
-    spec = importlib.util.spec_from_file_location("drive_and_clone", ROOT / "examples" / "drive_and_clone.py")
-    example = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
-    told = []
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    example = importlib.import_module("drive_and_clone")
+    told: list[Path] = []
 
     def run(*arguments):
         words = [*arguments, "--json", f"{arguments[0]}_{len(told)}.json"]
@@ -133,7 +132,18 @@ def test_the_example_from_the_wheel_to_a_trained_policy(tmp_path, monkeypatch, d
     monkeypatch.setattr(example, "simwarp", run)
     monkeypatch.setattr(
         "sys.argv",
-        ["drive_and_clone.py", "--minutes", "0.5", "--speed", "4", "--no-open", "--iterations", "12", "--num-envs", "8"],
+        [
+            "drive_and_clone.py",
+            "--minutes",
+            "0.5",
+            "--speed",
+            "4",
+            "--no-open",
+            "--iterations",
+            "12",
+            "--num-envs",
+            "8",
+        ],
     )
     assert example.main() == 0
     _, clone, cloned, _, trained = (json.loads(path.read_text()) for path in told)

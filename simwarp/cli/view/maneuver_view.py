@@ -11,7 +11,7 @@ import numpy as np
 from simwarp.core.types import WORLD, ModelError, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.scene import Visuals
-from simwarp.vehicle.results.runs import SAMPLE_TIME, Setup
+from simwarp.vehicle.results.runs import SAMPLE_TIME, Progress, Setup
 from simwarp.viewer.live.chase import Chase, Eye
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.pacing import Pace
@@ -90,6 +90,15 @@ class ManeuverView:
             self._pace.rest()
             self._rest()
         self._passes = 0
+
+    def beside(self, progress: Progress) -> Progress:
+        """Both, after every row of the record."""
+
+        def advance(t: float) -> None:
+            progress(t)
+            self.advance(t)
+
+        return advance
 
     def hold(self) -> None:
         """At the end: as long as somebody looks, or until Ctrl-C."""

@@ -70,7 +70,9 @@ class Wish:
             return None
         if not isinstance(presses, list) or not all(isinstance(word, str) for word in presses):
             return None
-        return cls(_clip(values[0], -1.0), *(_clip(value, 0.0) for value in values[1:]), tuple(presses[:MOST_PRESSES]))
+        steer, throttle, brake, clutch = values
+        pedals = _clip(throttle, 0.0), _clip(brake, 0.0), _clip(clutch, 0.0)
+        return cls(_clip(steer, -1.0), *pedals, presses=tuple(presses[:MOST_PRESSES]))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -152,7 +152,8 @@ class Page:
     def stand_beside(self, eye: Array, target: Array) -> None:
         """Cameras of all who look, and of those who come, from the place of the followed body [m]."""
         viser = self.server.viser
-        for camera in (viser.initial_camera, *(client.camera for client in viser.get_clients().values())):
+        cameras: list[Any] = [viser.initial_camera, *(client.camera for client in viser.get_clients().values())]
+        for camera in cameras:
             camera.position, camera.look_at = tuple(self._rest + eye), tuple(self._rest + target)
 
     def _move_under_camera(self) -> None:

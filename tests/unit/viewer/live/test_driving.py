@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ pytest.importorskip("viser")
 
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from simwarp.cli.view.vehicle_subject import vehicle_subject
 from simwarp.viewer.live.batches import turned
@@ -63,8 +65,8 @@ def test_pedals_take_a_quarter_second():
     driver = HumanDriver()
     assert drive(driver, Wish(throttle=1.0), 0.2).throttle == pytest.approx(0.8)
     assert drive(driver, Wish(throttle=1.0), 0.05).throttle == pytest.approx(1.0)
-    assert drive(driver, Wish(brake=0.5), 0.12) == Inputs(0.0, pytest.approx(0.52), pytest.approx(0.48))
-    assert drive(driver, Wish(brake=0.5), 0.5) == Inputs(0.0, pytest.approx(0.0), 0.5)
+    assert drive(driver, Wish(brake=0.5), 0.12).row == pytest.approx((0.0, 0.52, 0.48, 0.0))
+    assert drive(driver, Wish(brake=0.5), 0.5).row == pytest.approx((0.0, 0.0, 0.5, 0.0))
 
 
 def test_nobody_at_the_wheel_brakes():
@@ -90,14 +92,14 @@ def test_chrono_keys_step_targets_which_inputs_follow():
 
 
 def test_gears():
-    automatic = {"gears": 4, "manual": False}
+    automatic: dict[str, Any] = {"gears": 4, "manual": False}
     assert shifted(3, False, speed=0.0, **automatic) == 0
     assert shifted(0, False, speed=0.0, **automatic) == -1
     assert shifted(0, False, speed=9.0, **automatic) == 0  # no reverse at speed
     assert shifted(-1, True, speed=0.0, **automatic) == 0
     assert shifted(0, True, speed=9.0, **automatic) == 1
     assert shifted(3, True, speed=9.0, **automatic) == 3
-    manual = {"gears": 5, "manual": True, "speed": 9.0}
+    manual: dict[str, Any] = {"gears": 5, "manual": True, "speed": 9.0}
     assert [shifted(gear, True, **manual) for gear in (-1, 0, 1, 5)] == [0, 1, 2, 5]
     assert [shifted(gear, False, **manual) for gear in (5, 1, 0, -1)] == [4, 0, -1, -1]
 
@@ -131,6 +133,11 @@ def view(running):
     running.reset()
     running.wheel.open = True
     return running
+
+
+def ended(closed):
+    """Code and reason of a connection's end."""
+    return closed.value.rcvd.code, closed.value.rcvd.reason
 
 
 def vehicle(view):
@@ -183,7 +190,7 @@ def test_one_driver_at_a_time_and_the_next_one_after_him(view):
     with DrivingPage(view), connect(address(view), origin=view.url) as second:
         with pytest.raises(ConnectionClosed) as closed:
             second.recv(timeout=5.0)
-        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1013, "another page is driving")
+        assert ended(closed) == (1013, "another page is driving")
     with DrivingPage(view, throttle=1.0):
         time.sleep(0.2)
         assert view.wheel.taken
@@ -194,15 +201,15 @@ def test_who_may_not_drive(view):
     with connect(address(view, token="wrong"), origin=view.url) as socket:
         with pytest.raises(ConnectionClosed) as closed:
             socket.recv(timeout=5.0)
-        assert closed.value.rcvd.code == 1008
+        assert ended(closed)[0] == 1008
     with pytest.raises(InvalidStatus) as refused:
-        connect(address(view), origin="http://elsewhere.example")
+        connect(address(view), origin=Origin("http://elsewhere.example"))
     assert refused.value.response.status_code == 403
     view.wheel.open = False
     with connect(address(view), origin=view.url) as socket:
         with pytest.raises(ConnectionClosed) as closed:
             socket.recv(timeout=5.0)
-        assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (1008, "Drive is off")
+        assert ended(closed) == (1008, "Drive is off")
 
 
 def test_nonsense_ends_the_connection(view):
@@ -210,7 +217,7 @@ def test_nonsense_ends_the_connection(view):
         socket.send("full speed")
         with pytest.raises(ConnectionClosed) as closed:
             socket.recv(timeout=5.0)
-        assert closed.value.rcvd.code == 1007
+        assert ended(closed)[0] == 1007
     assert view.wheel.wish() is None
 
 
