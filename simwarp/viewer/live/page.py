@@ -52,6 +52,7 @@ class Page:
         self.chosen = 0
         """Row of the world that the camera and single panels are about."""
         self.batches = self._batches()
+        self._sun_at = np.array([-4.0, -5.0, 10.0])
         self._handles: dict[Any, Any] = {}
         self._grounds: list[Any] = []
         self._lines: list[Any] = []
@@ -132,6 +133,7 @@ class Page:
                         handle.batched_wxyzs = wxyz[batch.rows, batch.instances].astype(np.float32)
             self._root.wxyz, self._root.position = self._turn[[3, 0, 1, 2]], self._shift
             if self.following:
+                self._sun.position = tuple(turned(self._turn, self._sun_at))
                 self._move_grounds()
             self._draw_paths()
 
@@ -200,7 +202,8 @@ class Page:
         camera = self.server.viser.initial_camera
         camera.position, camera.look_at = tuple(target + away), tuple(target)
         camera.near, camera.far = 0.01 if size < 5.0 else 0.05, 4000.0
-        self._sun.position = tuple(target + np.array([-0.4, -0.5, 1.0]) * max(size, 5.0))
+        self._sun_at = target + np.array([-0.4, -0.5, 1.0]) * max(size, 5.0)
+        self._sun.position = tuple(self._sun_at)
 
     def _batches(self) -> Batches:
         scenery = self.chosen if self.layout is Layout.OVERLAY else None

@@ -63,7 +63,7 @@ def page(view):
     options = Options()
     for flag in FLAGS:
         options.add_argument(flag)
-    options.binary_location = shutil.which("chromium")
+    options.binary_location = str(shutil.which("chromium"))
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     browser = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
     browser.get(view.url)
