@@ -234,12 +234,12 @@ class Page:
         }  # fmt: skip
         name = f"{MOVING if batch.moving else ROOT + '/fixed'}/{_word(batch.key)}"
         if batch.mesh.color is not None:
-            import trimesh
+            from simwarp.geometry.mesh_files import painted_mesh
 
             shaded = np.concatenate(
                 [srgb_bytes(batch.mesh.color), np.full((len(batch.mesh.vertices), 1), 255, np.uint8)], axis=1
             )
-            mesh = trimesh.Trimesh(batch.mesh.vertices, batch.mesh.faces, vertex_colors=shaded, process=False)
+            mesh = painted_mesh(batch.mesh.vertices, batch.mesh.faces, shaded)
             return self.scene.add_batched_meshes_trimesh(name, mesh, **common)
         return self.scene.add_batched_meshes_simple(
             name, batch.mesh.vertices, batch.mesh.faces, batched_colors=batch.colors,
