@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.run_panel import RunPanel
+from simwarp.viewer.live.vehicle_panel import add_driving
 
 
 def add_panels(view: LiveView) -> None:
     """Adds to a view's page what its subject has something for."""
     view.panels.append(RunPanel(view))
+    add_driving(view)
