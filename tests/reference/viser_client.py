@@ -206,8 +206,9 @@ class ViserClient:
         self.counts[kind] = self.counts.get(kind, 0) + 1
         if kind == "GuiUpdateMessage":
             element = self.gui.get(message["uuid"])
-            for name, value in message["updates"].items() if element is not None else ():
-                (element if name in ("value", "visible") and name in element else element["props"])[name] = value
+            if element is not None:
+                for name, value in message["updates"].items():
+                    (element if name == "value" and name in element else element["props"])[name] = value
         elif kind == "SceneNodeUpdateMessage":
             self.nodes.setdefault(message["name"], {"props": {}})["props"].update(message["updates"])
         elif kind == "GuiRemoveMessage":

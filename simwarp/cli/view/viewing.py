@@ -11,6 +11,7 @@ from typing import Any, Literal
 from simwarp.cli import DONE, HELP, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_path, task_options
 from simwarp.tasks import make, resolve_device, task_class, task_names
+from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.live_view import LiveView
 
 
@@ -88,8 +89,9 @@ def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
     _check(options)
     _say(options, f"building worlds of '{name}' ...")
     task = make(
-        name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=options.task
-    )
+        name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=options.task,
+        elements=with_hand,
+    )  # fmt: skip
     subject, _ = task_subject(task, actor.policy(task), options.seed)
     _say(options, f"policy: {actor.origin}")
     return options, _view(subject, options)

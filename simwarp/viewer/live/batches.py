@@ -261,15 +261,15 @@ def mean_color(texture: Any) -> Array:
 
 def body_positions(state: State, worlds: Ints) -> Array:
     """(S, B, 3) centres of mass in these worlds [m]."""
-    return _taken(state.body_x, worlds)
+    return rows_on_host(state.body_x, worlds)
 
 
 def body_rotations(state: State, worlds: Ints) -> Array:
     """(S, B, 4) orientations of the bodies in these worlds, xyzw."""
-    return _taken(state.body_rot, worlds)
+    return rows_on_host(state.body_rot, worlds)
 
 
-def _taken(array: Any, worlds: Ints) -> Array:
+def rows_on_host(array: Any, worlds: Ints) -> Array:
     """Rows of an array of all worlds; from a GPU only those are copied."""
     if array.device.is_cpu:
         return np.asarray(array.numpy()[worlds], np.float64)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import WORLD
+from simwarp.sensors.scene import Scene
 from simwarp.viewer.live.batches import Batch, Batches, body_positions
 from simwarp.viewer.live.layouts import Layout, offsets
 from simwarp.viewer.live.subject import Subject
@@ -41,7 +42,14 @@ class Page:
         self.server, self.subject, self.layout = server, subject, layout
         self.scene: Any = server.viser.scene
         self.worlds = np.asarray(worlds, np.int64)
-        self.batches = Batches(subject.scene, worlds)
+        self.seen = subject.scene
+        """The scene whose instances are shown."""
+        self.batches = Batches(self.seen, worlds)
+        self.overlays: list[Callable[[], None]] = []
+        """Called with every frame, to draw what lies over the scene."""
+        self.on_instances: list[Callable[[Batch, Any], None]] = []
+        """Called with every batch of moving instances that is sent anew, and its handle."""
+        self.paths_shown = True
         self.following = False
         self.chosen = 0
         """Row of the world that the camera and single panels are about."""
@@ -90,10 +98,25 @@ class Page:
     def show_worlds(self, worlds: Sequence[int]) -> None:
         """Others of the simulation's worlds instead of those that were shown."""
         self.worlds = np.asarray(worlds, np.int64)
-        self.batches = Batches(self.subject.scene, worlds)
+        self.batches = Batches(self.seen, worlds)
         self.chosen = min(self.chosen, len(self.worlds) - 1)
         self._sent = -1
         self.arrange(self.layout)
+
+    def show_scene(self, scene: Scene) -> None:
+        """Another scene of the same model, such as its collision shapes."""
+        self.seen = scene
+        self.batches = Batches(scene, self.worlds.tolist())
+        self._sent = -1
+
+    @property
+    def shifts(self) -> Array:
+        """(S, 3) from the coordinates of the shown worlds to those of `ROOT` [m]."""
+        return self.offsets - self._origin
+
+    def in_world(self, place: Any, row: int) -> Array:
+        """A place of the page in coordinates of a shown world [m]."""
+        return np.asarray(np.asarray(place, np.float64) - np.asarray(self._root.position) - self.shifts[row])
 
     def refresh(self) -> None:
         """Reads the scenery again, and sends what has changed of it."""
@@ -122,6 +145,8 @@ class Page:
             if self.following:
                 self._root.position = self._rest - self.followed()
             self._draw_paths()
+            for draw in self.overlays:
+                draw()
 
     def followed(self) -> Array:
         """Place of the body that the camera goes with, in the scene [m]."""
@@ -167,7 +192,9 @@ class Page:
         for key in [key for key in self._handles if key not in wanted]:
             self._handles.pop(key).remove()
         for batch in self.batches.batches:
-            self._handles[batch.key] = self._add(batch, places, wxyz)
+            handle = self._handles[batch.key] = self._add(batch, places, wxyz)
+            for told in self.on_instances if batch.moving else ():
+                told(batch, handle)
         for handle in self._grounds:
             handle.remove()
         self._grounds = [self._add_ground(index) for index in range(len(self.batches.grounds))]
@@ -208,7 +235,7 @@ class Page:
     def _draw_paths(self) -> None:
         if self.subject.paths is None:
             return
-        paths = list(self.subject.paths())
+        paths = list(self.subject.paths()) if self.paths_shown else []
         while len(self._lines) > len(paths):
             self._lines.pop().remove()
         for index, path in enumerate(paths):
