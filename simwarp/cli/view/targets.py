@@ -18,6 +18,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.scene import Visuals
 from simwarp.simulation.simulation import Simulation
 from simwarp.viewer.default_appearance import add_bodies, paint
+from simwarp.viewer.live.controls.joint_channels import joint_series
 from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.subject import Mask, Subject
 from simwarp.viewer.studio import Shot
@@ -133,8 +134,9 @@ def simple_subject(
     steps = max(1, round(FRAME / dt))
     scene = seen.finalize(model)
     return Subject(
-        name, simulation, scene, steps * dt, lambda: simulation.advance(steps), reset, Shot(), elements=elements
-    )
+        name, simulation, scene, steps * dt, lambda: simulation.advance(steps), reset, Shot(), elements=elements,
+        series=joint_series(simulation),
+    )  # fmt: skip
 
 
 def _start_of(robot: Any) -> Any:

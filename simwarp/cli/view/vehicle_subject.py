@@ -16,6 +16,7 @@ from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from simwarp.viewer.default_appearance import paint
+from simwarp.viewer.live.controls.joint_channels import joint_series
 from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.subject import Mask, Subject
 from simwarp.viewer.studio import Shot
@@ -55,7 +56,7 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     elements: dict[str, Any] = {"vehicle": vehicle}
     return Subject(
         spec.name, simulation, visuals.finalize(model), steps * DT, lambda: simulation.advance(steps), reset, shot,
-        elements=elements,
+        elements=elements, series=joint_series(simulation),
     )  # fmt: skip
 
 

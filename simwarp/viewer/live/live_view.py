@@ -178,13 +178,24 @@ class LiveView:
         if now >= self._next_scenery:
             self._next_scenery = now + 1.0 / SCENERY
             self.page.refresh_scenery()
-        self.page.frame()
+        with self.server.viser.atomic():
+            self.page.frame()
+            self._each(self.page.overlays, lambda draw: draw())
         for recorder in self.recorders:
             recorder()
         if now >= self._next_panels:
             self._next_panels = now + 1.0 / PANELS
-            for panel in self.panels:
-                panel.refresh(now)
+            self._each(self.panels, lambda panel: panel.refresh(now))
+
+    def _each(self, parts: list[Any], act: Callable[[Any], None]) -> None:
+        """Does something with parts of the page; one that fails is told of and left out from then on."""
+        for part in tuple(parts):
+            try:
+                act(part)
+            except Exception as error:  # noqa: BLE001  a read-out must not end a simulation
+                if part in parts:
+                    parts.remove(part)
+                self.tell(error)
 
 
 def show(

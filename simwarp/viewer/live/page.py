@@ -145,8 +145,6 @@ class Page:
             if self.following:
                 self._root.position = self._rest - self.followed()
             self._draw_paths()
-            for draw in self.overlays:
-                draw()
 
     def followed(self) -> Array:
         """Place of the body that the camera goes with, in the scene [m]."""
@@ -246,8 +244,9 @@ class Page:
                     self._lines[index].points = segments
                 continue
             handle = self.scene.add_line_segments(
-                f"{ROOT}/paths/{index}", points=segments, colors=path.color, thickness=path.width
-            )
+                f"{ROOT}/paths/{index}", points=segments, colors=path.color, thickness=path.width,
+                thickness_units="screen",
+            )  # fmt: skip
             self._lines[index : index + 1] = [handle]
 
 

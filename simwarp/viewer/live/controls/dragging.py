@@ -67,7 +67,9 @@ class Dragging:
             return
         self._owner = None
         self._hand.release()
-        self._view.page.overlays.remove(self._draw)
+        overlays = self._view.page.overlays
+        if self._draw in overlays:
+            overlays.remove(self._draw)
         if self._line is not None:
             self._line.remove()
             self._line = None
@@ -102,6 +104,8 @@ class Dragging:
         points = (ends + self._view.page.shifts[self._row])[None].astype(np.float32)
         if self._line is None:
             scene: Any = self._view.server.viser.scene
-            self._line = scene.add_line_segments(f"{ROOT}/pull", points=points, colors=COLOR, thickness=4.0)
+            self._line = scene.add_line_segments(
+                f"{ROOT}/pull", points=points, colors=COLOR, thickness=4.0, thickness_units="screen"
+            )
         else:
             self._line.points = points
