@@ -114,6 +114,10 @@ class Page:
         """(S, 3) from the coordinates of the shown worlds to those of `ROOT` [m]."""
         return self.offsets - self._origin
 
+    def node(self, batch: Batch) -> str:
+        """Name of a batch in the page's tree."""
+        return f"{ROOT}/{'moving' if batch.moving else 'fixed'}/{_word(batch.key)}"
+
     def in_world(self, place: Any, row: int) -> Array:
         """A place of the page in coordinates of a shown world [m]."""
         return np.asarray(np.asarray(place, np.float64) - np.asarray(self._root.position) - self.shifts[row])
@@ -204,7 +208,7 @@ class Page:
             "batched_wxyzs": wxyz[batch.rows, batch.instances].astype(np.float32),
             "batched_scales": batch.scales.astype(np.float32), "lod": "off",
         }  # fmt: skip
-        name = f"{ROOT}/{'moving' if batch.moving else 'fixed'}/{_word(batch.key)}"
+        name = self.node(batch)
         if batch.mesh.color is not None:
             import trimesh
 

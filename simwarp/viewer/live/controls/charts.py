@@ -36,7 +36,7 @@ class Chart:
         empty = tuple(np.zeros(0) for _ in range(1 + len(lines)))
         self._handle = gui.add_uplot(
             empty, ({"label": "s"}, *lines), title=title or None, height=220, scales={"x": {"time": False}},
-            legend={"show": True},
+            legend={"show": True}, padding=(10, 24, 0, 0),
         )  # fmt: skip
 
     def add(self, time: float, values: Sequence[float]) -> None:
