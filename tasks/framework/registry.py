@@ -120,7 +120,9 @@ def make(
     if not isinstance(chosen, cls.config_type):
         raise InputError(f"task '{name}' wants a {cls.config_type.__name__}, got {type(chosen).__name__}")
     chosen = replace_fields(chosen, overrides)
-    more = {} if elements is None else {"elements": elements}
-    task = cls(chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world, **more)
+    task = cls.__new__(cls)
+    if elements is not None:
+        task.further_elements = elements  # before it builds; tasks may have constructors of their own
+    cls.__init__(task, chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)
     task.capture = capture
     return task

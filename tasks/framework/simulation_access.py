@@ -124,10 +124,8 @@ def build_physics(
     return simulation, views, builder
 
 
-def physics_of(
-    task: Any, device: str, elements: Callable[[Any], Sequence[Any]] | None
-) -> tuple[Any, PhysicsViews | None, ModelBuilder | None]:
-    """Build what a task asks for, with further force elements; nothing where it has no physics.
+def physics_of(task: Any, device: str) -> tuple[Any, PhysicsViews | None, ModelBuilder | None]:
+    """Build what a task asks for; nothing where it has no physics.
 
     Raises:
         InputError: ``randomise`` names a parameter that the task writes itself, or there is nothing to randomise.
@@ -145,7 +143,7 @@ def physics_of(
         raise InputError(f"randomise '{own[0]}': task '{task.name}' writes it itself; {hint}")
     return build_physics(
         task.build, config, task.num_worlds, device, per_world=drawn | {*task.per_world},
-        solver=task.solver_options(), attach=task.attach, elements=elements,
+        solver=task.solver_options(), attach=task.attach, elements=task.further_elements,
     )  # fmt: skip
 
 

@@ -62,7 +62,6 @@ class Task(ABC, Generic[ConfigT]):
         device: canonical device name (:func:`~simwarp.tasks.make` resolves it).
         seed: seed of all randomness.
         first_world: global index of world 0, where several processes share one batch.
-        elements: returns further force elements, which come after those of ``attach``.
     """
 
     _climbing: bool
@@ -86,10 +85,12 @@ class Task(ABC, Generic[ConfigT]):
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Further defaults by the value of the configuration's field ``obs``, if there is one (``simwarp train --obs``)."""
 
+    further_elements: Callable[[Model], Sequence[Any]] | None = None
+    """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
+
     def __init__(
-        self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0,
-        elements: Callable[[Model], Sequence[Any]] | None = None,
-    ) -> None:  # fmt: skip
+        self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0
+    ) -> None:
         num_worlds = whole("num_worlds", num_worlds, 1, 2**31 - 1)
         seed, first_world = whole("seed", seed, -(2**63), 2**63 - 1), whole("first_world", first_world, 0, 2**53)
         self.config: ConfigT = config
@@ -107,7 +108,7 @@ class Task(ABC, Generic[ConfigT]):
         """Called in every control step once it is judged, while the worlds that ended still are where they ended."""
         with self._acting():
             self._allocate(seed, first_world)
-            self.simulation, self._views, self.builder = physics_of(self, device, elements)
+            self.simulation, self._views, self.builder = physics_of(self, device)
             self._randomiser = randomiser_of(config.randomise, self.simulation, f"task '{self.name}'")
             self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
             """Recorder of the last steps, for the dump of a world whose physics breaks down."""

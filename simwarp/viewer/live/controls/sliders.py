@@ -55,6 +55,7 @@ class Sliders:
 
     def _made(self, index: int, name: str, low: float, high: float) -> Any:
         gui: Any = self._view.server.viser.gui
+        low, high = (float(f"{end:.4g}") for end in (low, high))
         start = min(max(0.0, low), high)
         handle = gui.add_slider(name, min=low, max=high, step=self._steps[index], initial_value=start)
 

@@ -46,9 +46,7 @@ def things(view: LiveView) -> int:
 
 def bits(view: LiveView) -> list[bytes]:
     state = view.subject.simulation.state
-    return [
-        b"".join(getattr(state, name).numpy()[world].tobytes() for name in state.NAMES) for world in range(WORLDS)
-    ]
+    return [b"".join(getattr(state, name).numpy()[world].tobytes() for name in state.NAMES) for world in range(WORLDS)]
 
 
 def torso(view: LiveView) -> tuple[str, int]:
@@ -131,9 +129,7 @@ def test_a_drag_moves_that_body_of_that_world_alone(view):
         # every world alike: the ant falls, in world 1 it is held
         node, first = torso(view)
         batch = next(each for each in view.page.batches.batches if view.page.node(each) == node)
-        index = next(
-            k for k, row in enumerate(batch.rows) if row == 1 and batch.instances[k] == batch.instances[first]
-        )
+        index = next(k for k, row in enumerate(batch.rows) if row == 1 and batch.instances[k] == batch.instances[first])
         place = page.positions(node)[index]
         page.drag(node, index, "start", grab=place, pointer=place + (0.0, 0.0, 0.3))
         page.wait(lambda: "/world/pull" in page.nodes)
