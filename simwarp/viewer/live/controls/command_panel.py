@@ -105,7 +105,8 @@ class CommandPanel:
 
     def _switched(self, event: Any) -> None:
         if event.client is not None:
-            self._view.post(self.give_back if self._policy.value else self.take_all)
+            # not by the box's value, which `refresh` may have written since
+            self._view.post(lambda: self.give_back() if self._given.get(self.world) else self.take_all())
 
 
 def _actuators(view: LiveView) -> Actuators | None:

@@ -59,8 +59,9 @@ class Sliders:
         start = min(max(0.0, low), high)
         handle = gui.add_slider(name, min=low, max=high, step=self._steps[index], initial_value=start)
 
+        # a coroutine: it reads the value before `show` may write another, which one in a pool of threads would not
         @handle.on_update
-        def _(event: Any) -> None:
+        async def _(event: Any) -> None:
             if event.client is None:
                 return  # set by `show`
             self._touched[index] = time.perf_counter()
