@@ -25,11 +25,13 @@ if TYPE_CHECKING:
 Image = npt.NDArray[np.uint8]
 Array = npt.NDArray[np.float64]
 
-WIDTH: Final = 320
+WIDTH: Final = 128
 """Pictures are enlarged by whole numbers to about this many pixels."""
 QUALITY: Final = 85
 RAMP: Final = np.array([(48, 18, 59), (70, 134, 251), (27, 229, 181), (164, 252, 60), (251, 126, 33), (122, 4, 3)])
 """From near to far."""
+MOST_SEEN: Final = 95.0
+"""Percentile of the distances at which the ramp ends: the horizon alone would take most of it."""
 NOTHING: Final = (24, 24, 28)
 
 
@@ -185,7 +187,7 @@ def in_color(name: str, pixels: Any, far: float) -> Image:
         seen = 60.0 + 180.0 * np.abs(2.0 * turn - 1.0)
         return np.where(flat[..., None] < 0, NOTHING, seen).astype(np.uint8)
     seen = flat < 0.999 * far
-    most = float(flat[seen].max(initial=1e-6))
+    most = float(np.percentile(flat[seen], MOST_SEEN)) if seen.any() else 1.0
     return np.where(seen[..., None], ramp(flat, most), NOTHING).astype(np.uint8)
 
 

@@ -131,9 +131,9 @@ def test_a_drag_moves_that_body_of_that_world_alone(view):
         batch = next(each for each in view.page.batches.batches if view.page.node(each) == node)
         index = next(k for k, row in enumerate(batch.rows) if row == 1 and batch.instances[k] == batch.instances[first])
         place = page.positions(node)[index]
-        page.drag(node, index, "start", grab=place, pointer=place + (0.0, 0.0, 0.3))
+        page.drag(node, index, "start", grab=place, pointer=place + np.array([0.0, 0.0, 0.3]))
         page.wait(lambda: "/world/pull" in page.nodes)
-        page.drag(node, index, "update", grab=place, pointer=place + (0.0, 0.0, 0.5))
+        page.drag(node, index, "update", grab=place, pointer=place + np.array([0.0, 0.0, 0.5]))
         page.wait(lambda: abs(page.nodes["/world/pull"]["props"]["points"][5] - place[2] - 0.5) < 1e-5)
         for _ in range(20):
             before = float(view.subject.simulation.state.world_time.numpy()[0])
