@@ -9,6 +9,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.interop import to_torch
 from simwarp.core.types import ShapeType
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
@@ -273,11 +274,7 @@ def rows_on_host(array: Any, worlds: Ints) -> Array:
     """Rows of an array of all worlds; from a GPU only those are copied."""
     if array.device.is_cpu:
         return np.asarray(array.numpy()[worlds], np.float64)
-    import torch
-    import warp as wp
-
-    rows = torch.as_tensor(worlds, device=str(array.device))
-    return np.asarray(wp.to_torch(array)[rows].cpu().numpy(), np.float64)
+    return np.asarray(to_torch(array)[worlds.tolist()].cpu().numpy(), np.float64)
 
 
 def turned(q: Array, v: Array) -> Array:

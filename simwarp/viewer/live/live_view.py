@@ -1,11 +1,10 @@
-"""A page beside a running simulation: `LiveView.step()` in a loop of one's own, or `show` with ours."""
+"""A page beside a running simulation: `LiveView.step()` in a loop of one's own; `panels.show` has one."""
 
 from __future__ import annotations
 
 import queue
 import sys
 import time
-import webbrowser
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
@@ -196,41 +195,6 @@ class LiveView:
                 if part in parts:
                     parts.remove(part)
                 self.tell(error)
-
-
-def show(
-    simulation: Simulation | Subject, *, scene: Scene | None = None, worlds: int | Sequence[int] = 16,
-    layout: Layout | str | None = None, port: int = 8080, open_browser: bool = True, seconds: float | None = None,
-) -> LiveView:  # fmt: skip
-    """Opens a page on a simulation and runs it at real time until Ctrl-C.
-
-    Args:
-        simulation: also a `Subject`.
-        scene: what is seen; its shapes when None.
-        worlds: how many are shown, or which.
-        layout: "grid", "overlay" or "one".
-        port: of the page; the next free one is taken.
-        open_browser: whether a browser is opened.
-        seconds: ends after that much time by the clock.
-
-    Returns:
-        The view, with its server closed.
-    """
-    from simwarp.viewer.live.panels import add_panels
-
-    view = LiveView(simulation, scene=scene, worlds=worlds, layout=layout, port=port)
-    add_panels(view)
-    print(f"view  {view.url}", flush=True)
-    if open_browser:
-        webbrowser.open(view.url)
-    end = None if seconds is None else time.perf_counter() + seconds
-    try:
-        view.run(None if end is None else lambda: time.perf_counter() >= end)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        view.stop()
-    return view
 
 
 def _worlds(worlds: int | Sequence[int], count: int) -> list[int]:
