@@ -11,6 +11,7 @@ from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, Lt, NotNegativ
 from simwarp.core.renames import renamed_fields, renamed_names
 
 from .adapters.gym_env import TaskEnv, TaskVectorEnv, register_envs
+from .framework.command import Command
 from .framework.config import TaskConfig, replace_fields, require
 from .framework.devices import available_devices, resolve_device
 from .framework.drawing import Drawing, Line
@@ -31,6 +32,7 @@ __all__ = [
     "NON_FINITE",
     "TIME_LIMIT",
     "Attachments",
+    "Command",
     "Count",
     "Curriculum",
     "Drawing",

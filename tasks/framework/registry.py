@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -96,6 +96,7 @@ def make(
     config: TaskConfig | None = None,
     first_world: int = 0,
     capture: bool = True,
+    elements: Callable[[Any], Sequence[Any]] | None = None,
     **overrides: Any,
 ) -> Task[Any]:
     """Build a task with ``num_worlds`` worlds, reset and ready to step.
@@ -108,6 +109,7 @@ def make(
         config: configuration; by default the task's own.
         first_world: global index of world 0, where several processes share one batch.
         capture: capture control steps into a CUDA graph, where there is a CUDA device.
+        elements: returns further force elements for the finished model, which come after the task's own.
         overrides: single fields of the configuration.
 
     Raises:
@@ -118,6 +120,9 @@ def make(
     if not isinstance(chosen, cls.config_type):
         raise InputError(f"task '{name}' wants a {cls.config_type.__name__}, got {type(chosen).__name__}")
     chosen = replace_fields(chosen, overrides)
-    task = cls(chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)
+    task = cls.__new__(cls)
+    if elements is not None:
+        task.further_elements = elements  # before it builds; tasks may have constructors of their own
+    cls.__init__(task, chosen, num_worlds, device=resolve_device(device), seed=seed, first_world=first_world)
     task.capture = capture
     return task

@@ -11,6 +11,7 @@ import warp as wp
 
 from simwarp.core.fields import FieldGroup
 
+from ..randomisation.randomising import check_ranges, drawn_parameters
 from .config import TaskConfig
 from .errors import InputError
 
@@ -78,6 +79,7 @@ def build_physics(
     per_world: Iterable[str] = (),
     solver: SolverOptions | None = None,
     attach: Callable[[Any], Attachments] = no_attachments,
+    elements: Callable[[Any], Sequence[Any]] | None = None,
 ) -> tuple[Any, PhysicsViews, ModelBuilder]:
     """Build model and simulation from a task's ``build`` and its configuration; also returns the builder.
 
@@ -89,6 +91,7 @@ def build_physics(
         per_world: names of model parameters that get a copy per world.
         solver: numbers of the solver.
         attach: force elements and sensors for the finished model.
+        elements: further force elements for it, which come last: of whoever looks on, not of the task.
     """
     import simwarp as sw
     from simwarp import to_torch
@@ -101,8 +104,9 @@ def build_physics(
     model = builder.finalize(world_count=num_worlds, device=device, per_world=per_world)
     attachments = attach(model)
     simulation = sw.Simulation(
-        model, dt=config.dt, substeps=config.substeps, solver=solver, elements=attachments.elements,
-        sensors=attachments.sensors, read_every=config.decimation,
+        model, dt=config.dt, substeps=config.substeps, solver=solver,
+        elements=[*attachments.elements, *(elements(model) if elements else ())], sensors=attachments.sensors,
+        read_every=config.decimation,
     )  # fmt: skip
     simulation.rounds.watched = True  # a captured control step is recorded anew where `in_step` has changed
     state, control = simulation.state, simulation.control
@@ -118,6 +122,29 @@ def build_physics(
         world_status=to_torch(state.world_status),
     )
     return simulation, views, builder
+
+
+def physics_of(task: Any, device: str) -> tuple[Any, PhysicsViews | None, ModelBuilder | None]:
+    """Build what a task asks for; nothing where it has no physics.
+
+    Raises:
+        InputError: ``randomise`` names a parameter that the task writes itself, or there is nothing to randomise.
+    """
+    config = task.config
+    check_ranges(config.randomise)
+    if not task.physics:
+        if config.randomise:
+            raise InputError(f"randomise: task '{task.name}' has no physics whose parameters could differ")
+        return None, None, None
+    drawn = drawn_parameters(config.randomise)
+    own = sorted({*task.per_world} & drawn)
+    if own:
+        hint = "leave it away" if own[0] in config.randomise else "give body_mass inertia=False"
+        raise InputError(f"randomise '{own[0]}': task '{task.name}' writes it itself; {hint}")
+    return build_physics(
+        task.build, config, task.num_worlds, device, per_world=drawn | {*task.per_world},
+        solver=task.solver_options(), attach=task.attach, elements=task.further_elements,
+    )  # fmt: skip
 
 
 def _rooms(snapshot: Any) -> list[tuple[str, Any]]:

@@ -19,13 +19,14 @@ from simwarp.core.interop import shared_stream
 from simwarp.core.renames import warn_renamed
 from simwarp.kernels.tasks.framework.control_step import Clocks, Recording, begin_episodes, count_step
 
-from ..randomisation.randomising import check_ranges, drawn_parameters, randomiser_of
+from ..randomisation.randomising import randomiser_of
 from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import Sensors
 from ..randomisation.uncertainty import Driver
 from .action_path import ActionPath
 from .argument_checks import check_room, whole
 from .capture import StepCapture, recorder_of
+from .command import Command
 from .config import TaskConfig
 from .drawing import Drawing
 from .errors import InputError, TaskError
@@ -34,7 +35,7 @@ from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
 from .judge import Judge, Terms
 from .launching import filled, launch_over
-from .simulation_access import Attachments, PhysicsViews, build_physics, pack_snapshot, unpack_snapshot
+from .simulation_access import Attachments, PhysicsViews, pack_snapshot, physics_of, unpack_snapshot
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .step_result import StepResult
 
@@ -84,6 +85,9 @@ class Task(ABC, Generic[ConfigT]):
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Further defaults by the value of the configuration's field ``obs``, if there is one (``simwarp train --obs``)."""
 
+    further_elements: Callable[[Model], Sequence[Any]] | None = None
+    """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
+
     def __init__(
         self, config: ConfigT, num_worlds: int, *, device: str = "cpu", seed: int = 0, first_world: int = 0
     ) -> None:
@@ -104,7 +108,7 @@ class Task(ABC, Generic[ConfigT]):
         """Called in every control step once it is judged, while the worlds that ended still are where they ended."""
         with self._acting():
             self._allocate(seed, first_world)
-            self.simulation, self._views, self.builder = self._make_physics(device)
+            self.simulation, self._views, self.builder = physics_of(self, device)
             self._randomiser = randomiser_of(config.randomise, self.simulation, f"task '{self.name}'")
             self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
             """Recorder of the last steps, for the dump of a world whose physics breaks down."""
@@ -229,6 +233,10 @@ class Task(ABC, Generic[ConfigT]):
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Take back what :meth:`extra_state` returned, name -> (...); write into existing buffers."""
+
+    def commands(self) -> dict[str, Command]:
+        """Return what a person may ask for while looking on, such as a speed: name -> `Command`. Optional."""
+        return {}
 
     def step_limit(self) -> torch.Tensor:
         """Return (W,) int64: control steps after which the running episodes are over at the latest.
@@ -447,23 +455,6 @@ class Task(ABC, Generic[ConfigT]):
     def _climb(self, climbing: bool) -> None:
         self._climbing = climbing
         self._judge.climb(climbing)
-
-    def _make_physics(self, device: str) -> tuple[Any, PhysicsViews | None, ModelBuilder | None]:
-        check_ranges(self.config.randomise)
-        if not self.physics:
-            if self.config.randomise:
-                raise InputError(f"randomise: task '{self.name}' has no physics whose parameters could differ")
-            return None, None, None
-        drawn = drawn_parameters(self.config.randomise)
-        own = sorted({*self.per_world} & drawn)
-        if own:
-            hint = "leave it away" if own[0] in self.config.randomise else "give body_mass inertia=False"
-            raise InputError(f"randomise '{own[0]}': task '{self.name}' writes it itself; {hint}")
-        drawn |= {*self.per_world}
-        return build_physics(
-            self.build, self.config, self.num_worlds, device, per_world=drawn, solver=self.solver_options(),
-            attach=self.attach,
-        )  # fmt: skip
 
     def _record_physics(self) -> None:
         """Record what is launched before each physics step; again, where the memory of it is another one."""

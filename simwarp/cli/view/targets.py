@@ -18,6 +18,8 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.scene import Visuals
 from simwarp.simulation.simulation import Simulation
 from simwarp.viewer.default_appearance import add_bodies, paint
+from simwarp.viewer.live.controls.joint_channels import joint_series
+from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.subject import Mask, Subject
 from simwarp.viewer.studio import Shot
 
@@ -119,7 +121,7 @@ def simple_subject(
     elements: dict[str, Any] = {}
     if robot is not None and robot.actuators:
         elements["actuators"] = Actuators(model, robot.actuators)
-    simulation = Simulation(model, dt, elements=list(elements.values()))
+    simulation = Simulation(model, dt, elements=[*elements.values(), *with_hand(model)])
     start = _start_of(robot)
 
     def reset(mask: Mask | None) -> None:
@@ -133,8 +135,9 @@ def simple_subject(
     steps = max(1, round(FRAME / dt))
     scene = seen.finalize(model)
     return Subject(
-        name, simulation, scene, steps * dt, lambda: simulation.advance(steps), reset, Shot(), elements=elements
-    )
+        name, simulation, scene, steps * dt, lambda: simulation.advance(steps), reset, Shot(), elements=elements,
+        series=joint_series(simulation),
+    )  # fmt: skip
 
 
 def _start_of(robot: Any) -> Any:

@@ -12,8 +12,12 @@ from matplotlib.colors import to_rgb
 from simwarp.tasks import StepResult, Task
 from simwarp.train.evaluation.filming import stage
 from simwarp.train.networks.policies import Policy, reset_memory
+from simwarp.viewer.live.controls.joint_channels import joint_series
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
 from simwarp.viewer.live.vehicle_panel import GOAL
+
+MOST_OBSERVED = 400
+"""Components of a group of observations that can be plotted."""
 
 
 class TaskLoop:
@@ -109,8 +113,8 @@ def task_subject(task: Task[Any], policy: Policy, seed: int) -> tuple[Subject, T
     subject = Subject(
         task.name, simulation, scene, float(task.config.control_dt), loop.advance, loop.reset, shot,
         paths=lambda: lines_of(task), trail=lambda: _trail(task), actions=actions, returns=lambda: _host(loop.returns),
-        ended=lambda: np.asarray(_host(loop.ended), bool), elements=_elements(task),
-        details={GOAL: lambda world: _metrics(task, world)},
+        ended=lambda: np.asarray(_host(loop.ended), bool), elements=_elements(task), series=_series(task, loop),
+        details={GOAL: lambda world: _metrics(task, world), "commands": task.commands},
     )  # fmt: skip
     return subject, loop
 
@@ -141,6 +145,25 @@ def _elements(task: Task[Any]) -> dict[str, Any]:
         return {}
     found = {f"{type(element).__name__.lower()}_{index}": element for index, element in enumerate(simulation.elements)}
     return found | {sensor.name: sensor for sensor in simulation.sensors}
+
+
+def _series(task: Task[Any], loop: TaskLoop) -> dict[str, Callable[[int], float]]:
+    """Rewards, observations that are rows of numbers, and joints, of one world."""
+
+    def reward(name: str) -> Callable[[int], float]:
+        return lambda world: float(loop.rewards[name][world]) if name in loop.rewards else 0.0
+
+    def observation(group: str, index: int) -> Callable[[int], float]:
+        return lambda world: float(loop.observations()[group][world, index])
+
+    found = {f"reward {name}": reward(name) for name in task.reward_terms}
+    found["reward"] = lambda world: float(sum(terms[world] for terms in loop.rewards.values()))
+    named = getattr(task, "observation_names", {})
+    for group, shape in task.observation_shapes.items():
+        if len(shape) == 1 and shape[0] <= MOST_OBSERVED:
+            names = named.get(group) or [str(index) for index in range(shape[0])]
+            found |= {f"{group} {name}": observation(group, index) for index, name in enumerate(names)}
+    return found | joint_series(task.simulation)
 
 
 def _host(tensor: torch.Tensor) -> Floats:

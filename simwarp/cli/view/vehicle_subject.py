@@ -16,6 +16,8 @@ from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.tires.tires import ground
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
 from simwarp.viewer.default_appearance import paint
+from simwarp.viewer.live.controls.joint_channels import joint_series
+from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.subject import Mask, Subject
 from simwarp.viewer.studio import Shot
 
@@ -44,7 +46,7 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     )
     vehicle = Vehicle(parts, model, ground=ground(model.device))
     vehicle.tires.ground_friction.fill_(FRICTION)
-    simulation = Simulation(model, DT, elements=[vehicle], solver=VEHICLE_SOLVER)
+    simulation = Simulation(model, DT, elements=[vehicle, *with_hand(model)], solver=VEHICLE_SOLVER)
     steps = round(CONTROL / DT)
 
     def reset(mask: Mask | None) -> None:
@@ -54,7 +56,7 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     elements: dict[str, Any] = {"vehicle": vehicle}
     return Subject(
         spec.name, simulation, visuals.finalize(model), steps * DT, lambda: simulation.advance(steps), reset, shot,
-        elements=elements,
+        elements=elements, series=joint_series(simulation),
     )  # fmt: skip
 
 

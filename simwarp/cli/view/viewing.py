@@ -12,6 +12,7 @@ from simwarp.cli import DONE, HELP, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_path, task_options
 from simwarp.tasks import make, resolve_device, task_class, task_names
 from simwarp.viewer.live.drive_panel import DrivePanel
+from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.human_driver import Keys
 from simwarp.viewer.live.live_view import LiveView
 
@@ -102,8 +103,9 @@ def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
     _check_record(options.record_trajectories)
     _say(options, f"building worlds of '{name}' ...")
     task = make(
-        name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=options.task
-    )
+        name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=options.task,
+        elements=with_hand,
+    )  # fmt: skip
     subject, loop = task_subject(task, actor.policy(task), options.seed)
     human = HumanInTask(loop, options.seed)
     subject.details[WHEEL] = human.wheel()

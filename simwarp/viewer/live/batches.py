@@ -9,6 +9,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.interop import to_torch
 from simwarp.core.types import ShapeType
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
@@ -266,23 +267,19 @@ def mean_color(texture: Any) -> Array:
 
 def body_positions(state: State, worlds: Ints) -> Array:
     """(S, B, 3) centres of mass in these worlds [m]."""
-    return _taken(state.body_x, worlds)
+    return rows_on_host(state.body_x, worlds)
 
 
 def body_rotations(state: State, worlds: Ints) -> Array:
     """(S, B, 4) orientations of the bodies in these worlds, xyzw."""
-    return _taken(state.body_rot, worlds)
+    return rows_on_host(state.body_rot, worlds)
 
 
-def _taken(array: Any, worlds: Ints) -> Array:
+def rows_on_host(array: Any, worlds: Ints) -> Array:
     """Rows of an array of all worlds; from a GPU only those are copied."""
     if array.device.is_cpu:
         return np.asarray(array.numpy()[worlds], np.float64)
-    import torch
-    import warp as wp
-
-    rows = torch.as_tensor(worlds, device=str(array.device))
-    return np.asarray(wp.to_torch(array)[rows].cpu().numpy(), np.float64)
+    return np.asarray(to_torch(array)[worlds.tolist()].cpu().numpy(), np.float64)
 
 
 def turned(q: Array, v: Array) -> Array:

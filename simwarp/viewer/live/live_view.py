@@ -1,11 +1,10 @@
-"""A page beside a running simulation: `LiveView.step()` in a loop of one's own, or `show` with ours."""
+"""A page beside a running simulation: `LiveView.step()` in a loop of one's own; `panels.show` has one."""
 
 from __future__ import annotations
 
 import queue
 import sys
 import time
-import webbrowser
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
@@ -193,48 +192,24 @@ class LiveView:
         if now >= self._next_scenery:
             self._next_scenery = now + 1.0 / SCENERY
             self.page.refresh_scenery()
-        self.page.frame()
+        with self.server.viser.atomic():
+            self.page.frame()
+            self._each(self.page.overlays, lambda draw: draw())
         for recorder in self.recorders:
             recorder()
         if now >= self._next_panels:
             self._next_panels = now + 1.0 / PANELS
-            for panel in self.panels:
-                panel.refresh(now)
+            self._each(self.panels, lambda panel: panel.refresh(now))
 
-
-def show(
-    simulation: Simulation | Subject, *, scene: Scene | None = None, worlds: int | Sequence[int] = 16,
-    layout: Layout | str | None = None, port: int = 8080, open_browser: bool = True, seconds: float | None = None,
-) -> LiveView:  # fmt: skip
-    """Opens a page on a simulation and runs it at real time until Ctrl-C.
-
-    Args:
-        simulation: also a `Subject`.
-        scene: what is seen; its shapes when None.
-        worlds: how many are shown, or which.
-        layout: "grid", "overlay" or "one".
-        port: of the page; the next free one is taken.
-        open_browser: whether a browser is opened.
-        seconds: ends after that much time by the clock.
-
-    Returns:
-        The view, with its server closed.
-    """
-    from simwarp.viewer.live.panels import add_panels
-
-    view = LiveView(simulation, scene=scene, worlds=worlds, layout=layout, port=port)
-    add_panels(view)
-    print(f"view  {view.url}", flush=True)
-    if open_browser:
-        webbrowser.open(view.url)
-    end = None if seconds is None else time.perf_counter() + seconds
-    try:
-        view.run(None if end is None else lambda: time.perf_counter() >= end)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        view.stop()
-    return view
+    def _each(self, parts: list[Any], act: Callable[[Any], None]) -> None:
+        """Does something with parts of the page; one that fails is told of and left out from then on."""
+        for part in tuple(parts):
+            try:
+                act(part)
+            except Exception as error:  # noqa: BLE001  a read-out must not end a simulation
+                if part in parts:
+                    parts.remove(part)
+                self.tell(error)
 
 
 def _worlds(worlds: int | Sequence[int], count: int) -> list[int]:

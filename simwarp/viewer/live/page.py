@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import WORLD
+from simwarp.sensors.scene import Scene
 from simwarp.viewer.live.batches import Batch, Batches, body_positions, turned
 from simwarp.viewer.live.layouts import Layout, offsets
 from simwarp.viewer.live.subject import Subject
@@ -46,6 +47,13 @@ class Page:
         self.server, self.subject, self.layout = server, subject, layout
         self.scene: Any = server.viser.scene
         self.worlds = np.asarray(worlds, np.int64)
+        self.seen = subject.scene
+        """The scene whose instances are shown."""
+        self.overlays: list[Callable[[], None]] = []
+        """Called with every frame, to draw what lies over the scene."""
+        self.on_instances: list[Callable[[Batch, Any], None]] = []
+        """Called with every batch of moving instances that is sent anew, and its handle."""
+        self.paths_shown = True
         self.following = False
         self.turning: Callable[[], float] | None = None
         """Returns the heading that is ahead on the page while something is followed [rad]; None: +X is."""
@@ -103,6 +111,26 @@ class Page:
         self.worlds = np.asarray(worlds, np.int64)
         self.chosen = min(self.chosen, len(self.worlds) - 1)
         self.arrange(self.layout)
+
+    def show_scene(self, scene: Scene) -> None:
+        """Another scene of the same model, such as its collision shapes."""
+        self.seen = scene
+        self.batches = self._batches()
+        self._sent = -1
+
+    @property
+    def shifts(self) -> Array:
+        """(S, 3) from the coordinates of the shown worlds to those of `ROOT` [m]."""
+        return self.offsets - self._origin
+
+    def node(self, batch: Batch) -> str:
+        """Name of a batch in the page's tree."""
+        return f"{MOVING if batch.moving else ROOT + '/fixed'}/{_word(batch.key)}"
+
+    def in_world(self, place: Any, row: int) -> Array:
+        """A place of the page in coordinates of a shown world [m]."""
+        back = self._turn * (-1.0, -1.0, -1.0, 1.0)
+        return np.asarray(turned(back, np.asarray(place, np.float64) - self._shift) - self.shifts[row])
 
     def refresh(self) -> None:
         """Reads the scenery again, and sends what has changed of it."""
@@ -207,7 +235,7 @@ class Page:
 
     def _batches(self) -> Batches:
         scenery = self.chosen if self.layout is Layout.OVERLAY else None
-        return Batches(self.subject.scene, self.worlds.tolist(), scenery)
+        return Batches(self.seen, self.worlds.tolist(), scenery)
 
     def _body(self) -> int:
         shot, model = self.subject.shot or Shot(), self.subject.simulation.model
@@ -220,7 +248,9 @@ class Page:
         for key in [key for key in self._handles if key not in wanted]:
             self._handles.pop(key).remove()
         for batch in self.batches.batches:
-            self._handles[batch.key] = self._add(batch, places, wxyz)
+            handle = self._handles[batch.key] = self._add(batch, places, wxyz)
+            for told in self.on_instances if batch.moving else ():
+                told(batch, handle)
         for handle in self._grounds:
             handle.remove()
         self._grounds = [self._add_ground(index) for index in range(len(self.batches.grounds))]
@@ -232,7 +262,7 @@ class Page:
             "batched_wxyzs": wxyz[batch.rows, batch.instances].astype(np.float32),
             "batched_scales": batch.scales.astype(np.float32), "lod": "off",
         }  # fmt: skip
-        name = f"{MOVING if batch.moving else ROOT + '/fixed'}/{_word(batch.key)}"
+        name = self.node(batch)
         if batch.mesh.color is not None:
             from simwarp.geometry.mesh_files import painted_mesh
 
@@ -261,7 +291,7 @@ class Page:
     def _draw_paths(self) -> None:
         if self.subject.paths is None:
             return
-        paths = list(self.subject.paths())
+        paths = list(self.subject.paths()) if self.paths_shown else []
         while len(self._lines) > len(paths):
             self._lines.pop().remove()
         for index, path in enumerate(paths):
@@ -272,12 +302,9 @@ class Page:
                     self._lines[index].points = segments
                 continue
             handle = self.scene.add_line_segments(
-                f"{ROOT}/paths/{index}",
-                points=segments,
-                colors=path.color,
-                thickness=path.width,
+                f"{ROOT}/paths/{index}", points=segments, colors=path.color, thickness=path.width,
                 thickness_units="screen",
-            )
+            )  # fmt: skip
             self._lines[index : index + 1] = [handle]
 
 

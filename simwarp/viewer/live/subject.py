@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.viewer.live.controls.joint_channels import joint_series
+
 if TYPE_CHECKING:
     from simwarp.model.builder import ModelBuilder
     from simwarp.sensors.scene import Scene
@@ -110,4 +112,6 @@ def subject_of(simulation: Simulation, scene: Scene | None = None, *, name: str 
     def reset(mask: Mask | None) -> None:
         simulation.reset(mask)
 
-    return Subject(name, simulation, scene, simulation.dt, simulation.step, reset)
+    return Subject(
+        name, simulation, scene, simulation.dt, simulation.step, reset, series=joint_series(simulation)
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Panels of a page, and what they are made of."""

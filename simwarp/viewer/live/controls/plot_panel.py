@@ -1,0 +1,63 @@
+"""Lines of what the subject names: rewards, observations, joints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from simwarp.viewer.live.controls.charts import MOST_LINES, Chart
+from simwarp.viewer.live.controls.joint_channels import of_world
+
+if TYPE_CHECKING:
+    from simwarp.viewer.live.live_view import LiveView
+
+
+class PlotPanel:
+    """Up to eight lines of the chosen world; only those that are chosen are read."""
+
+    def __init__(self, view: LiveView) -> None:
+        self._view = view
+        self._lines: list[str] = []
+        self._chart: Chart | None = None
+        self._world = -1
+        gui = view.server.viser.gui
+        self._folder = gui.add_folder("Plots", expand_by_default=False)
+        with self._folder:
+            self._choice = gui.add_dropdown("Series", tuple(view.subject.series))
+            buttons = gui.add_button_group("Line", ("add", "remove", "clear"))
+
+        @buttons.on_click
+        def _(event: Any) -> None:
+            what, name = str(event.target.value), str(self._choice.value)
+            view.post(lambda: self.change(what, name))
+
+    def change(self, what: str, name: str) -> None:
+        """Adds a line, removes it, or removes all."""
+        lines = self._lines
+        if what == "clear":
+            lines = []
+        elif what == "remove":
+            lines = [each for each in lines if each != name]
+        elif name not in lines and len(lines) < MOST_LINES:
+            lines = [*lines, name]
+        if lines == self._lines:
+            return
+        self._lines = lines
+        if self._chart is not None:
+            self._chart.remove()
+            self._chart = None
+        if lines:
+            with self._folder:
+                self._chart = Chart(self._view, lines)
+
+    def refresh(self, now: float) -> None:
+        """One more point."""
+        if self._chart is None:
+            return
+        view = self._view
+        world = int(view.page.worlds[view.page.chosen])
+        if world != self._world:
+            self._world = world
+            self._chart.clear()
+        series = view.subject.series
+        time = float(of_world(view.subject.simulation.state.world_time, world))
+        self._chart.add(time, [series[name](world) for name in self._lines])
