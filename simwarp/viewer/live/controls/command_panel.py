@@ -72,8 +72,7 @@ class CommandPanel:
             for component, value in given.items():
                 values[component] = value
             self._sliders.show(values)
-            policy: Any = self._policy
-            policy.value = not given
+            self._tick()
 
     def act(self, component: int, value: float) -> None:
         """Takes an action of the chosen world over."""
@@ -81,12 +80,14 @@ class CommandPanel:
         assert actions is not None
         self._given.setdefault(self.world, {})[component] = value
         actions.take_over(self.world, component, value)
+        self._tick()
 
     def give_back(self) -> None:
         """All actions of the chosen world are the policy's again."""
         assert self._actions is not None
         for component in self._given.pop(self.world, {}):
             self._actions.take_over(self.world, component, None)
+        self._tick()
 
     def take_all(self) -> None:
         """The chosen world's actions stay as they are until they are moved."""
@@ -102,6 +103,10 @@ class CommandPanel:
     def ask(self, index: int, value: float) -> None:
         """Commands a task's number in the chosen world."""
         list(self._commands.values())[index].values[self.world] = value
+
+    def _tick(self) -> None:
+        policy: Any = self._policy
+        policy.value = not self._given.get(self.world)
 
     def _switched(self, event: Any) -> None:
         if event.client is not None:
