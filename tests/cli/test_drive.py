@@ -237,3 +237,20 @@ def test_list_has_the_vehicles_with_their_options(capfd):
     assert {"hmmwv", "hmmwv-reduced", "gator", "artcar", "sedan"} <= set(entries)
     assert "pacejka2002" in entries["hmmwv"]
     assert np.all([len(line) > 20 for line in entries.values()])
+
+
+def test_a_manoeuvre_in_a_page_is_the_same_manoeuvre(drive, tmp_path):
+    pytest.importorskip("viser")
+    common = ["gator", "--maneuver", "constant-radius", "--duration", "0.5"]
+    assert drive(*common, "--csv", "plain.csv")[0] == 0
+    code, out, err = drive(*common, "--csv", "shown.csv", "--view", "--no-open", "--port", "0")
+    assert (code, err) == (0, "")
+    assert "view  http://127.0.0.1:" in out
+    assert (tmp_path / "plain.csv").read_bytes() == (tmp_path / "shown.csv").read_bytes()
+
+
+def test_a_manoeuvre_in_a_page_has_rows(drive):
+    pytest.importorskip("viser")
+    code, _, err = drive("gator", "--dt", "0.003", "--view", "--no-open")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--view shows a row every 10 ms, got --dt 0.003; take 0.001" in err

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("viser")
 
 from simwarp import cli
+from simwarp.tasks import replace_fields, task_class
 from simwarp.train.algorithm.trajectories import load_trajectories
 from simwarp.viewer.live.live_view import LiveView
 from tests.unit.viewer.live.driving_page import DrivingPage
@@ -114,6 +115,37 @@ def test_what_nobody_can_drive(view, arguments, message):
     assert code == 2
     assert message in err
     assert err.count("\n") == 1
+
+
+def test_a_person_drives_one_world_and_no_bit_of_another():
+    from simwarp.cli.view.human_in_task import HumanInTask
+    from simwarp.cli.view.task_subject import task_subject
+    from simwarp.tasks import make
+    from simwarp.train.networks.policies import zero_policy
+    from simwarp.viewer.live.human_driver import Inputs
+
+    config = replace_fields(task_class("off-road").config_type(), {"obs": "state"})
+    ends = []
+    for person in (False, True):
+        task = make("off-road", 3, device="cpu", seed=3, config=config)
+        subject, loop = task_subject(task, zero_policy(task), 3)
+        human = HumanInTask(loop, 3)
+        for step in range(20):
+            if person:
+                human.give(1, Inputs(steering=0.5, throttle=1.0, braking=0.25))
+                if step == 0:
+                    subject.advance()
+                    assert loop.actions[1].tolist() == [0.5, 0.75]
+                    assert not loop.actions[[0, 2]].any()
+                    continue
+            subject.advance()
+        ends.append(task.simulation.state.body_x.numpy().copy())
+        human.leave(1)
+        subject.advance()
+        assert not loop.actions.any()
+    plain, driven = ends
+    assert np.array_equal(plain[[0, 2]], driven[[0, 2]])
+    assert np.abs(plain[1] - driven[1]).max() > 0.5
 
 
 @pytest.mark.slow
