@@ -264,6 +264,11 @@ def body_positions(state: State, worlds: Ints) -> Array:
     return _taken(state.body_x, worlds)
 
 
+def body_velocities(state: State, worlds: Ints) -> Array:
+    """(S, B, 3) velocities of the centres of mass in these worlds [m/s]."""
+    return _taken(state.body_v, worlds)
+
+
 def body_rotations(state: State, worlds: Ints) -> Array:
     """(S, B, 4) orientations of the bodies in these worlds, xyzw."""
     return _taken(state.body_rot, worlds)

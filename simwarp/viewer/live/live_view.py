@@ -35,6 +35,19 @@ class Panel(Protocol):
         """Brings its read-outs up to date, in the stepping thread, while somebody looks."""
 
 
+class FrameTaker(Protocol):
+    """Takes what the page sends, looked at or not."""
+
+    def due(self) -> bool:
+        """Whether it wants a frame now; asked after every step."""
+
+    def take(self) -> None:
+        """To be called before the page sends a frame."""
+
+    def finish(self) -> object:
+        """To be called before the server closes."""
+
+
 class LiveView:
     """A page that shows a subject as it moves.
 
@@ -50,6 +63,7 @@ class LiveView:
         page: the scene.
         server: the server.
         panels: refreshed while somebody looks.
+        recorders: take the page's frames, looked at or not.
         paused: whether the loop of `run` rests.
         speed: of `run`, times real time; 0: as fast as it goes.
 
@@ -85,8 +99,7 @@ class LiveView:
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._next_frame = self._next_panels = self._next_scenery = 0.0
         self._clients = self.server.viser._connected_clients
-        self.recorders: list[Callable[[], None]] = []
-        """Called with every frame, looked at or not."""
+        self.recorders: list[FrameTaker] = []
 
     @property
     def url(self) -> str:
@@ -103,8 +116,10 @@ class LiveView:
             return
         self.obey()
         now = time.perf_counter()
-        if now >= self._next_frame:
+        seen = bool(self._clients) and now >= self._next_frame
+        if seen:
             self._next_frame = max(self._next_frame + 1.0 / FRAMES, now)
+        if seen or any(recorder.due() for recorder in self.recorders):
             self._draw(now)
 
     def obey(self) -> None:
@@ -165,23 +180,27 @@ class LiveView:
                 self.last_failed = int(ended[0])
 
     def stop(self) -> None:
-        """Ends the loop and closes the server."""
+        """Ends the loop and all recordings, and closes the server."""
         self.stopped = True
-        self.server.stop()
+        try:
+            for recorder in list(self.recorders):
+                recorder.finish()
+        finally:
+            self.server.stop()
 
     def _idle(self) -> None:
         time.sleep(1.0 / FRAMES)
-        if self._clients or self.recorders:
+        if self._clients:
             self._draw(time.perf_counter())
 
     def _draw(self, now: float) -> None:
         if now >= self._next_scenery:
             self._next_scenery = now + 1.0 / SCENERY
             self.page.refresh_scenery()
+        for recorder in list(self.recorders):
+            recorder.take()
         self.page.frame()
-        for recorder in self.recorders:
-            recorder()
-        if now >= self._next_panels:
+        if self._clients and now >= self._next_panels:
             self._next_panels = now + 1.0 / PANELS
             for panel in self.panels:
                 panel.refresh(now)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import WORLD
-from simwarp.viewer.live.batches import Batch, Batches, body_positions
+from simwarp.viewer.live.batches import Batch, Batches, body_positions, body_velocities
 from simwarp.viewer.live.layouts import Layout, offsets
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.triangles import srgb_bytes
@@ -43,6 +43,8 @@ class Page:
         self.worlds = np.asarray(worlds, np.int64)
         self.batches = Batches(subject.scene, worlds)
         self.following = False
+        self.recorded = 0
+        """Recordings that run: poses are rounded for them, since numbers that are alike make small files."""
         self.chosen = 0
         """Row of the world that the camera and single panels are about."""
         self._handles: dict[Any, Any] = {}
@@ -110,6 +112,8 @@ class Page:
         places, turns = self.batches.poses(state)
         places = places + (self.offsets - self._origin)[:, None]
         wxyz = turns[..., [3, 0, 1, 2]]
+        if self.recorded:
+            places, wxyz = np.round(places, 4), np.round(wxyz, 4)
         with self.server.viser.atomic():
             if self._sent != self.batches.revision:
                 self._send_all(places, wxyz)
@@ -125,12 +129,20 @@ class Page:
 
     def followed(self) -> Array:
         """Place of the body that the camera goes with, in the scene [m]."""
-        body = self._body()
+        body = self.body()
         if body == WORLD:
             return np.zeros(3)
         world = self.worlds[self.chosen : self.chosen + 1]
         place = body_positions(self.subject.simulation.state, world)[0, body]
         return np.asarray(place + self.offsets[self.chosen] - self._origin)
+
+    def velocity(self) -> Array:
+        """Velocity of the body that the camera goes with [m/s]."""
+        body = self.body()
+        if body == WORLD:
+            return np.zeros(3)
+        world = self.worlds[self.chosen : self.chosen + 1]
+        return np.asarray(body_velocities(self.subject.simulation.state, world)[0, body])
 
     def follow(self, on: bool) -> None:
         """Moves the scene under the camera, or lets it rest."""
@@ -156,7 +168,8 @@ class Page:
         camera.near, camera.far = 0.01 if size < 5.0 else 0.05, 4000.0
         self._sun.position = tuple(target + np.array([-0.4, -0.5, 1.0]) * max(size, 5.0))
 
-    def _body(self) -> int:
+    def body(self) -> int:
+        """Index of the body that the camera goes with; `WORLD`: none."""
         shot, model = self.subject.shot or Shot(), self.subject.simulation.model
         if isinstance(shot.body, str):
             return model.body_names.index(shot.body)
