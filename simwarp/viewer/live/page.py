@@ -23,6 +23,9 @@ ROOT: Final = "/world"
 SKY: Final = ((150, 186, 226), (232, 239, 246))
 """Colours of the sky: above, and at the horizon."""
 NIGHT: Final = ((18, 22, 30), (52, 60, 72))
+GRAIN: Final = 2.0**14
+"""Steps per metre, and of quaternions, that recorded poses are rounded to: 0.06 mm. As powers of two they are short in
+binary too: files are a tenth smaller than with 0.1 mm."""
 FAR: Final = 400.0
 """Half side of a ground [m]."""
 
@@ -113,7 +116,7 @@ class Page:
         places = places + (self.offsets - self._origin)[:, None]
         wxyz = turns[..., [3, 0, 1, 2]]
         if self.recorded:
-            places, wxyz = np.round(places, 4), np.round(wxyz, 4)
+            places, wxyz = np.round(places * GRAIN) / GRAIN, np.round(wxyz * GRAIN) / GRAIN
         with self.server.viser.atomic():
             if self._sent != self.batches.revision:
                 self._send_all(places, wxyz)
