@@ -47,6 +47,9 @@ class FrameTaker(Protocol):
     def finish(self) -> object:
         """To be called before the server closes."""
 
+    def drop(self) -> None:
+        """Ends without a result."""
+
 
 class LiveView:
     """A page that shows a subject as it moves.

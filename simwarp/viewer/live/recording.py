@@ -127,18 +127,28 @@ class Recorder:
             self._passing = True
             self._move_on()
             page.frame()
-        if self in self.view.recorders:
-            self.view.recorders.remove(self)
-        page.recorded -= 1
         self._serializer.insert_sleep(1.0 / RATE)  # the last frame is seen too
         if self.path.suffix.lower() == ".viser":
             content: bytes | str = self._serializer.serialize()
         else:
             content = _titled(self._serializer.as_html(), self.view.subject.name)
-        self._label.remove()
         self.written = True
+        self._end()
         write_file(self.path, content)
         return self.path
+
+    def drop(self) -> None:
+        """Ends the recording without a file."""
+        if not self.written:
+            self.written = True
+            self._serializer.serialize()
+            self._end()
+
+    def _end(self) -> None:
+        if self in self.view.recorders:
+            self.view.recorders.remove(self)
+        self.view.page.recorded -= 1
+        self._label.remove()
 
     def _move_on(self) -> None:
         now = self._now()
