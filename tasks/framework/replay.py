@@ -56,6 +56,50 @@ class ReplayReport:
     problems: list[str]
 
 
+class Rerun:
+    """The recorded steps of a dump, to be taken again in a simulation of its world alone.
+
+    Args:
+        path: of the dump.
+        device: canonical device name.
+
+    Attributes:
+        task: of one world.
+        about: facts of the dump.
+        actions: (steps, A) recorded.
+        joint_q, joint_qd: (steps, dofs) recorded.
+
+    Raises:
+        FileError: there is no such file, or it is damaged.
+        InputError: it is no such dump, or its task is not installed.
+    """
+
+    def __init__(self, path: str | Path, *, device: str = "cpu") -> None:
+        path = Path(path)
+        self._arrays, self.about = _read(path)
+        self._where = f"'{path}'"
+        self.task = _task_of(self.about, device, self._where)
+        _check_columns(self.task, self._arrays, self.about, self._where)
+        count = self.about.replay_steps
+        columns = (self._arrays[name][-count:] for name in ("actions", "joint_q", "joint_qd"))
+        self.actions, self.joint_q, self.joint_qd = columns
+        self._begin()
+
+    def restart(self) -> None:
+        """Begin again at the first recorded step."""
+        _start_episode(self.task, self.about)
+        self._begin()
+
+    def advance(self, step: int) -> bool:
+        """Take a recorded step; True if the physics has broken down."""
+        self.task.advance(torch.as_tensor(self.actions[step : step + 1], device=self.task.device))
+        return bool(self.task.views.broken()[0])
+
+    def _begin(self) -> None:
+        if not self.about.from_reset:
+            _restore(self.task, self._arrays, self.about, self._where)
+
+
 def replay(path: str | Path, *, device: str = "cpu") -> ReplayReport:
     """Repeat the recorded steps of a dump that the guard of a task wrote.
 
@@ -63,24 +107,19 @@ def replay(path: str | Path, *, device: str = "cpu") -> ReplayReport:
         FileError: there is no such file, or it is damaged.
         InputError: it is no such dump, or its task is not installed.
     """
-    path = Path(path)
-    arrays, about = _read(path)
-    where = f"'{path}'"
-    task = _task_of(about, device, where)
-    _check_columns(task, arrays, about, where)
-    if not about.from_reset:
-        _restore(task, arrays, about, where)
-    count = about.replay_steps
-    actions, recorded_q, recorded_qd = (arrays[name][-count:] for name in ("actions", "joint_q", "joint_qd"))
+    rerun = Rerun(path, device=device)
+    task, about, count = rerun.task, rerun.about, rerun.about.replay_steps
     difference, broke_at = 0.0, None
     for step in range(count):
-        task.advance(torch.as_tensor(actions[step : step + 1], device=task.device))
-        if bool(task.views.broken()[0]):
+        if rerun.advance(step):
             broke_at = step + 1
             break
         if step + 1 < count:
             q, qd = task.views.joint_q[0].cpu().numpy(), task.views.joint_qd[0].cpu().numpy()
-            gaps = [np.abs(q - recorded_q[step]).max(initial=0.0), np.abs(qd - recorded_qd[step]).max(initial=0.0)]
+            gaps = [
+                np.abs(q - rerun.joint_q[step]).max(initial=0.0),
+                np.abs(qd - rerun.joint_qd[step]).max(initial=0.0),
+            ]
             difference = max(difference, *(float(gap) for gap in gaps))
     return ReplayReport(
         task=about.task,
@@ -93,8 +132,8 @@ def replay(path: str | Path, *, device: str = "cpu") -> ReplayReport:
         reproduced=broke_at == count,
         broke_at=broke_at,
         largest_difference=difference,
-        largest_rate=float(np.abs(recorded_qd[:-1]).max(initial=0.0)),
-        largest_action=float(np.abs(actions).max(initial=0.0)),
+        largest_rate=float(np.abs(rerun.joint_qd[:-1]).max(initial=0.0)),
+        largest_action=float(np.abs(rerun.actions).max(initial=0.0)),
         problems=task.simulation.problems(),
     )
 
@@ -118,10 +157,14 @@ def _task_of(about: DumpAbout, device: str, where: str) -> Task[Any]:
     config = config_from_plain(cls.config_type, {**about.config, "guard_steps": 0}, f"dump {where}: config")
     task = make(about.task, 1, device=device, seed=about.seed, config=config, first_world=about.world)
     task.iteration = about.iteration
+    _start_episode(task, about)
+    return task
+
+
+def _start_episode(task: Task[Any], about: DumpAbout) -> None:
     task.level.fill_(about.level)
     task.episode_index.fill_(about.episode - 1)
     task.restart()
-    return task
 
 
 def _check_columns(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str) -> None:

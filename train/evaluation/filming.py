@@ -43,7 +43,7 @@ class Film:
         pixels = (_VIDEO_PIXELS if video else _PICTURE_PIXELS) / panels
         width = 2 * round(0.5 * min(640.0, max(96.0, math.sqrt(1.5 * pixels))))
         scene = task.scene()
-        simulation, scene, shot = _stage(task) if scene is None else (task.simulation, scene, task.shot())
+        simulation, scene, shot = stage(task) if scene is None else (task.simulation, scene, task.shot())
         self._studio = FollowCamera(
             simulation, scene, shot, worlds=range(task.num_worlds),
             width=width, height=2 * round(width / 3.0), samples=2 if video else 3, lighting=task.lighting(),
@@ -62,7 +62,7 @@ class Film:
         return self._studio.take(time, list(zip(*lines, strict=True)))
 
 
-def _stage(task: Task[Any]) -> tuple[Simulation, Scene, Shot]:
+def stage(task: Task[Any]) -> tuple[Simulation, Scene, Shot]:
     """Bare ground for a task of lines without bodies, and a look at it from above."""
     drawing = task.drawing()
     if not drawing.lines:

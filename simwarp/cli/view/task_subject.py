@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from matplotlib.colors import to_rgb
 
-from simwarp.cli import UsageError
 from simwarp.tasks import Task
+from simwarp.train.evaluation.filming import stage
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
 
@@ -19,7 +19,7 @@ class TaskLoop:
     """Steps of a task under a policy, as `simwarp play` takes them: the same seed gives the same worlds.
 
     Args:
-        task: with physics.
+        task: that is stepped.
         policy: that acts.
         seed: of the worlds.
 
@@ -31,8 +31,6 @@ class TaskLoop:
     """
 
     def __init__(self, task: Task[Any], policy: Policy, seed: int) -> None:
-        if task.simulation is None:
-            raise UsageError(f"task '{task.name}' has no physics to look at; see `simwarp play {task.name}`")
         self.task, self.policy = task, policy
         task.keep_final_observations = False
         self._observations = task.restart(seed=seed)
@@ -91,24 +89,26 @@ def task_subject(task: Task[Any], policy: Policy, seed: int) -> tuple[Subject, T
     """A task as a subject, and the loop that moves it.
 
     Raises:
-        UsageError: it has no physics.
+        InputError: it has neither bodies nor a drawing.
     """
     loop = TaskLoop(task, policy, seed)
     scene = task.scene()
+    simulation, shot = task.simulation, task.shot()
     if scene is None:
-        raise UsageError(f"task '{task.name}' has no bodies to look at; see `simwarp play {task.name}`")
+        simulation, scene, shot = stage(task)
     size = task.action_size
     names = tuple(getattr(task, "action_names", None) or (f"action {index}" for index in range(size)))
     actions = Actions(names, -np.ones(size), np.ones(size), lambda: _host(loop.actions), loop.take_over)
     subject = Subject(
-        task.name, task.simulation, scene, float(task.config.control_dt), loop.advance, loop.reset, task.shot(),
-        paths=lambda: _paths(task), trail=lambda: _trail(task), actions=actions, returns=lambda: _host(loop.returns),
+        task.name, simulation, scene, float(task.config.control_dt), loop.advance, loop.reset, shot,
+        paths=lambda: lines_of(task), trail=lambda: _trail(task), actions=actions, returns=lambda: _host(loop.returns),
         ended=lambda: np.asarray(_host(loop.ended), bool), elements=_elements(task),
     )  # fmt: skip
     return subject, loop
 
 
-def _paths(task: Task[Any]) -> list[Path]:
+def lines_of(task: Task[Any]) -> list[Path]:
+    """Lines of a task's drawing."""
     return [Path(_host(line.points), _bytes(line.colour), max(1.0, line.width)) for line in task.drawing().lines]
 
 
@@ -125,8 +125,10 @@ def _trail(task: Task[Any]) -> Floats:
 def _elements(task: Task[Any]) -> dict[str, Any]:
     """Force elements and sensors by name."""
     simulation = task.simulation
+    if simulation is None:
+        return {}
     found = {f"{type(element).__name__.lower()}_{index}": element for index, element in enumerate(simulation.elements)}
-    return found | dict(simulation.sensors)
+    return found | {sensor.name: sensor for sensor in simulation.sensors}
 
 
 def _host(tensor: torch.Tensor) -> Floats:

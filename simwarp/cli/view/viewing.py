@@ -107,7 +107,9 @@ def _plain_view(kind: str, name: str, options: ViewOptions) -> LiveView:
     if kind == "scene":
         return _view(targets.scene_subject(name, options.worlds or 16, options.device), options)
     if kind == "dump":
-        raise UsageError(f"'{name}': dumps are not shown yet; simwarp replay tells about them")
+        from simwarp.cli.view.dump_subject import dump_subject
+
+        return _view(dump_subject(name, resolve_device(options.device)), options)
     subject = targets.model_subject(name, options.worlds or 1, options.device, base=options.base, allow=options.allow)
     return _view(subject, options)
 

@@ -63,6 +63,7 @@ class Batches:
     Args:
         scene: its instances.
         worlds: indices of the shown worlds.
+        scenery: row of the one world whose fixed things are shown; None: those of all.
 
     Attributes:
         batches: as of the last `read_scenery`.
@@ -70,8 +71,9 @@ class Batches:
         revision: counts the times that the batches changed.
     """
 
-    def __init__(self, scene: Scene, worlds: Sequence[int]) -> None:
+    def __init__(self, scene: Scene, worlds: Sequence[int], scenery: int | None = None) -> None:
         self.scene, self.worlds = scene, np.asarray(worlds, np.int64)
+        self._scenery = scenery
         self.batches: list[Batch] = []
         self.grounds: list[Ground] = []
         self.revision = 0
@@ -199,14 +201,17 @@ class Batches:
         for instance, kind in enumerate(self._kinds):
             if kind in GROUNDS:
                 continue
+            rows: Sequence[int] = range(len(self.worlds))
+            if self._scenery is not None and self.scene.body[instance] < 0:
+                rows = (self._scenery,)
             alike = kind not in (ShapeType.CAPSULE, *_ASSETS) or (
                 np.ptp(self._asset[:, instance]) == 0 and np.ptp(self._size[:, instance], axis=0).max() == 0.0
                 and np.ptp(self._color[:, instance], axis=0).max() == 0.0
             )  # fmt: skip
             if alike:
-                groups.setdefault(self._key(0, instance), []).extend((row, instance) for row in range(len(self.worlds)))
+                groups.setdefault(self._key(0, instance), []).extend((row, instance) for row in rows)
             else:
-                for row in range(len(self.worlds)):
+                for row in rows:
                     groups.setdefault(self._key(row, instance), []).append((row, instance))
         return [self._batch(key, np.array(members, np.int64)) for key, members in groups.items()]
 

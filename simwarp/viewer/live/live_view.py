@@ -82,13 +82,15 @@ class LiveView:
         self.subject = subject if isinstance(subject, Subject) else subject_of(subject, scene)
         chosen = _worlds(worlds, self.subject.simulation.model.world_count)
         self.server = open_server(host, port, self.subject.name, sockets)
-        self.page = Page(self.server, self.subject, chosen, Layout.ONE)
-        extent = self.page.batches.extent
-        state = self.subject.simulation.state
-        self.page.arrange(
-            natural_layout(extent(state), extent(state, moving=False)) if layout is None else Layout(layout)
-        )
+        self.page = Page(self.server, self.subject, chosen[:1], Layout.ONE)
+        extent, state = self.page.batches.extent, self.subject.simulation.state
+        natural = natural_layout(extent(state), extent(state, moving=False))
+        chosen_layout = natural if layout is None else Layout(layout)
+        if chosen_layout is not Layout.ONE:
+            self.page.layout = chosen_layout
+            self.page.show_worlds(chosen)
         self.page.aim()
+        self.page.follow(self.page.layout is Layout.ONE)
         self.panels: list[Panel] = []
         self.listeners: list[Command] = []
         """Called after every `advance` of `run`, looked at or not."""

@@ -44,12 +44,12 @@ class Page:
         self.server, self.subject, self.layout = server, subject, layout
         self.scene: Any = server.viser.scene
         self.worlds = np.asarray(worlds, np.int64)
-        self.batches = Batches(subject.scene, worlds)
         self.following = False
         self.recorded = 0
         """Recordings that run: poses are rounded for them, since numbers that are alike make small files."""
         self.chosen = 0
         """Row of the world that the camera and single panels are about."""
+        self.batches = self._batches()
         self._handles: dict[Any, Any] = {}
         self._grounds: list[Any] = []
         self._lines: list[Any] = []
@@ -83,21 +83,20 @@ class Page:
             "/lights/sun", color=(255, 244, 224), intensity=1.6, cast_shadow=True, position=(-6.0, -8.0, 14.0)
         )
 
-    def arrange(self, layout: Layout, rows: Sequence[int] | None = None) -> None:
+    def arrange(self, layout: Layout) -> None:
         """Puts the shown worlds beside each other, upon each other, or shows one."""
         self.layout = layout
+        self.batches = self._batches()
+        self._sent = -1
         state = self.subject.simulation.state
         moving = self.batches.extent(state)
         whole = self.batches.extent(state, moving=False)
         self.offsets = offsets(layout, moving, whole)
-        self.refresh()
 
     def show_worlds(self, worlds: Sequence[int]) -> None:
         """Others of the simulation's worlds instead of those that were shown."""
         self.worlds = np.asarray(worlds, np.int64)
-        self.batches = Batches(self.subject.scene, worlds)
         self.chosen = min(self.chosen, len(self.worlds) - 1)
-        self._sent = -1
         self.arrange(self.layout)
 
     def refresh(self) -> None:
@@ -171,6 +170,10 @@ class Page:
         camera.near, camera.far = 0.01 if size < 5.0 else 0.05, 4000.0
         self._sun.position = tuple(target + np.array([-0.4, -0.5, 1.0]) * max(size, 5.0))
 
+    def _batches(self) -> Batches:
+        scenery = self.chosen if self.layout is Layout.OVERLAY else None
+        return Batches(self.subject.scene, self.worlds.tolist(), scenery)
+
     def body(self) -> int:
         """Index of the body that the camera goes with; `WORLD`: none."""
         shot, model = self.subject.shot or Shot(), self.subject.simulation.model
@@ -235,7 +238,11 @@ class Page:
                     self._lines[index].points = segments
                 continue
             handle = self.scene.add_line_segments(
-                f"{ROOT}/paths/{index}", points=segments, colors=path.color, thickness=path.width
+                f"{ROOT}/paths/{index}",
+                points=segments,
+                colors=path.color,
+                thickness=path.width,
+                thickness_units="screen",
             )
             self._lines[index : index + 1] = [handle]
 

@@ -31,7 +31,9 @@ class RunPanel:
             self._layout = gui.add_dropdown(
                 "Layout", tuple(kind.value for kind in Layout), initial_value=view.page.layout.value
             )
-            self._follow = gui.add_checkbox("Follow", initial_value=False, hint="the scene moves under the camera")
+            self._follow = gui.add_checkbox(
+                "Follow", initial_value=view.page.following, hint="the scene moves under the camera"
+            )
             dark = gui.add_checkbox("Dark", initial_value=False)
 
         @self._pause.on_click

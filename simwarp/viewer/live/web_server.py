@@ -128,7 +128,15 @@ class _Guard:
 
         def serve(handler: SocketHandler, *arguments: Any, process_request: Any = None, **options: Any) -> Any:
             def checked(connection: Any, request: Any) -> Any:
-                return self.refusal(request) or (process_request and process_request(connection, request))
+                refused = self.refusal(request)
+                if refused is not None or process_request is None:
+                    return refused
+                response = process_request(connection, request)
+                if response is not None and not self._local and response.status_code == 200:
+                    # the page's own socket comes without the address's parameters, but with its cookies
+                    cookie = f"{self._cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+                    response.headers["Set-Cookie"] = cookie
+                return response
 
             return plain(self._routed(handler), *arguments, process_request=checked, **options)
 
@@ -143,28 +151,33 @@ class _Guard:
         host = urlsplit("//" + (request.headers.get("Host") or "")).hostname or ""
         if self._local and host not in ("127.0.0.1", "localhost", "::1"):
             return _response(403, "this viewer serves 127.0.0.1 alone; start it with --host for others")
-        if request.headers.get("Upgrade", "").lower() != "websocket":
-            return None
+        if not self._local and not self.admits(request):
+            return _response(403, "the address lacks the token that was printed")
         origin = request.headers.get("Origin")
-        if origin is not None:
+        if origin is not None and request.headers.get("Upgrade", "").lower() == "websocket":
             place = urlsplit(origin)
             if place.scheme not in ("http", "https") or place.netloc != (request.headers.get("Host") or ""):
                 return _response(403, f"origin {origin!r} may not connect")
-        if not self._local and urlsplit(request.path).path not in self._sockets and not self.admits(request):
-            return _response(403, "the address lacks the token that was printed")
         return None
 
-    def admits(self, request: Any) -> bool:
-        """Whether a request has the token: in its path, or in the page's address that its cookie remembers."""
-        given = parse_qs(urlsplit(request.path).query).get(TOKEN, [""])[0]
-        return hmac.compare_digest(given.encode(), self.token.encode())
+    def admits(self, request: Any, *, cookies: bool = True) -> bool:
+        """Whether a request has the token: in its path, or in the cookie that the page was sent with."""
+        given = parse_qs(urlsplit(request.path).query).get(TOKEN, [""])
+        for header in request.headers.get_all("Cookie") if cookies else ():
+            pairs = (pair.strip().partition("=") for pair in header.split(";"))
+            given += [value for name, _, value in pairs if name == self._cookie]
+        return any(hmac.compare_digest(each.encode(), self.token.encode()) for each in given)
+
+    @property
+    def _cookie(self) -> str:
+        return f"simwarp_{self.port}"
 
     def _routed(self, handler: SocketHandler) -> SocketHandler:
         async def route(connection: Any) -> None:
             own = self._sockets.get(urlsplit(connection.request.path).path)
             if own is None:
                 await handler(connection)
-            elif self.admits(connection.request):
+            elif self.admits(connection.request, cookies=False):
                 await own(connection)
             else:
                 await connection.close(1008, "token")
