@@ -30,7 +30,6 @@ class PolicyReload:
     Args:
         folder: the run.
         loop: of the task.
-        post: has a command run between two steps of the loop.
         using: checkpoint that the loop began with; None: another policy.
         on: whether newer ones are taken.
         interval: seconds from look to look.
@@ -43,19 +42,22 @@ class PolicyReload:
     """
 
     def __init__(
-        self, folder: RunFolder, loop: TaskLoop, post: Callable[[Callable[[], None]], None], *,
-        using: Path | None = None, iteration: int | None = None, on: bool = True, interval: float = INTERVAL,
+        self, folder: RunFolder, loop: TaskLoop, *, using: Path | None = None, iteration: int | None = None,
+        on: bool = True, interval: float = INTERVAL,
     ) -> None:  # fmt: skip
         self.name, self.on, self.iteration, self.trouble = str(folder.path), on, iteration, ""
-        self._folder, self._loop, self._post, self._interval = folder, loop, post, interval
+        self._folder, self._loop, self._interval = folder, loop, interval
+        self._post: Callable[[Callable[[], None]], None] = _at_once
         self._seen = None if using is None else _mark(using)
         self._read: tuple[int, int] | None = None
         self._curve = (np.zeros(0), np.zeros(0))
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="policy reload", daemon=True)
+        self._read_curve()
 
-    def start(self) -> None:
-        """Starts the thread."""
+    def start(self, post: Callable[[Callable[[], None]], None]) -> None:
+        """Starts the thread; `post` has a command run between two steps of the loop."""
+        self._post = post
         self._thread.start()
 
     def close(self) -> None:
@@ -123,6 +125,10 @@ class PolicyReload:
                 self.look()
             except Exception as error:  # noqa: BLE001  the page shows it, and the old policy goes on
                 self.trouble = f"{type(error).__name__}: {error}"
+
+
+def _at_once(command: Callable[[], None]) -> None:
+    command()
 
 
 def _mark(path: Path) -> tuple[str, int, int]:

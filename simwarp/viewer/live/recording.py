@@ -69,13 +69,16 @@ class Recorder:
         written: whether it is there.
 
     Raises:
-        ModelError: a file of another kind.
+        ModelError: a file of another kind, or a recording runs.
     """
 
     def __init__(
         self, view: LiveView, path: str | Path, *, largest: int = LARGEST, say: Callable[[str], None] | None = None
     ) -> None:
         check_recording_path(path)
+        other = next((each for each in view.recorders if isinstance(each, Recorder)), None)
+        if other is not None:
+            raise ModelError(f"recording: one runs at a time, and one into '{other.path}' does; end it first")
         self.view, self.path, self.elapsed, self.frames, self.written = view, Path(path), 0.0, 0, False
         self._largest, self._say = largest, say or _say
         self._times, self._next, self._passing = self._now(), 1.0 / RATE, True

@@ -16,8 +16,8 @@ class RecordingPanel:
     """Starts and ends recordings into the working folder, and tells of the one that runs."""
 
     def __init__(self, view: LiveView) -> None:
-        self._view, self._recorder, self._told = view, None, ""
-        self._recorder: Recorder | None
+        self._view, self._told = view, ""
+        self._recorder: Recorder | None = None
         gui: Any = view.server.viser.gui
         with gui.add_folder("Recording", expand_by_default=False):
             self._button = gui.add_button("Record", hint="from now on, into a file that plays in any browser")

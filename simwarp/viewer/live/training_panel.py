@@ -47,7 +47,8 @@ class TrainingPanel:
             reload = gui.add_checkbox("Reload", initial_value=training.on, hint="newer policies of the run act at once")
             iterations, returns = self._points()
             self._plot = gui.add_uplot(
-                (iterations, returns), ({"label": "iteration"}, {"label": "mean return", "stroke": "#d05c20", "width": 2}),
+                (iterations, returns),
+                ({"label": "iteration"}, {"label": "mean return", "stroke": "#d05c20", "width": 2}),
                 scales={"x": {"time": False}}, aspect=1.8, legend={"show": False},
             )  # fmt: skip
 
