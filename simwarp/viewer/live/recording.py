@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import html
+import math
 import re
 import sys
 from collections.abc import Callable
@@ -27,7 +28,12 @@ RATE: Final = 30.0
 LARGEST: Final = 50_000_000
 """Bytes of a file at which a recording stops."""
 BASE64: Final = 4.0 / 3.0
+BLOCK: Final = 16_384
+"""Bytes that may wait to be compressed and counted."""
+TEXT: Final = 16
+"""Bytes of a message around its arrays, in the file: they are much alike."""
 NODE: Final = f"{ROOT}/recording"
+POSES: Final = frozenset(("batched_positions", "batched_wxyzs"))
 TITLE: Final = "<title>Viser</title>"
 
 
@@ -81,7 +87,13 @@ class Recorder:
             raise ModelError(f"recording: one runs at a time, and one into '{other.path}' does; end it first")
         self.view, self.path, self.elapsed, self.frames, self.written = view, Path(path), 0.0, 0, False
         self._largest, self._say = largest, say or _say
-        self._times, self._next, self._passing = self._now(), 1.0 / RATE, True
+        self._times, self._next = self._now(), 1.0 / RATE
+        self._passing = True
+        """Whether places of bodies that are sent are of a frame that is due."""
+        self._held: dict[tuple[str, ...], Any] = {}
+        """Messages that were left out since no frame was due."""
+        self._owed = False
+        """Whether time went on and the places of bodies were not sent since."""
         page = view.page
         page.recorded += 1
         self._label = page.scene.add_label(
@@ -99,7 +111,7 @@ class Recorder:
 
     @property
     def size(self) -> int:
-        """Bytes of the file if it ended now, some more than it will have."""
+        """Bytes of the file if it ended now, as nearly as that is known while it grows."""
         return self._meter.size
 
     @property
@@ -117,6 +129,7 @@ class Recorder:
             self.finish()
             self._say(f"recording: stopped at {self._largest / 1e6:.0f} MB after {self.elapsed:.1f} s: {self.path}")
             return
+        self._give_held()
         self._passing = self.due()
         if self._passing:
             self._move_on()
@@ -126,10 +139,14 @@ class Recorder:
         if self.written:
             return self.path
         page = self.view.page
+        self._give_held()
         if self._gone(self._now()) > 0.0:
-            self._passing = True
             self._move_on()
+        if self._owed:
+            self._passing = True
             page.frame()
+        self._passing = True
+        self._give_held()
         self._serializer.insert_sleep(1.0 / RATE)  # the last frame is seen too
         if self.path.suffix.lower() == ".viser":
             content: bytes | str = self._serializer.serialize()
@@ -159,8 +176,9 @@ class Recorder:
         self._serializer.insert_sleep(gone)
         self._times = now
         self.elapsed += gone
-        self._next = max(self._next + 1.0 / RATE, self.elapsed)
+        self._next = (math.floor(self.elapsed * RATE + 1e-3) + 1) / RATE
         self.frames += 1
+        self._owed = True
         self._label.text = self._text()
         self._label.position = self._place()
 
@@ -172,11 +190,26 @@ class Recorder:
         change = now - self._times
         return float(max(change.max(), now.min(initial=np.inf, where=change < 0.0) if (change < 0.0).all() else 0.0))
 
+    def _give_held(self) -> None:
+        """Adds the places that were left out and have not changed since: viser does not send those again."""
+        if self._passing:
+            for message in list(self._held.values()):
+                self._serializer._insert_message(message)
+
     def _wanted(self, message: Any) -> bool:
         if not self._plain(message):
             return False
-        updates = getattr(message, "updates", {})
-        passing = self._passing or not updates.keys() & {"batched_positions", "batched_wxyzs"}
+        moves = getattr(message, "updates", {}).keys() & POSES
+        passing = self._passing or not moves
+        key = (getattr(message, "name", ""), *sorted(moves))
+        if not passing:
+            self._held[key] = message
+        elif moves:
+            self._owed = False
+            self._held.pop(key, None)
+        elif hasattr(message, "props"):  # a node that is made anew brings its places with it
+            for old in [old for old in self._held if old[0] == key[0]]:
+                del self._held[old]
         if passing:
             self._meter.look()
         return passing
@@ -212,7 +245,7 @@ class _Meter:
     def __init__(self, path: str | Path, serializer: Any) -> None:
         self._serializer = serializer
         self._compressor = zstandard.ZstdCompressor(level=1).compressobj()
-        self._buffers = self._messages = self._bytes = 0
+        self._buffers = self._messages = self._bytes = self._waiting = 0
         self._page, self._factor = 0, 1.0
         if Path(path).suffix.lower() == ".html":
             import viser
@@ -231,8 +264,11 @@ class _Meter:
         buffers, messages = self._serializer._binary_buffers, self._serializer._messages
         for buffer in buffers[self._buffers :]:
             self._bytes += len(self._compressor.compress(buffer))
-        # the texts around arrays are alike and shrink to some ten bytes each
-        self._bytes += 12 * (len(messages) - self._messages)
+            self._waiting += buffer.nbytes
+        if self._waiting > BLOCK:
+            self._bytes += len(self._compressor.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK))
+            self._waiting = 0
+        self._bytes += TEXT * (len(messages) - self._messages)
         self._buffers, self._messages = len(buffers), len(messages)
 
 
