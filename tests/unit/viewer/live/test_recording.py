@@ -239,7 +239,18 @@ def test_view_records_without_a_browser(tmp_path, monkeypatch, capsys):
 
 def test_play_records_what_it_would_film(tmp_path, capsys):
     file, data = tmp_path / "a.html", tmp_path / "a.json"
-    command = ["play", "pendulum", "--num-envs", "2", "--seconds", "0.6", "--checkpoint", "shipped", "--json", str(data)]
+    command = [
+        "play",
+        "pendulum",
+        "--num-envs",
+        "2",
+        "--seconds",
+        "0.6",
+        "--checkpoint",
+        "shipped",
+        "--json",
+        str(data),
+    ]
     assert cli.main([*command, "--html", str(file)]) == 0
     recorded = data.read_text()
     assert cli.main([*command, "--video", str(tmp_path / "a.png")]) == 0

@@ -110,7 +110,9 @@ def test_it_acts_between_steps_only(run_folder, early):
         (
             lambda content: {
                 **content,
-                "actor_state_dict": {name: value[:1] for name, value in content["actor_state_dict"].items() if value.dim()},
+                "actor_state_dict": {
+                    name: value[:1] for name, value in content["actor_state_dict"].items() if value.dim()
+                },
             },
             "does not fit task 'pendulum'",
         ),
