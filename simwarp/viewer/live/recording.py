@@ -85,7 +85,8 @@ class Recorder:
         other = next((each for each in view.recorders if isinstance(each, Recorder)), None)
         if other is not None:
             raise ModelError(f"recording: one runs at a time, and one into '{other.path}' does; end it first")
-        self.view, self.path, self.elapsed, self.frames, self.written = view, Path(path), 0.0, 0, False
+        self.view, self.elapsed, self.frames, self.written = view, 0.0, 0, False
+        self.path: Path = Path(path)
         self._largest, self._say = largest, say or _say
         self._times, self._next = self._now(), 1.0 / RATE
         self._passing = True

@@ -4,6 +4,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -47,7 +48,7 @@ def early(run_folder, tmp_path) -> RunFolder:
 
 
 def weights(loop: TaskLoop) -> torch.Tensor:
-    policy = loop.policy
+    policy: Any = loop.policy
     return torch.cat([value.flatten().double() for value in policy.actor.state_dict().values()])
 
 
@@ -56,12 +57,12 @@ def checkpoint(folder: Path, iteration: int) -> dict:
 
 
 @contextlib.contextmanager
-def shown(folder: RunFolder, **options: object) -> Iterator[tuple[LiveView, TaskLoop, PolicyReload]]:
+def shown(folder: RunFolder, on: bool = True) -> Iterator[tuple[LiveView, TaskLoop, PolicyReload]]:
     """A page on the pendulum under the newest policy of a run."""
     task = make("pendulum", 2, device="cpu", seed=3)
     path = folder.latest_checkpoint()
     subject, loop = task_subject(task, network_policy(load_checkpoint(path), task), 3)
-    reload = PolicyReload(folder, loop, using=path, iteration=2, **options)
+    reload = PolicyReload(folder, loop, using=path, iteration=2, on=on)
     view = LiveView(subject, worlds=2, port=0)
     try:
         yield view, loop, reload
@@ -174,10 +175,10 @@ def test_the_panel_shows_the_learning_curve(run_folder, early):
         assert panel._plot.data[1].tolist() == [0.0, -1.0, -2.0, -3.0]
 
 
-def test_building_a_policy_looks_at_no_world(early):
+def test_building_a_policy_looks_at_no_world(early, monkeypatch):
     """It is built in another thread than that which steps."""
     task = make("pendulum", 2, device="cpu", seed=3)
-    task.observations = lambda: pytest.fail("the worlds were looked at")
+    monkeypatch.setattr(task, "observations", lambda: pytest.fail("the worlds were looked at"))
     network_policy(checkpoint(early.path, 2), task)
 
 
