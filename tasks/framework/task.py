@@ -359,11 +359,6 @@ class Task(ABC, Generic[ConfigT]):
         """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
         return self._statistics.reasons
 
-    @property
-    def running_returns(self) -> torch.Tensor:
-        """Rewards summed over the running episodes, (W,); zero where one has just begun."""
-        return self._statistics.running.sum(dim=1)
-
     def state_dict(self) -> dict[str, Any]:
         """Return everything that a later :meth:`load_state_dict` needs to go on exactly from here."""
         state: dict[str, Any] = {

@@ -65,7 +65,7 @@ class HtmlFilm:
 def _seen(task: Task[Any]) -> Subject:
     """A task that somebody else steps."""
     subject, _ = task_subject(task, zero_policy(task), SEED)
-    return dataclasses.replace(subject, returns=lambda: task.running_returns.cpu().numpy())
+    return dataclasses.replace(subject, returns=lambda: task.state_dict()["running_terms"].sum(dim=1).cpu().numpy())
 
 
 class TrainingFilms:
