@@ -34,6 +34,8 @@ class TrainOptions(CommonOptions):
     """Checkpoint or run whose policy a new run starts from; its networks are the default of the network options."""
     take_over: tyro.conf.FlagCreatePairsOff[bool] = False
     """Resume a run that a process on another machine has locked, and that you know to be written no more."""
+    film: int | None = None
+    """Iterations from film to film of the policy, recordings in the run folder that open in a browser; else none."""
     runs: Path = Path("runs")
     """Folder in which run folders are made, as TASK/TIME."""
 
@@ -67,6 +69,11 @@ def run(arguments: list[str]) -> int:
     kind = task_options("TrainCommand", TrainOptions, flat_train=config, task=task_config)
     options: Any = parse_options(kind, arguments, f"simwarp train {name}")
     options.check(options.warm_start)
+    films = None
+    if options.film is not None:
+        from simwarp.cli.view.films import TrainingFilms
+
+        films = TrainingFilms(options.film)
     console = options.console()
     result = train(
         name,
@@ -77,6 +84,7 @@ def run(arguments: list[str]) -> int:
         warm_start=options.warm_start,
         take_over=options.take_over,
         console=console,
+        films=films,
     )
     if not processes().first:
         return INTERRUPTED if result.interrupted else DONE
@@ -88,6 +96,8 @@ def run(arguments: list[str]) -> int:
     )
     console.print(f"run folder      {result.run}", highlight=False, soft_wrap=True)
     console.print(f"learning curve  {result.picture}", highlight=False, soft_wrap=True)
+    if result.film is not None:
+        console.print(f"last film       {result.film}", highlight=False, soft_wrap=True)
     if result.interrupted:
         console.print(f"go on with      simwarp train {name} --resume {result.run}", highlight=False, soft_wrap=True)
         _tell_next(console, name, options.runs)

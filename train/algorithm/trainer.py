@@ -317,6 +317,18 @@ class Trainer:
             "window": [list(entry) for entry in self._window],
         }
 
+    def checkpoint_of_policy(self) -> dict[str, Any]:
+        """Return what playing needs of a checkpoint, a copy. Each process may call this alone."""
+        return {
+            "task": self.task.name,
+            "iteration": self.iteration,
+            "train_config": config_to_plain(self.config),
+            "task_config": config_to_plain(self.task.config),
+            "actor_state_dict": {
+                name: value.detach().clone() for name, value in self.algorithm.get_policy().state_dict().items()
+            },
+        }
+
     def _own_state(self) -> dict[str, Any]:
         """Return the state of each process: random numbers, worlds, and hidden states of recurrent networks."""
         cuda = torch.cuda.get_rng_state(self.device) if self.device.startswith("cuda") else None

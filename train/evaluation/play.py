@@ -6,7 +6,7 @@ import dataclasses
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from simwarp.core.files import check_output, write_file
 from simwarp.tasks import InputError, Task
 
 from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
-from .filming import Film, film_still, film_strip
+from .filming import film_still, film_strip
 from .mp4 import check_encoder, write_mp4
 
 PICTURE_SUFFIXES = (".png",)
@@ -41,6 +41,13 @@ class Frame:
     images: npt.NDArray[np.uint8] | None = None
 
 
+class Takes(Protocol):
+    """What takes frames of a task while it is played."""
+
+    def take(self, index: int, count: int, time: float) -> npt.NDArray[np.uint8] | None:
+        """Take frame ``index`` of ``count`` of the present state; images of it, or None."""
+
+
 def check_video_path(path: Path) -> None:
     """Refuse what cannot be written, before any work is done.
 
@@ -57,7 +64,7 @@ def check_video_path(path: Path) -> None:
 
 
 def record(
-    task: Task[Any], policy: Policy, seconds: float, seed: int, film: Film,
+    task: Task[Any], policy: Policy, seconds: float, seed: int, film: Takes,
     watch: Callable[[int, int], None] | None = None,
 ) -> tuple[list[Frame], float]:  # fmt: skip
     """Let a policy act and keep frames.

@@ -139,9 +139,12 @@ def refuse_bad_actions(count: torch.Tensor, total: int) -> None:
 
 
 def build_actor(settings: dict[str, Any], task: Task[Any]) -> MLPModel:
-    """Return a new actor for a task, as ``rsl_rl_config`` describes it."""
+    """Return a new actor for a task, as ``rsl_rl_config`` describes it; the task's worlds are not looked at."""
     model_class, options = resolve_class(settings["actor"])
-    groups = {name: group.clone() for name, group in task.observations().items()}
+    groups = {
+        name: torch.zeros(task.num_worlds, *shape, dtype=task.observation_dtypes[name], device=task.device)
+        for name, shape in task.observation_shapes.items()
+    }
     example = TensorDict(groups, batch_size=[task.num_worlds])
     actor: MLPModel = model_class(example, settings["obs_groups"], "actor", task.action_size, **options)
     return actor.to(task.device)

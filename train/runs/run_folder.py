@@ -30,6 +30,7 @@ PROVENANCE = "provenance.json"
 PROGRESS = "progress.csv"
 CURVE = "learning_curve.png"
 CHECKPOINTS = "checkpoints"
+FILMS = "films"
 RUNS = Path("runs")
 
 _CONFIG_TYPES: Final = {"task": str, "train_config": dict, "task_config": dict}
@@ -68,6 +69,10 @@ class RunFolder:
     def curve(self) -> Path:
         """Path of the picture of the learning curve."""
         return self.path / CURVE
+
+    def film(self, iteration: int) -> Path:
+        """Path of the film of the policy after ``iteration`` iterations."""
+        return self.path / FILMS / f"iteration_{iteration:06d}.html"
 
     def checkpoint_files(self) -> list[Path]:
         """Return the checkpoints, by their iterations: oldest first."""

@@ -7,13 +7,13 @@ import dataclasses
 import math
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from rich.console import Console
 
 from simwarp.core.threads import default_threads
-from simwarp.core.files import OutputError
+from simwarp.core.files import OutputError, output_error
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
 
@@ -26,7 +26,7 @@ from .run_files import write_json
 from .run_folder import CONFIG, RUNS, RunFolder, check_root, create_run, open_run, provenance, read_policy
 from .run_lock import RunLock, writing
 from .stopping import StopRequest, stop_on_signals
-from ..algorithm.trainer import IterationReport, Trainer
+from ..algorithm.trainer import IterationReport, Trainer, TrainingError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +46,18 @@ class TrainResult:
     interrupted: bool
     broken_iterations: int = 0
     """Iterations in which the physics of all worlds broke down: nothing was learnt from them."""
+    film: str | None = None
+    """The last film of the policy."""
+
+
+class FilmMaker(Protocol):
+    """Makes films of a policy while it is trained."""
+
+    every: int
+    """Iterations from film to film; one more is made at the end."""
+
+    def make(self, trainer: Trainer, path: Path) -> None:
+        """Write a film of the present policy, and leave all of the training as it is."""
 
 
 def train(
@@ -58,6 +70,7 @@ def train(
     warm_start: Path | None = None,
     take_over: bool = False,
     console: Console | None = None,
+    films: FilmMaker | None = None,
 ) -> TrainResult:
     """Train a policy and leave a run folder.
 
@@ -72,6 +85,7 @@ def train(
         warm_start: checkpoint or run whose actor a new run starts from.
         take_over: resume a run that a process elsewhere has locked, and that is known to write it no more.
         console: for the progress; standard output by default.
+        films: makes films of the policy for the run folder; None: there are none.
 
     Raises:
         InputError: something asked for is impossible.
@@ -123,7 +137,7 @@ def train(
         _keep_breaks(trainer, folder)
         console.print(f"run folder {folder.path}", highlight=False, soft_wrap=True)
         try:
-            return _run(trainer, folder, lock, console, description)
+            return _run(trainer, folder, lock, console, description, films)
         except OutputError as error:
             raise OutputError(f"{error}; {_kept(folder)}") from error
 
@@ -212,6 +226,21 @@ def _save(trainer: Trainer, folder: RunFolder, lock: RunLock | None) -> Path:
     return folder.checkpoint_path(content["iteration"])
 
 
+def _film(trainer: Trainer, folder: RunFolder, films: FilmMaker, display: ProgressDisplay) -> Path | None:
+    """Make a film in the first process; a policy that cannot be shown is no reason to stop."""
+    path = folder.film(trainer.iteration)
+    if trainer.group.first:
+        try:
+            path.parent.mkdir(exist_ok=True)
+            films.make(trainer, path)
+        except TrainingError as error:
+            display.say(f"iteration {trainer.iteration}: no film: {error}")
+            return None
+        except OSError as error:
+            raise output_error(path, error) from error
+    return path
+
+
 def _log_of(
     folder: RunFolder, report: IterationReport, kind: LoggerKind, description: dict[str, Any], display: ProgressDisplay
 ) -> RunLog:
@@ -223,8 +252,9 @@ def _log_of(
 
 
 def _run(
-    trainer: Trainer, folder: RunFolder, lock: RunLock | None, console: Console, description: dict[str, Any]
-) -> TrainResult:
+    trainer: Trainer, folder: RunFolder, lock: RunLock | None, console: Console, description: dict[str, Any],
+    films: FilmMaker | None = None,
+) -> TrainResult:  # fmt: skip
     config, group = trainer.config, trainer.group
     first, first_steps = trainer.iteration, trainer.env_steps
     started = time.perf_counter()
@@ -232,6 +262,7 @@ def _run(
     report: IterationReport | None = None
     display = ProgressDisplay(console, first, config.iterations)
     checkpoint: Path | None = None
+    film: Path | None = None
     stopped, broken = False, 0
     with stop_on_signals() as stop:
         try:
@@ -247,9 +278,13 @@ def _run(
                     broken += report.all_broken
                     if report.iteration % config.save_interval == 0:
                         checkpoint = _save(trainer, folder, lock)
+                    if films is not None and report.iteration % films.every == 0:
+                        film = _film(trainer, folder, films, display)
                     stopped = _stops(group, stop, trainer.device)
             if report is not None and report.iteration % config.save_interval != 0:
                 checkpoint = _save(trainer, folder, lock)
+            if films is not None and report is not None and report.iteration % films.every != 0:
+                film = _film(trainer, folder, films, display)
         finally:
             if log is not None:
                 log.close()
@@ -272,4 +307,5 @@ def _run(
         mean_episode_length=report.mean_episode_length if math.isfinite(report.mean_episode_length) else None,
         interrupted=stopped and trainer.iteration < config.iterations,
         broken_iterations=broken,
+        film=None if film is None else str(film),
     )

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
+from simwarp.cli import HELP, UsageError
 from simwarp.cli.evaluating import policy_defaults
 from simwarp.cli.options import option_value
-from simwarp.tasks import InputError, Task
+from simwarp.core.types import shown
+from simwarp.tasks import InputError, Task, task_class
 from simwarp.train.networks.policies import Policy, find_policy, network_policy, random_policy, zero_policy
 
 
@@ -20,12 +23,16 @@ class Actor:
         config: of the task that it was trained on; None: it was not.
         content: of its checkpoint; None: it has none.
         kind: "policy", "zero" or "random".
+        run: folder of the run that it is from, if it is from one.
+        path: of the checkpoint.
     """
 
     origin: str
     config: Any = None
     content: dict[str, Any] | None = None
     kind: str = "policy"
+    run: Path | None = None
+    path: Path | None = None
 
     def policy(self, task: Task[Any]) -> Policy:
         """The policy for a task."""
@@ -42,7 +49,11 @@ def find_actor(name: str, arguments: list[str]) -> Actor:
     """
     from simwarp.train.config import task_config_from_plain
 
-    asked = option_value(arguments, "--checkpoint")
+    asked, run = option_value(arguments, "--checkpoint"), option_value(arguments, "--reload")
+    if run is not None and not HELP & set(arguments):
+        if asked is not None:
+            raise UsageError("--reload begins with the newest checkpoint of its run: leave --checkpoint away")
+        return _of_run(name, Path(run))
     if asked in ("zero", "random"):
         return Actor(f"{asked} actions", kind=asked)
     try:
@@ -53,4 +64,28 @@ def find_actor(name: str, arguments: list[str]) -> Actor:
         return Actor("random actions: there is no policy yet", kind="random")
     if source is None:
         return Actor("")
-    return Actor(source.origin, config, source.content)
+    return Actor(source.origin, config, source.content, run=_run_of(source.path), path=source.path)
+
+
+def _of_run(name: str, path: Path) -> Actor:
+    """The newest checkpoint of a run; chance until there is one."""
+    from simwarp.train.config import task_config_from_plain
+    from simwarp.train.runs.run_folder import CONFIG, open_run
+
+    folder = open_run(path)
+    saved = folder.load_config()
+    if saved["task"] != name:
+        raise InputError(f"run {path} is of task {shown(saved['task'])}, not '{name}'")
+    config = task_config_from_plain(task_class(name), saved["task_config"], f"{path / CONFIG}: task_config")
+    if not folder.checkpoint_files():
+        return Actor("random actions until the run has a checkpoint", config, kind="random", run=path)
+    file, content = folder.load_latest()
+    return Actor(f"checkpoint {file}", config, content, run=path, path=file)
+
+
+def _run_of(checkpoint: Path) -> Path | None:
+    """Folder of the run that a checkpoint lies in."""
+    from simwarp.train.runs.run_folder import CHECKPOINTS, CONFIG
+
+    folder = checkpoint.parent.parent
+    return folder if checkpoint.parent.name == CHECKPOINTS and (folder / CONFIG).is_file() else None

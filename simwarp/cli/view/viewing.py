@@ -15,6 +15,10 @@ from simwarp.viewer.live.drive_panel import DrivePanel
 from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.human_driver import Keys
 from simwarp.viewer.live.live_view import LiveView
+from simwarp.viewer.live.recording import Recorder, check_recording_path
+
+LONGEST = 86_400.0
+"""Of --seconds."""
 
 if TYPE_CHECKING:
     from simwarp.cli.view.human_in_task import HumanInTask
@@ -39,7 +43,9 @@ class ViewOptions(CommonOptions):
     open: bool = True
     """Open a browser."""
     seconds: float | None = None
-    """End after this much time by the clock [s]."""
+    """End after this much time by the clock [s]; with --record of simulated time, at full speed, without a browser."""
+    record: Path | None = None
+    """Record to this file from the start: .html, which plays in any browser, or .viser."""
     drive: bool = False
     """Drive by hand at once: the page's keys and gamepad, the camera behind the vehicle."""
     keys: Literal["smooth", "chrono"] = "smooth"
@@ -58,6 +64,8 @@ class TaskViewOptions(ViewOptions):
 
     checkpoint: str | None = None
     """Checkpoint file or run folder, `shipped`, `zero` or `random`; by default the newest run, else the shipped one."""
+    reload: Path | None = None
+    """Run folder, of a training that may still go on: its newest checkpoint acts, and newer ones as they come."""
     seed: int = 1_000_003
     """Seed of the worlds."""
     runs: Path = Path("runs")
@@ -88,7 +96,9 @@ def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
 
     from simwarp.cli.view.actors import find_actor
     from simwarp.cli.view.human_in_task import HumanInTask
+    from simwarp.cli.view.reloading import PolicyReload
     from simwarp.cli.view.task_subject import task_subject
+    from simwarp.train.runs.run_folder import RunFolder
     from simwarp.viewer.live.driving import WHEEL
 
     torch.set_num_threads(1)
@@ -109,6 +119,11 @@ def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
     subject, loop = task_subject(task, actor.policy(task), options.seed)
     human = HumanInTask(loop, options.seed)
     subject.details[WHEEL] = human.wheel()
+    if actor.run is not None:
+        iteration = None if actor.content is None else actor.content["iteration"]
+        subject.details["training"] = PolicyReload(
+            RunFolder(actor.run), loop, using=actor.path, iteration=iteration, on=options.reload is not None
+        )
     _say(options, f"policy: {actor.origin}")
     if options.record_trajectories is not None and human.wheel() is None:
         raise UsageError(f"--record-trajectories: nobody can drive in task '{name}'; driving tasks have a vehicle")
@@ -156,7 +171,11 @@ def _plain_view(kind: str, name: str, options: ViewOptions) -> LiveView:
 
 
 def _check(options: ViewOptions, **outputs: Path | None) -> None:
-    options.check(**outputs)
+    if options.record is not None:
+        check_recording_path(options.record)
+    options.check(record=options.record, **outputs)
+    if options.seconds is not None and not 0.0 < options.seconds <= LONGEST:
+        raise UsageError(f"seconds must be positive and at most {LONGEST:g}, got {options.seconds:g}")
     if options.worlds is not None and not 1 <= options.worlds <= 65536:
         raise UsageError(f"worlds must be from 1 to 65536, got {options.worlds}")
     if not 0.0 <= options.speed <= 1000.0:
@@ -174,6 +193,9 @@ def _view(subject: Any, options: ViewOptions) -> LiveView:
     view = LiveView(subject, worlds=shown, layout=options.layout, host=options.host, port=options.port)
     view.speed, view.paused = options.speed, options.paused
     add_panels(view)
+    training = subject.details.get("training")
+    if training is not None:
+        training.start(view.post)
     if options.drive:
         _drive(view, Keys(options.keys))
     return view
@@ -190,12 +212,16 @@ def _drive(view: LiveView, keys: Keys) -> None:
 def _serve(view: LiveView, options: ViewOptions) -> int:
     import time
 
+    if options.record is not None and options.seconds is not None:
+        return _record_alone(view, options, options.seconds)
     if view.server.token in view.url:
         print(f"warning: view: everybody who can reach {options.host} and has this address can look", file=sys.stderr)
     console = options.console()
     console.print(f"view  {view.url}", highlight=False, soft_wrap=True)
     if options.open:
         webbrowser.open(view.url)
+    if options.record is not None:
+        Recorder(view, options.record)
     end = None if options.seconds is None else time.perf_counter() + options.seconds
     try:
         view.run(None if end is None else lambda: time.perf_counter() >= end)
@@ -203,5 +229,31 @@ def _serve(view: LiveView, options: ViewOptions) -> int:
         return INTERRUPTED
     finally:
         view.stop()
-    options.emit({"url": view.url, "target": view.subject.name})
+        if options.record is not None:
+            console.print(f"wrote {options.record}", highlight=False, soft_wrap=True)
+    options.emit({"url": view.url, "target": view.subject.name, "recording": _text(options.record)})
     return DONE
+
+
+def _record_alone(view: LiveView, options: ViewOptions, seconds: float) -> int:
+    """Records simulated seconds as fast as they go; what there is when it is interrupted."""
+    from simwarp.train.runs.progress import LiveLine
+    from simwarp.train.runs.stopping import stop_on_signals
+
+    recorder, console = Recorder(view, str(options.record)), options.console()
+    try:
+        with stop_on_signals() as stop, LiveLine(console, 1.0, head="recording") as line:
+            while recorder.elapsed < seconds - 1e-6 and not recorder.written and not stop.requested:
+                view.subject.advance()
+                view.step()
+                done = min(recorder.elapsed / seconds, 1.0)
+                line.show("recording", f"{recorder.elapsed:.1f}/{seconds:g} s, {recorder.size / 1e6:.1f} MB", done)
+    finally:
+        view.stop()
+    console.print(f"wrote {recorder.path}: {recorder.elapsed:.1f} s", highlight=False, soft_wrap=True)
+    options.emit({"target": view.subject.name, "recording": str(recorder.path), "seconds": recorder.elapsed})
+    return INTERRUPTED if stop.requested else DONE
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)

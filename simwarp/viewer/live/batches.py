@@ -270,6 +270,11 @@ def body_positions(state: State, worlds: Ints) -> Array:
     return rows_on_host(state.body_x, worlds)
 
 
+def body_velocities(state: State, worlds: Ints) -> Array:
+    """(S, B, 3) velocities of the centres of mass in these worlds [m/s]."""
+    return rows_on_host(state.body_v, worlds)
+
+
 def body_rotations(state: State, worlds: Ints) -> Array:
     """(S, B, 4) orientations of the bodies in these worlds, xyzw."""
     return rows_on_host(state.body_rot, worlds)

@@ -36,6 +36,22 @@ class Panel(Protocol):
         """Brings its read-outs up to date, in the stepping thread, while somebody looks."""
 
 
+class FrameTaker(Protocol):
+    """Takes what the page sends, looked at or not."""
+
+    def due(self) -> bool:
+        """Whether it wants a frame now; asked after every step."""
+
+    def take(self) -> None:
+        """To be called before the page sends a frame."""
+
+    def finish(self) -> object:
+        """To be called before the server closes."""
+
+    def drop(self) -> None:
+        """Ends without a result."""
+
+
 class LiveView:
     """A page that shows a subject as it moves.
 
@@ -52,6 +68,7 @@ class LiveView:
         server: the server.
         wheel: connections of a person who drives.
         panels: refreshed while somebody looks.
+        recorders: take the page's frames, looked at or not.
         paused: whether the loop of `run` rests.
         speed: of `run`, times real time; 0: as fast as it goes.
 
@@ -95,8 +112,7 @@ class LiveView:
         self._clients = self.server.viser._connected_clients
         self.closers: list[Command] = []
         """Called once, when the view is stopped."""
-        self.recorders: list[Callable[[], None]] = []
-        """Called with every frame, looked at or not."""
+        self.recorders: list[FrameTaker] = []
 
     @property
     def url(self) -> str:
@@ -113,8 +129,10 @@ class LiveView:
             return
         self.obey()
         now = time.perf_counter()
-        if now >= self._next_frame:
+        seen = bool(self._clients) and now >= self._next_frame
+        if seen:
             self._next_frame = max(self._next_frame + 1.0 / FRAMES, now)
+        if seen or any(recorder.due() for recorder in self.recorders):
             self._draw(now)
 
     def obey(self) -> None:
@@ -177,27 +195,31 @@ class LiveView:
                 self.last_failed = int(ended[0])
 
     def stop(self) -> None:
-        """Ends the loop and closes the server."""
+        """Ends the loop and all recordings, and closes the server."""
         self.stopped = True
-        self.server.stop()
+        try:
+            for recorder in list(self.recorders):
+                recorder.finish()
+        finally:
+            self.server.stop()
         while self.closers:
             self.closers.pop()()
 
     def _idle(self) -> None:
         time.sleep(1.0 / FRAMES)
-        if self._clients or self.recorders:
+        if self._clients:
             self._draw(time.perf_counter())
 
     def _draw(self, now: float) -> None:
         if now >= self._next_scenery:
             self._next_scenery = now + 1.0 / SCENERY
             self.page.refresh_scenery()
+        for recorder in list(self.recorders):
+            recorder.take()
         with self.server.viser.atomic():
             self.page.frame()
             self._each(self.page.overlays, lambda draw: draw())
-        for recorder in self.recorders:
-            recorder()
-        if now >= self._next_panels:
+        if self._clients and now >= self._next_panels:
             self._next_panels = now + 1.0 / PANELS
             self._each(self.panels, lambda panel: panel.refresh(now))
 

@@ -18,15 +18,17 @@ from simwarp.viewer.live.controls.show_panel import ShowPanel
 from simwarp.viewer.live.hand import hand_of
 from simwarp.viewer.live.layouts import Layout
 from simwarp.viewer.live.live_view import LiveView
+from simwarp.viewer.live.recording_panel import RecordingPanel
 from simwarp.viewer.live.run_panel import RunPanel
 from simwarp.viewer.live.subject import Subject
+from simwarp.viewer.live.training_panel import TrainingPanel
 from simwarp.viewer.live.vehicle_panel import add_driving
 
 
 def add_panels(view: LiveView) -> None:
     """Adds to a view's page what its subject has something for."""
     subject = view.subject
-    view.panels += [RunPanel(view), ShowPanel(view)]
+    view.panels += [RunPanel(view), ShowPanel(view), RecordingPanel(view)]
     if has_commands(view):
         view.panels.append(CommandPanel(view))
     if coordinates_of(subject.simulation.model):
@@ -39,6 +41,8 @@ def add_panels(view: LiveView) -> None:
     if hand is not None:
         view.panels.append(Dragging(view, hand))
     add_driving(view)
+    if "training" in subject.details:
+        view.panels.append(TrainingPanel(view, subject.details["training"]))
 
 
 def show(
