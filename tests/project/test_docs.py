@@ -56,6 +56,7 @@ DTYPES = {
 
 
 LONG = {
+    "drive_and_clone.py",
     "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py", "randomise.py",
     "driving.md", "sensors.md",
     "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "vehicles.md", "write-a-task.md",
