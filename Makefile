@@ -31,6 +31,7 @@ help:
 	@echo "make lint       ruff and mypy; format rewrites"
 
 setup: $(READY)
+	@echo "next: . $(VENV)/bin/activate; simwarp list"
 
 $(READY): pyproject.toml constraints.txt scripts/setup_env.py scripts/torch_build.py scripts/pip_calls.py
 	@test -n "$(PYTHON)" || { echo "setup: no Python 3.11 to 3.13 found; set PYTHON=/path/to/python" >&2; exit 1; }

@@ -7,6 +7,11 @@ for _name in ("SIMWARP_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS
     os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+import tempfile
+
+# What tests pass off as a decomposition is none that a user should find again
+os.environ["SIMWARP_CACHE"] = tempfile.mkdtemp(prefix="simwarp-tests-")
+
 import pytest
 import torch
 import warp as wp

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import time
+import webbrowser
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import tyro
 import warp as wp
@@ -25,10 +27,13 @@ from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
 from simwarp.vehicle.results.results import Result, results
-from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, row_steps, set_up
+from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPLE_TIME, Drive, Setup, row_steps, set_up
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+
+if TYPE_CHECKING:
+    from simwarp.cli.view.maneuver_view import ManeuverView
 
 PICTURES = (".png", ".pdf", ".svg")
 TOLD_EVERY = 10.0
@@ -83,6 +88,12 @@ class DriveOptions(CommonOptions):
     """Worlds that do the same; the first one is recorded."""
     device: str = "auto"
     """cpu, cuda, cuda:N or auto."""
+    view: bool = False
+    """Show it live in a page of the browser, at real time."""
+    port: int = 8080
+    """Of the page; the next free one is taken."""
+    open: bool = True
+    """Open a browser."""
     speed: Annotated[float | None, tyro.conf.arg(metavar="m/s", help_behavior_hint=SPEEDS_HINT)] = None
     """To hold, of step-steer, sine-sweep, double-lane-change and constant-radius."""
     steering: Annotated[float | None, tyro.conf.arg(metavar="-1..1", help_behavior_hint=STEERING_HINT)] = None
@@ -212,10 +223,13 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     )
     drive = Drive(setup)
     outcome = Outcome(Run({}), what, 0, 0.0)
+    page = _page(setup, f"{spec.name} {what.name}", options, console)
     begin = time.perf_counter()
-    with _Bar(console, f"{spec.name} {what.name}", what) as bar:
+    with _Bar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
-            drive.run(bar.advance)
+            drive.run(bar.advance if page is None else page.beside(bar.advance))
+            if page is not None:
+                page.hold()
         except KeyboardInterrupt:
             if not drive.recorder.rows:
                 raise
@@ -225,6 +239,22 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
     outcome.broken = drive.broken()
     return outcome
+
+
+def _page(setup: Setup, title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
+    """The page that was asked for, with a browser that looks."""
+    if not options.view:
+        return None
+    from simwarp.cli.view.maneuver_view import ManeuverView
+
+    if row_steps(options.dt) == 0:
+        raise UsageError(f"--view shows a row every {1e3 * SAMPLE_TIME:g} ms, got --dt {options.dt:g}; take 0.001")
+    page = ManeuverView(setup, title, options.port)
+    console.print(f"view  {page.view.url}", highlight=False, soft_wrap=True)
+    if options.open:
+        webbrowser.open(page.view.url)
+        page.wait()
+    return page
 
 
 class _Bar:

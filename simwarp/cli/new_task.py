@@ -9,7 +9,7 @@ import keyword
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import tyro
 
@@ -218,6 +218,8 @@ class NewTaskOptions(CommonOptions):
     """Kinds of refused elements of the robot's file to drop."""
     packages: tuple[str, ...] = ()
     """Folders of a URDF's packages, NAME=FOLDER each."""
+    pose: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="JOINT=VALUE,...")] = ()
+    """Where joints stand at the start [rad or m]; * and ? in a name stand for letters; may be given again."""
 
 
 _DATA = """
@@ -249,7 +251,7 @@ def files(name: str, options: NewTaskOptions | None = None) -> dict[str, str]:
 
         path = options.robot
         _, robot = load_file(path, RobotOptions(options.base, options.allow, options.packages))
-        templates |= robot_files(name, module, robot, path.name, velocity=options.velocity)
+        templates |= robot_files(name, module, robot, path.name, velocity=options.velocity, pose=options.pose)
         as_they_are = {where: templates.pop(where) for where in list(templates) if where.endswith(".json")}
         words |= {"@summary@": f"the robot of {path.name}", "@data@": _DATA.replace("@module@", module)}
     written = {path: re.sub(r"@\w+@", lambda match: words[match[0]], text) for path, text in templates.items()}
@@ -330,7 +332,7 @@ def run(arguments: list[str]) -> int:
     check_name(name)
     target = options.output or Path(name)
     options.check(options.robot)
-    for flag in ("velocity", "base", "allow", "packages"):
+    for flag in ("velocity", "base", "allow", "packages", "pose"):
         if options.robot is None and getattr(options, flag):
             raise UsageError(f"--{flag} is about a robot: add --robot FILE, or leave it away")
     if not _is_empty(target):
@@ -340,6 +342,9 @@ def run(arguments: list[str]) -> int:
     console = options.console()
     for relative in written:
         console.print(f"wrote {target / relative}", highlight=False, soft_wrap=True)
+    if options.base == "floating" and not options.pose:
+        note = "note   joints start at 0; legs learn sooner from bent knees: --pose JOINT=ANGLE, or HOME in task.py"
+        console.print(note, highlight=False, soft_wrap=True)
     console.print(
         f"next   cd {target} && pip install -e '.[dev]' && pytest && simwarp train {name}",
         highlight=False,

@@ -247,8 +247,8 @@ def _with_new_names(renamed: Mapping[str, str], arguments: list[str]) -> list[st
     found = []
     for argument in arguments:
         name, equals, value = argument.partition("=")
-        new = renamed.get(name.replace("_", "-"), name)
-        if new != name.replace("_", "-") and name.startswith("--"):
+        new = renamed.get(name.replace("_", "-"))
+        if new is not None and name.startswith("--"):
             print(f"simwarp: {name} is now called {new}; the old name goes with the next release", file=sys.stderr)
             name = new
         found.append(f"{name}{equals}{value}")

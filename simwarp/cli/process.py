@@ -13,7 +13,10 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from types import FrameType
-from typing import Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command as Ctrl-C does: what it began is tidied up."""
@@ -26,6 +29,10 @@ LAST_WORDS: Final = 2.0
 
 REPEAT_AFTER: Final = 0.05
 """Time after which an interrupt that was lost comes again [s]."""
+
+
+COMPILING_SHOWS: Final = 0.5
+"""Time between two looks for kernels that are compiled [s]."""
 
 
 @contextlib.contextmanager
@@ -124,6 +131,30 @@ def _redirect(stream: Any) -> None:
         os.dup2(null, number)
         os.close(null)
         stream.flush()
+
+
+@contextlib.contextmanager
+def told_compiling(console: Console) -> Iterator[None]:
+    """Print one line when kernels are compiled inside the block, which can take minutes in which nothing else shows."""
+    import warp as wp
+
+    folder, done = wp.config.kernel_cache_dir, threading.Event()
+    mark = f"_p{os.getpid()}_t"  # Warp builds a module in a folder of this process and thread
+
+    def watch() -> None:
+        while not done.wait(COMPILING_SHOWS):
+            with contextlib.suppress(OSError):
+                if folder and any(mark in name for name in os.listdir(folder)):
+                    console.print("compiling kernels, once per machine: 1 to 3 minutes", highlight=False)
+                    return
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
 
 
 def start_warp() -> None:

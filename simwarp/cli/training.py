@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
 
 import tyro
+from rich.console import Console
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED
 from simwarp.cli.options import (
@@ -98,6 +100,7 @@ def run(arguments: list[str]) -> int:
         console.print(f"last film       {result.film}", highlight=False, soft_wrap=True)
     if result.interrupted:
         console.print(f"go on with      simwarp train {name} --resume {result.run}", highlight=False, soft_wrap=True)
+        _tell_next(console, name, options.runs)
         return INTERRUPTED
     if result.broken_iterations:
         print(
@@ -106,5 +109,12 @@ def run(arguments: list[str]) -> int:
             file=sys.stderr,
         )
         return FELL_SHORT
-    console.print(f"next            simwarp eval {name}  or  simwarp play {name}", highlight=False, soft_wrap=True)
+    _tell_next(console, name, options.runs)
     return DONE
+
+
+def _tell_next(console: Console, name: str, runs: Path) -> None:
+    """Name what shows and judges the policy."""
+    where = "" if runs == TrainOptions.runs else f" --runs {shlex.quote(str(runs))}"
+    words = f"next            simwarp play {name}{where}  or  simwarp eval {name}{where}"
+    console.print(words, highlight=False, soft_wrap=True)

@@ -46,6 +46,9 @@ def check_option(option: str, hint: Any, words: Sequence[str]) -> None:
         if words and words[0] not in choices:
             raise UsageError(f"{option} must be one of {', '.join(choices)}, got '{shortened(words[0])}'")
         return
+    words_of_it = [part for part in parts if isinstance(part, str)]  # of a Literal
+    if words_of_it and words and words[0] not in words_of_it:
+        raise UsageError(f"{option} must be {' or '.join(words_of_it)}, got '{shortened(words[0])}'")
     if set(parts) == {bool, type(None)} and words and words[0] not in ("True", "False", "None"):
         raise UsageError(f"{option} must be True, False or None, got '{shortened(words[0])}'")
     unit = "".join(f" [{note.metavar}]" for note in _notes(hint) if getattr(note, "metavar", None))

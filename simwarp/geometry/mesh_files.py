@@ -11,6 +11,7 @@ import logging
 import os
 import re
 from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +22,7 @@ import trimesh
 
 from simwarp.core.files import declares_entities
 from simwarp.core.types import ModelError, shown
+from simwarp.geometry.decomposition_cache import cached_parts
 from simwarp.geometry.visual_mesh import VisualMesh, joined, linear_from_srgb
 
 Vertices = npt.NDArray[np.float64]
@@ -220,7 +222,7 @@ def _visual_part(file: Path, part: Any, linear: bool) -> VisualMesh:
 
 
 def convex_parts(vertices: npt.ArrayLike, triangles: npt.ArrayLike, **options: Any) -> list[Vertices]:
-    """Vertices of convex parts that together are nearly the mesh, from coacd, or else vhacdx.
+    """Vertices of convex parts that together are nearly the mesh, from coacd, or else vhacdx; kept on disk by content.
 
     Args:
         vertices: (V, 3).
@@ -233,37 +235,72 @@ def convex_parts(vertices: npt.ArrayLike, triangles: npt.ArrayLike, **options: A
     points, faces = np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
     if importlib.util.find_spec("coacd") is not None:
         coacd = importlib.import_module("coacd")
-        parts = coacd.run_coacd(coacd.Mesh(points, faces), **options)
-        return [np.asarray(part[0], dtype=np.float64) for part in parts]
+
+        def by_coacd() -> list[Vertices]:
+            parts = coacd.run_coacd(coacd.Mesh(points, faces), **options)
+            return [np.asarray(part[0], dtype=np.float64) for part in parts]
+
+        return cached_parts(_release("coacd"), points, faces, options, by_coacd)
     if importlib.util.find_spec("vhacdx") is not None:
-        mesh = trimesh.Trimesh(points, faces, process=False)
-        found = trimesh.decomposition.convex_decomposition(mesh, **options)
-        return [np.asarray(part["vertices"], dtype=np.float64) for part in found]
+
+        def by_vhacd() -> list[Vertices]:
+            mesh = trimesh.Trimesh(points, faces, process=False)
+            found = trimesh.decomposition.convex_decomposition(mesh, **options)
+            return [np.asarray(part["vertices"], dtype=np.float64) for part in found]
+
+        return cached_parts(_release("vhacdx"), points, faces, options, by_vhacd)
     raise ModelError(
         "mesh: decompose=True needs a library for convex decomposition, found neither coacd nor vhacdx; "
         "run: pip install coacd"
     )
 
 
-def primitive_mesh(kind: str, sizes: Mapping[str, float]) -> tuple[Vertices, Triangles]:
+def _release(library: str) -> str:
+    """Name and version."""
+    try:
+        return f"{library} {version(library)}"
+    except PackageNotFoundError:
+        return library
+
+
+def primitive_mesh(kind: str, sizes: Mapping[str, float], *, coarse: bool = False) -> tuple[Vertices, Triangles]:
     """Vertices (V, 3) and triangles (T, 3) of a primitive about the origin, its axis z.
 
     Args:
         kind: "cube" (`size`), "sphere" (`radius`), "capsule", "cylinder" or "cone" (`radius`, `height`; that of a
             capsule without its caps).
         sizes: [m], by name.
+        coarse: circles of 24 or 16 sides instead of 32: for pictures of many.
     """
-    make = trimesh.creation
+    make, sides = trimesh.creation, 24 if coarse else 32
     if kind == "cube":
         mesh = make.box((sizes["size"],) * 3)
     elif kind == "sphere":
-        mesh = make.icosphere(subdivisions=3, radius=sizes["radius"])
+        mesh = make.icosphere(subdivisions=2 if coarse else 3, radius=sizes["radius"])
     elif kind == "capsule":
-        mesh = make.capsule(height=sizes["height"], radius=sizes["radius"])
+        count = (16, 16) if coarse else None
+        mesh = make.capsule(height=sizes["height"], radius=sizes["radius"], count=count)
         mesh.apply_translation(-mesh.bounds.mean(axis=0))
     elif kind == "cylinder":
-        mesh = make.cylinder(radius=sizes["radius"], height=sizes["height"])
+        mesh = make.cylinder(radius=sizes["radius"], height=sizes["height"], sections=sides)
     else:
-        mesh = make.cone(radius=sizes["radius"], height=sizes["height"])
+        mesh = make.cone(radius=sizes["radius"], height=sizes["height"], sections=sides)
         mesh.apply_translation((0.0, 0.0, -0.5 * sizes["height"]))
     return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+
+
+def with_fewer_triangles(vertices: npt.ArrayLike, triangles: npt.ArrayLike, most: int) -> tuple[Vertices, Triangles]:
+    """Nearly the same mesh with at most so many triangles; as it is where the library that reduces it is missing."""
+    points, faces = np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
+    if len(faces) <= most:
+        return points, faces
+    try:
+        small = trimesh.Trimesh(points, faces).simplify_quadric_decimation(face_count=most)
+    except ImportError:
+        return points, faces
+    return np.asarray(small.vertices, dtype=np.float64), np.asarray(small.faces, dtype=np.int64)
+
+
+def painted_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike, colors: npt.ArrayLike) -> trimesh.Trimesh:
+    """A mesh for libraries that take those of trimesh, with colours (V, 4) uint8 sRGB of its vertices."""
+    return trimesh.Trimesh(vertices, triangles, vertex_colors=colors, process=False)

@@ -13,12 +13,14 @@ from simwarp.core.types import WORLD, Drive, ModelError, Pose, shown
 from simwarp.core.types import pose as make_pose
 from simwarp.core.wording import close_names
 from simwarp.importers.coordinates import CoordinateMap
+from simwarp.importers.lowest_point import lowest_point
 from simwarp.importers.report import ImportReport
 from simwarp.model.builder import ModelBuilder
 
 if TYPE_CHECKING:
     from simwarp.actuators import ActuatorSpec
     from simwarp.sensors.scene import Visuals
+    from simwarp.simulation.state import State
 
 Array = npt.NDArray[np.float64]
 
@@ -199,6 +201,15 @@ class Imported:
             return NamedFrame(self.bodies[name])
         known = [*self.sites, *self.frames, *self.bodies]
         raise ModelError(f"{self.report.source}: no frame '{name}'; known: {', '.join(known[:12])}")
+
+    def lowest_point(self, state: State, world: int = 0) -> float:
+        """Height of the lowest point of the robot's shapes in one world [m], to put it on the ground.
+
+        Args:
+            state: of a model that the builder made.
+            world: its index.
+        """
+        return lowest_point(self.builder, self.bodies.values(), state.body_q.numpy()[world])
 
     def add_visuals(self, visuals: Visuals) -> None:
         """Add what the file shows, and only shows: its visual meshes are read here for the first time."""

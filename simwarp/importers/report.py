@@ -13,6 +13,8 @@ from simwarp.core.wording import close_names
 
 MOST_NAMED: Final = 8
 """Names of one element that a warning or an error lists; the report has all of them."""
+MOST_LETTERS: Final = 60
+"""Letters after which such a list stops, with two names at least."""
 
 
 class ImportedWarning(UserWarning):
@@ -171,5 +173,8 @@ def _names(lines: list[ReportLine], element: str) -> str:
 
 
 def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    return ", ".join(f"'{name}'" for name in names[:MOST_NAMED]) + more
+    told = names[:MOST_NAMED]
+    while len(told) > 2 and sum(map(len, told)) > MOST_LETTERS:
+        told.pop()
+    more = f" and {len(names) - len(told)} more" if len(names) > len(told) else ""
+    return ", ".join(f"'{name}'" for name in told) + more

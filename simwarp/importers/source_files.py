@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -60,6 +61,13 @@ def source_file(path: str | os.PathLike[str], what: str, suffixes: Sequence[str]
     return file
 
 
+def expansion_of(file: Path) -> str:
+    """What to run to make a URDF of a .xacro file."""
+    stem = file.name.removesuffix(".xacro").removesuffix(".urdf")
+    words = shlex.join(["xacrodoc", str(file), "-o", str(file.with_name(f"{stem}.urdf"))])
+    return f"pip install xacrodoc, then: {words}"
+
+
 def bytes_of(file: Path) -> bytes:
     """All of a description.
 
@@ -90,7 +98,7 @@ def parsed_xml(name: str, text: bytes) -> Any:
     try:
         return etree.fromstring(text, parser=parser)
     except (etree.XMLSyntaxError, ValueError) as error:
-        told = " ".join(str(error).split())
+        told = " ".join(str(getattr(error, "msg", error)).split())  # str names the line a second time
         raise ModelError(f"{name}: must be well-formed XML, got: {told}; the file may be cut off") from None
 
 
@@ -177,5 +185,6 @@ class FileFolders:
                 f"name the folder it is in: {self._remedy}"
             )
         if not os.path.isfile(resolved):
-            raise ModelError(f"file {shown(reference)}: there must be a file '{shortened(resolved)}', got none; add it")
+            where = shortened(resolved.parent)
+            raise ModelError(f"file {shown(reference)}: there must be a file of this name in '{where}'; add it")
         return resolved

@@ -274,3 +274,10 @@ def test_the_package_gives_its_names_when_they_are_asked_for():
     assert simwarp.core.rotation.__name__ == "simwarp.core.rotation"
     with pytest.raises(AttributeError, match="'simwarp' has no attribute 'nothing'"):
         simwarp.nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_a_wrong_name_with_an_underscore_is_not_called_an_old_one(capfd):
+    assert cli.main(["train", "fast", "--task.max_episode_step", "4"]) == 2
+    err = capfd.readouterr().err
+    assert err.count("\n") == 1
+    assert "unknown option --task.max_episode_step; did you mean --task.max-episode-steps" in err

@@ -1,13 +1,18 @@
 """`simwarp import`: which reader a file gets, what is told, saved and drawn, and one line for whatever is wrong."""
 
 import json
+import os
 import shlex
+import time
 
 import numpy as np
 import pytest
+import warp as wp
 from PIL import Image
+from rich.console import Console
 
 from simwarp import cli
+from simwarp.cli import process
 from simwarp.importers import load_robot
 
 MJCF = """<mujoco><option timestep="0.004"/><worldbody><body name="cart">
@@ -133,13 +138,13 @@ def test_what_is_refused_is_dropped_on_request(folder, capfd):
         ((), "usage: simwarp import FILE"),
         (("none.xml",), "there must be a file, got 'none.xml'"),
         (("two.urdf",), "does not tell whether its root is welded to the world; add --base fixed or --base floating"),
-        (("two.urdf", "--base", "loose"), "--base"),
+        (("two.urdf", "--base", "loose"), "--base must be fixed or floating, got 'loose'"),
         (("cart.xml", "--base", "fixed"), "--base is for URDF, 'cart.xml' is MJCF; leave it away"),
         (("cart.xml", "--density", "3"), "--density is for STEP, 'cart.xml' is MJCF"),
         (("two.urdf", "--base", "fixed", "--packages", "here"), "--packages must be NAME=FOLDER, got 'here'"),
         (("two.urdf", "--base", "fixed", "--packages", "a=none"), "packages['a'] must be a folder"),
         (("robot.obj",), "no reader is for 'robot.obj'; files end in .xml, .mjcf, .urdf"),
-        (("robot.xacro",), "expand it with xacrodoc first"),
+        (("robot.xacro",), "pip install xacrodoc, then: xacrodoc robot.xacro -o robot.urdf"),
         (("page.xml",), "first element must be <mujoco> (MJCF) or <robot> (URDF), got <html>"),
         (("broken.xml",), "must be well-formed XML"),
         (("cart.xml", "--allow", "muscel"), "did you mean 'muscle'"),
@@ -164,6 +169,54 @@ def test_mistakes_get_one_line(folder, capfd, arguments, message):
     assert err.count("\n") == 1
     assert out == ""
     assert sorted(folder.iterdir()) == before
+
+
+def with_meshes(folder, references):
+    """A URDF whose arm has collision meshes."""
+    parts = "".join(f'<collision><geometry><mesh filename="{one}"/></geometry></collision>' for one in references)
+    (folder / "two.urdf").write_text(URDF.replace("<visual>", f"{parts}<visual>"))
+
+
+def test_a_package_that_is_not_there_is_asked_for_once(folder, capfd):
+    with_meshes(folder, [f"package://arms/meshes/part_{number}.stl" for number in range(7)])
+    code, _, err = run(capfd, "two.urdf", "--base", "fixed")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--packages arms=FOLDER" in err
+    assert "packages=" not in err
+    assert (err.count("part_"), err.count("and 5 more")) == (2, 1)
+    assert len(err) < 450
+
+
+def test_a_mesh_that_is_not_there_is_named_once(folder, capfd):
+    with_meshes(folder, ["meshes/gone.stl"])
+    code, _, err = run(capfd, "two.urdf", "--base", "fixed")
+    assert (code, err.count("gone.stl")) == (2, 1)
+    assert f"there must be a file of this name in '{folder / 'meshes'}'" in err
+
+
+def test_xml_that_is_cut_off_is_placed_once(folder, capfd):
+    (folder / "two.urdf").write_text("<robot>\n<link name=x>")
+    err = run(capfd, "two.urdf", "--base", "fixed")[2]
+    assert err.count("line 2") == 1
+    assert "<string>" not in err
+
+
+def test_joints_without_limits_get_a_line(folder, capfd):
+    (folder / "two.urdf").write_text(URDF.replace('lower="-1" upper="2" ', ""))
+    assert "warning    1 joint has no limits: turn" in run(capfd, "two.urdf", "--base", "fixed")[1]
+    assert "warning" not in run(capfd, "two.xml", "--base", "fixed")[1]
+
+
+def test_who_waits_for_kernels_is_told(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr(process, "COMPILING_SHOWS", 0.01)
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    with process.told_compiling(Console()):
+        time.sleep(0.05)
+    assert capfd.readouterr().out == ""
+    with process.told_compiling(Console()):
+        (tmp_path / f"module_p{os.getpid()}_t1").mkdir()
+        time.sleep(0.5)
+    assert capfd.readouterr().out == "compiling kernels, once per machine: 1 to 3 minutes\n"
 
 
 def test_a_reader_that_is_not_there_is_named(folder, capfd, monkeypatch):

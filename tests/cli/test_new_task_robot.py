@@ -71,9 +71,10 @@ def test_a_robot_that_floats_stands(folder, monkeypatch):
     damping = pytest.approx(math.sqrt(20.0 * leg), rel=1e-3)
     for name in ("left_hip", "right_hip"):
         assert module.JOINTS[name] == (20.0, damping, 20.0, -1.0, 1.0)
-    # feet 0.45 m below the trunk's middle, which the file puts at 1 m
-    assert pytest.approx(-0.55, abs=2e-3) == module.LIFT
+    assert module.HOME == {"left_hip": 0.0, "right_hip": 0.0}
     task: Any = make("stand-walker", num_worlds=3, seed=1)
+    # feet 0.45 m below the trunk's middle, which the file puts at 1 m: float32
+    assert task.home[task.robot.dofs["float"] + 2] == pytest.approx(0.45, abs=1e-6)
     assert task.step(torch.zeros(3, 2)).observations["policy"].shape == (3, 15)
     # down, seen from a base that stands upright
     assert torch.allclose(task.in_base(task.down), task.down, atol=0.05)
@@ -89,14 +90,24 @@ def test_a_robot_that_follows_velocities(folder, monkeypatch):
     made(folder, monkeypatch, "walk-walker", "walker.xml", "--velocity")
     task: Any = make("walk-walker", num_worlds=64, seed=1)
     assert task.step(torch.zeros(64, 2)).observations["policy"].shape == (64, 18)
-    assert task.command[:, 0].abs().max() <= 0.8
-    assert task.command.std(dim=0).min() > 0.2  # uniform in +-0.5: 0.29
+    forward = task.command[:, 0].abs()
+    assert 0.32 <= forward.min() < 0.4
+    assert 0.7 < forward.max() <= 0.8  # of 64 uniform ones
+    assert 0.25 < (task.command[:, 0] > 0).float().mean() < 0.75
+    assert task.command[:, 1].abs().max() <= 0.32
+    assert task.command.std(dim=0).min() > 0.12  # uniform in +-0.32: 0.18
     # what is paid is paid for the commanded velocity, in axes of the base
     task.views.body_omega.zero_()
     speeds = torch.zeros(64, 3)
     speeds[:, :2] = task.command[:, :2]
     task.views.body_v[:, task.base] = task.in_base(speeds)
     assert task.rewards()["speed"].min() > 0.9
+    assert task.metrics()["success"].all()
+    # who stands earns nothing at 0.5 m/s, less at more
+    task.views.body_v.zero_()
+    wanted = task.command[:, :2].norm(dim=1)
+    assert torch.allclose(task.rewards()["speed"], 1.0 - 2.0 * wanted, atol=1e-6)
+    assert not task.metrics()["success"].any()
 
 
 def test_a_robot_with_a_fixed_base_reaches_goals(folder, monkeypatch):
@@ -127,6 +138,43 @@ def test_files_of_the_package(folder):
     assert not [line for line in lines if line != line.rstrip()]
 
 
+def standing(module, name):
+    """Height of the lowest point of a new task's robot at its start, without noise [m], and the task."""
+    task: Any = make(name, num_worlds=2, seed=1, start_noise=1e-6)
+    return task.robot.lowest_point(task.simulation.state), task
+
+
+def test_a_pose_is_given_by_joints_and_the_base_follows(folder, monkeypatch):
+    options = ("walker.xml", "--pose", "left_hip=0.5", "--pose", "r*_hip=-0.25,right_hip=-0.5")
+    module = made(folder, monkeypatch, "posed-walker", *options)
+    assert module.HOME == {"left_hip": 0.5, "right_hip": -0.5}
+    assert module.JOINTS["left_hip"][3:] == (-0.5, pytest.approx(math.pi / 3, abs=1e-3))  # 1 rad around, in the stops
+    lowest, task = standing(module, "posed-walker")
+    assert lowest == pytest.approx(0.0, abs=1e-5)  # float32, and noise of 1e-6 rad
+    # a capsule's end: 0.4 m away along the leg, 0.05 m around
+    assert task.views.body_q[0, task.base, 2] == pytest.approx(0.4 * math.cos(0.5) + 0.05, abs=1e-5)
+
+
+def test_a_keyframe_gives_the_pose(folder, monkeypatch):
+    key = '<keyframe><key name="home" qpos="0 0 1 1 0 0 0 .3 -.2"/></keyframe></mujoco>'
+    (folder / "walker.xml").write_text(WALKER.replace("</mujoco>", key))
+    module = made(folder, monkeypatch, "key-walker", "walker.xml", "--pose", "right_hip=0.1")
+    assert module.HOME == {"left_hip": 0.3, "right_hip": 0.1}
+    assert standing(module, "key-walker")[0] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_joints_that_cannot_stand_at_0_start_in_the_middle(folder, monkeypatch):
+    (folder / "two.urdf").write_text(URDF.replace('lower="-1"', 'lower="0.5"'))
+    assert made(folder, monkeypatch, "mid-two", "two.urdf", "--base", "fixed").HOME == {"turn": 1.25}
+
+
+def test_a_ground_of_the_file_is_stood_upon(folder, monkeypatch):
+    ground = '<worldbody><geom type="plane" size="1 1 1" pos="0 0 .2"/>'
+    (folder / "walker.xml").write_text(WALKER.replace("<worldbody>", ground))
+    module = made(folder, monkeypatch, "high-walker", "walker.xml")
+    assert standing(module, "high-walker")[0] == pytest.approx(0.2, abs=1e-5)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [("walker.xml",), ("walker.xml", "--velocity"), ("two.urdf", "--base", "fixed")])
 def test_the_package_passes_its_own_test_and_trains(folder, options):
@@ -142,6 +190,14 @@ def test_the_package_passes_its_own_test_and_trains(folder, options):
     [
         (("--velocity",), "--velocity is about a robot: add --robot FILE"),
         (("--base", "fixed"), "--base is about a robot"),
+        (("--pose", "a=1"), "--pose is about a robot"),
+        (("--robot", "walker.xml", "--pose", "left_hip"), "--pose must be JOINT=VALUE [rad or m], got 'left_hip'"),
+        (("--robot", "walker.xml", "--pose", "left_hip=nan"), "--pose must be JOINT=VALUE"),
+        (("--robot", "walker.xml", "--pose", "left_hop=1"), "no hinge or slide with 'left_hop'; did you mean left_hip"),
+        (
+            ("--robot", "walker.xml", "--pose", "*_hip=2"),
+            "'left_hip' must be within its limits, -1.047 to 1.047, got 2",
+        ),
         (("--robot", "none.urdf"), "there must be a file"),
         (("--robot", "two.urdf"), "add --base fixed or --base floating"),
         (("--robot", "two.urdf", "--base", "fixed", "--velocity"), "--velocity is for robots whose base floats"),

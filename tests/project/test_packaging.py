@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp/tasks", "train": "simwarp/train"}
-DATA = {".py", ".pyi", ".json", ".csv", ".npz", ".pt", ".onnx", ".xml", ".urdf", ".tir"}
+DATA = {".py", ".pyi", ".json", ".csv", ".npz", ".pt", ".onnx", ".xml", ".urdf", ".tir", ".js"}
 BUILD = """
 import sys
 from setuptools import build_meta

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 import simwarp as sw
 from simwarp.importers.imported import Imported
 from simwarp.model.model import meeting_pairs
+from tests.reference.imported_robots import full_mass
 
 Array = npt.NDArray[np.float64]
 
@@ -127,8 +128,7 @@ def inverse_mass_error(pair: Pair, seed: int = 1) -> float:
     data = pair.data
     data.qpos[:] = qpos
     mujoco.mj_forward(model, data)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
+    mass = full_mass(model, qpos)
     scale = np.minimum(1.0, 0.01 / (dt * np.diag(np.linalg.inv(mass))))  # so weak that nothing turns in a step
     efforts = np.stack([force_along(pair, unit, qpos) for unit in np.diag(scale)])
     sim.control.joint_force[: model.nv] = efforts.astype(np.float32)
@@ -184,9 +184,7 @@ def tied_acceleration(model: Any, data: Any) -> Array:
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
     mujoco.mj_forward(model, data)
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    root = np.linalg.cholesky(mass)
+    root = np.linalg.cholesky(full_mass(model, data.qpos))
     scaled = rows @ np.linalg.inv(root).T
     return np.asarray(data.qacc - np.linalg.solve(root.T, np.linalg.pinv(scaled, rcond=1e-5) @ rows @ data.qacc))
 

@@ -21,6 +21,9 @@ from .evaluation import CHECK_INTERVAL, EpisodeRecords, Evaluation, EvaluationCa
 POLICY_NAMES = {"policy": "trained", "zero": "zero action", "random": "random"}
 """Labels of the policies of :func:`evaluate_policies`."""
 
+_LEAST = 0.02
+"""Share of an evaluation from which its time is judged: before, kernels are compiled."""
+
 
 @dataclasses.dataclass(frozen=True)
 class GridPoint:
@@ -138,17 +141,24 @@ class GridDisplay(LiveLine):
             ended: episodes that are over.
             share: of the longest time that they could take.
         """
-        busy = time.monotonic() - self._last
-        if self._done:
-            each = self._spent / self._done
-            left = f"ETA {duration(max(each * (self._runs - self._done) - busy, 0.0))}"
-        else:
-            left = f"ETA below {duration(busy / max(share, 1e-6) * self._runs - busy)}"
+        part = max(ended / self._episodes, share)
+        left = self._left(time.monotonic() - self._last, part)
         where = f"{label}  " if label else ""
         who = f"{POLICY_NAMES[policy]}  " if self._policies > 1 else ""
-        part = max(ended / self._episodes, share)
-        text = f"{where}{who}{ended}/{self._episodes} episodes  {left}"
+        text = f"{where}{who}{part:.0%}  {ended}/{self._episodes} episodes{left}"
         self.show(self._head(self._done // self._policies + 1), text, self._done + min(part, 1.0))
+
+    def _left(self, busy: float, part: float) -> str:
+        """Words on the time that the rest takes; none where too little is done to tell."""
+        if part >= _LEAST:
+            whole = busy / part
+            runs = self._runs - self._done - 1
+            seconds = whole - busy + runs * (self._spent / self._done if self._done else whole)
+        elif self._done:
+            seconds = max(self._spent / self._done * (self._runs - self._done) - busy, 0.0)
+        else:
+            return ""
+        return f"  ETA {'' if self._done else 'below '}{duration(seconds)}"
 
     def run_done(self) -> None:
         """Count a policy at a point."""

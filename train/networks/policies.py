@@ -77,8 +77,8 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
         else:
             of, option = (f" with {obs} observations", f" --obs {obs}") if obs else ("", "")
             raise InputError(
-                f"no policy for task '{task_name}'{of}: train one with `simwarp train {task_name}{option}` or give"
-                " --checkpoint"
+                f"no policy for task '{task_name}'{of} in folder '{root}': train one with "
+                f"`simwarp train {task_name}{option}`, or give the folder of its runs with --runs, or a --checkpoint"
             )
     if content["task"] != task_name:
         raise InputError(f"checkpoint {path} is of task {shown(content['task'])}, not '{task_name}'")

@@ -40,6 +40,7 @@ class LiveLine:
     def __init__(self, console: Console, total: float, done: float = 0.0, head: str = "") -> None:
         self.console = console
         self._last_line = -math.inf
+        self._said = ""
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         if console.is_terminal:
@@ -76,9 +77,10 @@ class LiveLine:
             self._bar.update(self._task, completed=done, head=head, text=text)
             return
         now = time.monotonic()
-        if certainly or now - self._last_line >= _PLAIN_INTERVAL:
-            self._last_line = now
-            self.say(f"{head}  {text}")
+        line = f"{head}  {text}"
+        if certainly or (now - self._last_line >= _PLAIN_INTERVAL and line != self._said):
+            self._last_line, self._said = now, line
+            self.say(line)
 
     def say(self, text: str) -> None:
         """Print a line that stays."""

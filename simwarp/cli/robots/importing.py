@@ -14,6 +14,7 @@ from rich.table import Table
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options, take_path
+from simwarp.cli.process import told_compiling
 from simwarp.cli.robots.robot_sources import Base, Format, RobotOptions, load_file
 from simwarp.core.files import write_file
 from simwarp.core.types import Dof, PositionDrive, VelocityMotor
@@ -70,7 +71,8 @@ def run(arguments: list[str]) -> int:
         save_robot(robot, options.save)
         console.print(f"wrote {options.save}", highlight=False, soft_wrap=True)
     if options.picture is not None:
-        _draw(robot, options.picture)
+        with told_compiling(console):
+            _draw(robot, options.picture)
         console.print(f"wrote {options.picture}", highlight=False, soft_wrap=True)
     _tell_next(console, path, kind, options)
     options.emit(_results(path, kind, robot, wall, options))
@@ -92,6 +94,10 @@ def _tell(console: Console, path: Path, kind: Format, robot: Imported, wall: flo
     facts["elements"] = ", ".join(told)
     if robot.timestep is not None:
         facts["time step"] = f"{robot.timestep:g} s"
+    endless = [line.name for line in robot.report.near if line.element == "limit"]
+    if endless:
+        named = ", ".join(endless[:2]) + (f" and {len(endless) - 2} more" if len(endless) > 2 else "")
+        facts["warning"] = f"{len(endless)} joint{'s have' if len(endless) > 1 else ' has'} no limits: {named}"
     for name, words in facts.items():
         console.print(f"{name:<10} {words}", highlight=False, soft_wrap=True)
     rows: list[tuple[str, ...]] = [(name, f"{builder.bodies[body].mass:.5g}") for name, body in robot.bodies.items()]

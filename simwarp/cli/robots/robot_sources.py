@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import shlex
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from simwarp.cli import UsageError, shortened
 from simwarp.core.types import ModelError
 from simwarp.importers.imported import Imported
 from simwarp.importers.report import ImportedWarning
-from simwarp.importers.source_files import bytes_of, parsed_xml, source_file
+from simwarp.importers.source_files import bytes_of, expansion_of, parsed_xml, source_file
 
 Base = Literal["fixed", "floating"]
 
@@ -70,7 +71,7 @@ def format_of(path: Path) -> Format:
     found = [kind for kind in FORMATS if suffix in kind.suffixes]
     if not found:
         known = ", ".join(dict.fromkeys(suffix for kind in FORMATS for suffix in kind.suffixes))
-        hint = "; expand it with xacrodoc first" if suffix == ".xacro" else f"; files end in {known}"
+        hint = f"; expand it: {expansion_of(path)}" if suffix == ".xacro" else f"; files end in {known}"
         raise UsageError(f"no reader is for '{shortened(path.name)}'{hint}")
     file = source_file(path, "robot", (suffix,))
     if len(found) == 1:
@@ -133,4 +134,6 @@ def _for_command(text: str) -> str:
             f"'{kind}'" if " " in kind else kind for kind in re.findall(r"'([^']*)'", match[1])
         )
 
-    return re.sub(r"allow=\[([^\]]*)\]", words, text)
+    text = re.sub(r"allow=\[([^\]]*)\]", words, text)
+    text = re.sub(r"packages=\{'([^']*)': folder\}", lambda match: f"--packages {shlex.quote(match[1])}=FOLDER", text)
+    return text.replace("packages={...}", "--packages")

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+import fnmatch
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence, Set
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.cli import UsageError
+from simwarp.cli import UsageError, shortened
 from simwarp.cli.robots.robot_templates import FIXED, FLOATING, JOINTS, README, TEST
 from simwarp.core.rotation import matrix_of, quat_conjugate, quat_multiply, rotate
 from simwarp.core.types import WORLD, Dof, JointType, PositionDrive, ShapeType
+from simwarp.core.wording import close_names
 from simwarp.importers.imported import Imported
 from simwarp.importers.robot_files import robot_text
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.joint_types import ELEMENTS
-from simwarp.model.specifications import JointSpec
+from simwarp.model.specifications import JointSpec, ShapeSpec
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +32,7 @@ SLIDE: Final = 0.1
 WIDEST: Final = 1.0
 """Most that targets of a joint leave the pose at the start [rad], or in units of SLIDE."""
 GRAVITY: Final = 9.81
+GROUNDS: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,19 +69,21 @@ class Stance:
         keyframe: that they are of; empty for the robot as built.
         floating: name of the joint of the base that floats; empty where it is fixed.
         base: name of that body.
+        height: of a level ground [m]; None where there is another one.
         has_ground: the file has a ground.
-        lift: to be added to the height of the base [m].
     """
 
     home: Array
     keyframe: str
     floating: str = ""
     base: str = ""
+    height: float | None = 0.0
     has_ground: bool = False
-    lift: float = 0.0
 
 
-def robot_files(name: str, module: str, robot: Imported, source: str, *, velocity: bool) -> dict[str, str]:
+def robot_files(
+    name: str, module: str, robot: Imported, source: str, *, velocity: bool, pose: Sequence[str] = ()
+) -> dict[str, str]:
     """The module, its test, its page and the robot: path -> text, with @words@ of the package still in it.
 
     Args:
@@ -87,11 +92,12 @@ def robot_files(name: str, module: str, robot: Imported, source: str, *, velocit
         robot: that it is about.
         source: file of the robot, for people.
         velocity: follow a commanded velocity.
+        pose: of the joints at the start, see `with_pose`.
 
     Raises:
         UsageError: nothing of the robot can be driven, or its base is fixed and has no velocity.
     """
-    stance = stance_of(robot)
+    stance = stance_of(robot, pose)
     joints = driven_joints(robot, stance.home)
     if not joints:
         raise UsageError(f"{source}: a task needs joints that can be driven, and there is none; add joints to the file")
@@ -114,7 +120,10 @@ def robot_files(name: str, module: str, robot: Imported, source: str, *, velocit
         "@home@": home,
         "@base@": stance.base,
         "@float@": stance.floating,
-        "@lift@": f"{stance.lift:.4g}" if stance.lift % 1 else f"{stance.lift:.1f}",
+        "@stand@": _stand(stance),
+        "@pose@": "\n".join(_home_rows(robot, stance.home, {joint.name for joint in joints})),
+        "@posed@": f", as in the keyframe {json.dumps(stance.keyframe)}" if stance.keyframe else "",
+        "@height@": " The height of the base follows from it." if _stand(stance) else "",
         "@ground@": "" if stance.has_ground else '        self.robot.builder.add_shape_plane(name="ground")\n',
         "@size@": str(9 + 3 * (count + velocity) if stance.floating else 4 * count),
     }
@@ -128,6 +137,25 @@ def robot_files(name: str, module: str, robot: Imported, source: str, *, velocit
             text = text.replace(word, words[word])
         texts[path] = text
     return {**texts, f"{module}/robot.json": robot_text(robot)}
+
+
+def _stand(stance: Stance) -> str:
+    """Lines that put the robot's lowest point on the ground."""
+    if not stance.floating or stance.height is None:
+        return ""
+    height = f"{_digits(stance.height)} " if stance.height else ""
+    sign = f"+= {height}-" if height else "-="
+    return (
+        "        self.simulation.set_joint_state(None, self.home.repeat(self.num_worlds, 1), None)\n"
+        f'        self.home[robot.dofs["{stance.floating}"] + 2] {sign} robot.lowest_point(self.simulation.state)\n'
+    )
+
+
+def _home_rows(robot: Imported, home: Array, driven: Set[str]) -> Iterator[str]:
+    """Lines of the table of the pose: joints that are driven, and others that do not stand at 0."""
+    for name, (column, _) in _single_dofs(robot).items():
+        if name in driven or home[column] != 0.0:
+            yield f"    {json.dumps(name)}: {_digits(float(home[column]))},"
 
 
 def _chosen(template: str, velocity: bool) -> Iterator[str]:
@@ -148,40 +176,89 @@ def _digits(value: float) -> str:
 # ---- the robot -------------------------------------------------------------------------------------------------------
 
 
-def stance_of(robot: Imported) -> Stance:
-    """Where the robot starts: its keyframe "home", else its first one, else as built."""
+def stance_of(robot: Imported, pose: Sequence[str] = ()) -> Stance:
+    """Where the robot starts: its keyframe "home", else its first one, else as built, with the joints of `pose`."""
     builder, keyframes = robot.builder, robot.keyframes
     keyframe = "home" if "home" in keyframes else next(iter(keyframes), "")
     home = keyframes[keyframe].q if keyframe else robot.q_from(robot.coordinates.initial)
+    home = with_pose(robot, home, pose, has_keyframe=bool(keyframe))
     names = {column: name for name, column in robot.dofs.items()}
     bodies = {body: name for name, body in robot.bodies.items()}
     for index, joint in enumerate(builder.joints):
         column = builder.dof_start(index)
         if joint.type == JointType.FREE and joint.child in bodies and column in names and _carries(robot, joint.child):
-            grounds = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD)
-            has_ground = any(shape.body == WORLD and shape.type in grounds for shape in builder.shapes)
-            lift = 0.0 if has_ground else -lowest_point(robot, home)
-            return Stance(home, keyframe, names[column], bodies[joint.child], has_ground, lift)
+            grounds = [shape for shape in builder.shapes if shape.body == WORLD and shape.type in GROUNDS]
+            return Stance(
+                home, keyframe, floating=names[column], base=bodies[joint.child], height=_level(grounds),
+                has_ground=bool(grounds),
+            )  # fmt: skip
     return Stance(home, keyframe)
+
+
+def _level(grounds: list[ShapeSpec]) -> float | None:
+    """Height of the ground, 0 where there is none [m]; None where it is not one level plane."""
+    if not grounds:
+        return 0.0
+    plane = grounds[0]
+    level = len(grounds) == 1 and plane.type == ShapeType.PLANE and matrix_of(plane.pose.rotation)[2, 2] > 1.0 - 1e-9
+    return float(plane.pose.position[2]) if level else None
+
+
+def with_pose(robot: Imported, home: Array, words: Sequence[str], *, has_keyframe: bool) -> Array:
+    """Coordinates at the start: those given, with joints at the middle of their limits where 0 is outside.
+
+    Args:
+        robot: that has the joints.
+        home: (dofs,) coordinates so far.
+        words: NAME=VALUE each, or several with commas between; * and ? in a name stand for letters [rad or m].
+        has_keyframe: the coordinates so far are of the file: none is moved into its limits.
+
+    Raises:
+        UsageError: a word is no such thing, names no joint, or a value that its joint cannot have.
+    """
+    home, single = home.copy(), _single_dofs(robot)
+    for column, dof in single.values():
+        if dof.limit is not None and not has_keyframe and not dof.limit[0] <= home[column] <= dof.limit[1]:
+            home[column] = 0.5 * (dof.limit[0] + dof.limit[1])
+    for word in (part for text in words for part in text.split(",") if part):
+        pattern, _, text = word.rpartition("=")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (pattern and math.isfinite(value)):
+            raise UsageError(f"--pose must be JOINT=VALUE [rad or m], got '{shortened(word)}'")
+        named = [name for name in single if fnmatch.fnmatchcase(name, pattern)]
+        if not named:
+            near = close_names(pattern, single, 3)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"joints: {', '.join(list(single)[:12])}"
+            raise UsageError(f"--pose names no hinge or slide with '{shortened(pattern)}'; {hint}")
+        for name in named:
+            column, dof = single[name]
+            lower, upper = dof.limit or (-math.inf, math.inf)
+            if not lower <= value <= upper:
+                raise UsageError(
+                    f"--pose of '{name}' must be within its limits, {lower:.4g} to {upper:.4g}, got {value:g}"
+                )
+            home[column] = value
+    return home
+
+
+def _single_dofs(robot: Imported) -> dict[str, tuple[int, Dof]]:
+    """Hinges and slides that follow no other one, with their columns."""
+    followers = {coupling.terms[0][0] for coupling in robot.builder.couplings}
+    found = {}
+    for name, column in robot.dofs.items():
+        index, _ = robot.builder.coordinate_of(column)
+        joint = robot.builder.joints[index]
+        if len(joint.dofs) == 1 and column not in followers:
+            found[name] = (column, joint.dofs[0])
+    return found
 
 
 def _carries(robot: Imported, body: int) -> bool:
     """True if joints hang on a body: an object that floats alone has none."""
     return any(joint.parent == body and joint.dofs for joint in robot.builder.joints)
-
-
-def lowest_point(robot: Imported, q: Array) -> float:
-    """Height of the lowest point of the shapes on bodies at coordinates (dofs,) [m]."""
-    from simwarp import Simulation
-    from simwarp.sensors import CameraConfig, Visuals
-    from simwarp.viewer import FreeCamera
-
-    simulation = Simulation(robot.builder.finalize(1, "cpu"), dt=1e-3)
-    simulation.set_joint_state(None, np.asarray(q, np.float32)[None], None)
-    if all(shape.body == WORLD for shape in robot.builder.shapes):
-        return float(simulation.state.body_x.numpy()[0, :, 2].min())
-    camera = FreeCamera(Visuals(robot.builder).finalize(simulation.model), [0], CameraConfig(width=8, height=8))
-    return float(camera.extent(simulation.state)[0, 0, 2])
 
 
 def driven_joints(robot: Imported, home: Array) -> list[DrivenJoint]:

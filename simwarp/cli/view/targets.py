@@ -64,10 +64,11 @@ def find_target(name: str, tasks: Callable[[], list[str]]) -> ViewTarget:
         return ViewTarget("task", name)
     if name in scenes:
         return ViewTarget("scene", name)
-    names = [*known, *vehicle_names(), *scenes]
+    close = close_names(name, [*known, *vehicle_names(), *scenes])
+    hint = f"; did you mean {' or '.join(close)}?" if close else ";"
     raise UsageError(
-        f"nothing is called '{name}'{close_names(name, names)}; `simwarp list` shows all, and model files end in"
-        f" {', '.join(MODEL_FILES)} or .json"
+        f"nothing is called '{name}'{hint} `simwarp list` shows all, and model files end in {', '.join(MODEL_FILES)} or"
+        " .json"
     )
 
 

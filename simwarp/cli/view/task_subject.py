@@ -9,10 +9,11 @@ import numpy as np
 import torch
 from matplotlib.colors import to_rgb
 
-from simwarp.tasks import Task
+from simwarp.tasks import StepResult, Task
 from simwarp.train.evaluation.filming import stage
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
+from simwarp.viewer.live.vehicle_panel import GOAL
 
 
 class TaskLoop:
@@ -25,6 +26,7 @@ class TaskLoop:
 
     Attributes:
         policy: may be replaced between steps.
+        result: of the last step; None before the first.
         returns: (W,) rewards summed over the running episodes.
         ended: (W,) bool, of the last step.
         rewards: of the last step, term -> (W,).
@@ -42,6 +44,9 @@ class TaskLoop:
         self.ended = torch.zeros(task.num_worlds, dtype=torch.bool, device=task.device)
         self.rewards: dict[str, torch.Tensor] = {}
         self._begun = self.ended.clone()
+        self.result: StepResult | None = None
+        self.resetting: list[Callable[[Mask | None], None]] = []
+        """Called before worlds of a mask begin anew."""
         self.overrides: list[Callable[[torch.Tensor], torch.Tensor]] = []
         """Called with the (W, A) actions of every step; return those to use."""
 
@@ -52,7 +57,7 @@ class TaskLoop:
             actions = override(actions)
         self.actions = torch.where(self._taken, self._given, actions.clamp(-1.0, 1.0))
         self.returns *= ~self._begun
-        result = self.task.step(self.actions)
+        result = self.result = self.task.step(self.actions)
         self._observations = result.observations
         self.rewards = dict(zip(self.task.reward_terms, result.reward_terms.unbind(dim=1), strict=True))
         self.returns += result.rewards
@@ -66,6 +71,8 @@ class TaskLoop:
 
     def reset(self, mask: Mask | None) -> None:
         """New episodes, in the worlds of a mask or in all."""
+        for listener in self.resetting:
+            listener(mask)
         task = self.task
         chosen = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
         if mask is not None:
@@ -103,6 +110,7 @@ def task_subject(task: Task[Any], policy: Policy, seed: int) -> tuple[Subject, T
         task.name, simulation, scene, float(task.config.control_dt), loop.advance, loop.reset, shot,
         paths=lambda: lines_of(task), trail=lambda: _trail(task), actions=actions, returns=lambda: _host(loop.returns),
         ended=lambda: np.asarray(_host(loop.ended), bool), elements=_elements(task),
+        details={GOAL: lambda world: _metrics(task, world)},
     )  # fmt: skip
     return subject, loop
 
@@ -115,6 +123,10 @@ def lines_of(task: Task[Any]) -> list[Path]:
 def _bytes(colour: str) -> tuple[int, int, int]:
     red, green, blue = (round(255 * value) for value in to_rgb(colour))
     return red, green, blue
+
+
+def _metrics(task: Task[Any], world: int) -> dict[str, float]:
+    return {name.replace("_", " "): float(value[world]) for name, value in task.metrics().items()}
 
 
 def _trail(task: Task[Any]) -> Floats:

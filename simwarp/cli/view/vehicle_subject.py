@@ -37,7 +37,7 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     parts = add_vehicle(builder, spec, at=pose((0.0, 0.0, spec.start_height)))
     builder.add_shape_plane(name="ground", material=Material(friction=FRICTION))
     visuals = Visuals(builder)
-    _show_body(visuals, parts)
+    show_body(visuals, parts)
     paint(visuals, tile=5.0)
     model = builder.finalize(
         world_count=worlds, device=resolve_device(None if device == "auto" else device), per_world=per_world()
@@ -58,7 +58,7 @@ def vehicle_subject(name: str, worlds: int, device: str) -> Subject:
     )  # fmt: skip
 
 
-def _show_body(visuals: Visuals, parts: Any) -> None:
+def show_body(visuals: Visuals, parts: Any) -> None:
     """The vehicle's body and wheels; of one without a body of its own that of its shapes, or boxes and cylinders."""
     from simwarp.scenery.vehicle_visuals import add_vehicle_visual
 

@@ -6,16 +6,21 @@ import dataclasses
 import sys
 import webbrowser
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from simwarp.cli import DONE, HELP, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_path, task_options
 from simwarp.tasks import make, resolve_device, task_class, task_names
+from simwarp.viewer.live.drive_panel import DrivePanel
+from simwarp.viewer.live.human_driver import Keys
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.recording import Recorder, check_recording_path
 
 LONGEST = 86_400.0
 """Of --seconds."""
+
+if TYPE_CHECKING:
+    from simwarp.cli.view.human_in_task import HumanInTask
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +45,10 @@ class ViewOptions(CommonOptions):
     """End after this much time by the clock [s]; with --record of simulated time, at full speed, without a browser."""
     record: Path | None = None
     """Record to this file from the start: .html, which plays in any browser, or .viser."""
+    drive: bool = False
+    """Drive by hand at once: the page's keys and gamepad, the camera behind the vehicle."""
+    keys: Literal["smooth", "chrono"] = "smooth"
+    """Of driving: a held key moves its input to the end, or steps its target as Chrono's driver does."""
     base: Literal["fixed", "floating"] | None = None
     """Of a URDF: its root link is welded to the world, or floats."""
     allow: tuple[str, ...] = ()
@@ -60,6 +69,8 @@ class TaskViewOptions(ViewOptions):
     """Seed of the worlds."""
     runs: Path = Path("runs")
     """Folder of the run folders."""
+    record_trajectories: Path | None = None
+    """Write what is driven by hand to this .npz file, which `simwarp clone` reads."""
 
 
 def run(arguments: list[str]) -> int:
@@ -83,9 +94,11 @@ def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
     import torch
 
     from simwarp.cli.view.actors import find_actor
+    from simwarp.cli.view.human_in_task import HumanInTask
     from simwarp.cli.view.reloading import PolicyReload
     from simwarp.cli.view.task_subject import task_subject
     from simwarp.train.runs.run_folder import RunFolder
+    from simwarp.viewer.live.driving import WHEEL
 
     torch.set_num_threads(1)
     cls = task_class(name)
@@ -95,7 +108,8 @@ def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
         task_options("ViewCommand", TaskViewOptions, task=actor.config or cls.config_type()), arguments,
         f"simwarp view {name}",
     )  # fmt: skip
-    _check(options)
+    _check(options, record_trajectories=options.record_trajectories)
+    _check_record(options.record_trajectories)
     _say(options, f"building worlds of '{name}' ...")
     task = make(
         name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=options.task
@@ -106,8 +120,33 @@ def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
         subject.details["training"] = PolicyReload(
             RunFolder(actor.run), loop, using=actor.path, iteration=iteration, on=options.reload is not None
         )
+    human = HumanInTask(loop, options.seed)
+    subject.details[WHEEL] = human.wheel()
     _say(options, f"policy: {actor.origin}")
-    return options, _view(subject, options)
+    if options.record_trajectories is not None and human.wheel() is None:
+        raise UsageError(f"--record-trajectories: nobody can drive in task '{name}'; driving tasks have a vehicle")
+    view = _view(subject, options)
+    if options.record_trajectories is not None:
+        _record(view, human, options)
+    return options, view
+
+
+def _record(view: LiveView, human: HumanInTask, options: Any) -> None:
+    """Keeps the steps while somebody is at the wheel; the file is written when the page ends."""
+    path = options.record_trajectories
+    human.recording = lambda: view.wheel.taken
+    view.listeners.append(human.after_step)
+
+    def save() -> None:
+        steps = human.save(path)
+        _say(options, f"wrote {path}: {steps:,} steps driven by hand" if steps else f"nobody drove; no {path} written")
+
+    view.closers.append(save)
+
+
+def _check_record(path: Path | None) -> None:
+    if path is not None and path.suffix != ".npz":
+        raise UsageError(f"--record-trajectories must end in .npz, got '{path}'")
 
 
 def _plain_view(kind: str, name: str, options: ViewOptions) -> LiveView:
@@ -129,10 +168,10 @@ def _plain_view(kind: str, name: str, options: ViewOptions) -> LiveView:
     return _view(subject, options)
 
 
-def _check(options: ViewOptions) -> None:
+def _check(options: ViewOptions, **outputs: Path | None) -> None:
     if options.record is not None:
         check_recording_path(options.record)
-    options.check(record=options.record)
+    options.check(record=options.record, **outputs)
     if options.seconds is not None and not 0.0 < options.seconds <= LONGEST:
         raise UsageError(f"seconds must be positive and at most {LONGEST:g}, got {options.seconds:g}")
     if options.worlds is not None and not 1 <= options.worlds <= 65536:
@@ -155,7 +194,18 @@ def _view(subject: Any, options: ViewOptions) -> LiveView:
     training = subject.details.get("training")
     if training is not None:
         training.start(view.post)
+        view.closers.append(training.close)
+    if options.drive:
+        _drive(view, Keys(options.keys))
     return view
+
+
+def _drive(view: LiveView, keys: Keys) -> None:
+    panel = next((panel for panel in view.panels if isinstance(panel, DrivePanel)), None)
+    if panel is None:
+        view.stop()
+        raise UsageError(f"--drive: '{view.subject.name}' has no vehicle to drive; `simwarp list` shows vehicles")
+    panel.switch(True, keys)
 
 
 def _serve(view: LiveView, options: ViewOptions) -> int:
@@ -194,6 +244,8 @@ def _record(view: LiveView, options: ViewOptions, seconds: float) -> int:
         with stop_on_signals() as stop, LiveLine(console, 1.0, head="recording") as line:
             while recorder.elapsed < seconds - 1e-6 and not recorder.written and not stop.requested:
                 view.subject.advance()
+                for listener in view.listeners:
+                    listener()
                 view.step()
                 done = min(recorder.elapsed / seconds, 1.0)
                 line.show("recording", f"{recorder.elapsed:.1f}/{seconds:g} s, {recorder.size / 1e6:.1f} MB", done)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -33,7 +33,7 @@ WHAT: Final = "load_mjcf"
 
 def load_mjcf(
     path: str | os.PathLike[str], builder: ModelBuilder | None = None, *, pose: Pose | None = None, prefix: str = "",
-    allow: Collection[str] = (),
+    allow: Collection[str] = (), decompose: bool | Mapping[str, Any] = False,
 ) -> Imported:  # fmt: skip
     """A robot or scene of an MJCF file. MuJoCo itself compiles it: defaults, includes, classes and units are its own.
 
@@ -44,6 +44,7 @@ def load_mjcf(
         pose: of the file's world in ours; identity when None.
         prefix: of all names.
         allow: kinds of refused elements to leave out with a warning.
+        decompose: take several hulls for a mesh instead of one: True, or options of `coacd.run_coacd`.
 
     Raises:
         ModelError: MuJoCo cannot compile the file, or it has elements that are refused: one line that names them.
@@ -57,7 +58,7 @@ def load_mjcf(
     model, data = _compiled(mujoco, file, report, visuals=False)
     fresh = builder is None
     target = ModelBuilder() if builder is None else builder
-    source = Source(model, data, report, target, prefix, make_pose() if pose is None else pose)
+    source = Source(model, data, report, target, prefix, make_pose() if pose is None else pose, decompose)
     source.shortcuts = shortcut_actuators(tags)
     check_model(source)
     report.check()

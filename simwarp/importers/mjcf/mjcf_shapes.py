@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import FrictionRule, Material
-from simwarp.importers.links.link_meshes import reduced_hull
+from simwarp.importers.links.link_meshes import collision_hulls
 from simwarp.importers.mjcf.mjcf_source import DEFAULT_SOLIMP, DEFAULT_SOLREF, Source
 from simwarp.model.model import meeting_pairs
 from simwarp.model.shapes import NOT_CONVEX
@@ -25,17 +25,16 @@ def add_shapes(source: Source) -> dict[str, tuple[int, ...]]:
     model = source.model
     wanted = colliding_geoms(model)
     names: dict[str, tuple[int, ...]] = {}
-    hulls: dict[int, tuple[Array, float]] = {}
+    hulls: dict[int, tuple[list[Array], float]] = {}
     for geom in range(model.ngeom):
         told = source.told("geom", geom)
         if not wanted[geom]:
             source.report.hold("geom visual", told, "only shows")
             continue
         _check_geom(source, geom)
-        shape = _add_geom(source, geom, hulls)
-        if shape is not None:
-            source.shapes[geom] = (shape,)
-            names[source.name("geom", geom)] = (shape,)
+        shapes = _add_geom(source, geom, hulls)
+        if shapes:
+            source.shapes[geom] = names[source.name("geom", geom)] = shapes
     if set_pairs(source):
         source.report.hold("contact", "", "rigid, with round friction cones: see docs/theory.md")
     return names
@@ -75,7 +74,8 @@ def _material(source: Source, geom: int) -> Material:
     )
 
 
-def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[Array, float]]) -> int | None:
+def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[list[Array], float]]) -> tuple[int, ...]:
+    """Shape slots of a geom; none where it is refused."""
     import mujoco
 
     model, data, builder = source.model, source.data, source.builder
@@ -91,38 +91,47 @@ def _add_geom(source: Source, geom: int, hulls: dict[int, tuple[Array, float]]) 
     source.report.hold(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", told)
     match kind:
         case mujoco.mjtGeom.mjGEOM_PLANE:
-            return builder.add_shape_plane(body, **options)
+            return (builder.add_shape_plane(body, **options),)
         case mujoco.mjtGeom.mjGEOM_SPHERE:
-            return builder.add_shape_sphere(body, radius=size[0], **options)
+            return (builder.add_shape_sphere(body, radius=size[0], **options),)
         case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            return builder.add_shape_capsule(body, radius=size[0], half_length=size[1], **options)
+            return (builder.add_shape_capsule(body, radius=size[0], half_length=size[1], **options),)
         case mujoco.mjtGeom.mjGEOM_CYLINDER:
-            return builder.add_shape_cylinder(body, radius=size[0], half_length=size[1], **options)
+            return (builder.add_shape_cylinder(body, radius=size[0], half_length=size[1], **options),)
         case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            return builder.add_shape_ellipsoid(body, half=size, **options)
+            return (builder.add_shape_ellipsoid(body, half=size, **options),)
         case mujoco.mjtGeom.mjGEOM_BOX:
-            return builder.add_shape_box(body, half=size, **options)
+            return (builder.add_shape_box(body, half=size, **options),)
         case mujoco.mjtGeom.mjGEOM_HFIELD:
-            return _add_height_field(source, geom, body, options)
+            return (_add_height_field(source, geom, body, options),)
         case mujoco.mjtGeom.mjGEOM_MESH:
-            return _add_hull(source, geom, body, options, hulls)
+            return _add_hulls(source, geom, body, options, hulls)
         case _:
             source.report.refuse(f"geom {kind.name.removeprefix('mjGEOM_').lower()}", told)
-            return None
+            return ()
 
 
-def _add_hull(
-    source: Source, geom: int, body: int, options: dict[str, Any], hulls: dict[int, tuple[Array, float]]
-) -> int:
-    """The hull of a mesh, of 64 corners at most; MuJoCo takes all of them. `hulls` are those of meshes seen before."""
-    mesh = int(source.model.geom_dataid[geom])
+def _add_hulls(
+    source: Source, geom: int, body: int, options: dict[str, Any], hulls: dict[int, tuple[list[Array], float]]
+) -> tuple[int, ...]:
+    """The hull of a mesh, or those of its convex parts, of 64 corners at most; MuJoCo takes all of them. `hulls` are
+    those of meshes seen before.
+    """
+    mesh, told = int(source.model.geom_dataid[geom]), source.told("geom", geom)
     if mesh not in hulls:
-        hulls[mesh] = reduced_hull(mesh_points(source.model, mesh))
-    corners, off = hulls[mesh]
+        points, triangles = mesh_points(source.model, mesh), mesh_triangles(source.model, mesh)
+        hulls[mesh] = collision_hulls(f"geom '{told}'", points, triangles, source.decompose)
+    parts, off = hulls[mesh]
     if off > 0.0:
-        told = f"its hull has {len(corners)} corners, others lie up to {1e3 * off:.2g} mm outside it"
-        source.report.approximate("geom mesh corners", source.told("geom", geom), told)
-    return source.builder.add_shape_hull(body, corners, **options)
+        what = f"its hull has {len(parts[0])} corners" if len(parts) == 1 else f"its {len(parts)} hulls have 64 at most"
+        why = f"{what}, others lie up to {1e3 * off:.2g} mm outside it"
+        source.report.approximate("geom mesh corners", told, why)
+    name = options.pop("name")
+    names = [name] if len(parts) == 1 else [f"{name}_{index}" for index in range(len(parts))]
+    return tuple(
+        source.builder.add_shape_hull(body, corners, name=own, **options)
+        for corners, own in zip(parts, names, strict=True)
+    )
 
 
 def _add_height_field(source: Source, geom: int, body: int, options: dict[str, Any]) -> int:
@@ -133,6 +142,12 @@ def _add_height_field(source: Source, geom: int, body: int, options: dict[str, A
     half_x, half_y, top, _ = model.hfield_size[field]
     heights = top * np.asarray(model.hfield_data[first : first + rows * columns], np.float64).reshape(rows, columns)
     return source.builder.add_shape_height_field(body, heights, size=(2.0 * half_x, 2.0 * half_y), **options)
+
+
+def mesh_triangles(model: Any, mesh: int) -> npt.NDArray[np.int64]:
+    """(T, 3) vertices of a mesh's triangles."""
+    first = int(model.mesh_faceadr[mesh])
+    return np.asarray(model.mesh_face[first : first + int(model.mesh_facenum[mesh])], np.int64)
 
 
 def mesh_points(model: Any, mesh: int) -> Array:

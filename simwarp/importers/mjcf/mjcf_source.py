@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -32,6 +33,7 @@ class Source:
         builder: filled by all parts of the reader.
         prefix: of all names.
         placement: pose of the file's world in ours.
+        decompose: whether meshes become convex parts, or how; see `load_mjcf`.
         bodies: our body of each source body, `WORLD` for fixed ones.
         dofs: our column of each degree of freedom of the source.
         shapes: our shape slots of each geom.
@@ -45,6 +47,7 @@ class Source:
     builder: ModelBuilder
     prefix: str
     placement: Pose
+    decompose: bool | Mapping[str, Any] = False
     bodies: list[int] = dataclasses.field(default_factory=list)
     dofs: dict[int, int] = dataclasses.field(default_factory=dict)
     shapes: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict)

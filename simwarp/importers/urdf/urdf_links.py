@@ -129,7 +129,9 @@ class LinkReader:
                     f"mesh '{mesh.filename}'", vertices, triangles, self._decompose
                 )
         except ModelError as error:
-            self._report.refuse("mesh", f"{link}: {mesh.filename}", str(error))
+            # the file is named once, and those of one reason together
+            reason = str(error).removeprefix(f"file {shown(mesh.filename)}: ")
+            self._report.refuse("mesh", f"{link}: {mesh.filename}", reason)
             return None
         return self._hulls[path, scale]
 

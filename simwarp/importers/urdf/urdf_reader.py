@@ -18,7 +18,7 @@ from simwarp.importers.imported import Imported
 from simwarp.importers.links.link_tree import Assembled, assemble, massless_heads, unchanged_on_error
 from simwarp.importers.links.link_visuals import shown_by
 from simwarp.importers.report import ImportReport
-from simwarp.importers.source_files import FileFolders, bytes_of, needed, parsed_xml, source_file
+from simwarp.importers.source_files import FileFolders, bytes_of, expansion_of, needed, parsed_xml, source_file
 from simwarp.importers.urdf.urdf_joints import JointTree, JointValues, welded
 from simwarp.importers.urdf.urdf_links import LinkReader
 from simwarp.importers.urdf.urdf_listing import REFUSABLE, list_elements
@@ -71,10 +71,7 @@ def load_urdf(
         )
     name = Path(path).name if isinstance(path, (str, os.PathLike)) else "URDF"
     if name.endswith(".xacro"):
-        raise ModelError(
-            f"{name}: a .xacro file must be expanded first; run: pip install xacrodoc, then: "
-            f"xacrodoc {name} -o robot.urdf"
-        )
+        raise ModelError(f"{name}: a .xacro file must be expanded first; run: {expansion_of(Path(path))}")
     file = source_file(path, "load_urdf", (".urdf", ".xml"))
     report = ImportReport(file.name, REFUSABLE, allow)
     placed = checked_pose(f"{file.name}: import", pose)

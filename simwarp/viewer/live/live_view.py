@@ -12,6 +12,8 @@ from typing import Any, Final, Protocol
 from simwarp.core.types import ModelError
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.simulation import Simulation
+from simwarp.viewer.live.driving import PATH as DRIVE
+from simwarp.viewer.live.driving import DriveSocket
 from simwarp.viewer.live.layouts import Layout, natural_layout
 from simwarp.viewer.live.page import Page
 from simwarp.viewer.live.subject import Subject, subject_of
@@ -65,6 +67,7 @@ class LiveView:
     Attributes:
         page: the scene.
         server: the server.
+        wheel: connections of a person who drives.
         panels: refreshed while somebody looks.
         recorders: take the page's frames, looked at or not.
         paused: whether the loop of `run` rests.
@@ -81,7 +84,9 @@ class LiveView:
     ) -> None:  # fmt: skip
         self.subject = subject if isinstance(subject, Subject) else subject_of(subject, scene)
         chosen = _worlds(worlds, self.subject.simulation.model.world_count)
-        self.server = open_server(host, port, self.subject.name, sockets)
+        self.wheel = DriveSocket()
+        served = {DRIVE: self.wheel.handle, **(sockets or {})}
+        self.server = open_server(host, port, self.subject.name, served)
         self.page = Page(self.server, self.subject, chosen[:1], Layout.ONE)
         extent, state = self.page.batches.extent, self.subject.simulation.state
         natural = natural_layout(extent(state), extent(state, moving=False))
@@ -92,6 +97,8 @@ class LiveView:
         self.page.aim()
         self.page.follow(self.page.layout is Layout.ONE)
         self.panels: list[Panel] = []
+        self.preparers: list[Command] = []
+        """Called before every `advance` of `run`, looked at or not."""
         self.listeners: list[Command] = []
         """Called after every `advance` of `run`, looked at or not."""
         self.shown = len(chosen)
@@ -104,6 +111,8 @@ class LiveView:
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._next_frame = self._next_panels = self._next_scenery = 0.0
         self._clients = self.server.viser._connected_clients
+        self.closers: list[Command] = []
+        """Called once, when the view is stopped."""
         self.recorders: list[FrameTaker] = []
 
     @property
@@ -169,6 +178,8 @@ class LiveView:
     def advance(self) -> None:
         """One step of the subject, and what goes with it; an error rests the loop and leaves the page alive."""
         try:
+            for preparer in self.preparers:
+                preparer()
             self.subject.advance()
             self._note_failures()
             for listener in self.listeners:
@@ -192,6 +203,8 @@ class LiveView:
                 recorder.finish()
         finally:
             self.server.stop()
+            while self.closers:
+                self.closers.pop()()
 
     def _idle(self) -> None:
         time.sleep(1.0 / FRAMES)

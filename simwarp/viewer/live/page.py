@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import WORLD
-from simwarp.viewer.live.batches import Batch, Batches, body_positions, body_velocities
+from simwarp.viewer.live.batches import Batch, Batches, body_positions, body_velocities, turned
 from simwarp.viewer.live.layouts import Layout, offsets
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.triangles import srgb_bytes
@@ -20,6 +20,11 @@ from simwarp.viewer.studio import SIDE, Shot
 Array = npt.NDArray[np.float64]
 
 ROOT: Final = "/world"
+"""Of what is fixed: it moves under the camera where a body is followed."""
+MOVING: Final = "/moving"
+"""Of what moves by itself: sent as the camera sees it, so that a followed body does not tremble where a browser takes
+the pose of a node later than those of instances.
+"""
 SKY: Final = ((150, 186, 226), (232, 239, 246))
 """Colours of the sky: above, and at the horizon."""
 NIGHT: Final = ((18, 22, 30), (52, 60, 72))
@@ -47,14 +52,19 @@ class Page:
         self.following = False
         self.recorded = 0
         """Recordings that run: poses are rounded for them, since numbers that are alike make small files."""
+        self.turning: Callable[[], float] | None = None
+        """Returns the heading that is ahead on the page while something is followed [rad]; None: +X is."""
         self.chosen = 0
         """Row of the world that the camera and single panels are about."""
         self.batches = self._batches()
+        self._sun_at = np.array([-4.0, -5.0, 10.0])
         self._handles: dict[Any, Any] = {}
         self._grounds: list[Any] = []
         self._lines: list[Any] = []
         self._origin = np.zeros(3)
         self._sent = -1
+        self._turn, self._shift = np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(3)
+        """How the fixed scene lies under the camera: xyzw, and [m]."""
         self._rest = np.zeros(3)
         """Place of the followed body in the scene when following began."""
         self.offsets = np.zeros((len(self.worlds), 3))
@@ -113,6 +123,9 @@ class Page:
         state = self.subject.simulation.state
         places, turns = self.batches.poses(state)
         places = places + (self.offsets - self._origin)[:, None]
+        if self.following:
+            self._move_under_camera()
+        places, turns = self._as_seen(places, turns)
         wxyz = turns[..., [3, 0, 1, 2]]
         if self.recorded:
             places, wxyz = np.round(places * GRAIN) / GRAIN, np.round(wxyz * GRAIN) / GRAIN
@@ -125,8 +138,10 @@ class Page:
                         handle = self._handles[batch.key]
                         handle.batched_positions = places[batch.rows, batch.instances].astype(np.float32)
                         handle.batched_wxyzs = wxyz[batch.rows, batch.instances].astype(np.float32)
+            self._root.wxyz, self._root.position = self._turn[[3, 0, 1, 2]], self._shift
             if self.following:
-                self._root.position = self._rest - self.followed()
+                self._sun.position = tuple(turned(self._turn, self._sun_at))
+                self._move_grounds()
             self._draw_paths()
 
     def followed(self) -> Array:
@@ -149,7 +164,41 @@ class Page:
     def follow(self, on: bool) -> None:
         """Moves the scene under the camera, or lets it rest."""
         self.following = on
-        self._rest = self.followed() + np.asarray(self._root.position, np.float64)
+        self._rest = turned(self._turn, self.followed()) + self._shift
+
+    def stand_beside(self, eye: Array, target: Array) -> None:
+        """Cameras of all who look, and of those who come, from the place of the followed body [m]."""
+        viser = self.server.viser
+        cameras: list[Any] = [viser.initial_camera, *(client.camera for client in viser.get_clients().values())]
+        for camera in cameras:
+            camera.position, camera.look_at = tuple(self._rest + eye), tuple(self._rest + target)
+
+    def _move_under_camera(self) -> None:
+        angle = 0.0 if self.turning is None else -self.turning()
+        self._turn = np.array([0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)])
+        self._shift = self._rest - turned(self._turn, self.followed())
+
+    def _as_seen(self, places: Array, turns: Array) -> tuple[Array, Array]:
+        """Poses of moving instances under the camera; fixed ones are moved with their root."""
+        if not self._turn[2] and not self._shift.any():
+            return places, turns
+        seen_places, seen_turns = places.copy(), turns.copy()
+        for batch in self.batches.batches:
+            if batch.moving:
+                at = batch.rows, batch.instances
+                seen_places[at] = turned(self._turn, places[at]) + self._shift
+                seen_turns[at] = turned_about_z(self._turn, turns[at])
+        return seen_places, seen_turns
+
+    def _move_grounds(self) -> None:
+        place = self.followed()
+        for ground, handle in zip(self.batches.grounds, self._grounds, strict=False):
+            if abs(ground.rotation[0]) + abs(ground.rotation[1]) < 1e-6:  # level: goes along, a section at a time
+                section = 10.0 * ground.tile
+                moved = ground.position - self._origin
+                moved[:2] += section * np.round((place - moved)[:2] / section)
+                if not np.allclose(handle.position, moved):
+                    handle.position = moved
 
     def aim(self) -> None:
         """Camera of those who come: as the subject's shot has it, at one world or at all of them."""
@@ -168,7 +217,8 @@ class Page:
         camera = self.server.viser.initial_camera
         camera.position, camera.look_at = tuple(target + away), tuple(target)
         camera.near, camera.far = 0.01 if size < 5.0 else 0.05, 4000.0
-        self._sun.position = tuple(target + np.array([-0.4, -0.5, 1.0]) * max(size, 5.0))
+        self._sun_at = target + np.array([-0.4, -0.5, 1.0]) * max(size, 5.0)
+        self._sun.position = tuple(self._sun_at)
 
     def _batches(self) -> Batches:
         scenery = self.chosen if self.layout is Layout.OVERLAY else None
@@ -198,14 +248,14 @@ class Page:
             "batched_wxyzs": wxyz[batch.rows, batch.instances].astype(np.float32),
             "batched_scales": batch.scales.astype(np.float32), "lod": "off",
         }  # fmt: skip
-        name = f"{ROOT}/{'moving' if batch.moving else 'fixed'}/{_word(batch.key)}"
+        name = f"{MOVING if batch.moving else ROOT + '/fixed'}/{_word(batch.key)}"
         if batch.mesh.color is not None:
-            import trimesh
+            from simwarp.geometry.mesh_files import painted_mesh
 
             shaded = np.concatenate(
                 [srgb_bytes(batch.mesh.color), np.full((len(batch.mesh.vertices), 1), 255, np.uint8)], axis=1
             )
-            mesh = trimesh.Trimesh(batch.mesh.vertices, batch.mesh.faces, vertex_colors=shaded, process=False)
+            mesh = painted_mesh(batch.mesh.vertices, batch.mesh.faces, shaded)
             return self.scene.add_batched_meshes_trimesh(name, mesh, **common)
         return self.scene.add_batched_meshes_simple(
             name, batch.mesh.vertices, batch.mesh.faces, batched_colors=batch.colors,
@@ -245,6 +295,13 @@ class Page:
                 thickness_units="screen",
             )
             self._lines[index : index + 1] = [handle]
+
+
+def turned_about_z(turn: Array, q: Array) -> Array:
+    """Orientations (..., 4) xyzw after a turn (0, 0, z, w)."""
+    z, w = turn[2], turn[3]
+    x0, y0, z0, w0 = np.moveaxis(q, -1, 0)
+    return np.stack([w * x0 - z * y0, w * y0 + z * x0, w * z0 + z * w0, w * w0 - z * z0], axis=-1)
 
 
 def _word(key: Sequence[Any]) -> str:

@@ -17,8 +17,6 @@ from simwarp.sensors.scene import Visuals
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]
 
-ROUND: Final = 24
-"""Sides of a circle."""
 MOST_TRIANGLES: Final = 20_000
 """Of one mesh on the page: larger ones are simplified."""
 ROUNDED: Final = (ShapeType.SPHERE, ShapeType.ELLIPSOID)
@@ -44,50 +42,40 @@ class Triangles:
 @functools.cache
 def ball() -> Triangles:
     """Unit sphere."""
-    import trimesh
-
-    mesh = trimesh.creation.icosphere(subdivisions=2)
-    return _made(mesh.vertices, mesh.faces, smooth=True)
+    return _primitive("sphere", smooth=True, radius=1.0)
 
 
 @functools.cache
 def cube() -> Triangles:
     """Box of half lengths 1."""
-    import trimesh
-
-    mesh = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
-    return _made(mesh.vertices, mesh.faces)
+    return _primitive("cube", size=2.0)
 
 
 @functools.cache
 def cylinder() -> Triangles:
     """Radius 1 about z, from -1 to 1."""
-    import trimesh
-
-    mesh = trimesh.creation.cylinder(radius=1.0, height=2.0, sections=ROUND)
-    return _made(mesh.vertices, mesh.faces)
+    return _primitive("cylinder", radius=1.0, height=2.0)
 
 
 @functools.cache
 def cone() -> Triangles:
     """Base of radius 1 at z = -1, tip at 1."""
-    import trimesh
-
-    mesh = trimesh.creation.cone(radius=1.0, height=2.0, sections=ROUND)
-    vertices = np.array(mesh.vertices)
-    vertices[:, 2] -= vertices[:, 2].min() + 1.0
-    return _made(vertices, mesh.faces)
+    return _primitive("cone", radius=1.0, height=2.0)
 
 
 @functools.lru_cache(maxsize=256)
 def capsule(slenderness: float) -> Triangles:
     """Radius 1 about a segment of z from -slenderness to slenderness."""
-    import trimesh
+    return _primitive("capsule", smooth=True, radius=1.0, height=2.0 * slenderness)
 
-    mesh = trimesh.creation.capsule(radius=1.0, height=2.0 * slenderness, count=(16, 16))
-    vertices = np.array(mesh.vertices)
-    vertices[:, 2] -= 0.5 * (vertices[:, 2].min() + vertices[:, 2].max())
-    return _made(vertices, mesh.faces, smooth=True)
+
+def _primitive(kind: str, *, smooth: bool = False, **sizes: float) -> Triangles:
+    """About the origin, from -z to z."""
+    from simwarp.geometry.mesh_files import primitive_mesh  # trimesh takes a while to import
+
+    vertices, faces = primitive_mesh(kind, sizes, coarse=True)
+    middle = 0.5 * (vertices[:, 2].min() + vertices[:, 2].max())
+    return _made(vertices - (0.0, 0.0, middle), faces, smooth=smooth)
 
 
 def of_hull(hull: Hull) -> Triangles:
@@ -129,15 +117,9 @@ def of_mesh(visuals: Visuals, asset: int) -> Triangles:
 
 def simplified(mesh: Triangles) -> Triangles:
     """The same with at most `MOST_TRIANGLES`, where the library that does it is there."""
-    if len(mesh.faces) <= MOST_TRIANGLES:
-        return mesh
-    import trimesh
+    from simwarp.geometry.mesh_files import with_fewer_triangles
 
-    try:
-        small = trimesh.Trimesh(mesh.vertices, mesh.faces).simplify_quadric_decimation(face_count=MOST_TRIANGLES)
-    except ImportError:
-        return mesh
-    return _made(small.vertices, small.faces, smooth=mesh.smooth)
+    return _made(*with_fewer_triangles(mesh.vertices, mesh.faces, MOST_TRIANGLES), smooth=mesh.smooth)
 
 
 def linear(srgb: Any) -> Array:

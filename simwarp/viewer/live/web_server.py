@@ -25,6 +25,7 @@ try:
     import websockets.asyncio.server
     from viser import _messages
     from websockets import Headers
+    from websockets.exceptions import ConnectionClosed as ConnectionClosed
     from websockets.http11 import Response
 except ImportError as error:
     raise ModelError(
@@ -95,6 +96,11 @@ def open_server(host: str, port: int, title: str, sockets: dict[str, SocketHandl
     name = f"[{host}]" if ":" in host else ("127.0.0.1" if host == "0.0.0.0" else host)
     url = f"http://{name}:{bound}" + ("" if local else f"/?{TOKEN}={guard.token}")
     return WebServer(server, host, bound, url, guard.token)
+
+
+def run_script(client: Any, source: str) -> None:
+    """Has one page run a script, as the body of a function; it is no part of the scene, nor of recordings."""
+    client._websock_connection.queue_message(_messages.RunJavascriptMessage(source=source))
 
 
 def _check_address(host: str) -> None:

@@ -161,12 +161,30 @@ def test_the_display_says_which_point_of_how_many_and_what_came_out(capsys, monk
         )
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "point 1/2  bound = 1.5  building worlds"
-    assert re.fullmatch(r"point 1/2  bound = 1.5  6/6 episodes  ETA below 0:0\d", lines[1])
-    assert any(re.fullmatch(r"point 2/2  bound = 3  \d/6 episodes  ETA 0:0\d", line) for line in lines)
+    assert re.fullmatch(r"point 1/2  bound = 1.5  100%  6/6 episodes  ETA below 0:0\d", lines[1])
+    assert any(re.fullmatch(r"point 2/2  bound = 3  \d+%  \d/6 episodes  ETA 0:0\d", line) for line in lines)
     done = [line for line in lines if "success" in line]
     assert [line.split("  ")[0] for line in done] == ["point 1/2", "point 2/2"]
     assert "success 0.0% (0.0% - 39.0%)" in done[0]
     assert "out_of_bounds 6" in done[0]
+
+
+def test_an_estimate_needs_something_to_start_from_and_no_line_comes_twice(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "_PLAIN_INTERVAL", 0.0)
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    with GridDisplay(Console(width=200), 1, 2, 8) as display:
+        for share in (0.0, 0.001, 0.25, 0.25):
+            display.running("", "policy", 0, share)
+            now[0] += 5.0 if share < 0.2 else 0.0
+        display.run_done()  # after 10 s
+        now[0] += 30.0  # three times what the first run took
+        display.running("", "zero", 0, 0.75)
+    assert capsys.readouterr().out.splitlines() == [
+        "evaluating  trained  0%  0/8 episodes",
+        "evaluating  trained  25%  0/8 episodes  ETA below 1:10",
+        "evaluating  zero action  75%  0/8 episodes  ETA 0:10",
+    ]
 
 
 def test_a_terminal_gets_a_bar_below_the_lines_that_stay():

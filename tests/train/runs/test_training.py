@@ -251,6 +251,7 @@ def test_an_interrupted_run_is_saved_and_can_go_on(tmp_path, number):
     assert process.returncode == 130, err
     assert "interrupted and saved" in out
     assert "--resume" in out
+    assert "next            simwarp play fast  or  simwarp eval fast\n" in out
     folder = newest(tmp_path)
     done = load_checkpoint(folder.latest_checkpoint())["iteration"]
     assert done == len(read_progress(folder.progress))

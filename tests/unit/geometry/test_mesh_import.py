@@ -120,3 +120,43 @@ def test_decomposition_without_a_library(monkeypatch):
     fake_modules(monkeypatch)
     with pytest.raises(ModelError, match="pip install coacd"):
         ModelBuilder().add_shape_mesh(WORLD, box_mesh().vertices, box_mesh().faces, decompose=True)
+
+
+def test_a_decomposition_is_kept_by_content(monkeypatch, tmp_path):
+    monkeypatch.setenv("SIMWARP_CACHE", str(tmp_path))
+    calls = []
+    module = types.ModuleType("coacd")
+
+    def run(mesh, **options):
+        calls.append(options)
+        return [(part, mesh[1]) for part in halves(mesh[0])]
+
+    vars(module).update(Mesh=lambda vertices, faces: (vertices, faces), run_coacd=run)
+    fake_modules(monkeypatch, coacd=module)
+    box = box_mesh()
+    first = convex_parts(box.vertices, box.faces, threshold=0.1)
+    again = convex_parts(box.vertices, box.faces, threshold=0.1)
+    assert len(calls) == 1
+    assert [part.tobytes() for part in first] == [part.tobytes() for part in again]
+    convex_parts(box.vertices, box.faces, threshold=0.2)
+    convex_parts(np.asarray(box.vertices) * 2.0, box.faces, threshold=0.1)
+    assert len(calls) == 3
+    files = list((tmp_path / "decompositions").iterdir())
+    assert len(files) == 3
+    assert {file.suffix for file in files} == {".npz"}
+    for file in files:
+        file.write_bytes(file.read_bytes()[:100])  # cut off
+    assert [part.tobytes() for part in convex_parts(box.vertices, box.faces, threshold=0.1)] == [
+        part.tobytes() for part in first
+    ]
+    assert len(calls) == 4
+
+
+def test_a_cache_that_cannot_be_written_is_no_hindrance(monkeypatch, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    monkeypatch.setenv("SIMWARP_CACHE", str(blocked))
+    module = types.ModuleType("vhacdx")
+    vars(module)["compute_vhacd"] = lambda vertices, faces: [(part, faces) for part in halves(np.asarray(vertices))]
+    fake_modules(monkeypatch, vhacdx=module)
+    assert len(convex_parts(box_mesh().vertices, box_mesh().faces)) == 2

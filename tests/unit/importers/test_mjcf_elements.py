@@ -237,3 +237,26 @@ def test_two_of_a_kind_stand_beside_each_other_in_one_builder(tmp_path):
     sim.set_joint_state(np.array([True]), q[None], np.zeros((1, 16)))
     place = sim.state.body_x.numpy()[0]
     assert np.allclose(place[first.bodies["a/foot"]], place[second.bodies["b/foot"]], atol=1e-6)
+
+
+def test_a_mesh_becomes_its_convex_parts_on_request(tmp_path):
+    """Two cubes apart in one mesh; what stands between them touches the one hull and none of the parts."""
+    import trimesh
+
+    pair = trimesh.util.concatenate([
+        trimesh.creation.box(extents=(1.0, 1.0, 1.0)).apply_translation((side, 0.0, 0.0)) for side in (-2.0, 2.0)
+    ])  # fmt: skip
+    pair.export(tmp_path / "pair.stl")
+    text = """<mujoco><asset><mesh name="m" file="pair.stl" inertia="exact"/></asset><worldbody>
+      <body name="b"><freejoint/><geom name="g" type="mesh" mesh="m"/></body></worldbody></mujoco>"""
+    file = tmp_path / "pair.xml"
+    file.write_text(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        whole, parts = load_mjcf(file), load_mjcf(file, decompose={"threshold": 0.05, "max_convex_hull": 4})
+    assert len(whole.shapes["g"]) == 1
+    assert len(parts.shapes["g"]) >= 2
+    builder = parts.builder
+    reach = [np.ptp(builder.hulls[builder.shapes[slot].asset].vertices[:, 0]) for slot in parts.shapes["g"]]
+    assert max(reach) < 1.1
+    assert sum(reach) < 2.5

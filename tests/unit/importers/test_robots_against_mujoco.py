@@ -5,7 +5,6 @@ files are not here.
 import copy
 import functools
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +16,9 @@ mujoco = pytest.importorskip("mujoco")
 pytest.importorskip("lxml")
 
 from tests.reference import robots  # noqa: E402  needs mujoco
+from tests.reference.imported_robots import ROBOTS  # noqa: E402
 
-MJCF = Path(__file__).parents[4] / "shared" / "reference" / "robots" / "mjcf"
+MJCF = ROBOTS / "mjcf"
 LOADED = {
     "2f85/2f85", "dm_control/acrobot", "dm_control/ball_in_cup", "dm_control/cartpole", "dm_control/cheetah",
     "dm_control/finger", "dm_control/hopper", "dm_control/humanoid", "dm_control/pendulum", "dm_control/point_mass",
