@@ -212,7 +212,7 @@ def _serve(view: LiveView, options: ViewOptions) -> int:
     import time
 
     if options.record is not None and options.seconds is not None:
-        return _record(view, options, options.seconds)
+        return _record_seconds(view, options, options.seconds)
     if view.server.token in view.url:
         print(f"warning: view: everybody who can reach {options.host} and has this address can look", file=sys.stderr)
     console = options.console()
@@ -234,7 +234,7 @@ def _serve(view: LiveView, options: ViewOptions) -> int:
     return DONE
 
 
-def _record(view: LiveView, options: ViewOptions, seconds: float) -> int:
+def _record_seconds(view: LiveView, options: ViewOptions, seconds: float) -> int:
     """Records simulated seconds as fast as they go; what there is when it is interrupted."""
     from simwarp.train.runs.progress import LiveLine
     from simwarp.train.runs.stopping import stop_on_signals

@@ -37,13 +37,30 @@ def test_nothing_is_sent_while_nobody_looks(view: LiveView, monkeypatch: pytest.
         view.step()
 
 
+class Watcher:
+    """Wants every frame."""
+
+    def due(self) -> bool:
+        """Always."""
+        return True
+
+    def take(self) -> None:
+        """Nothing."""
+
+    def finish(self) -> None:
+        """Nothing."""
+
+    def drop(self) -> None:
+        """Nothing."""
+
+
 def test_being_looked_at_changes_no_bit() -> None:
     states = []
     for watched in (False, True):
         simulation = sw.Simulation(ant().finalize(4, "cpu"), 0.005)
         view = LiveView(simulation, worlds=4, port=0)
         if watched:
-            view.recorders.append(lambda: None)
+            view.recorders.append(Watcher())
         for _ in range(30):
             view.advance()
             view._next_frame = 0.0
