@@ -196,6 +196,7 @@ def _view(subject: Any, options: ViewOptions) -> LiveView:
     training = subject.details.get("training")
     if training is not None:
         training.start(view.post)
+        view.closers.append(training.close)
     if options.drive:
         _drive(view, Keys(options.keys))
     return view
@@ -213,7 +214,7 @@ def _serve(view: LiveView, options: ViewOptions) -> int:
     import time
 
     if options.record is not None and options.seconds is not None:
-        return _record_alone(view, options, options.seconds)
+        return _record_seconds(view, options, options.seconds)
     if view.server.token in view.url:
         print(f"warning: view: everybody who can reach {options.host} and has this address can look", file=sys.stderr)
     console = options.console()
@@ -235,7 +236,7 @@ def _serve(view: LiveView, options: ViewOptions) -> int:
     return DONE
 
 
-def _record_alone(view: LiveView, options: ViewOptions, seconds: float) -> int:
+def _record_seconds(view: LiveView, options: ViewOptions, seconds: float) -> int:
     """Records simulated seconds as fast as they go; what there is when it is interrupted."""
     from simwarp.train.runs.progress import LiveLine
     from simwarp.train.runs.stopping import stop_on_signals
@@ -245,6 +246,8 @@ def _record_alone(view: LiveView, options: ViewOptions, seconds: float) -> int:
         with stop_on_signals() as stop, LiveLine(console, 1.0, head="recording") as line:
             while recorder.elapsed < seconds - 1e-6 and not recorder.written and not stop.requested:
                 view.subject.advance()
+                for listener in view.listeners:
+                    listener()
                 view.step()
                 done = min(recorder.elapsed / seconds, 1.0)
                 line.show("recording", f"{recorder.elapsed:.1f}/{seconds:g} s, {recorder.size / 1e6:.1f} MB", done)

@@ -202,8 +202,8 @@ class LiveView:
                 recorder.finish()
         finally:
             self.server.stop()
-        while self.closers:
-            self.closers.pop()()
+            while self.closers:
+                self.closers.pop()()
 
     def _idle(self) -> None:
         time.sleep(1.0 / FRAMES)
