@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import simwarp as sw
@@ -32,7 +34,7 @@ def sensed_scene(worlds: int) -> tuple[sw.Simulation, Scene]:
     scene = visuals.finalize(model)
     ahead = Mount("sled", sw.pose((0.5, 0.0, 0.1)))
     every = Schedule(rate=20.0)
-    sensors = [
+    sensors: list[Any] = [
         Camera(
             scene, ahead, CameraConfig(schedule=every, width=64, height=48, outputs=("rgb", "depth", "instance")),
             name="eye",
