@@ -44,6 +44,14 @@ def things(view: LiveView) -> int:
     return sum(instance.body >= 0 and instance.kind is not ShapeType.PLANE for instance in visuals.instances)
 
 
+def step(view: LiveView, page: ViserClient) -> None:
+    """One step of a paused view."""
+    time = view.subject.simulation.state.world_time.numpy
+    before = float(time()[0])
+    page.trigger("One step")
+    page.wait(lambda: time()[0] > before)
+
+
 def bits(view: LiveView) -> list[bytes]:
     state = view.subject.simulation.state
     return [b"".join(getattr(state, name).numpy()[world].tobytes() for name in state.NAMES) for world in range(WORLDS)]
@@ -90,8 +98,7 @@ def test_who_comes_late_or_again_gets_the_same(view):
             late.wait(lambda: any(name.endswith("/joints") for name in late.nodes))
             assert late.labels("Run") == page.labels("Run")
             assert late.value("Joint axes") is True
-            for name in first:
-                late.wait(lambda name=name: np.allclose(late.positions(name), page.positions(name), atol=1e-6))  # type: ignore[misc]
+            late.wait(lambda: all(np.allclose(late.positions(name), page.positions(name), atol=1e-6) for name in first))
     with connect(view.url) as again:
         opened(again, view)
         assert set(again.batches()) == set(first)
@@ -136,9 +143,7 @@ def test_a_drag_moves_that_body_of_that_world_alone(view):
         page.drag(node, index, "update", grab=place, pointer=place + np.array([0.0, 0.0, 0.5]))
         page.wait(lambda: abs(page.nodes["/world/pull"]["props"]["points"][5] - place[2] - 0.5) < 1e-5)
         for _ in range(20):
-            before = float(view.subject.simulation.state.world_time.numpy()[0])
-            page.trigger("One step")
-            page.wait(lambda before=before: view.subject.simulation.state.world_time.numpy()[0] > before)  # type: ignore[misc]
+            step(view, page)
         page.drag(node, index, "end", grab=place, pointer=place)
         page.wait(lambda: "/world/pull" not in page.nodes)
         found = bits(view)
@@ -171,9 +176,7 @@ def test_trajectories_are_the_same_watched_or_not(view):
         for label in ("Contact points", "Contact forces", "Joint axes", "Body frames", "Centres of mass", "Names"):
             page.set(label, True)
         for _ in range(10):
-            before = float(view.subject.simulation.state.world_time.numpy()[0])
-            page.trigger("One step")
-            page.wait(lambda before=before: view.subject.simulation.state.world_time.numpy()[0] > before)  # type: ignore[misc]
+            step(view, page)
         page.wait(lambda: any(name.endswith("/frames") for name in page.nodes))
         assert not page.notices
     alone = scene_subject("ant", WORLDS, "cpu")
