@@ -12,11 +12,11 @@ from simwarp.core.types import WORLD, ModelError, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.sensors.scene import Visuals
 from simwarp.vehicle.results.runs import SAMPLE_TIME, Progress, Setup
-from simwarp.viewer.live.chase import Chase, Eye
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.pacing import Pace
-from simwarp.viewer.live.panels import add_panels
+from simwarp.viewer.live.page_panels import add_panels
 from simwarp.viewer.live.subject import Mask, Subject
+from simwarp.viewer.live.wheel.chase import Chase, Eye
 from simwarp.viewer.studio import Shot
 
 OPENING: Final = 10.0

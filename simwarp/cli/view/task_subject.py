@@ -14,7 +14,7 @@ from simwarp.train.evaluation.filming import stage
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.controls.joint_channels import joint_series
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
-from simwarp.viewer.live.vehicle_panel import GOAL
+from simwarp.viewer.live.wheel.vehicle_panel import GOAL
 
 MOST_OBSERVED = 400
 """Components of a group of observations that can be plotted."""

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from simwarp.cli import DONE, HELP, INTERRUPTED, UsageError
 from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_path, task_options
 from simwarp.tasks import make, resolve_device, task_class, task_names
-from simwarp.viewer.live.drive_panel import DrivePanel
 from simwarp.viewer.live.hand import with_hand
-from simwarp.viewer.live.human_driver import Keys
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.recording import Recorder, check_recording_path
+from simwarp.viewer.live.wheel.drive_panel import DrivePanel
+from simwarp.viewer.live.wheel.human_driver import Keys
 
 LONGEST = 86_400.0
 """Of --seconds."""
@@ -99,7 +99,7 @@ def _task_view(name: str, arguments: list[str]) -> tuple[Any, LiveView]:
     from simwarp.cli.view.reloading import PolicyReload
     from simwarp.cli.view.task_subject import task_subject
     from simwarp.train.runs.run_folder import RunFolder
-    from simwarp.viewer.live.driving import WHEEL
+    from simwarp.viewer.live.wheel.driving import WHEEL
 
     torch.set_num_threads(1)
     cls = task_class(name)
@@ -187,7 +187,7 @@ def _say(options: ViewOptions, text: str) -> None:
 
 
 def _view(subject: Any, options: ViewOptions) -> LiveView:
-    from simwarp.viewer.live.panels import add_panels
+    from simwarp.viewer.live.page_panels import add_panels
 
     shown = min(subject.simulation.model.world_count, 64)
     view = LiveView(subject, worlds=shown, layout=options.layout, host=options.host, port=options.port)

@@ -16,8 +16,8 @@ import zstandard
 
 from simwarp.core.files import check_output, write_file
 from simwarp.core.types import WORLD, ModelError
-from simwarp.viewer.live.layouts import Layout
 from simwarp.viewer.live.page import ROOT
+from simwarp.viewer.live.world_layout import Layout
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView

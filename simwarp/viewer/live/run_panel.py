@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from simwarp.viewer.live.layouts import Layout
+from simwarp.viewer.live.world_layout import Layout
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView

@@ -17,7 +17,7 @@ pytest.importorskip("viser")
 
 from simwarp.viewer.live import triangles
 from simwarp.viewer.live.batches import HIDDEN, Batches, multiplied, turned
-from simwarp.viewer.live.layouts import Layout, natural_layout, offsets
+from simwarp.viewer.live.world_layout import Layout, natural_layout, offsets
 from tests.reference.mechanisms import random_mechanism
 
 

@@ -16,9 +16,9 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 
 from simwarp.cli.view.vehicle_subject import vehicle_subject
-from simwarp.viewer.live.drive_panel import DrivePanel
 from simwarp.viewer.live.live_view import LiveView
-from simwarp.viewer.live.panels import add_panels
+from simwarp.viewer.live.page_panels import add_panels
+from simwarp.viewer.live.wheel.drive_panel import DrivePanel
 
 FLAGS = (
     "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",

@@ -13,7 +13,7 @@ viser = pytest.importorskip("viser")
 from simwarp.cli.view.targets import scene_subject  # noqa: E402
 from simwarp.core.types import ShapeType  # noqa: E402
 from simwarp.viewer.live import LiveView  # noqa: E402
-from simwarp.viewer.live.panels import add_panels  # noqa: E402
+from simwarp.viewer.live.page_panels import add_panels  # noqa: E402
 from tests.reference.viser_client import ViserClient, connect  # noqa: E402
 
 WORLDS = 4
@@ -35,7 +35,7 @@ def view() -> Iterator[LiveView]:
 
 def opened(page: ViserClient, view: LiveView) -> None:
     """Waits until the whole scene is there."""
-    page.wait(lambda: sum(page.batches("/world/moving").values()) == things(view) * len(view.page.worlds))
+    page.wait(lambda: sum(page.batches("/moving").values()) == things(view) * len(view.page.worlds))
 
 
 def things(view: LiveView) -> int:

@@ -26,7 +26,7 @@ from simwarp.viewer.live import LiveView, Subject, subject_of  # noqa: E402
 from simwarp.viewer.live.controls.joint_channels import coordinates_of  # noqa: E402
 from simwarp.viewer.live.controls.overlays import ContactOverlay, joint_axes  # noqa: E402
 from simwarp.viewer.live.controls.sliders import step_of  # noqa: E402
-from simwarp.viewer.live.panels import add_panels  # noqa: E402
+from simwarp.viewer.live.page_panels import add_panels  # noqa: E402
 from tests.reference.sensed_scene import DISTANCE, sensed_scene  # noqa: E402
 from tests.reference.viser_client import ViserClient, connect  # noqa: E402
 
@@ -43,7 +43,7 @@ def opened(
     thread.start()
     try:
         with connect(view.url) as page:
-            page.wait(lambda: page.has("Pause") and "/world/moving" in page.nodes)
+            page.wait(lambda: page.has("Pause") and "/moving" in page.nodes)
             yield view, page
             assert not page.notices
     finally:
@@ -120,7 +120,7 @@ def test_joint_axes_are_where_the_joints_are():
 
 def test_every_overlay_goes_on_and_off():
     with opened(resting_box()) as (view, page):
-        plain = set(page.batches("/world/moving"))
+        plain = set(page.batches("/moving"))
         for label in ("Contact points", "Body frames", "Centres of mass", "Names"):
             page.set(label, True)
         page.wait(lambda: len(view.page.overlays) == 4)
@@ -132,7 +132,7 @@ def test_every_overlay_goes_on_and_off():
         for label in ("Contact points", "Body frames", "Centres of mass", "Names"):
             page.set(label, False)
         page.wait(lambda: not view.page.overlays and view.page.seen is view.subject.scene)
-        page.wait(lambda: set(page.batches("/world/moving")) == plain)
+        page.wait(lambda: set(page.batches("/moving")) == plain)
         assert not [name for name, node in page.nodes.items() if "/over/" in name and "points" in node["props"]]
 
 

@@ -121,7 +121,7 @@ def test_bodies_without_shapes_are_seen() -> None:
 
 
 def test_one_world_alone_and_all_again(view: LiveView) -> None:
-    from simwarp.viewer.live.panels import add_panels
+    from simwarp.viewer.live.page_panels import add_panels
 
     add_panels(view)
     panel: Any = view.panels[0]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simwarp.viewer.live.chase import Chase, Eye
-from simwarp.viewer.live.driving import PATH, TAKEN, Driving, Wheel
-from simwarp.viewer.live.human_driver import Keys
 from simwarp.viewer.live.web_server import TOKEN, run_script
+from simwarp.viewer.live.wheel.chase import Chase, Eye
+from simwarp.viewer.live.wheel.driving import PATH, TAKEN, Driving, Wheel
+from simwarp.viewer.live.wheel.human_driver import Keys
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView
@@ -22,7 +22,7 @@ STOP = "if (window.simwarpDrive) window.simwarpDrive.stop();"
 
 @functools.cache
 def _script() -> str:
-    return (files("simwarp.viewer.live") / "keys.js").read_text(encoding="utf-8")
+    return (files("simwarp.viewer.live.wheel") / "keys.js").read_text(encoding="utf-8")
 
 
 class DrivePanel:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from simwarp.viewer.live.driving import read_row, vehicle_of
+from simwarp.viewer.live.wheel.driving import read_row, vehicle_of
 
 if TYPE_CHECKING:
     from simwarp.vehicle.vehicle import Vehicle
@@ -147,8 +147,8 @@ class VehiclePanel:
 
 def add_driving(view: LiveView) -> None:
     """The dashboard of a subject with a vehicle, and the switch to drive it where nothing else does."""
-    from simwarp.viewer.live.drive_panel import DrivePanel
-    from simwarp.viewer.live.driving import wheel_of
+    from simwarp.viewer.live.wheel.drive_panel import DrivePanel
+    from simwarp.viewer.live.wheel.driving import wheel_of
 
     wheel, vehicle = wheel_of(view.subject), vehicle_of(view.subject)
     if wheel is not None:
