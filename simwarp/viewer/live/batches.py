@@ -13,8 +13,8 @@ from simwarp.core.interop import to_torch
 from simwarp.core.types import ShapeType
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
-from simwarp.viewer.live import triangles
-from simwarp.viewer.live.triangles import Triangles
+from simwarp.viewer.live import page_meshes
+from simwarp.viewer.live.page_meshes import Triangles
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -163,7 +163,7 @@ class Batches:
                 color = tuple(np.round(self._color[row, instance], 3).tolist())
                 return (kind, moving, asset, own, color)
             return (kind, moving, asset, own)
-        return (ShapeType.SPHERE if kind in triangles.ROUNDED else kind, moving)
+        return (ShapeType.SPHERE if kind in page_meshes.ROUNDED else kind, moving)
 
     def _has_color(self, asset: int) -> bool:
         look = self.scene.visuals.mesh_visuals[asset]
@@ -177,22 +177,22 @@ class Batches:
     def _made(self, key: Key) -> Triangles:
         visuals, kind = self.scene.visuals, key[0]
         plain = {
-            ShapeType.SPHERE: triangles.ball, ShapeType.BOX: triangles.cube, ShapeType.CYLINDER: triangles.cylinder,
-            ShapeType.CONE: triangles.cone,
+            ShapeType.SPHERE: page_meshes.ball, ShapeType.BOX: page_meshes.cube, ShapeType.CYLINDER: page_meshes.cylinder,
+            ShapeType.CONE: page_meshes.cone,
         }  # fmt: skip
         if kind in plain:
             return plain[kind]()
         if kind == ShapeType.CAPSULE:
-            return triangles.capsule(key[2])
+            return page_meshes.capsule(key[2])
         if kind == ShapeType.HULL:
-            return triangles.of_hull(visuals.builder.hulls[key[2]])
+            return page_meshes.of_hull(visuals.builder.hulls[key[2]])
         if kind == ShapeType.HEIGHT_FIELD:
-            return triangles.of_height_field(visuals.builder.height_fields[key[2]])
+            return page_meshes.of_height_field(visuals.builder.height_fields[key[2]])
         if key[3]:
             given = visuals.builder.meshes[key[2]]
             plainly = Triangles(np.asarray(given.vertices, np.float32), np.asarray(given.triangles, np.uint32))
-            return triangles.simplified(plainly)
-        mesh = triangles.of_mesh(visuals, key[2])
+            return page_meshes.simplified(plainly)
+        mesh = page_meshes.of_mesh(visuals, key[2])
         if mesh.color is not None:
             mesh = dataclasses.replace(mesh, color=mesh.color * np.asarray(key[4], np.float32))
         return mesh
@@ -233,7 +233,7 @@ class Batches:
         textures = self._texture[rows, instances]
         for texture in np.unique(textures[textures >= 0]):
             color[textures == texture] *= mean_color(self.scene.visuals.textures.textures[int(texture)])
-        return triangles.srgb_bytes(color)
+        return page_meshes.srgb_bytes(color)
 
     def _grounds(self) -> list[Ground]:
         """Planes of the first shown world that are not the same as an earlier one."""
@@ -262,7 +262,7 @@ def mean_color(texture: Any) -> Array:
 
         with Image.open(image) as file:
             image = np.asarray(file.convert("RGB").resize((8, 8)))
-    return np.asarray(triangles.linear(image.reshape(-1, 3) / 255.0).mean(axis=0))
+    return np.asarray(page_meshes.linear(image.reshape(-1, 3) / 255.0).mean(axis=0))
 
 
 def body_positions(state: State, worlds: Ints) -> Array:

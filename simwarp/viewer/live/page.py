@@ -12,8 +12,8 @@ import numpy.typing as npt
 from simwarp.core.types import WORLD
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.live.batches import Batch, Batches, body_positions, body_velocities, turned
+from simwarp.viewer.live.page_meshes import srgb_bytes
 from simwarp.viewer.live.subject import Subject
-from simwarp.viewer.live.triangles import srgb_bytes
 from simwarp.viewer.live.web_server import WebServer
 from simwarp.viewer.live.world_layout import Layout, offsets
 from simwarp.viewer.studio import SIDE, Shot

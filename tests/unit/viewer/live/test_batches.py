@@ -15,7 +15,7 @@ from simwarp.sensors.scene import Visuals
 
 pytest.importorskip("viser")
 
-from simwarp.viewer.live import triangles
+from simwarp.viewer.live import page_meshes
 from simwarp.viewer.live.batches import HIDDEN, Batches, multiplied, turned
 from simwarp.viewer.live.world_layout import Layout, natural_layout, offsets
 from tests.reference.mechanisms import random_mechanism
@@ -144,7 +144,7 @@ def test_colours_of_a_mesh_are_kept_at_its_corners() -> None:
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     mesh = VisualMesh(vertices=vertices, triangles=np.array([[0, 1, 2], [0, 2, 3]]), color=color)
     visuals.add_mesh(sw.WORLD, mesh, name="square")
-    made = triangles.of_mesh(visuals, 0)
+    made = page_meshes.of_mesh(visuals, 0)
     assert made.color is not None
     for face, wanted in zip(made.faces, color, strict=True):
         np.testing.assert_array_equal(made.color[face], wanted)

@@ -200,7 +200,7 @@ def test_the_command_prints_its_address_and_ends(tmp_path: Path) -> None:
         (["missing.urdf", "--base", "fixed"], "missing.urdf"),
         (["four-bar", "--worlds", "0"], "worlds must be"),
         (["four-bar", "--speed", "-1"], "speed must be"),
-        (["four-bar", "--layout", "round"], "Invalid choice"),
+        (["four-bar", "--layout", "round"], "layout must be grid or overlay or one"),
         ([], "usage: simwarp view TARGET"),
     ],
 )
