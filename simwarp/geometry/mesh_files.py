@@ -302,5 +302,5 @@ def with_fewer_triangles(vertices: npt.ArrayLike, triangles: npt.ArrayLike, most
 
 
 def painted_mesh(vertices: npt.ArrayLike, triangles: npt.ArrayLike, colors: npt.ArrayLike) -> trimesh.Trimesh:
-    """A mesh for libraries that take those of trimesh, with colours (V, 4) uint8 sRGB of its vertices."""
+    """A mesh for libraries that take those of trimesh, with colours (V, 4) uint8 of its vertices, linear."""
     return trimesh.Trimesh(vertices, triangles, vertex_colors=colors, process=False)

@@ -36,7 +36,7 @@ class Batch:
         instances: (N,) which instance of the scene each is.
         moving: whether bodies carry them.
         scales: (N, 3).
-        colors: (N, 3) uint8 sRGB.
+        colors: (N, 3) uint8 linear: what the page takes of instances.
     """
 
     key: Key
@@ -177,8 +177,8 @@ class Batches:
     def _made(self, key: Key) -> Triangles:
         visuals, kind = self.scene.visuals, key[0]
         plain = {
-            ShapeType.SPHERE: page_meshes.ball, ShapeType.BOX: page_meshes.cube, ShapeType.CYLINDER: page_meshes.cylinder,
-            ShapeType.CONE: page_meshes.cone,
+            ShapeType.SPHERE: page_meshes.ball, ShapeType.BOX: page_meshes.cube,
+            ShapeType.CYLINDER: page_meshes.cylinder, ShapeType.CONE: page_meshes.cone,
         }  # fmt: skip
         if kind in plain:
             return plain[kind]()
@@ -226,14 +226,17 @@ class Batches:
         elif key[0] in (ShapeType.HULL, ShapeType.HEIGHT_FIELD) or (key[0] == ShapeType.MESH and key[3]):
             size = np.where(size == 0.0, 1.0, size)
         size[self._enabled[rows, instances] == 0] = HIDDEN
-        return Batch(key, self._mesh(key), rows, instances, key[1], size, self._colors(rows, instances))
+        return Batch(
+            key, self._mesh(key), rows, instances, key[1], size, page_meshes.linear_bytes(self._colors(rows, instances))
+        )
 
-    def _colors(self, rows: Ints, instances: Ints) -> npt.NDArray[np.uint8]:
+    def _colors(self, rows: Ints, instances: Ints) -> Array:
+        """(N, 3) linear albedos."""
         color = self._color[rows, instances].astype(np.float64).copy()
         textures = self._texture[rows, instances]
         for texture in np.unique(textures[textures >= 0]):
             color[textures == texture] *= mean_color(self.scene.visuals.textures.textures[int(texture)])
-        return page_meshes.srgb_bytes(color)
+        return color
 
     def _grounds(self) -> list[Ground]:
         """Planes of the first shown world that are not the same as an earlier one."""
@@ -243,7 +246,7 @@ class Batches:
                 place, turn = self._x[0, instance], self._rot[0, instance]
                 texture = int(self._texture[0, instance])
                 look = self.scene.visuals.textures.textures[texture] if texture >= 0 else None
-                color = self._colors(np.zeros(1, np.int64), np.array([instance]))[0]
+                color = page_meshes.srgb_bytes(self._colors(np.zeros(1, np.int64), np.array([instance]))[0])
                 tile = float(np.max(getattr(look, "metres", None) or 1.0))
                 found.setdefault((*np.round(place, 6), *np.round(turn, 6)), Ground(place, turn, color, tile))
         return list(found.values())

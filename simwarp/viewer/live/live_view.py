@@ -94,7 +94,7 @@ class LiveView:
             self.page.layout = chosen_layout
             self.page.show_worlds(chosen)
         self.page.aim()
-        self.page.follow(self.page.layout is Layout.ONE)
+        self.page.follow(self.page.layout is Layout.ONE or self.subject.trail is not None)
         self.panels: list[Panel] = []
         self.preparers: list[Command] = []
         """Called before every `advance` of `run`, looked at or not."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from simwarp.core.types import WORLD
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.live.batches import Batch, Batches, body_positions, body_velocities, turned
-from simwarp.viewer.live.page_meshes import srgb_bytes
+from simwarp.viewer.live.page_meshes import linear_bytes
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.web_server import WebServer
 from simwarp.viewer.live.world_layout import Layout, offsets
@@ -95,10 +95,10 @@ class Page:
         sky = (1.0 - shade) * np.array(above) + shade * np.array(below)
         self.scene.set_background_image(np.repeat(sky, 8, axis=1).astype(np.uint8), format="png")
         self.scene.add_light_hemisphere(
-            "/lights/sky", sky_color=above if dark else (216, 230, 255), ground_color=(112, 104, 92), intensity=0.9
+            "/lights/sky", sky_color=above if dark else (216, 230, 255), ground_color=(112, 104, 92), intensity=1.0
         )
         self._sun = self.scene.add_light_directional(
-            "/lights/sun", color=(255, 244, 224), intensity=1.6, cast_shadow=True, position=(-6.0, -8.0, 14.0)
+            "/lights/sun", color=(255, 244, 224), intensity=2.1, cast_shadow=True, position=(-6.0, -8.0, 14.0)
         )
 
     def arrange(self, layout: Layout) -> None:
@@ -237,7 +237,7 @@ class Page:
         low, high = extent[:, 0].min(axis=0), extent[:, 1].max(axis=0)
         target = 0.5 * (low + high)
         size = max(float(np.linalg.norm(high - low)), 0.2)
-        away = SIDE / np.linalg.norm(SIDE) * (0.62 * size / math.tan(0.5 * 1.0))
+        away = SIDE / np.linalg.norm(SIDE) * (0.52 * size / math.tan(0.5 * 1.0))
         if shot.eye is not None and self.layout is not Layout.GRID:
             away = np.asarray(shot.eye, np.float64)
             if shot.target is not None:
@@ -283,7 +283,7 @@ class Page:
             from simwarp.geometry.mesh_files import painted_mesh
 
             shaded = np.concatenate(
-                [srgb_bytes(batch.mesh.color), np.full((len(batch.mesh.vertices), 1), 255, np.uint8)], axis=1
+                [linear_bytes(batch.mesh.color), np.full((len(batch.mesh.vertices), 1), 255, np.uint8)], axis=1
             )
             mesh = painted_mesh(batch.mesh.vertices, batch.mesh.faces, shaded)
             return self.scene.add_batched_meshes_trimesh(name, mesh, **common)

@@ -128,6 +128,11 @@ def linear(srgb: Any) -> Array:
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
+def linear_bytes(color: Any) -> npt.NDArray[np.uint8]:
+    """Linear values as 0 to 255."""
+    return np.round(255.0 * np.clip(np.asarray(color, np.float64), 0.0, 1.0)).astype(np.uint8)
+
+
 def srgb_bytes(color: Any) -> npt.NDArray[np.uint8]:
     """SRGB from 0 to 255 of linear values."""
     values = np.clip(np.asarray(color, np.float64), 0.0, 1.0)
