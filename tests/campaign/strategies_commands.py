@@ -74,6 +74,7 @@ BASES = (
     Base("doctor"),
     Base("drive", ("sedan",), (("--maneuver", "good/short.csv"), ("--dt", "0.01")), runs=False),
     Base("drive", ("sedan",), (("--maneuver", "constant-radius"),), runs=False),
+    Base("view", ("four-bar",), (("--worlds", "1"), ("--seconds", "0.1")), runs=False),
     Base("sensor-demo", runs=False),
     *(Base("train", (task,), TRAINING, runs=False) for task in ("ant", "hexapod", "off-road", "hallway", "convoy")),
     *(Base("eval", (task,), (("--episodes", "2"),), runs=False) for task in ("ant", "off-road", "pendulum")),
@@ -88,6 +89,8 @@ FOLDERS = {("eval", "plot"), ("verify", "plots"), ("new-task", "output")}
 ENDINGS = {
     "json": "",
     "video": ".gif",
+    "html": ".html",
+    ("view", "record"): ".html",
     "csv": ".csv",
     "plot": ".png",
     "out": ".png",

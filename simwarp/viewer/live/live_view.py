@@ -193,6 +193,7 @@ class LiveView:
             ended = self.subject.ended().nonzero()[0]
             if len(ended):
                 self.last_failed = int(ended[0])
+                self._next_scenery = 0.0  # a new episode may have other obstacles
 
     def stop(self) -> None:
         """Ends the loop and all recordings, and closes the server."""

@@ -201,6 +201,14 @@ class Page:
         for camera in cameras:
             camera.position, camera.look_at = tuple(self._rest + eye), tuple(self._rest + target)
 
+    def under_camera(self, places: Array, turns: Array) -> tuple[Array, Array]:
+        """Places (..., 3) and orientations (..., 4) xyzw of `ROOT` under the camera: for nodes of `MOVING`."""
+        return turned(self._turn, places) + self._shift, turned_about_z(self._turn, turns)
+
+    def heading(self, vectors: Array) -> Array:
+        """Vectors (..., 3) of the world as they are under the camera."""
+        return turned(self._turn, vectors)
+
     def _move_under_camera(self) -> None:
         angle = 0.0 if self.turning is None else -self.turning()
         self._turn = np.array([0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)])
@@ -214,8 +222,7 @@ class Page:
         for batch in self.batches.batches:
             if batch.moving:
                 at = batch.rows, batch.instances
-                seen_places[at] = turned(self._turn, places[at]) + self._shift
-                seen_turns[at] = turned_about_z(self._turn, turns[at])
+                seen_places[at], seen_turns[at] = self.under_camera(places[at], turns[at])
         return seen_places, seen_turns
 
     def _move_grounds(self) -> None:

@@ -28,7 +28,11 @@ from simwarp.viewer.live.world_layout import Layout
 def add_panels(view: LiveView) -> None:
     """Adds to a view's page what its subject has something for."""
     subject = view.subject
-    view.panels += [RunPanel(view), ShowPanel(view), RecordingPanel(view)]
+    view.panels.append(RunPanel(view))
+    add_driving(view)
+    if "training" in subject.details:
+        view.panels.append(TrainingPanel(view, subject.details["training"]))
+    view.panels += [ShowPanel(view), RecordingPanel(view)]
     if has_commands(view):
         view.panels.append(CommandPanel(view))
     if coordinates_of(subject.simulation.model):
@@ -40,9 +44,6 @@ def add_panels(view: LiveView) -> None:
     hand = hand_of(subject.simulation.elements)
     if hand is not None:
         view.panels.append(Dragging(view, hand))
-    add_driving(view)
-    if "training" in subject.details:
-        view.panels.append(TrainingPanel(view, subject.details["training"]))
 
 
 def show(

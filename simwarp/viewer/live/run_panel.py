@@ -71,9 +71,10 @@ class RunPanel:
             view.post(lambda: self.arrange(layout))
 
         @self._follow.on_update
-        def _(_: Any) -> None:
-            on = bool(self._follow.value)
-            view.post(lambda: view.page.follow(on))
+        def _(event: Any) -> None:
+            if event.client is not None:
+                on = bool(self._follow.value)
+                view.post(lambda: view.page.follow(on))
 
         @dark.on_update
         def _(_: Any) -> None:
@@ -157,3 +158,6 @@ class RunPanel:
             line += f" &nbsp; return {float(view.subject.returns()[world]):.1f}"
         if self._clock.content != line:
             self._clock.content = line
+        if self._follow.value != view.page.following:  # a driver's camera follows, too
+            follow: Any = self._follow
+            follow.value = view.page.following

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from simwarp.core.types import WORLD, RowKind
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.model import Model
 from simwarp.viewer.live.batches import body_positions, body_rotations, rows_on_host, turned
-from simwarp.viewer.live.page import ROOT, Page
+from simwarp.viewer.live.page import MOVING, ROOT, Page
 
 Array = npt.NDArray[np.float64]
 
@@ -33,12 +33,13 @@ GREEN: Final = (30, 150, 70)
 
 
 def body_poses(page: Page) -> tuple[Array, Array]:
-    """Positions (S, B + 1, 3) on the page [m] and rotations (S, B + 1, 4) of the bodies; the last one is the world."""
+    """Positions (S, B + 1, 3) [m] and rotations (S, B + 1, 4) of the bodies under the camera; the world is last."""
     state = page.subject.simulation.state
     places, turns = body_positions(state, page.worlds), body_rotations(state, page.worlds)
     count = len(page.worlds)
     places = np.concatenate([places, np.zeros((count, 1, 3))], axis=1) + page.shifts[:, None]
-    return places, np.concatenate([turns, np.tile((0.0, 0.0, 0.0, 1.0), (count, 1, 1))], axis=1)
+    turns = np.concatenate([turns, np.tile((0.0, 0.0, 0.0, 1.0), (count, 1, 1))], axis=1)
+    return page.under_camera(places, turns)
 
 
 def typical_size(page: Page) -> float:
@@ -56,6 +57,9 @@ class Overlay:
     Attributes:
         name: of its nodes.
     """
+
+    ROOM: ClassVar[str] = MOVING
+    """What it goes with on the page."""
 
     def __init__(self, page: Page) -> None:
         self.page, self.name = page, type(self).__name__
@@ -79,7 +83,7 @@ class Overlay:
         handle, full = self._handles.get(name), all(len(array) for array in arrays.values())
         if handle is None:
             if full:
-                self._handles[name] = make(f"{ROOT}/over/{self.name}/{name}")
+                self._handles[name] = make(f"{self.ROOM}/over/{self.name}/{name}")
                 self._shown[name] = True
             return
         if full:
@@ -119,7 +123,7 @@ class ContactOverlay(Overlay):
         places, _ = body_poses(page)
         rows = np.arange(len(page.worlds))[:, None]
         body = self._body[np.where(used, shape, 0)]
-        return (places[rows, body] + arm)[used], force[used]
+        return (places[rows, body] + page.heading(arm.astype(np.float64)))[used], page.heading(force[used])
 
     def draw(self) -> None:
         """Points, and arrows of the forces that can be seen."""
@@ -223,7 +227,7 @@ class NameOverlay(Overlay):
             handle = self._handles.get(name)
             if handle is None:
                 self._handles[name] = self.scene.add_label(
-                    f"{ROOT}/over/names/{index}", name, position=tuple(places[index]), anchor="bottom-center",
+                    f"{MOVING}/over/names/{index}", name, position=tuple(places[index]), anchor="bottom-center",
                     font_screen_scale=0.8,
                 )  # fmt: skip
             else:
@@ -232,6 +236,8 @@ class NameOverlay(Overlay):
 
 class TrailOverlay(Overlay):
     """Where the agents were in the last ten seconds."""
+
+    ROOM = ROOT  # it lies on the ground
 
     def __init__(self, page: Page) -> None:
         super().__init__(page)

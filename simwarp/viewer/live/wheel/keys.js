@@ -24,7 +24,7 @@ const label = document.createElement("div");
 label.id = "simwarp-drive";
 label.style.cssText = "position:fixed;left:50%;bottom:14px;transform:translateX(-50%);z-index:1000;padding:6px 14px;" +
   "border-radius:16px;font:13px system-ui,sans-serif;background:rgba(20,24,32,.78);color:#fff;pointer-events:none;" +
-  "white-space:nowrap";
+  "max-width:90vw;box-sizing:border-box;text-align:center";
 const tell = (text, bad) => {
   label.textContent = text;
   label.style.background = bad ? "rgba(176,32,32,.9)" : "rgba(20,24,32,.78)";

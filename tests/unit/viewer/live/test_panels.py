@@ -95,7 +95,7 @@ def test_contact_forces_carry_the_box_as_arrows():
     with opened(resting_box()) as (view, page):
         page.set("Newtons per metre", 10.0)
         page.set("Contact forces", True)
-        node = "/world/over/forces/forces"
+        node = "/moving/over/forces/forces"
         page.wait(lambda: node in page.nodes)
         arrows = page.nodes[node]["props"]["points"].reshape(-1, 2, 3)
         assert len(arrows) == 2 * 4
