@@ -9,6 +9,8 @@ import msgspec.msgpack
 import numpy as np
 import zstandard
 
+from tests.reference.viser_client import with_arrays
+
 
 def stream(path: Path) -> bytes:
     """The serialised scene in an .html or .viser file."""
@@ -25,20 +27,8 @@ def messages(path: Path) -> tuple[float, list[tuple[float, dict[str, Any]]]]:
     inner = zstandard.ZstdDecompressor().decompress(data[8:], int.from_bytes(data[:8], "little"))
     length = int.from_bytes(inner[:8], "little")
     content = msgspec.msgpack.decode(inner[8 : 8 + length])
-    offset, buffers = 8 + length, []
-    for size in content["binaryBufferLengths"]:
-        offset += -offset % 8
-        buffers.append(inner[offset : offset + size])
-        offset += size
-
-    def filled(value: Any) -> Any:
-        if isinstance(value, dict):
-            if "__binary_index" in value:
-                return np.frombuffer(buffers[value["__binary_index"]], value["dtype"])
-            return {name: filled(each) for name, each in value.items()}
-        return [filled(each) for each in value] if isinstance(value, list) else value
-
-    return content["durationSeconds"], [(time, filled(message)) for time, message in content["messages"]]
+    times = [(time, with_arrays(message, content, inner, 8 + length)) for time, message in content["messages"]]
+    return content["durationSeconds"], times
 
 
 def poses(path: Path) -> tuple[list[float], dict[str, list[Any]]]:

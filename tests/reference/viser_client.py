@@ -32,12 +32,10 @@ PATIENCE = 20.0
 """Longest wait for anything to arrive [s]."""
 
 
-def decoded(data: bytes) -> list[dict[str, Any]]:
-    """The messages of one frame of the socket, with arrays as NumPy has them (flat)."""
-    whole, packed = (int.from_bytes(data[place : place + 8], "little") for place in (0, 8))
-    inner = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + packed], whole))
-    place, buffers = 16 + packed, []
-    for size in inner["binaryBufferLengths"]:
+def with_arrays(message: Any, content: dict[str, Any], data: bytes, place: int) -> Any:
+    """A message with its arrays, which lie in `data` from `place` on, each at a multiple of eight bytes."""
+    buffers = []
+    for size in content["binaryBufferLengths"]:
         place += -place % 8
         buffers.append(data[place : place + size])
         place += size
@@ -49,7 +47,14 @@ def decoded(data: bytes) -> list[dict[str, Any]]:
             return {key: filled(each) for key, each in value.items()}
         return [filled(each) for each in value] if isinstance(value, list) else value
 
-    return [filled(message) for message in inner["messages"]]
+    return filled(message)
+
+
+def decoded(data: bytes) -> list[dict[str, Any]]:
+    """The messages of one frame of the socket, with arrays as NumPy has them (flat)."""
+    whole, packed = (int.from_bytes(data[place : place + 8], "little") for place in (0, 8))
+    inner = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(data[16 : 16 + packed], whole))
+    return [with_arrays(message, inner, data, 16 + packed) for message in inner["messages"]]
 
 
 class ViserClient:

@@ -92,6 +92,16 @@ class Overlay:
         if self._shown[name] != full:
             handle.visible = self._shown[name] = full
 
+    def put_lines(self, name: str, lines: npt.NDArray[np.float32], color: tuple[int, int, int]) -> None:
+        """Adds line segments (N, 2, 3) [m], or moves them."""
+        self.put(
+            name,
+            lambda node: self.scene.add_line_segments(
+                node, points=lines, colors=color, thickness=3.0, thickness_units="screen"
+            ),
+            points=lines,
+        )  # fmt: skip
+
 
 class ContactOverlay(Overlay):
     """Where shapes touch, and the forces on the second shape of each pair.
@@ -164,13 +174,7 @@ class JointOverlay(Overlay):
         middle = places[:, self._body] + turned(turns[:, self._body], self._local)
         reach = 0.12 * self.size * turned(turns[:, self._body], self._axis)
         lines = np.stack([middle - reach, middle + reach], axis=2).reshape(-1, 2, 3).astype(np.float32)
-        self.put(
-            "joints",
-            lambda name: self.scene.add_line_segments(
-                name, points=lines, colors=BLUE, thickness=3.0, thickness_units="screen"
-            ),
-            points=lines,
-        )  # fmt: skip
+        self.put_lines("joints", lines, BLUE)
 
 
 class FrameOverlay(Overlay):
@@ -259,13 +263,7 @@ class TrailOverlay(Overlay):
         points = np.stack([places[page.worlds] for _, places in self._past], axis=1) + page.shifts[:, None]
         lines = np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 3)
         lines = lines[np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) < JUMP].astype(np.float32)
-        self.put(
-            "trail",
-            lambda name: self.scene.add_line_segments(
-                name, points=lines, colors=RED, thickness=3.0, thickness_units="screen"
-            ),
-            points=lines,
-        )  # fmt: skip
+        self.put_lines("trail", lines, RED)
 
 
 def joint_axes(model: Model) -> tuple[npt.NDArray[np.int64], Array, Array]:

@@ -168,6 +168,7 @@ def test_a_drag_ends_with_its_page(view):
     hand = view.subject.simulation.elements[-1]
     with connect(view.url) as other:
         other.wait(lambda: hand.hold is None)
+    assert hand.hold is None
 
 
 def test_trajectories_are_the_same_watched_or_not(view):

@@ -31,10 +31,15 @@ def view() -> Any:
 
 
 def test_nothing_is_sent_while_nobody_looks(view: LiveView, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(view.page, "frame", lambda: pytest.fail("a frame for nobody"))
+    frames: list[int] = []
+    monkeypatch.setattr(view.page, "frame", lambda: frames.append(1))
     for _ in range(20):
         view.subject.simulation.step()
         view.step()
+    assert frames == []
+    view.recorders.append(Onlooker())
+    view.step()
+    assert frames == [1]
 
 
 class Onlooker:
