@@ -89,20 +89,27 @@ def halves(vertices):
     return [upper, lower]
 
 
-def test_decomposition_with_coacd(monkeypatch):
+def fake_coacd(monkeypatch):
+    """A coacd that halves meshes; returns the list of the options of its calls."""
+    calls = []
     module = types.ModuleType("coacd")
-    asked = {}
 
     def run(mesh, **options):
-        asked.update(options)
+        calls.append(options)
         return [(part, mesh[1]) for part in halves(mesh[0])]
 
     vars(module).update(Mesh=lambda vertices, faces: (vertices, faces), run_coacd=run)
     fake_modules(monkeypatch, coacd=module)
+    return calls
+
+
+def test_decomposition_with_coacd(monkeypatch, tmp_path):
+    monkeypatch.setenv("SIMWARP_CACHE", str(tmp_path))
+    calls = fake_coacd(monkeypatch)
     box = box_mesh()
     builder = ModelBuilder()
     slots = builder.add_shape_mesh(WORLD, box.vertices, box.faces, decompose={"threshold": 0.1}, name="rock")
-    assert asked == {"threshold": 0.1}
+    assert calls == [{"threshold": 0.1}]
     assert slots == [0, 1]
     assert [shape.name for shape in builder.shapes] == ["rock_0", "rock_1"]
     assert all(shape.type == ShapeType.HULL for shape in builder.shapes)
@@ -124,15 +131,7 @@ def test_decomposition_without_a_library(monkeypatch):
 
 def test_a_decomposition_is_kept_by_content(monkeypatch, tmp_path):
     monkeypatch.setenv("SIMWARP_CACHE", str(tmp_path))
-    calls = []
-    module = types.ModuleType("coacd")
-
-    def run(mesh, **options):
-        calls.append(options)
-        return [(part, mesh[1]) for part in halves(mesh[0])]
-
-    vars(module).update(Mesh=lambda vertices, faces: (vertices, faces), run_coacd=run)
-    fake_modules(monkeypatch, coacd=module)
+    calls = fake_coacd(monkeypatch)
     box = box_mesh()
     first = convex_parts(box.vertices, box.faces, threshold=0.1)
     again = convex_parts(box.vertices, box.faces, threshold=0.1)
