@@ -29,9 +29,25 @@ def _kernels() -> None:
         compile_together()
 
 
+SWEEP = 5
+"""Of the cases of a test marked `sweep`, one in so many, and at least two, are part of `make test`."""
+
+
+def _mark_sweeps(items: list[pytest.Item]) -> None:
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("sweep"):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for same in cases.values():
+        step = min(SWEEP, max(1, len(same) // 2))
+        for index, item in enumerate(same):
+            if index % step:
+                item.add_marker(pytest.mark.slow)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark the slow cases of tests (`quick`, `long`); skip tests marked `cuda` where Warp finds no CUDA device."""
+    """Mark slow cases of tests (`quick`, `long`, `sweep`); skip tests marked `cuda` where Warp finds no CUDA device."""
     sampled: dict[str, tuple[set[str], set[str]]] = {}
     for item in items:
         quick, long = item.get_closest_marker("quick"), item.get_closest_marker("long")
@@ -46,6 +62,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         for test, (named, cases) in sampled.items():
             if not named <= cases:
                 raise pytest.UsageError(f"{test}: marks name cases that it does not have: {sorted(named - cases)}")
+    _mark_sweeps(items)
     marked = [item for item in items if item.get_closest_marker("cuda")]
     if marked and not wp.is_cuda_available():
         for item in marked:

@@ -10,12 +10,15 @@ import contextlib
 import dataclasses
 import importlib
 import importlib.util
+import os
 import sys
 from collections.abc import Callable, Sequence
 
+from simwarp.cli.lighter_imports import FULL, leave_compiler_out, run_in_full, stand_ins
 from simwarp.cli.process import (
     end_at_signals,
     ended_by_signals,
+    leave,
     leave_at_once,
     prepare_streams,
     silence_output,
@@ -36,12 +39,14 @@ class Command:
         usage: its arguments, for the overview.
         summary: one line.
         target: ``module:function`` that takes the remaining arguments and returns an exit code.
+        reads_only: it prints what classes say of themselves, and simulates nothing.
     """
 
     name: str
     usage: str
     summary: str
     target: str
+    reads_only: bool = False
 
     def load(self) -> Callable[[list[str]], int]:
         """Import the function that runs the command."""
@@ -55,11 +60,11 @@ class Command:
 COMMANDS = {
     command.name: command
     for command in (
-        Command("list", "", "tasks, vehicles, sensors and scenes, one line each", "simwarp.cli.listing:run"),
+        Command("list", "", "tasks, vehicles, sensors and scenes, one line each", "simwarp.cli.listing:run", True),
         Command("train", "TASK", "train a policy, with live progress and a run folder", "simwarp.cli.training:run"),
         Command("play", "TASK", "a picture or a short video of a policy at work", "simwarp.cli.playing:run"),
         Command("view", "TARGET", "a page in the browser that shows it move", "simwarp.cli.view.viewing:run"),
-        Command("eval", "TASK", "statistics of a policy over fresh worlds", "simwarp.cli.evaluating:run"),
+        Command("eval", "TASK", "statistics of a policy over fresh worlds", "simwarp.cli.evaluation.evaluating:run"),
         Command("export", "RUN", "a policy as an ONNX or TorchScript file, checked", "simwarp.cli.export:run"),
         Command("record", "TASK", "episodes of a policy as a file of trajectories", "simwarp.cli.record:run"),
         Command("clone", "TASK", "a policy that imitates recorded trajectories", "simwarp.cli.clone:run"),
@@ -210,11 +215,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         with ended_by_signals():
-            code = _run(arguments)
+            code = _run(arguments, alone=argv is None)
             if sys.stdout is not None:
                 sys.stdout.flush()
             if argv is None:
                 end_at_signals(code)
+                leave(code)
             return code
     except SystemExit as stop:
         # Argument parsers leave this way, their message is out already; and rich, when the reader of a pipe went away
@@ -247,20 +253,25 @@ def _tell(text: str, code: int) -> int:
     return code
 
 
-def _run(arguments: list[str]) -> int:
-    """Run the command that the arguments name."""
+def _run(arguments: list[str], *, alone: bool) -> int:
+    """Run the command that the arguments name; `alone`: the process is there for nothing else."""
     if not arguments or arguments[0] in HELP:
         print(overview())
         return DONE if arguments else WRONG_INPUT
     if HELP & set(arguments):
-        return _help(_find(arguments[0]).load(), arguments[1:])
+        return _read(lambda: _help(_find(arguments[0]).load(), arguments[1:]), arguments, alone=alone)
     check_words(arguments)
     if arguments[0] == "--version":
         from importlib.metadata import version
 
         print(f"simwarp {version('simwarp')}")
         return DONE
-    run = _find(arguments[0]).load()
+    command = _find(arguments[0])
+    if command.reads_only:
+        return _read(lambda: command.load()(arguments[1:]), arguments, alone=alone)
+    if alone:
+        leave_compiler_out()
+    run = command.load()
     try:
         start_warp()
     except OSError as error:
@@ -270,6 +281,19 @@ def _run(arguments: list[str]) -> int:
             f"the folder {place}of compiled kernels cannot be used: {error.strerror}; {remedy}"
         ) from error
     return run(arguments[1:])
+
+
+def _read(run: Callable[[], int], arguments: list[str], *, alone: bool) -> int:
+    """Run what only prints what classes say, without the packages that they compute with if that is possible."""
+    if not alone or os.environ.get(FULL):
+        return run()
+    with stand_ins():
+        try:
+            return run()
+        except Exception as error:  # a module did more with a stand-in than it can bear, or has a fault of its own
+            if exit_code_of(error) is not None:
+                raise
+            return run_in_full(arguments)
 
 
 def _help(run: Callable[[list[str]], int], words: list[str]) -> int:

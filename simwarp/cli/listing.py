@@ -11,7 +11,6 @@ from typing import Any
 
 from simwarp.cli import DONE
 from simwarp.cli.options import CommonOptions, parse_options
-from simwarp.tasks import task_class, task_names
 
 _CATALOGUES = {
     "vehicles": "simwarp.vehicle.spec.catalogue",
@@ -52,6 +51,8 @@ def builders(module: ModuleType) -> dict[str, str]:
 
 def run(arguments: list[str]) -> int:
     """Print the catalogue."""
+    from simwarp.tasks import task_class, task_names
+
     options = parse_options(ListOptions, arguments, "simwarp list")
     options.check()
     sections = {"tasks": {name: task_class(name).summary for name in task_names()}}

@@ -109,6 +109,19 @@ def silence_output() -> None:
             _redirect(stream)
 
 
+def leave(code: int) -> NoReturn:
+    """End the process after its command has done its work: threads end, exit functions run.
+
+    Python does not take its modules apart, which takes a second with torch and Warp and serves nobody.
+    """
+    vars(threading)["_shutdown"]()  # waits for all threads, those of executors too, as Python does at its end
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    os._exit(code)
+
+
 def leave_at_once(code: int) -> NoReturn:
     """End the process after an interruption: threads end, exit functions run, but Python does not take modules apart.
 

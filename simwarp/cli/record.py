@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.cli import DONE, UsageError
-from simwarp.cli.evaluating import policy_defaults
+from simwarp.cli.evaluation.evaluating import policy_defaults
 from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task, task_options
 from simwarp.tasks import make, resolve_device, task_class, task_names
 

@@ -10,7 +10,6 @@ import importlib.util
 import logging
 import os
 import re
-from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -261,32 +260,6 @@ def _release(library: str) -> str:
         return f"{library} {version(library)}"
     except PackageNotFoundError:
         return library
-
-
-def primitive_mesh(kind: str, sizes: Mapping[str, float], *, coarse: bool = False) -> tuple[Vertices, Triangles]:
-    """Vertices (V, 3) and triangles (T, 3) of a primitive about the origin, its axis z.
-
-    Args:
-        kind: "cube" (`size`), "sphere" (`radius`), "capsule", "cylinder" or "cone" (`radius`, `height`; that of a
-            capsule without its caps).
-        sizes: [m], by name.
-        coarse: circles of 24 or 16 sides instead of 32: for pictures of many.
-    """
-    make, sides = trimesh.creation, 24 if coarse else 32
-    if kind == "cube":
-        mesh = make.box((sizes["size"],) * 3)
-    elif kind == "sphere":
-        mesh = make.icosphere(subdivisions=2 if coarse else 3, radius=sizes["radius"])
-    elif kind == "capsule":
-        count = (16, 16) if coarse else None
-        mesh = make.capsule(height=sizes["height"], radius=sizes["radius"], count=count)
-        mesh.apply_translation(-mesh.bounds.mean(axis=0))
-    elif kind == "cylinder":
-        mesh = make.cylinder(radius=sizes["radius"], height=sizes["height"], sections=sides)
-    else:
-        mesh = make.cone(radius=sizes["radius"], height=sizes["height"], sections=sides)
-        mesh.apply_translation((0.0, 0.0, -0.5 * sizes["height"]))
-    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
 
 
 def with_fewer_triangles(vertices: npt.ArrayLike, triangles: npt.ArrayLike, most: int) -> tuple[Vertices, Triangles]:

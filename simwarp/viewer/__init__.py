@@ -1,32 +1,39 @@
-"""Pictures and videos of simulations, by cameras that belong to nobody's body; `show` and `LiveView` in a browser."""
+"""Pictures and videos of simulations, by cameras that belong to nobody's body; `show` and `LiveView` in a browser.
+
+Its names are imported when they are asked for: the web server starts before the kernels are there, and needs viser.
+"""
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Final
 
+from simwarp.core.names_on_demand import names_on_demand
 from simwarp.core.renames import renamed_names
-from simwarp.viewer.default_appearance import add_bodies, add_skeleton, paint
-from simwarp.viewer.free_camera import FreeCamera
-from simwarp.viewer.lines import Polyline, draw_lines
-from simwarp.viewer.portrait import portrait
-from simwarp.viewer.sheets import caption, grid
-from simwarp.viewer.studio import FollowCamera, Shot
-
-__all__ = [
-    "FollowCamera", "FreeCamera", "Polyline", "Shot", "add_bodies", "add_skeleton", "caption", "draw_lines", "grid",
-    "paint", "portrait",
-]  # fmt: skip
 
 if TYPE_CHECKING:
-    from simwarp.viewer.live import LiveView as LiveView
-    from simwarp.viewer.live import show as show
+    from simwarp.viewer.default_appearance import add_bodies, add_skeleton, paint
+    from simwarp.viewer.free_camera import FreeCamera
+    from simwarp.viewer.lines import Polyline, draw_lines
+    from simwarp.viewer.live.live_view import LiveView
+    from simwarp.viewer.live.page_panels import show
+    from simwarp.viewer.portrait import portrait
+    from simwarp.viewer.sheets import caption, grid
+    from simwarp.viewer.studio import FollowCamera, Shot
 
-_renamed = renamed_names(__name__, Studio="FollowCamera")
+__all__ = [
+    "FollowCamera", "FreeCamera", "LiveView", "Polyline", "Shot", "add_bodies", "add_skeleton", "caption", "draw_lines",
+    "grid", "paint", "portrait", "show",
+]  # fmt: skip
 
+_MODULES: Final = {
+    "FollowCamera": "studio", "FreeCamera": "free_camera", "LiveView": "live.live_view", "Polyline": "lines",
+    "Shot": "studio", "add_bodies": "default_appearance", "add_skeleton": "default_appearance", "caption": "sheets",
+    "draw_lines": "lines", "grid": "sheets", "paint": "default_appearance", "portrait": "portrait",
+    "show": "live.page_panels",
+}  # fmt: skip
 
-def __getattr__(name: str) -> Any:
-    """What shows a page is imported when it is asked for: it needs viser."""
-    if name in ("LiveView", "show"):
-        return getattr(importlib.import_module("simwarp.viewer.live"), name)
-    return _renamed(name)
+__getattr__ = names_on_demand(
+    __name__,
+    {name: f"{__name__}.{module}" for name, module in _MODULES.items()},
+    renamed_names(__name__, Studio="FollowCamera"),
+)

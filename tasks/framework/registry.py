@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import json
 import warnings
 from collections.abc import Callable, Sequence
 from importlib import metadata
-from typing import TYPE_CHECKING, Any, TypeVar
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from .config import TaskConfig, replace_fields
 from .devices import resolve_device
@@ -20,11 +22,10 @@ TaskT = TypeVar("TaskT", bound="type[Task[Any]]")
 ENTRY_POINT_GROUP = "simwarp.tasks"
 """Entry points of this group are loaded once; loading one must register its tasks."""
 
-_DRIVING = ("barrier_track", "convoy", "hallway", "obstacle_avoidance", "off_road")
-_BUILTIN_MODULES = (
-    "arms.reaching", *(f"driving.{name}" for name in _DRIVING), "fast", "locomotion.ant", "locomotion.hexapod",
-    "pendulum",
-)  # fmt: skip
+_BUILT_IN: Final[dict[str, str]] = json.loads(
+    (files("simwarp") / "tasks" / "built_in.json").read_text(encoding="utf-8")
+)
+"""Built-in tasks and the modules that register them; one is imported when its task is asked for."""
 
 _tasks: dict[str, type[Task[Any]]] = {}
 _loaded: list[bool] = []
@@ -43,6 +44,8 @@ def register(name: str) -> Callable[[TaskT], TaskT]:
         raise InputError(f"task name must be lower-case letters, digits and hyphens, got '{name}'")
 
     def add(task: TaskT) -> TaskT:
+        if task.__module__ != _module_of(name):
+            _load_built_in(name)
         known = _tasks.get(name)
         if known is not None and (known.__module__, known.__qualname__) != (task.__module__, task.__qualname__):
             raise InputError(
@@ -56,12 +59,19 @@ def register(name: str) -> Callable[[TaskT], TaskT]:
     return add
 
 
-def _load_all() -> None:
+def _module_of(name: str) -> str:
+    return f"simwarp.tasks.{_BUILT_IN.get(name)}"
+
+
+def _load_built_in(name: str) -> None:
+    if name in _BUILT_IN:
+        importlib.import_module(_module_of(name))
+
+
+def _load_packages() -> None:
     if _loaded:
         return
     _loaded.append(True)
-    for module in _BUILTIN_MODULES:
-        importlib.import_module(f"simwarp.tasks.{module}")
     for entry in metadata.entry_points(group=ENTRY_POINT_GROUP):
         try:
             entry.load()
@@ -71,8 +81,8 @@ def _load_all() -> None:
 
 def task_names() -> list[str]:
     """Return the names of all tasks, sorted."""
-    _load_all()
-    return sorted(_tasks)
+    _load_packages()
+    return sorted({*_BUILT_IN, *_tasks})
 
 
 def task_class(name: str) -> type[Task[Any]]:
@@ -81,9 +91,11 @@ def task_class(name: str) -> type[Task[Any]]:
     Raises:
         InputError: no such task; the message lists near names.
     """
-    _load_all()
+    _load_built_in(name)
     if name not in _tasks:
-        raise InputError(f"unknown task '{name}'{near_names(name, _tasks)}")
+        _load_packages()
+    if name not in _tasks:
+        raise InputError(f"unknown task '{name}'{near_names(name, task_names())}")
     return _tasks[name]
 
 

@@ -196,6 +196,7 @@ def test_doctor_sees_a_gpu_that_the_libraries_do_not(monkeypatch):
         (["list", "--jsno", "-"], "did you mean --json?"),
     ],
 )
+@pytest.mark.sweep
 def test_a_mistake_gets_one_line_and_exit_code_2(simwarp, arguments, message):
     code, out, err = simwarp(*arguments)
     assert code == 2

@@ -191,7 +191,7 @@ def test_mistakes_of_ours_and_debug_show_the_traceback(ends_with, error):
 
 def test_a_kernel_cache_that_cannot_be_is_one_line_with_the_remedy(monkeypatch, capfd):
     monkeypatch.setattr(cli, "start_warp", raises(PermissionError(13, "Permission denied", "/cache")))
-    assert cli.main(["list"]) == 1
+    assert cli.main(["verify", "--list"]) == 1
     assert capfd.readouterr().err == (
         "simwarp: the folder '/cache' of compiled kernels cannot be used: Permission denied; "
         "set WARP_CACHE_PATH to a folder of your own\n"

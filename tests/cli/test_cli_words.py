@@ -11,7 +11,7 @@ import tyro
 
 from simwarp import cli
 from simwarp.cli import UsageError, options
-from simwarp.cli.grids import grid_points
+from simwarp.cli.evaluation.grids import grid_points
 from simwarp.cli.options import parse_options
 from simwarp.tasks import TaskConfig
 

@@ -198,6 +198,7 @@ def test_a_vehicle_that_breaks_down_ends_with_one(drive, monkeypatch, tmp_path):
         (["chrono.json", "--powertrain", "engine.json"], "a comma"),
     ],
 )
+@pytest.mark.sweep
 def test_wrong_input_is_one_line_and_code_two(drive, tmp_path, arguments, words):
     (tmp_path / "bad.json").write_text('{"mass": 3}')
     (tmp_path / "short.csv").write_text("t_s,steer\n0,0\n1\n")

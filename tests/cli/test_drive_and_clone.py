@@ -81,6 +81,7 @@ def test_what_is_driven_is_what_clone_reads(view, driven_by_a_script):
     assert np.abs(data.actions).max() > 0.0
 
 
+@pytest.mark.slow
 def test_interrupted_pages_keep_what_was_driven(view, driven_by_a_script, monkeypatch):
     count = []
 

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from simwarp import cli
 from simwarp.cli import UsageError
-from simwarp.cli.eval_report import Report
-from simwarp.cli.grids import grid_axes, grid_points
+from simwarp.cli.evaluation.eval_report import Report
+from simwarp.cli.evaluation.grids import grid_axes, grid_points
 from simwarp.cli.options import expand_shorthands, parse_options, task_options
 from simwarp.tasks import task_class
 from simwarp.train.evaluation.evaluation import Evaluation, wilson_interval

@@ -92,6 +92,7 @@ def test_lidar_and_radar_meet_the_scene(made):
     assert moving.min() < -13.0  # the car comes towards it
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_drive(made, tmp_path, monkeypatch):
     # of the instruments alone: the pictures are tested where cameras are
     from simwarp.viewer.demo import sensor_suite

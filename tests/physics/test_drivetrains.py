@@ -47,6 +47,7 @@ def wheel_speeds(vehicle: Vehicle, sim) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("name", "powertrain", "driveline"), PAIRS)
+@pytest.mark.sweep
 def test_every_powertrain_drives_through_every_driveline(name, powertrain, driveline):
     spec = with_options(load_vehicle(name), powertrain=powertrain, driveline=driveline)
     vehicle, sim = driven(spec, 0.8)

@@ -82,6 +82,7 @@ def test_both_wheels_up_and_down(case):
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.sweep
 def test_one_wheel_up_the_other_down(case):
     spec, axle, travel, steering = CASES[case]
     lefts = np.array([-1.0, -0.5, 0.5, 1.0]) * 0.75 * travel

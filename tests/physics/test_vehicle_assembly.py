@@ -156,6 +156,7 @@ def test_mass_is_the_description_s(name):
 
 
 @pytest.mark.parametrize("name", VEHICLES)
+@pytest.mark.sweep
 def test_settles_and_keeps_its_joints(name):
     """Dropped with the brakes on, then steered: no trouble, exact joints, at rest in the end."""
     steering = ((0.0, 0.0), (1.5, 0.0), (2.0, 0.5))
@@ -189,6 +190,7 @@ def test_the_sedan_drives_straight_and_brakes():
 
 
 @pytest.mark.parametrize("name", ["hmmwv", "sedan", "macpherson-strut", "multi-link", "solid-axle", "trailing-arm"])
+@pytest.mark.sweep
 def test_wheels_stand_where_the_kinematics_put_them(name):
     """A vehicle on its tires, steered: its wheels against its chassis are rows of the table."""
     spec = VEHICLES[name]

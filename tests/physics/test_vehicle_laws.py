@@ -118,6 +118,7 @@ def creep(spec: Any, seconds: float, dt: float, since: float = 3.0) -> float:
 
 
 @pytest.mark.parametrize("tire", MODELS)
+@pytest.mark.sweep
 def test_brakes_hold_on_a_slope(tire):
     assert creep(with_options(shipped("hmmwv"), tire=tire), 10.0, 2.0e-3) < 1.0e-3
 

@@ -55,6 +55,7 @@ def coupling_slip(builder, model, joint_qd, gear):
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("direction", [1.0, -0.15])
+@pytest.mark.sweep
 def test_the_first_step_finds_nothing_to_correct(case, direction):
     speed = direction * SPEEDS.get(case.partition("-")[0], 15.0)
     builder, parts, _, sim = start(described(case), speed)
@@ -83,6 +84,7 @@ def test_the_first_step_finds_nothing_to_correct(case, direction):
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.sweep
 def test_it_rolls_on(case):
     """A second without pedals: the wheels take the ground's speed, and the vehicle keeps most of its own."""
     spec = described(case)

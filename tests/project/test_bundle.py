@@ -132,6 +132,7 @@ def test_parts_lists_and_a_second_run(at_home, monkeypatch, capsys):
         (["--platform", "macosx_14_0_arm64"], {"torch", "helper"}),
     ],
 )
+@pytest.mark.sweep
 def test_which_wheels(at_home, monkeypatch, market, arguments, expected):
     # Nothing needs to be downloaded.
     monkeypatch.setattr(bundle, "CACHE", at_home / "full")
@@ -193,6 +194,7 @@ def test_a_pin_that_a_wheel_refuses_is_named(tmp_path, at_home):
         (["--output", "mine/thesis.tex/bundle"], 2, "File exists"),
     ],
 )
+@pytest.mark.sweep
 def test_wrong_input_is_one_line_and_changes_nothing(at_home, monkeypatch, capsys, arguments, code, expected):
     monkeypatch.chdir(at_home)
     (at_home / "mine").mkdir()

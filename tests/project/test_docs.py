@@ -224,6 +224,7 @@ def test_links_lead_somewhere(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.sweep
 def test_files_and_functions_that_a_page_names_exist(page):
     text = page.read_text(encoding="utf-8")
     for name in re.findall(r"`((?:simwarp|docs|examples|tests|tasks|train)/[\w/.-]*\w)`", text):

@@ -154,6 +154,7 @@ def test_no_folder_is_crowded():
 
 
 @pytest.mark.parametrize("folder", ["simwarp", "tasks", "train", "tests", "scripts", "benchmarks", "examples"])
+@pytest.mark.sweep
 def test_no_file_and_no_function_is_long(folder):
     for path in (ROOT / folder).rglob("*.py"):
         text = path.read_text(encoding="utf-8")
@@ -168,6 +169,7 @@ def test_a_circle_is_found():
 
 
 @pytest.mark.parametrize("module", sorted(MODULES))
+@pytest.mark.sweep
 def test_imports_follow_the_direction(module):
     path = MODULES[module]
     if module == "simwarp":

@@ -116,6 +116,7 @@ def python(shared_python, monkeypatch, tmp_path):
     ("versions", "expected", "said"),
     [((CPU,), CPU, "CPU build"), ((TORCH,), TORCH, "some 2.5 GB"), ((TORCH, CPU, NEWER), CPU, "CPU build")],
 )
+@pytest.mark.slow
 def test_torch_from_a_folder_of_wheels(python, monkeypatch, tmp_path, capsys, versions, expected, said):
     for version in versions:
         write_wheel(tmp_path / "wheels", "torch", version)

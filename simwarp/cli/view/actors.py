@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.cli import HELP, UsageError
-from simwarp.cli.evaluating import policy_defaults
+from simwarp.cli.evaluation.evaluating import policy_defaults
 from simwarp.cli.options import option_value
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, task_class

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.colors import to_rgb
 
 from simwarp.tasks import StepResult, Task
 from simwarp.train.evaluation.filming import stage
@@ -125,6 +124,8 @@ def lines_of(task: Task[Any]) -> list[Path]:
 
 
 def _bytes(colour: str) -> tuple[int, int, int]:
+    from matplotlib.colors import to_rgb  # takes a while to import, and not every task draws
+
     red, green, blue = (round(255 * value) for value in to_rgb(colour))
     return red, green, blue
 

@@ -12,6 +12,7 @@ from simwarp.core.rotation import matrix_of, quat_multiply
 from simwarp.core.types import Material, ModelError, Pose, ShapeType
 from simwarp.core.types import pose as make_pose
 from simwarp.geometry.assets import MassProperties, convex_hull, hull_mass, shape_mass
+from simwarp.geometry.primitive_meshes import primitive_mesh
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.importers.links.link_frames import NO_MASS, composed, inverse, moved_mass
 from simwarp.importers.links.link_meshes import HULL_CORNERS, collision_hulls
@@ -298,8 +299,6 @@ def mesh_of(stage: Stage, path: str) -> tuple[Array, npt.NDArray[np.int64]]:
 
 def visual_points(stage: Stage, prim: Any) -> tuple[Array | None, npt.NDArray[np.int64]]:
     """Points and triangles of a geometric prim in its own frame and units; None where it is none that is shown."""
-    from simwarp.geometry.mesh_files import primitive_mesh  # trimesh takes a while to import
-
     geometry = stage.geometry
     kind = str(prim.GetTypeName())
     none = np.zeros((0, 3), np.int64)

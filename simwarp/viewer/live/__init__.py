@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
-from simwarp.viewer.live.live_view import LiveView
-from simwarp.viewer.live.page_panels import show
-from simwarp.viewer.live.subject import Actions, Path, Subject, subject_of
-from simwarp.viewer.live.world_layout import Layout
+from typing import TYPE_CHECKING, Final
+
+from simwarp.core.names_on_demand import names_on_demand
+from simwarp.core.renames import renamed_names
+
+if TYPE_CHECKING:
+    from simwarp.viewer.live.live_view import LiveView
+    from simwarp.viewer.live.page_panels import show
+    from simwarp.viewer.live.subject import Actions, Path, Subject, subject_of
+    from simwarp.viewer.live.world_layout import Layout
 
 __all__ = ["Actions", "Layout", "LiveView", "Path", "Subject", "show", "subject_of"]
+
+_MODULES: Final = {
+    "Actions": "subject", "Layout": "world_layout", "LiveView": "live_view", "Path": "subject", "Subject": "subject",
+    "show": "page_panels", "subject_of": "subject",
+}  # fmt: skip
+
+__getattr__ = names_on_demand(
+    __name__, {name: f"{__name__}.{module}" for name, module in _MODULES.items()}, renamed_names(__name__)
+)

@@ -9,7 +9,6 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.interop import to_torch
 from simwarp.core.types import ShapeType
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
@@ -287,6 +286,8 @@ def rows_on_host(array: Any, worlds: Ints) -> Array:
     """Rows of an array of all worlds; from a GPU only those are copied."""
     if array.device.is_cpu:
         return np.asarray(array.numpy()[worlds], np.float64)
+    from simwarp.core.interop import to_torch  # torch only where there is a GPU: it takes seconds to import
+
     return np.asarray(to_torch(array)[worlds.tolist()].cpu().numpy(), np.float64)
 
 

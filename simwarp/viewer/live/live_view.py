@@ -13,7 +13,7 @@ from simwarp.sensors.scene import Scene
 from simwarp.simulation.simulation import Simulation
 from simwarp.viewer.live.page import Page
 from simwarp.viewer.live.subject import Subject, subject_of
-from simwarp.viewer.live.web_server import SocketHandler, open_server
+from simwarp.viewer.live.web_server import WebServer, open_server
 from simwarp.viewer.live.wheel.driving import PATH as DRIVE
 from simwarp.viewer.live.wheel.driving import DriveSocket
 from simwarp.viewer.live.world_layout import Layout, natural_layout
@@ -61,7 +61,7 @@ class LiveView:
         worlds: how many worlds are shown, at most 64, or their indices.
         layout: of the worlds; what suits their size when None.
         host, port: of the server; the next free port is taken.
-        sockets: further web sockets of the server, by path.
+        server: one that is open already, instead of these two.
 
     Attributes:
         page: the scene.
@@ -79,13 +79,13 @@ class LiveView:
     def __init__(
         self, subject: Subject | Simulation, *, scene: Scene | None = None, worlds: int | Sequence[int] = 16,
         layout: Layout | str | None = None, host: str = "127.0.0.1", port: int = 8080,
-        sockets: dict[str, SocketHandler] | None = None,
+        server: WebServer | None = None,
     ) -> None:  # fmt: skip
         self.subject = subject if isinstance(subject, Subject) else subject_of(subject, scene)
         chosen = _worlds(worlds, self.subject.simulation.model.world_count)
         self.wheel = DriveSocket()
-        served = {DRIVE: self.wheel.handle, **(sockets or {})}
-        self.server = open_server(host, port, self.subject.name, served)
+        self.server = open_server(host, port, self.subject.name) if server is None else server
+        self.server.sockets[DRIVE] = self.wheel.handle
         self.page = Page(self.server, self.subject, chosen[:1], Layout.ONE)
         extent, state = self.page.batches.extent, self.subject.simulation.state
         natural = natural_layout(extent(state), extent(state, moving=False))
@@ -94,6 +94,7 @@ class LiveView:
             self.page.layout = chosen_layout
             self.page.show_worlds(chosen)
         self.page.aim()
+        self.server.viser.on_client_connect(self.page.greet)
         self.page.follow(self.page.layout is Layout.ONE or self.subject.trail is not None)
         self.panels: list[Panel] = []
         self.preparers: list[Command] = []

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
+from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
@@ -12,9 +14,10 @@ import numpy.typing as npt
 from simwarp.core.types import WORLD
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.live.batches import Batch, Batches, body_positions, body_velocities, turned
+from simwarp.viewer.live.page_light import DAY, NIGHT
 from simwarp.viewer.live.page_meshes import linear_bytes
 from simwarp.viewer.live.subject import Subject
-from simwarp.viewer.live.web_server import WebServer
+from simwarp.viewer.live.web_server import WebServer, run_script
 from simwarp.viewer.live.world_layout import Layout, offsets
 from simwarp.viewer.studio import SIDE, Shot
 
@@ -26,9 +29,6 @@ MOVING: Final = "/moving"
 """Of what moves by itself: sent as the camera sees it, so that a followed body does not tremble where a browser takes
 the pose of a node later than those of instances.
 """
-SKY: Final = ((150, 186, 226), (232, 239, 246))
-"""Colours of the sky: above, and at the horizon."""
-NIGHT: Final = ((18, 22, 30), (52, 60, 72))
 GRAIN: Final = 2.0**14
 """Steps per metre, and of quaternions, that recorded poses are rounded to: 0.06 mm. As powers of two they are short in
 binary too: files are a tenth smaller than with 0.1 mm."""
@@ -83,23 +83,10 @@ class Page:
 
     def look(self, *, dark: bool) -> None:
         """Light, sky and colours of the panels."""
-        viser = self.server.viser
-        viser.gui.configure_theme(
-            control_layout="floating", control_width="medium", dark_mode=dark, show_logo=False, show_share_button=False,
-            brand_color=(208, 92, 32),
-        )  # fmt: skip
-        self.scene.set_up_direction("+z")
-        self.scene.configure_default_lights(enabled=False)
-        above, below = NIGHT if dark else SKY
-        shade = np.linspace(0.0, 1.0, 64)[:, None, None]
-        sky = (1.0 - shade) * np.array(above) + shade * np.array(below)
-        self.scene.set_background_image(np.repeat(sky, 8, axis=1).astype(np.uint8), format="png")
-        self.scene.add_light_hemisphere(
-            "/lights/sky", sky_color=above if dark else (216, 230, 255), ground_color=(112, 104, 92), intensity=1.0
-        )
-        self._sun = self.scene.add_light_directional(
-            "/lights/sun", color=(255, 244, 224), intensity=2.1, cast_shadow=True, position=(-6.0, -8.0, 14.0)
-        )
+        self._light = NIGHT if dark else DAY
+        self._sun = self._light.shine(self.server.viser)
+        self._sun.position = tuple(self._sun_at)
+        self._sent = -1  # grounds are seen in its light
 
     def arrange(self, layout: Layout) -> None:
         """Puts the shown worlds beside each other, upon each other, or shows one."""
@@ -209,6 +196,16 @@ class Page:
         """Vectors (..., 3) of the world as they are under the camera."""
         return turned(self._turn, vectors)
 
+    def greet(self, client: Any) -> None:
+        """Fits the page of somebody who has come: on a narrow one the camera stands back, the panels are folded."""
+        if client.client_id not in self.server.viser.get_clients():
+            return  # and has gone already
+        run_script(client, _narrow_page())
+        camera = client.camera
+        if 0.0 < camera.aspect < 1.0:
+            away = np.asarray(camera.position) - np.asarray(camera.look_at)
+            camera.position = tuple(np.asarray(camera.look_at) + away / camera.aspect)
+
     def _move_under_camera(self) -> None:
         angle = 0.0 if self.turning is None else -self.turning()
         self._turn = np.array([0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)])
@@ -301,7 +298,7 @@ class Page:
 
     def _add_ground(self, index: int) -> Any:
         ground = self.batches.grounds[index]
-        color = tuple(int(value) for value in ground.color)
+        color = self._light.shaded(ground.color)
         darker = tuple(int(0.86 * value) for value in color)
         turn = ground.rotation[[3, 0, 1, 2]]
         return self.scene.add_grid(
@@ -329,6 +326,11 @@ class Page:
                 thickness_units="screen",
             )  # fmt: skip
             self._lines[index : index + 1] = [handle]
+
+
+@functools.cache
+def _narrow_page() -> str:
+    return (files("simwarp.viewer.live") / "narrow_page.js").read_text(encoding="utf-8")
 
 
 def turned_about_z(turn: Array, q: Array) -> Array:

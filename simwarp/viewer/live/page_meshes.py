@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from simwarp.core.types import ShapeType
 from simwarp.geometry.assets import HeightField, Hull
+from simwarp.geometry.primitive_meshes import primitive_mesh
 from simwarp.sensors.scene import Visuals
 
 Array = npt.NDArray[np.float64]
@@ -70,12 +71,7 @@ def capsule(slenderness: float) -> Triangles:
 
 
 def _primitive(kind: str, *, smooth: bool = False, **sizes: float) -> Triangles:
-    """About the origin, from -z to z."""
-    from simwarp.geometry.mesh_files import primitive_mesh  # trimesh takes a while to import
-
-    vertices, faces = primitive_mesh(kind, sizes, coarse=True)
-    middle = 0.5 * (vertices[:, 2].min() + vertices[:, 2].max())
-    return _made(vertices - (0.0, 0.0, middle), faces, smooth=smooth)
+    return _made(*primitive_mesh(kind, sizes, coarse=True), smooth=smooth)
 
 
 def of_hull(hull: Hull) -> Triangles:
@@ -111,8 +107,18 @@ def of_mesh(visuals: Visuals, asset: int) -> Triangles:
     # corners have colours of their own: vertices are split where these differ
     corners = np.concatenate([np.asarray(mesh.vertices)[mesh.triangles], color], axis=-1).reshape(-1, 6)
     unique, places = np.unique(corners.astype(np.float32), axis=0, return_inverse=True)
+    if len(mesh.triangles) > MOST_TRIANGLES:
+        return _painted_as(unique, simplified(_made(mesh.vertices, mesh.triangles)))
     made = _made(unique[:, :3], places.reshape(-1, 3))
     return dataclasses.replace(made, color=np.ascontiguousarray(unique[:, 3:], np.float32))
+
+
+def _painted_as(points: Any, mesh: Triangles) -> Triangles:
+    """A mesh in the colours of the nearest of coloured points (N, 6)."""
+    from scipy.spatial import KDTree
+
+    _, nearest = KDTree(points[:, :3]).query(mesh.vertices)
+    return dataclasses.replace(mesh, color=np.ascontiguousarray(points[nearest, 3:], np.float32))
 
 
 def simplified(mesh: Triangles) -> Triangles:

@@ -50,6 +50,7 @@ class WebServer:
         host, port: that it is bound to.
         url: for a browser, with the token where there is one.
         token: that a connection from elsewhere, and to a path of ours, has to bring.
+        sockets: further web sockets by path, such as /drive; they need the token as well. May be added to.
     """
 
     viser: viser.ViserServer
@@ -57,6 +58,7 @@ class WebServer:
     port: int
     url: str
     token: str
+    sockets: dict[str, SocketHandler]
 
     @property
     def watched(self) -> bool:
@@ -69,14 +71,13 @@ class WebServer:
             self.viser.stop()
 
 
-def open_server(host: str, port: int, title: str, sockets: dict[str, SocketHandler] | None = None) -> WebServer:
+def open_server(host: str, port: int, title: str) -> WebServer:
     """Opens the first free port from `port` on.
 
     Args:
         host: 127.0.0.1 lets nobody in but this machine; others need the token that is in the address then.
         port: 0: any.
         title: of the page.
-        sockets: further web sockets by path, such as /drive; they need the token as well.
 
     Raises:
         ModelError: the address cannot be used.
@@ -86,7 +87,7 @@ def open_server(host: str, port: int, title: str, sockets: dict[str, SocketHandl
     _check_address(host)
     if os.environ.pop(PORT_VARIABLE, None) is not None:
         print(f"warning: viewer: {PORT_VARIABLE} is ignored; use --port", file=sys.stderr)
-    guard = _Guard(host, secrets.token_urlsafe(16), dict(sockets or {}))
+    guard = _Guard(host, secrets.token_urlsafe(16))
     with _OPENING, guard.wrapped(), contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     bound = server.get_port()
@@ -95,7 +96,7 @@ def open_server(host: str, port: int, title: str, sockets: dict[str, SocketHandl
     local = host in ("127.0.0.1", "localhost", "::1")
     name = f"[{host}]" if ":" in host else ("127.0.0.1" if host == "0.0.0.0" else host)
     url = f"http://{name}:{bound}" + ("" if local else f"/?{TOKEN}={guard.token}")
-    return WebServer(server, host, bound, url, guard.token)
+    return WebServer(server, host, bound, url, guard.token, guard.sockets)
 
 
 def run_script(client: Any, source: str) -> None:
@@ -122,9 +123,9 @@ def _close_tunnels(server: viser.ViserServer) -> None:
 class _Guard:
     """Holds requests to origin, host and token, and leads those to paths of ours to their handlers."""
 
-    def __init__(self, host: str, token: str, sockets: dict[str, SocketHandler]) -> None:
+    def __init__(self, host: str, token: str) -> None:
         self.token, self.port = token, 0
-        self._sockets = sockets
+        self.sockets: dict[str, SocketHandler] = {}
         self._local = host in ("127.0.0.1", "localhost", "::1")
 
     @contextlib.contextmanager
@@ -180,7 +181,7 @@ class _Guard:
 
     def _routed(self, handler: SocketHandler) -> SocketHandler:
         async def route(connection: Any) -> None:
-            own = self._sockets.get(urlsplit(connection.request.path).path)
+            own = self.sockets.get(urlsplit(connection.request.path).path)
             if own is None:
                 await handler(connection)
             elif self.admits(connection.request, cookies=False):

@@ -137,6 +137,7 @@ def test_the_first_world_of_a_vector_is_the_single_one(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.sweep
 def test_gymnasiums_vector_wrappers_run_on_top(name):
     env = RecordEpisodeStatistics(vector(name, max_episode_steps=5))
     env.action_space.seed(0)

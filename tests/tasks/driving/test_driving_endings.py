@@ -398,6 +398,7 @@ class ByMethods(OffRoadTask):
 
 @pytest.mark.parametrize("kind", [OffRoadTask, ByMethods])
 @pytest.mark.parametrize("touched", [0, 17, 39])
+@pytest.mark.sweep
 def test_a_touch_that_is_over_before_the_step_is_counts(kind, touched, monkeypatch):
     task = kind(OffRoadConfig(obs=Observing.STATE, obstacles=1), 2)
     force = to_torch(task.simulation.contacts.shape_contact_force)[:, task.chassis_shape]

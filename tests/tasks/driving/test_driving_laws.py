@@ -75,6 +75,7 @@ def test_the_seed_alone_decides_not_the_past(case):
     assert any(not torch.equal(first[-1][group], other[group]) for group in task.observation_shapes)
 
 
+@pytest.mark.sweep
 def test_a_disturbed_world_disturbs_no_other(case):
     _, task = case
     actions = random_actions(task, STEPS)

@@ -63,6 +63,7 @@ def test_vehicles_start_clear_of_all_obstacles(field, restarts):
     assert seen >= wanted[field.name] * WORLDS * restarts  # and nearly all that were asked for are there
 
 
+@pytest.mark.sweep
 def test_the_check_sees_an_obstacle_that_is_hit(field):
     """The geometry of these tests is that of contact: moved to where it says "touching", an obstacle is felt."""
     field.restart()

@@ -58,3 +58,35 @@ def test_a_broken_package_takes_no_built_in_task_away(tmp_path, source):
     assert done.returncode == 0, done.stderr
     assert "pendulum" in done.stdout
     assert "throwaway" in done.stderr
+
+
+def test_the_list_of_built_in_tasks_is_what_their_modules_register():
+    code = """
+        import importlib, json, pkgutil
+        from importlib.resources import files
+        import simwarp.tasks
+        from simwarp.tasks.framework import registry
+        for module in pkgutil.walk_packages(simwarp.tasks.__path__, "simwarp.tasks."):
+            if "adapter" not in module.name:
+                importlib.import_module(module.name)
+        listed = json.loads((files("simwarp.tasks") / "built_in.json").read_text())
+        found = {name: task.__module__.removeprefix("simwarp.tasks.") for name, task in registry._tasks.items()}
+        assert found == listed, (found, listed)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_built_in_name_is_refused_before_its_module_was_asked_for():
+    code = """
+        from simwarp.tasks import InputError, Task, register, task_class
+        from simwarp.tasks.framework import registry
+        assert "hexapod" not in registry._tasks
+        class Mine(Task): pass
+        try:
+            register("hexapod")(Mine)
+        except InputError as error:
+            print(error)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=120)
+    assert "two tasks want the name 'hexapod': simwarp.tasks.locomotion.hexapod" in done.stdout, done.stderr

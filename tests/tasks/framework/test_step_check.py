@@ -58,6 +58,7 @@ def test_every_task_has_a_budget():
 
 
 @pytest.mark.parametrize(("name", "obs"), BUDGETS, ids=lambda part: part or "")
+@pytest.mark.sweep
 def test_a_control_step_fits_into_one_graph(name, obs):
     task = task_of(name, obs)
     report = check_step(task)

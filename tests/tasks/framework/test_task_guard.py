@@ -32,6 +32,7 @@ def break_world(task, world, step, steps):
     ("step", "limit", "from_reset"),
     [(3, 1000, True), (75, 1000, False), (75, 60, True), (0, 1000, True), (20, 1000, False)],
 )
+@pytest.mark.sweep
 def test_a_break_is_kept_and_repeated(tmp_path, step, limit, from_reset):
     task = make("pendulum", 4, seed=5, guard_steps=20, max_angle=1e6, max_position=1e6, max_episode_steps=limit,
                 first_world=8, decimation=2, action_rise_time=0.2, action_delay=(0, 0),

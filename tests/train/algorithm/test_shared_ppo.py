@@ -247,6 +247,7 @@ def test_under_the_penalty_a_policy_that_moved_too_far_rests_on_threads_too(tiny
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.sweep
 def test_two_runs_on_two_threads_are_equal_bit_by_bit(tiny_shares, camera_task, monkeypatch, case):
     monkeypatch.setattr(CameraTask, "privileged", lambda task: task.x.unsqueeze(1))
     task = camera_task if case in ("images", "privileged") else "fast"

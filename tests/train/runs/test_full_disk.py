@@ -208,6 +208,7 @@ COMMANDS = {
 
 @pytest.mark.parametrize("there", [b"old", None])
 @pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.sweep
 def test_what_does_not_fit_leaves_the_old_file(policy, capsys, name, there):
     if there is not None:
         (policy / name).write_bytes(there)

@@ -249,6 +249,7 @@ BROKEN_DUMPS = {
 
 
 @pytest.mark.parametrize("kind", BROKEN_DUMPS)
+@pytest.mark.sweep
 def test_dumps_that_are_none_get_one_line(dump, tmp_path, capsys, kind):
     change, message = BROKEN_DUMPS[kind]
     arrays = {name: array for name, array in {**dump, **change(dump)}.items() if array is not None}

@@ -173,6 +173,7 @@ def spoil(text, kind):
         ("a huge iteration", [1, 3]), ("a line without end", [1, 3]), ("no header", []), ("zeros", []), ("nothing", []),
     ],
 )  # fmt: skip
+@pytest.mark.sweep
 def test_a_log_never_stops_a_resume_and_keeps_what_can_be_read(folder, capfd, kind, left):
     folder.progress.write_bytes(spoil(folder.progress.read_bytes(), kind))
     assert [int(row["iteration"]) for row in read_progress(folder.progress)] == left

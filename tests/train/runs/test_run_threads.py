@@ -115,7 +115,8 @@ print(left)
 """
 
 
-@pytest.mark.parametrize(("times", "how"), [pytest.param(1, "saved True", marks=pytest.mark.slow), (2, "at once")])
+@pytest.mark.parametrize(("times", "how"), [(1, "saved True"), (2, "at once")])
+@pytest.mark.slow
 def test_ctrl_c_in_the_middle_of_a_run_ends_the_threads(times, how, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED, str(tmp_path), str(times)], capture_output=True, text=True,

@@ -140,6 +140,7 @@ def test_old_checkpoints_are_dropped(tmp_path):
 
 
 @pytest.mark.parametrize("kept", [0, 1, 100, 3000, -1])
+@pytest.mark.sweep
 def test_a_truncated_checkpoint_is_refused(tmp_path, kept):
     result = run(tmp_path)
     data = open_run(open_run_path(result)).latest_checkpoint().read_bytes()

@@ -141,6 +141,7 @@ def test_what_is_near_is_named_once(tmp_path, row):
 
 
 @pytest.mark.parametrize("row", REFUSED)
+@pytest.mark.sweep
 def test_what_is_refused_is_named_once_and_dropped_on_request(tmp_path, row):
     parts, name = REFUSED[row]
     path = model_file(tmp_path, **parts)

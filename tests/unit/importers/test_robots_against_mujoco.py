@@ -127,6 +127,7 @@ def test_a_free_swing(name):
 
 
 @pytest.mark.parametrize("name", sorted(LOADED))
+@pytest.mark.sweep
 def test_the_pairs_that_may_meet_are_those_of_mujoco(name):
     pair = both(name)
     assert robots.pairs_of_ours(pair) == robots.pairs_of_mujoco(pair)

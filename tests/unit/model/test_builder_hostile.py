@@ -200,6 +200,7 @@ def named(value: Any) -> str:
 
 
 @pytest.mark.parametrize("method", VALID)
+@pytest.mark.sweep
 def test_hostile_values(method):
     wrong = []
     builder = base()

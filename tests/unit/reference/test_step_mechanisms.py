@@ -185,6 +185,7 @@ def test_scenes_start_assembled_with_velocities_that_fit(name):
 
 
 @pytest.mark.parametrize("seed", range(12))
+@pytest.mark.sweep
 def test_random_mechanisms_stay_assembled(seed):
     truth = ReferenceStep(random_mechanism(seed, bounds=seed % 2 == 0, couplings=seed % 3 == 0), 1e-3)
     assert truth.violation() < 1e-13

@@ -102,6 +102,7 @@ def test_places_along_a_track():
 
 
 @pytest.mark.parametrize("seed", range(12))
+@pytest.mark.sweep
 def test_indoor_tracks_are_closed_wide_enough_and_of_moderate_length(seed):
     track = indoor_track(seed)
     check_track(track, 0.05)
@@ -135,6 +136,7 @@ def test_indoor_tracks_come_in_many_forms():
 
 @pytest.mark.parametrize("square", [True, False])
 @pytest.mark.parametrize("seed", [0, 1, 5])
+@pytest.mark.sweep
 def test_corridors_are_walls_about_their_track(square, seed):
     track = indoor_track(seed, min_radius=1.2)
     ways = corridor(track, seed=seed, square=square)

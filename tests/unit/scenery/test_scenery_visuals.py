@@ -193,6 +193,7 @@ def test_pictures_take_the_place_of_their_shapes():
 
 
 @pytest.mark.parametrize("name", [name for name in MAKERS if "tree" not in name or "spruce" in name])
+@pytest.mark.sweep
 def test_rays_meet_the_shapes_where_they_meet_the_picture(name):
     visual, at, scale = MAKERS[name](), scenery.yaw_pose(4.0, -2.0, 0.3, 1.1), 0.6
     size = scale * (visual.upper - visual.lower)

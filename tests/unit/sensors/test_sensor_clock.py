@@ -38,6 +38,7 @@ def row(frame: Frame) -> list[float]:
 
 @pytest.mark.parametrize("gradual", [False, True])
 @pytest.mark.parametrize(("rate", "window", "lag"), SCHEDULES)
+@pytest.mark.sweep
 def test_readers_see_what_the_event_list_says(rate, window, lag, gradual):
     schedule = Schedule(rate=rate, window=window * DT, lag=lag * DT)
     period = nearest(str(1.0 / rate), str(DT))

@@ -62,6 +62,7 @@ def tried(scene: Scene, name: str, field: str, value: Any) -> str:
 
 
 @pytest.mark.parametrize("name", KINDS)
+@pytest.mark.sweep
 def test_hostile_values(scene, name):
     wrong = []
     for field in dataclasses.fields(BASES[name]):

@@ -153,6 +153,7 @@ def story(sim: sw.Simulation) -> list[tuple[str, dict[str, bytes], bool, int]]:
 
 
 @pytest.mark.parametrize("sort", KINDS)
+@pytest.mark.sweep
 def test_the_same_bits_as_in_every_substep(sort):
     with np.errstate(invalid="ignore"):
         due, everywhere = (story(simulation(sort, choice)) for choice in (False, True))

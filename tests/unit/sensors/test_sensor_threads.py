@@ -39,6 +39,7 @@ def run(name: str, threads: int) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", [name for name in sensor_names() if name not in LARGE])
+@pytest.mark.sweep
 def test_the_same_bits(name):
     alone = run(name, 1)
     for threads in (2, 3, 7):

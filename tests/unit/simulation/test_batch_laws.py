@@ -140,6 +140,7 @@ EVENTS = (perturb_state, perturb_force, reset_three, set_three, break_three, exp
 
 @pytest.mark.parametrize("event", EVENTS)
 @pytest.mark.parametrize("model", MODELS)
+@pytest.mark.sweep
 def test_one_world_leaves_the_others_alone(model, event):
     plain, touched = simulation(MODELS[model]()), simulation(MODELS[model]())
     run(plain, 4)
@@ -161,6 +162,7 @@ def test_one_world_leaves_the_others_alone(model, event):
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("array", ["body_v", "body_omega", "body_x", "body_rot"])
+@pytest.mark.sweep
 def test_a_non_finite_world_is_flagged_frozen_and_reset(model, array):
     sim = simulation(MODELS[model]())
     run(sim, 3)
@@ -397,6 +399,7 @@ def test_every_shape_parameter_acts_in_its_world_only(name):
 
 
 @pytest.mark.parametrize("name", [name for name in PARAMETERS if not name.startswith("shape_")])
+@pytest.mark.sweep
 def test_every_parameter_acts_in_its_world_only(name):
     """Changing one parameter of world 1 changes world 1, and nothing else: the array is really read per world."""
     builder = parameter_probe()

@@ -48,6 +48,7 @@ def no_worker_is_left() -> bool:
 
 
 @pytest.mark.parametrize("name", [name for name in bench_scenes() if name != "pile"])
+@pytest.mark.sweep
 def test_scenes_have_the_same_bits(name, monkeypatch):
     """Nine worlds in motion: chunks of one, two and more worlds."""
     found: dict[int, Any] = {}
@@ -225,6 +226,7 @@ print(os.waitstatus_to_exitcode(status), round(float(sim.time.numpy()[0]), 6))
 """
 
 
+@pytest.mark.slow
 def test_a_child_process_steps_on():
     """Fork copies no thread: the child makes its own, the parent keeps its."""
     done = subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED], capture_output=True, text=True, timeout=120)

@@ -27,17 +27,31 @@ class Chart:
     """
 
     def __init__(self, view: LiveView, names: Sequence[str], title: str = "") -> None:
-        gui: Any = view.server.viser.gui
-        self._names = tuple(names)[:MOST_LINES]
+        viser = view.server.viser
+        gui: Any = viser.gui
+        self._atomic = viser.atomic
         self._past: deque[tuple[float, tuple[float, ...]]] = deque()
-        lines = [
-            {"label": name, "stroke": COLORS[index], "width": 1.5} for index, name in enumerate(self._names)
-        ]  # fmt: skip
-        empty = tuple(np.zeros(0) for _ in range(1 + len(lines)))
+        self._names, series, data = self._empty(names)
         self._handle = gui.add_uplot(
-            empty, ({"label": "s"}, *lines), title=title or None, height=220, scales={"x": {"time": False}},
-            legend={"show": True}, padding=(10, 24, 0, 0),
+            data, series, title=title or None, height=220, scales={"x": {"time": False}}, legend={"show": True},
+            padding=(10, 24, 0, 0), visible=bool(self._names),
         )  # fmt: skip
+
+    def _empty(self, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Any, ...], tuple[Any, ...]]:
+        """Names that are shown, what a page is told of them, and their data before the first point."""
+        self._past.clear()
+        shown = tuple(names)[:MOST_LINES]
+        lines = [{"label": name, "stroke": COLORS[index], "width": 1.5} for index, name in enumerate(shown)]
+        # a chart without lines is hidden, and still has to have one
+        series = ({"label": "s"}, *(lines or [{"label": ""}]))
+        return shown, series, tuple(np.zeros(0) for _ in series)
+
+    def show(self, names: Sequence[str]) -> None:
+        """Other lines, which begin anew; none hides the chart."""
+        self._names, series, data = self._empty(names)
+        with self._atomic():
+            self._handle.series, self._handle.data = series, data
+            self._handle.visible = bool(self._names)
 
     def add(self, time: float, values: Sequence[float]) -> None:
         """Adds a point at a time of the world [s]; one before the last begins anew, the same is none."""

@@ -17,13 +17,12 @@ class PlotPanel:
     def __init__(self, view: LiveView) -> None:
         self._view = view
         self._lines: list[str] = []
-        self._chart: Chart | None = None
         self._world = -1
         gui = view.server.viser.gui
-        self._folder = gui.add_folder("Plots", expand_by_default=False)
-        with self._folder:
+        with gui.add_folder("Plots", expand_by_default=False):
             self._choice = gui.add_dropdown("Series", tuple(view.subject.series))
             buttons = gui.add_button_group("Line", ("add", "remove", "clear"))
+            self._chart = Chart(view, ())
 
         @buttons.on_click
         def _(event: Any) -> None:
@@ -39,19 +38,13 @@ class PlotPanel:
             lines = [each for each in lines if each != name]
         elif name not in lines and len(lines) < MOST_LINES:
             lines = [*lines, name]
-        if lines == self._lines:
-            return
-        self._lines = lines
-        if self._chart is not None:
-            self._chart.remove()
-            self._chart = None
-        if lines:
-            with self._folder:
-                self._chart = Chart(self._view, lines)
+        if lines != self._lines:
+            self._lines = lines
+            self._chart.show(lines)
 
     def refresh(self, now: float) -> None:
         """One more point."""
-        if self._chart is None:
+        if not self._lines:
             return
         view = self._view
         world = int(view.page.worlds[view.page.chosen])

@@ -68,6 +68,7 @@ def near_pair(kind_a, kind_b, rng, gap, scale=1.0, ratio=1.0):
 
 
 @pytest.mark.parametrize(("kind_a", "kind_b"), PAIRS, ids=[f"{name(a)}-{name(b)}" for a, b in PAIRS])
+@pytest.mark.sweep
 def test_deepest_gap_against_the_reference(kind_a, kind_b):
     rng = np.random.default_rng(7)
     pairs, sizes = zip(*[near_pair(kind_a, kind_b, rng, gap) for gap in (0.2, -1e-4, -0.02)], strict=True)

@@ -205,6 +205,7 @@ def as_mesh(triangles):
 
 @pytest.mark.parametrize("kind", ["field", "mesh"])
 @pytest.mark.parametrize("rough", [0.01, 0.06, 0.15])
+@pytest.mark.sweep
 def test_a_sphere_finds_every_nearest_point_and_no_other(kind, rough):
     """Points may differ by 2e-3 radii: normals that close to a face's are taken as the face's."""
     rng = np.random.default_rng(3)

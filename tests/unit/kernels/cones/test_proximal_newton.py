@@ -58,6 +58,7 @@ def proximal_minimum(n, r, blocks, gamma, rho):
     return x
 
 
+@pytest.mark.long("30")
 @pytest.mark.parametrize("rho", [3, 30])
 def test_a_proximal_step_is_its_minimum(rho):
     n, r, blocks, entries = stacked_boxes(2, np.random.default_rng(4), mass=lambda i: 1.0 + i)

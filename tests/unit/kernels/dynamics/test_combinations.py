@@ -53,6 +53,7 @@ def near_start(dof: Dof) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("law", LAWS)
+@pytest.mark.sweep
 def test_law_on_a_combination(law: str) -> None:
     builder, terms = branched()
     builder.add_combination("sum", terms, **near_start(LAWS[law]))

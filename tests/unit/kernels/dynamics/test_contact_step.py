@@ -69,6 +69,7 @@ def test_heap_of_free_bodies(kinds: str, law: str, seed: int) -> None:
 
 @pytest.mark.parametrize("law", ["exact", "convex"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.sweep
 def test_rolling_and_spinning_friction(law: str, seed: int) -> None:
     sim, reference = both(heap(np.random.default_rng(seed), "o"), law, 0.1)
     run(sim, reference, 1)

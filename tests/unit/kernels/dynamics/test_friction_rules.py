@@ -123,6 +123,7 @@ def press(builder: sw.ModelBuilder) -> sw.ModelBuilder:
 
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.sweep
 def test_against_the_reference(rule: FrictionRule, seed: int) -> None:
     """Random surfaces and priorities, a pair that is excluded and one that is given, in float64."""
     rng = np.random.default_rng(seed)

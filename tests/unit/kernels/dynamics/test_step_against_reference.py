@@ -61,12 +61,14 @@ def test_named_scene(name):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", TREE_TYPES, ids=names)
+@pytest.mark.sweep
 def test_tree_joint(kind, seed):
     assert_same_steps(random_mechanism(seed, joint_type=kind, loops=0))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", [*LOOP_TYPES, JointType.DISTANCE, JointType.BUSHING, JointType.FIXED], ids=names)
+@pytest.mark.sweep
 def test_loop_element(kind, seed):
     builder = random_mechanism(seed, loop_type=kind, floating=False)
     assert_same_steps(builder)
@@ -230,6 +232,7 @@ def law_controls(builder: ModelBuilder):
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("kind", SINGLE_DOF, ids=names)
+@pytest.mark.sweep
 def test_law_in_the_tree(kind, law):
     rng = np.random.default_rng(3)
     builder = ModelBuilder()
@@ -242,6 +245,7 @@ def test_law_in_the_tree(kind, law):
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("kind", [*SINGLE_DOF, JointType.DISTANCE], ids=names)
+@pytest.mark.sweep
 def test_law_on_a_loop_joint(kind, law):
     dof = LAWS[law]
     if kind == JointType.DISTANCE:  # its coordinate starts at 0.4 m
@@ -257,6 +261,7 @@ def test_law_on_a_loop_joint(kind, law):
     "kind", [JointType.SPHERICAL, JointType.CYLINDRICAL, JointType.UNIVERSAL, JointType.PLANAR], ids=names
 )
 @pytest.mark.parametrize("law", ["spring", "friction", "limit near", "motor", "bounded drive"])
+@pytest.mark.sweep
 def test_law_on_a_loop_joint_of_several_coordinates(kind, law):
     builder = ring(kind, LAWS[law])
     assert_same_steps(builder, controls=law_controls(builder))
@@ -503,6 +508,7 @@ def test_reactions_of_tree_joints(kind, floating):
 
 
 @pytest.mark.parametrize("kind", [*LOOP_TYPES, JointType.DISTANCE, JointType.BUSHING, JointType.FIXED], ids=names)
+@pytest.mark.sweep
 def test_reactions_of_loop_elements(kind):
     dof = Dof(stiffness=50.0, damping=1.0) if kind == JointType.DISTANCE else Dof()
     assert_same_reactions(ring(kind, dof))

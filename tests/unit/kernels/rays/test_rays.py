@@ -149,6 +149,7 @@ TURNED = sw.pose((0.2, -0.3, 0.1), (0.18257418, 0.36514837, 0.54772256, 0.730296
 
 @pytest.mark.parametrize("name", PRIMITIVES)
 @pytest.mark.parametrize("inside", [False, True])
+@pytest.mark.sweep
 def test_primitives_agree_with_their_meshes(name, inside):
     kind, size, options = PRIMITIVES[name]
     mesh = solid(kind, size)

@@ -118,6 +118,7 @@ def random_states(rng, row, worlds, speed):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("speed", [30.0, 3.0, 0.2])
+@pytest.mark.sweep
 def test_kernel_agrees_with_reference(variant, speed):
     template, changes = VARIANTS[variant]
     rng = np.random.default_rng(zlib.crc32(f"{variant} {speed}".encode()))
@@ -244,6 +245,7 @@ def grid_states(row, **options):
 
 
 @pytest.mark.parametrize("template", TEMPLATES)
+@pytest.mark.sweep
 def test_rolling_backwards_reverses_the_force(template):
     """Turned by half a turn about the vertical the whole scene is the same scene."""
     row = row_of(template)
@@ -257,6 +259,7 @@ def test_rolling_backwards_reverses_the_force(template):
 
 
 @pytest.mark.parametrize("template", TEMPLATES)
+@pytest.mark.sweep
 def test_a_mirror_changes_the_side_only(template):
     row = row_of(template, measured_side="left")
     states = grid_states(row, camber=0.03)
@@ -273,6 +276,7 @@ def test_a_mirror_changes_the_side_only(template):
 
 
 @pytest.mark.parametrize("template", TEMPLATES)
+@pytest.mark.sweep
 def test_driving_pushes_and_drifting_is_resisted(template):
     row = row_of(template)
     slips = steady(row, slip=[-0.05, 0.05])
@@ -437,6 +441,7 @@ def test_lugre_follows_its_equation():
 
 
 @pytest.mark.parametrize("template", TEMPLATES)
+@pytest.mark.sweep
 def test_worlds_do_not_know_of_each_other(template):
     row = row_of(template)
     states = grid_states(row)
@@ -450,6 +455,7 @@ def test_worlds_do_not_know_of_each_other(template):
 
 
 @pytest.mark.parametrize("template", [name for name in TEMPLATES if name not in ("tmeasy", "pacejka2002")])
+@pytest.mark.sweep
 def test_friction_of_each_world_scales_sliding(template):
     """Locked wheels; limits 0.1 and 1 included."""
     row = row_of(template, **({"viscosity": (0.0, 0.0)} if template == "lugre" else {}))

@@ -10,7 +10,7 @@ import pytest
 
 viser = pytest.importorskip("viser")
 
-from simwarp.cli.view.targets import scene_subject  # noqa: E402
+from simwarp.cli.view.model_subjects import scene_subject  # noqa: E402
 from simwarp.core.types import ShapeType  # noqa: E402
 from simwarp.viewer.live import LiveView  # noqa: E402
 from simwarp.viewer.live.page_panels import add_panels  # noqa: E402

@@ -311,19 +311,24 @@ def test_lines_are_read_only_when_they_are_chosen():
     subject.series = {name: counted(name, read) for name, read in subject.series.items()}
     with opened(subject) as (view, page):
         page.set("Series", "q slide")
+        charts = [each["props"] for each in page.gui.values() if "series" in each["props"]]
+        assert [chart["visible"] for chart in charts] == [False]
         page.click("Line", "add")
-        page.wait(lambda: [each for each in page.gui.values() if "series" in each["props"]])
+        page.wait(lambda: charts[0]["visible"])
         simulation.set_joint_state(None, np.array([[0.0, 0.3], [0.0, 0.0]]), None)
         for _ in range(3):
             asked["q slide"] = 0
             step(view, page)
             page.wait(lambda: asked["q slide"] > 0)
-        chart = next(each["props"] for each in page.gui.values() if "series" in each["props"])
-        page.wait(lambda: len(chart["data"][0]) >= 2)
-        assert chart["data"][1][-1] == pytest.approx(0.3, abs=1e-6)
+        page.wait(lambda: len(charts[0]["data"][0]) >= 2)
+        assert charts[0]["data"][1][-1] == pytest.approx(0.3, abs=1e-6)
         assert asked["q hinge"] == 0
+        page.set("Series", "q hinge")
+        page.click("Line", "add")  # the same chart: one that is removed would still be sent points
+        page.wait(lambda: len(charts[0]["series"]) == 3)
+        assert any(each["props"] is charts[0] for each in page.gui.values())
         page.click("Line", "clear")
-        page.wait(lambda: not [each for each in page.gui.values() if "series" in each["props"]])
+        page.wait(lambda: not charts[0]["visible"])
 
 
 def test_a_task_names_rewards_observations_and_joints():

@@ -219,7 +219,7 @@ def test_names_of_recordings_are_new(tmp_path, monkeypatch):
 )
 def test_a_bad_name_is_refused_before_any_work(tmp_path, monkeypatch, capsys, name, error):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("simwarp.cli.view.viewing.make", lambda *_, **__: pytest.fail("worlds were built"))
+    monkeypatch.setattr("simwarp.cli.view.showing_tasks.make", lambda *_, **__: pytest.fail("worlds were built"))
     assert cli.main(["view", "pendulum", "--record", name, "--seconds", "1", "--checkpoint", "zero"]) == 2
     said = capsys.readouterr()
     assert error in said.err
@@ -237,6 +237,7 @@ def test_view_records_without_a_browser(tmp_path, monkeypatch, capsys):
     assert poses(file)[0][-1] == pytest.approx(0.5, abs=0.04)
 
 
+@pytest.mark.slow
 def test_play_records_what_it_would_film(tmp_path, capsys):
     file, data = tmp_path / "a.html", tmp_path / "a.json"
     command = [
@@ -315,6 +316,8 @@ def test_films_leave_the_training_as_it_is_bit_by_bit(tmp_path):
 
 
 def test_without_viser_films_are_refused_before_the_training(tmp_path, monkeypatch, capsys):
+    for package, part in (("simwarp.viewer", "live"), ("simwarp.cli", "view")):  # attributes are put back, too
+        monkeypatch.setattr(sys.modules[package], part, sys.modules[f"{package}.{part}"])
     for name in list(sys.modules):
         if name.startswith(("simwarp.viewer.live", "simwarp.cli.view")):
             monkeypatch.delitem(sys.modules, name)

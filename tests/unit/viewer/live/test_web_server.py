@@ -28,7 +28,8 @@ async def echo(connection: Any) -> None:
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[WebServer]:
-    opened = open_server("127.0.0.1", 0, "test", {"/drive": echo})
+    opened = open_server("127.0.0.1", 0, "test")
+    opened.sockets["/drive"] = echo
     yield opened
     opened.stop()
 
@@ -36,7 +37,8 @@ def server() -> Iterator[WebServer]:
 @pytest.fixture(scope="module")
 def remote() -> Iterator[WebServer]:
     """Open to others, as on a cluster."""
-    opened = open_server("0.0.0.0", 0, "test", {"/drive": echo})
+    opened = open_server("0.0.0.0", 0, "test")
+    opened.sockets["/drive"] = echo
     yield opened
     opened.stop()
 

@@ -11,7 +11,7 @@ import tyro
 from rich.console import Console
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
-from simwarp.cli.grids import grid_points
+from simwarp.cli.evaluation.grids import grid_points
 from simwarp.cli.options import (
     HELP,
     CommonOptions,
@@ -26,7 +26,7 @@ from simwarp.core.files import OutputError
 from simwarp.tasks import TaskConfig, resolve_device, task_class, task_names
 
 if TYPE_CHECKING:
-    from simwarp.cli.eval_report import Report
+    from simwarp.cli.evaluation.eval_report import Report
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +70,7 @@ def run(arguments: list[str]) -> int:
     arguments = expand_shorthands(arguments, name, cls.config_type())
     import torch
 
-    from simwarp.cli.eval_report import Report, open_folder
+    from simwarp.cli.evaluation.eval_report import Report, open_folder
     from simwarp.train.config import task_config_from_plain
     from simwarp.train.evaluation.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
     from simwarp.train.networks.policies import find_policy, network_policy

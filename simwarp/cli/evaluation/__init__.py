@@ -1,0 +1,1 @@
+"""``simwarp eval``: episodes, grids of settings, and what is told of them."""

@@ -1,0 +1,168 @@
+"""What commands do without when they import.
+
+`simwarp COMMAND --help` and `simwarp list` print fields, defaults and docstrings of classes. Importing these would load
+torch, Warp and every kernel, several seconds of which nothing is printed: stand-ins answer these imports. The process
+ends after the text, so that no stand-in is ever computed with.
+
+Commands that run policies import tensordict, which marks some functions for `torch.compile` and for that imports the
+whole compiler, two seconds. No command compiles: the marks are left out.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.machinery
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator, Sequence
+from types import ModuleType
+from typing import Any, Final
+
+REPLACED: Final = (
+    "gymnasium", "matplotlib", "mujoco", "rsl_rl", "scipy", "tensorboard", "tensordict", "torch", "trimesh", "viser",
+    "warp",
+)  # fmt: skip
+"""Packages that take long to import, and that no option's name, type, default or text comes from."""
+FULL: Final = "SIMWARP_FULL_IMPORTS"
+"""Environment variable; when set, nothing is replaced."""
+
+
+class StandIn:
+    """Whatever a replaced package holds: a class, a decorator, a number. Nothing can be found out from it."""
+
+    def __init__(self, name: str) -> None:
+        self.__name__ = self.__qualname__ = name
+        self.__doc__ = ""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return StandIn(name)
+
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        """As a decorator it leaves what it decorates, as a constant its number."""
+        plain = (
+            len(arguments) == 1 and not options and (callable(arguments[0]) or isinstance(arguments[0], int | float))
+        )
+        return arguments[0] if plain else self
+
+    def __mro_entries__(self, bases: tuple[Any, ...]) -> tuple[type, ...]:
+        return ()
+
+    def __instancecheck__(self, instance: Any) -> bool:
+        return False
+
+    def __subclasscheck__(self, kind: type) -> bool:
+        return False
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(())
+
+    def __getitem__(self, key: Any) -> Any:
+        return self
+
+    def _same(self, *_: Any) -> Any:
+        return self
+
+    __or__ = __ror__ = __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _same
+    __neg__ = __pow__ = __lshift__ = __rshift__ = __and__ = __rand__ = __invert__ = _same
+
+
+class _StandInModule(ModuleType):
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return StandIn(name)
+
+
+class _Finder:
+    """Finds the replaced packages, and all modules in them."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """A module without contents, for a name of theirs."""
+        if name.partition(".")[0] not in REPLACED:
+            return None
+        return importlib.machinery.ModuleSpec(name, self, is_package=True)  # type: ignore[arg-type]
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
+        """An empty module."""
+        module = _StandInModule(spec.name)
+        module.__file__, module.__path__ = "", []
+        return module
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Nothing: it stays empty."""
+
+
+@contextlib.contextmanager
+def stand_ins() -> Iterator[None]:
+    """Answers imports of the replaced packages by stand-ins. A package that is loaded already stays what it is.
+
+    Warnings are errors: tasks of other packages that cannot be loaded are warned of, and stand-ins may be why.
+    """
+    finder: Any = _Finder()
+    sys.meta_path.insert(0, finder)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            yield
+    finally:
+        sys.meta_path.remove(finder)
+
+
+def run_in_full(arguments: Sequence[str]) -> int:
+    """Runs a command in a process of its own that has no stand-ins; returns its exit code."""
+    return subprocess.run([sys.executable, "-m", "simwarp", *arguments], env=os.environ | {FULL: "1"}).returncode
+
+
+class _UncompiledLoader:
+    """Loads tensordict while the marks of `torch.compiler` do nothing."""
+
+    def __init__(self, loader: Any) -> None:
+        self._loader = loader
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._loader, name)
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType | None:
+        """As the package's own loader does."""
+        made: ModuleType | None = self._loader.create_module(spec)
+        return made
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Runs the package with the marks replaced."""
+        import torch.compiler
+
+        marks = ("allow_in_graph", "assume_constant_result")
+        kept = {name: getattr(torch.compiler, name) for name in marks}
+        for name in marks:
+            setattr(torch.compiler, name, lambda function: function)
+        try:
+            self._loader.exec_module(module)
+        finally:
+            for name, mark in kept.items():
+                setattr(torch.compiler, name, mark)
+
+
+class _UncompiledFinder:
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """Tensordict with another loader; nothing else."""
+        if name != "tensordict" or "torch._dynamo" in sys.modules:
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path, target)
+        if spec is not None and spec.loader is not None:
+            loader: Any = _UncompiledLoader(spec.loader)
+            spec.loader = loader
+        return spec
+
+
+def leave_compiler_out() -> None:
+    """From now on, tensordict is imported without torch's compiler."""
+    finder: Any = _UncompiledFinder()
+    sys.meta_path.insert(0, finder)
