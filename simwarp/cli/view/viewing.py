@@ -43,6 +43,8 @@ def _early_page(target: ViewTarget, arguments: list[str]) -> WebServer | None:
         check_view_options(options)
     except UsageError:
         return None  # options of the task's own configuration may be among them
+    if not options.open:
+        return None  # who waits for the address finds the scene there
     read = (
         [options.checkpoint, options.reload]
         if isinstance(options, TaskViewOptions)

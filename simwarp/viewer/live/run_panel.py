@@ -88,7 +88,12 @@ class RunPanel:
     def toggle(self) -> None:
         """Pauses, or goes on."""
         self._view.paused = not self._view.paused
-        self._pause.label = "Go on" if self._view.paused else "Pause"
+        self._tell_paused()
+
+    def _tell_paused(self) -> None:
+        label = "Go on" if self._view.paused else "Pause"
+        if self._pause.label != label:
+            self._pause.label = label
 
     def step(self) -> None:
         """One step while paused."""
@@ -146,6 +151,7 @@ class RunPanel:
     def refresh(self, now: float) -> None:
         """The clock."""
         view = self._view
+        self._tell_paused()  # an error pauses, and so does --paused
         world = int(view.page.worlds[view.page.chosen])
         time = float(view.subject.simulation.state.world_time.numpy()[world])
         wanted = view.speed
