@@ -1,0 +1,187 @@
+"""The page in a browser: it draws, moves, folds its panels where it is narrow, and a hand lifts an ant."""
+
+import io
+import math
+import os
+import shutil
+import threading
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("viser")
+pytest.importorskip("selenium")
+
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.keys import Keys
+
+import simwarp as sw
+from simwarp.scenes import ant
+from simwarp.sensors.scene import Visuals
+from simwarp.viewer.default_appearance import paint
+from simwarp.viewer.live.hand import with_hand
+from simwarp.viewer.live.live_view import LiveView
+from simwarp.viewer.live.page_panels import add_panels
+from simwarp.viewer.live.subject import Subject
+
+FLAGS = ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+PATIENCE = 60.0
+PICTURES = os.environ.get("SIMWARP_TEST_PICTURES")
+"""Folder for screenshots, to be looked at."""
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not (shutil.which("chromium") and shutil.which("chromedriver")), reason="chromium or chromedriver is missing"
+    ),
+]
+
+
+def until(true, what):
+    """Waits: nothing here is about how fast a page is drawn."""
+    end = time.monotonic() + PATIENCE
+    while not true():
+        assert time.monotonic() < end, what
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def view():
+    builder = ant()
+    visuals = Visuals(builder)
+    paint(visuals)
+    model = builder.finalize(1, "cpu")
+    simulation = sw.Simulation(model, 0.005, elements=with_hand(model))
+    subject = Subject("ant", simulation, visuals.finalize(model), 0.02, lambda: simulation.advance(4), simulation.reset)
+    view = LiveView(subject, worlds=1, port=0)
+    add_panels(view)
+    thread = threading.Thread(target=view.run)
+    thread.start()
+    yield view
+    view.stopped = True
+    thread.join()
+    view.stop()
+
+
+def opened(view, width, height, *, phone=False):
+    options = Options()
+    for flag in (*FLAGS, f"--window-size={width},{height}"):
+        options.add_argument(flag)
+    options.binary_location = str(shutil.which("chromium"))
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    browser = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    if phone:
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get(view.url)
+    until(lambda: "real time" in browser.page_source or phone, "the panels do not come")
+    return browser
+
+
+@pytest.fixture
+def page(view):
+    browser = opened(view, 800, 560)
+    yield browser
+    errors = [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
+    browser.quit()
+    assert errors == []
+
+
+def pixels(browser, name=None):
+    data = browser.get_screenshot_as_png()
+    if PICTURES and name:
+        with open(f"{PICTURES}/{name}.png", "wb") as file:
+            file.write(data)
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), np.int16)
+
+
+def torso(view):
+    return view.subject.simulation.state.body_q.numpy()[0, 0, :3].astype(float)
+
+
+def left_of_panels(image):
+    return image[100:, : image.shape[1] // 2]
+
+
+def test_the_canvas_is_drawn_and_moves(view, page):
+    until(lambda: left_of_panels(pixels(page)).std() > 5.0, "the canvas is uniform")
+    view.post(lambda: view.reset())  # it falls again
+    first = left_of_panels(pixels(page, "page_first"))
+    until(lambda: np.abs(left_of_panels(pixels(page)) - first).max() > 20, "nothing moves")
+    frames = []
+    sent = view.page.frame
+    view.page.frame = lambda: (frames.append(1), sent())
+    time.sleep(4.0)
+    view.page.frame = sent
+    assert len(frames) > 0.7 * 4.0 * 30.0  # two cores that also draw in software; 30 per second are asked for
+
+
+def pixel(view, place):
+    """Where a place of the first world is on the canvas [pixels]."""
+    [client] = view.server.viser.get_clients().values()
+    camera = client.camera
+    eye, target = np.asarray(camera.position), np.asarray(camera.look_at)
+    ahead = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    up = np.cross(right, ahead)
+    seen = np.asarray(place) + view.page.shifts[0] - eye
+    scale = 0.5 * camera.image_height / math.tan(0.5 * camera.fov) / (seen @ ahead)
+    middle = 0.5 * camera.image_width, 0.5 * camera.image_height
+    return round(middle[0] + seen @ right * scale), round(middle[1] - (seen @ up) * scale)
+
+
+def test_shift_and_the_left_button_lift_an_ant(view, page):
+    until(lambda: left_of_panels(pixels(page)).std() > 5.0, "the canvas is uniform")
+    until(lambda: view.subject.simulation.state.world_time.numpy()[0] > 1.0, "it does not come to rest")
+    rest = torso(view)
+    view.page.follow(False)
+    [client] = view.server.viser.get_clients().values()
+    width, height = client.camera.image_width, client.camera.image_height
+    x, y = at(view, rest + view.page.shifts[0])
+    higher = at(view, rest + view.page.shifts[0] + (0.0, 0.0, 0.9))
+    start, end = (
+        (round(0.5 * width + x), round(0.5 * height + y)),
+        (round(0.5 * width + higher[0]), round(0.5 * height + higher[1])),
+    )
+    ActionChains(page).key_down(Keys.SHIFT).perform()
+    pointer = ActionBuilder(page)
+    pointer.pointer_action.move_to_location(*start).pointer_down()
+    for k in range(1, 9):
+        pointer.pointer_action.move_to_location(
+            *(round(a + (b - a) * k / 8) for a, b in zip(start, end, strict=True))
+        ).pause(0.1)
+    pointer.perform()
+    until(lambda: torso(view)[2] > rest[2] + 0.2, "the ant is not lifted by 0.2 m")
+    pixels(page, "lifted")
+    release = ActionBuilder(page)
+    release.pointer_action.pointer_up()
+    release.perform()
+    ActionChains(page).key_up(Keys.SHIFT).perform()
+    until(lambda: torso(view)[2] < rest[2] + 0.05, "the ant is not let go")
+
+
+def test_on_a_phone_the_panels_are_folded_and_everything_is_in_sight(view):
+    browser = opened(view, 390, 844, phone=True)
+    try:
+        until(
+            lambda: browser.execute_script("return !!window.simwarpNarrow"), "the page does not know that it is narrow"
+        )
+        until(lambda: "real time" not in browser.execute_script("return document.body.innerText"), "not folded")
+        until(lambda: 0 < pixel(view, torso(view))[0] < 390, "the ant is beside the page")
+        until(lambda: pixels(browser, "phone")[200:700].std() > 5.0, "the canvas is uniform")
+        handle = "return [...document.querySelectorAll('div')].find((e) => e.style.cursor === 'pointer').click()"
+        browser.execute_script(handle)
+        until(lambda: "real time" in browser.execute_script("return document.body.innerText"), "it does not unfold")
+        pixels(browser, "phone_panels")
+    finally:
+        errors = [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
+        browser.quit()
+    assert errors == []
