@@ -91,7 +91,8 @@ def page(view):
     yield browser
     errors = [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
     browser.quit()
-    assert errors == []
+    # what viser's page itself does when a drag begins
+    assert [line for line in errors if "preventDefault inside passive event listener" not in line["message"]] == []
 
 
 def pixels(browser, name=None):

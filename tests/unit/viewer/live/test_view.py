@@ -204,6 +204,7 @@ def test_the_command_prints_its_address_and_ends(tmp_path: Path) -> None:
         (["four-bra"], "nothing is called 'four-bra'; did you mean four-bar"),
         (["missing.urdf", "--base", "fixed"], "missing.urdf"),
         (["four-bar", "--worlds", "0"], "worlds must be"),
+        (["fast"], "task 'fast' moves no bodies"),
         (["four-bar", "--speed", "-1"], "speed must be"),
         (["four-bar", "--layout", "round"], "layout must be grid or overlay or one"),
         ([], "usage: simwarp view TARGET"),
