@@ -81,7 +81,7 @@ def _first_step(name: str, device: str) -> Start:
 
 
 if __name__ == "__main__":
-    from simwarp.cli.process import start_warp
+    from simwarp.core.warp_start import start_warp
 
     start_warp()
     print(json.dumps(_first_step(sys.argv[1], sys.argv[2])))

@@ -22,7 +22,6 @@ from simwarp.cli.process import (
     leave_at_once,
     prepare_streams,
     silence_output,
-    start_warp,
 )
 from simwarp.core.wording import close_names
 
@@ -272,6 +271,8 @@ def _run(arguments: list[str], *, alone: bool) -> int:
     if alone:
         leave_compiler_out()
     run = command.load()
+    from simwarp.core.warp_start import start_warp  # Warp takes a while to import: help texts do without
+
     try:
         start_warp()
     except OSError as error:

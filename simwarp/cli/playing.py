@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.evaluation.evaluating import policy_defaults
 from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task, task_options
-from simwarp.cli.process import told_compiling
+from simwarp.core.warp_start import told_compiling
 from simwarp.tasks import make, resolve_device, task_class, task_names
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def run(arguments: list[str]) -> int:
         raise UsageError(f"num-envs must be from 1 to 64, got {options.num_envs}")
     console = options.console()
     console.print(f"building worlds of '{name}' ...", highlight=False)
-    with told_compiling(console):
+    with told_compiling(partial(console.print, highlight=False)):
         task = make(
             name, options.num_envs, device=resolve_device(options.device), seed=options.seed, config=options.task,
             capture=options.capture,
@@ -71,7 +72,7 @@ def run(arguments: list[str]) -> int:
     video = target.suffix.lower() in VIDEO_SUFFIXES
     policy = network_policy(source.content, task)
     film = _html_film(task, target) if options.html is not None else Film(task, video)
-    with told_compiling(console), LiveLine(console, 1.0, head="playing") as line:
+    with told_compiling(partial(console.print, highlight=False)), LiveLine(console, 1.0, head="playing") as line:
 
         def show(step: int, steps: int) -> None:
             line.show("playing", f"{step}/{steps} steps", step / steps)

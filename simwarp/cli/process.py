@@ -1,4 +1,4 @@
-"""The process around a command: start of Warp, signals that end it, standard streams that are closed or full."""
+"""The process around a command: signals that end it, standard streams that are closed or full."""
 
 from __future__ import annotations
 
@@ -9,30 +9,22 @@ import io
 import os
 import signal
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    pass
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command as Ctrl-C does: what it began is tidied up."""
-
-# Warp's native library prints this on every machine without a GPU; `simwarp doctor` says it better
-_NO_DRIVER = "Could not find or load the NVIDIA CUDA driver"
 
 LAST_WORDS: Final = 2.0
 """Time that threads, such as writers of logs, are given after an interruption [s]."""
 
 REPEAT_AFTER: Final = 0.05
 """Time after which an interrupt that was lost comes again [s]."""
-
-
-COMPILING_SHOWS: Final = 0.5
-"""Time between two looks for kernels that are compiled [s]."""
 
 
 @contextlib.contextmanager
@@ -144,52 +136,3 @@ def _redirect(stream: Any) -> None:
         os.dup2(null, number)
         os.close(null)
         stream.flush()
-
-
-@contextlib.contextmanager
-def told_compiling(console: Console) -> Iterator[None]:
-    """Print one line when kernels are compiled inside the block, which can take minutes in which nothing else shows."""
-    import warp as wp
-
-    folder, done = wp.config.kernel_cache_dir, threading.Event()
-    mark = f"_p{os.getpid()}_t"  # Warp builds a module in a folder of this process and thread
-
-    def watch() -> None:
-        while not done.wait(COMPILING_SHOWS):
-            with contextlib.suppress(OSError):
-                if folder and any(mark in name for name in os.listdir(folder)):
-                    console.print("compiling kernels, once per machine: 1 to 3 minutes", highlight=False)
-                    return
-
-    watcher = threading.Thread(target=watch, daemon=True)
-    watcher.start()
-    try:
-        yield
-    finally:
-        done.set()
-        watcher.join()
-
-
-def start_warp() -> None:
-    """Initialise Warp; its warnings still show, but neither its banner nor that there is no GPU."""
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_WARNING
-    sys.stderr.flush()
-    try:
-        kept = os.dup(2)
-    except OSError:  # standard error is closed: nothing to tidy
-        wp.init()
-        return
-    # The message comes from C, so that only the file descriptor can be redirected
-    with tempfile.TemporaryFile() as caught:
-        os.dup2(caught.fileno(), 2)
-        try:
-            wp.init()
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-        caught.seek(0)
-        for line in caught.read().decode(errors="replace").splitlines():
-            if _NO_DRIVER not in line:
-                print(line, file=sys.stderr)

@@ -13,6 +13,8 @@ from typing import Any, ClassVar, Final
 import torch
 import warp as wp
 
+from simwarp.core.warp_start import start_warp
+
 THREADS: Final = 32
 """Threads of a block on a GPU: a batch of worlds is small, and is to reach all of its processors."""
 _STREAMS: Final[dict[tuple[int | None, int], wp.Stream]] = {}
@@ -45,7 +47,7 @@ def from_torch(tensor: torch.Tensor, dtype: Any = None) -> wp.array:
 
 def array_over(tensor: torch.Tensor, dtype: Any = None) -> wp.array:
     """Return a Warp array over a tensor's memory, with its strides."""
-    wp.init()  # where this is the first that is asked of it
+    start_warp()  # where this is the first that is asked of it
     array = wp.from_torch(tensor.detach(), dtype=dtype, requires_grad=False)
     assert isinstance(array, wp.array)  # it can also return a C struct, for callers that ask for one
     return array

@@ -14,6 +14,7 @@ from simwarp.core.fields import Size
 from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
 from simwarp.core.piecewise_linear import function_arrays
 from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Material, ModelError, PairRule, shown
+from simwarp.core.warp_start import start_warp
 from simwarp.core.wording import close_names
 from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
@@ -238,6 +239,7 @@ def resolve_device(device: str | None) -> Any:
     Raises:
         ModelError: there is no such device; lists those there are.
     """
+    start_warp()
     try:
         return wp.get_device(device)
     except Exception as error:  # warp raises several kinds for unknown names and absent drivers

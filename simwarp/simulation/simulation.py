@@ -15,6 +15,7 @@ from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
 from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
+from simwarp.core.warp_start import told_compiling
 from simwarp.kernels.collision.placement import make_collision_scratch
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.energy import measure_energy
@@ -81,6 +82,7 @@ class Simulation(FixedAttributes):
         "diagnostics", "memory", "identity", "shares", "rounds",
     )  # fmt: skip
 
+    @told_compiling()
     def __init__(
         self,
         model: Model,

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from simwarp.core.warp_start import start_warp
 from simwarp.kernels.tasks.driving.routes import RouteTables, tell_distances, tell_locations, tell_places
 
 from ..framework.launching import TensorFunction, filled
@@ -32,7 +33,7 @@ class Routes:
     """
 
     def __init__(self, paths: Sequence[Path], step: float, device: torch.device) -> None:
-        wp.init()
+        start_warp()
         counts = [max(4, math.ceil(path.length / step)) for path in paths]
         points = np.zeros((len(paths), max(counts) + 1, 3), np.float32)
         for row, path, count in zip(points, paths, counts, strict=True):

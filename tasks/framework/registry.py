@@ -10,6 +10,8 @@ from importlib import metadata
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from simwarp.core.warp_start import told_compiling
+
 from .config import TaskConfig, replace_fields
 from .devices import resolve_device
 from .errors import InputError, near_names
@@ -99,6 +101,7 @@ def task_class(name: str) -> type[Task[Any]]:
     return _tasks[name]
 
 
+@told_compiling()
 def make(
     name: str,
     num_worlds: int = 1,

@@ -23,7 +23,7 @@ def ends_with(monkeypatch, capfd):
 
     def run(work, *arguments):
         monkeypatch.setattr(Command, "load", lambda self: lambda words: work())
-        monkeypatch.setattr(cli, "start_warp", lambda: None)
+        monkeypatch.setattr("simwarp.core.warp_start.start_warp", lambda: None)
         code = cli.main(["list", *arguments])
         return code, capfd.readouterr().err
 
@@ -137,7 +137,8 @@ class Library:
 
 library = Library()
 cli.Command.load = lambda command: lambda words: {code}
-cli.start_warp = lambda: None
+import simwarp.core.warp_start
+simwarp.core.warp_start.start_warp = lambda: None
 sys.argv = ["simwarp", "list"]
 sys.exit(cli.main())
 """
@@ -190,7 +191,9 @@ def test_mistakes_of_ours_and_debug_show_the_traceback(ends_with, error):
 
 
 def test_a_kernel_cache_that_cannot_be_is_one_line_with_the_remedy(monkeypatch, capfd):
-    monkeypatch.setattr(cli, "start_warp", raises(PermissionError(13, "Permission denied", "/cache")))
+    monkeypatch.setattr(
+        "simwarp.core.warp_start.start_warp", raises(PermissionError(13, "Permission denied", "/cache"))
+    )
     assert cli.main(["verify", "--list"]) == 1
     assert capfd.readouterr().err == (
         "simwarp: the folder '/cache' of compiled kernels cannot be used: Permission denied; "

@@ -1,18 +1,13 @@
 """`simwarp import`: which reader a file gets, what is told, saved and drawn, and one line for whatever is wrong."""
 
 import json
-import os
 import shlex
-import time
 
 import numpy as np
 import pytest
-import warp as wp
 from PIL import Image
-from rich.console import Console
 
 from simwarp import cli
-from simwarp.cli import process
 from simwarp.importers import load_robot
 
 MJCF = """<mujoco><option timestep="0.004"/><worldbody><body name="cart">
@@ -205,18 +200,6 @@ def test_joints_without_limits_get_a_line(folder, capfd):
     (folder / "two.urdf").write_text(URDF.replace('lower="-1" upper="2" ', ""))
     assert "warning    1 joint has no limits: turn" in run(capfd, "two.urdf", "--base", "fixed")[1]
     assert "warning" not in run(capfd, "two.xml", "--base", "fixed")[1]
-
-
-def test_who_waits_for_kernels_is_told(tmp_path, capfd, monkeypatch):
-    monkeypatch.setattr(process, "COMPILING_SHOWS", 0.01)
-    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
-    with process.told_compiling(Console()):
-        time.sleep(0.05)
-    assert capfd.readouterr().out == ""
-    with process.told_compiling(Console()):
-        (tmp_path / f"module_p{os.getpid()}_t1").mkdir()
-        time.sleep(0.5)
-    assert capfd.readouterr().out == "compiling kernels, once per machine: 1 to 3 minutes\n"
 
 
 def test_a_reader_that_is_not_there_is_named(folder, capfd, monkeypatch):

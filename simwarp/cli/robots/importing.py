@@ -6,6 +6,7 @@ import dataclasses
 import io
 import math
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,10 +15,10 @@ from rich.table import Table
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.options import CommonOptions, parse_options, take_path
-from simwarp.cli.process import told_compiling
 from simwarp.cli.robots.robot_sources import Base, Format, RobotOptions, load_file
 from simwarp.core.files import write_file
 from simwarp.core.types import Dof, PositionDrive, VelocityMotor
+from simwarp.core.warp_start import told_compiling
 from simwarp.importers.imported import Imported
 from simwarp.importers.report import Fate, ReportLine
 from simwarp.importers.robot_files import save_robot
@@ -71,7 +72,7 @@ def run(arguments: list[str]) -> int:
         save_robot(robot, options.save)
         console.print(f"wrote {options.save}", highlight=False, soft_wrap=True)
     if options.picture is not None:
-        with told_compiling(console):
+        with told_compiling(partial(console.print, highlight=False)):
             _draw(robot, options.picture)
         console.print(f"wrote {options.picture}", highlight=False, soft_wrap=True)
     _tell_next(console, path, kind, options)

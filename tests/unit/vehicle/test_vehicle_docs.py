@@ -141,7 +141,7 @@ BLOCKS = re.findall(r"```python\n(.*?)```\n\n[^`]*\n\n```text\n(.*?)```", PAGE, 
 @pytest.mark.parametrize("index", range(PAGE.count("```python")))
 def test_code_stands_alone_and_prints_what_is_shown(index, tmp_path):
     code, shown = BLOCKS[index]
-    quiet = "from simwarp.cli.process import start_warp; start_warp()\n"
+    quiet = "from simwarp.core.warp_start import start_warp; start_warp()\n"
     done = subprocess.run(
         [sys.executable, "-c", quiet + code], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
     )

@@ -1,0 +1,107 @@
+"""Warp as users meet it: it starts without a banner, and compiling is one line."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import warp as wp
+
+COMPILING_SHOWS: Final = 0.5
+"""Time between two looks for kernels that are compiled [s]."""
+COMPILING: Final = "compiling kernels, once per machine: 1 to 3 minutes"
+
+# Warp's native library prints this on every machine without a GPU; `simwarp doctor` says it better
+_NO_DRIVER: Final = "Could not find or load the NVIDIA CUDA driver"
+_started = threading.Event()
+_telling = threading.Lock()
+
+
+def start_warp() -> None:
+    """Initialise Warp, once; its warnings still show, but neither its banner nor that there is no GPU.
+
+    Who has set `warp.config.log_level` keeps it: `warp.LOG_DEBUG` before the first model shows all.
+    """
+    if _started.is_set():
+        return
+    _started.set()
+    if wp.config.log_level == wp.LOG_INFO:
+        wp.config.log_level = wp.LOG_WARNING
+    with contextlib.suppress(AttributeError, OSError, ValueError):  # there may be no standard error
+        sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # standard error is closed: nothing to tidy
+        wp.init()
+        return
+    # The message comes from C, so that only the file descriptor can be redirected
+    with tempfile.TemporaryFile() as caught:
+        os.dup2(caught.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+        caught.seek(0)
+        for line in caught.read().decode(errors="replace").splitlines():
+            if _NO_DRIVER not in line:
+                print(line, file=sys.stderr)
+
+
+@contextlib.contextmanager
+def told_compiling(say: Callable[[str], None] | None = None) -> Iterator[None]:
+    """Tell in one line when kernels are compiled inside the block, which can take minutes in which nothing else shows.
+
+    Inside another such block it does nothing.
+
+    Args:
+        say: prints a line; by default standard error, where a terminal also sees how long it has taken, unless Warp
+            itself is to be silent (`warp.config.log_level` above `warp.LOG_WARNING`).
+    """
+    if (say is None and wp.config.log_level > wp.LOG_WARNING) or not _telling.acquire(blocking=False):
+        yield
+        return
+    done = threading.Event()
+    watcher = threading.Thread(target=_watch, args=(done, say), daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        done.set()
+        watcher.join()
+        _telling.release()
+
+
+def _watch(done: threading.Event, say: Callable[[str], None] | None) -> None:
+    mark = f"_p{os.getpid()}_t"  # Warp builds a module in a folder of this process and thread
+    while not done.wait(COMPILING_SHOWS):
+        folder = wp.config.kernel_cache_dir
+        with contextlib.suppress(OSError):
+            if folder and any(mark in name for name in os.listdir(folder)):
+                break
+    else:
+        return
+    if say is not None:
+        say(COMPILING)
+        return
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        _tell_time(done)
+
+
+def _tell_time(done: threading.Event) -> None:
+    """One line on standard error; a terminal's goes on counting seconds."""
+    if not sys.stderr.isatty():
+        print(f"simwarp: {COMPILING}", file=sys.stderr, flush=True)
+        return
+    began = time.monotonic()
+    while True:
+        print(f"\rsimwarp: {COMPILING}, {time.monotonic() - began:.0f} s", end="", file=sys.stderr, flush=True)
+        if done.wait(1.0):
+            print(file=sys.stderr, flush=True)
+            return

@@ -1,0 +1,87 @@
+"""Warp starts silently, and compiling is one line."""
+
+import os
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+import warp as wp
+
+from simwarp.core import warp_start
+from simwarp.core.warp_start import COMPILING, told_compiling
+
+FOUR_BAR = """
+    import simwarp as sw
+    from simwarp.scenes import four_bar
+    simulation = sw.Simulation(four_bar().finalize(2, "cpu"), 0.001)
+    simulation.step()
+"""
+
+
+def printed(code):
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, done.stderr
+
+
+def test_a_script_prints_what_it_prints_itself():
+    sw_simulation = printed(FOUR_BAR)  # the first one may compile
+    assert sw_simulation[0] == ""
+    assert printed(FOUR_BAR) == ("", "")
+
+
+def test_who_asks_warp_to_talk_is_told():
+    out, _ = printed("import warp as wp\nwp.config.log_level = wp.LOG_DEBUG\n" + textwrap.dedent(FOUR_BAR))
+    assert "Module simwarp.kernels" in out
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    monkeypatch.setattr(warp_start, "COMPILING_SHOWS", 0.02)
+    return tmp_path
+
+
+def compile_something(cache):
+    """As Warp does: a folder of this process, for as long as it takes."""
+    (cache / f"wp_module_p{os.getpid()}_t1").mkdir()
+    time.sleep(0.5)
+
+
+def test_compiling_is_one_line(cache, capsys):
+    with told_compiling(), told_compiling():
+        compile_something(cache)
+    assert capsys.readouterr().err == f"simwarp: {COMPILING}\n"
+
+
+def test_the_line_goes_where_it_is_said_to_go(cache, capsys):
+    lines: list[str] = []
+    with told_compiling(lines.append):
+        compile_something(cache)
+    assert lines == [COMPILING]
+    assert capsys.readouterr().err == ""
+
+
+def test_a_terminal_sees_how_long_it_takes(cache, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with told_compiling():
+        compile_something(cache)
+    said = capsys.readouterr().err
+    assert said.startswith(f"\rsimwarp: {COMPILING}, 0 s")
+    assert said.endswith("\n")
+
+
+def test_without_compiling_nothing_is_told(cache, capsys):
+    (cache / f"wp_module_p{os.getpid() + 1}_t1").mkdir()  # another process compiles
+    with told_compiling():
+        time.sleep(0.2)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_silent_warp_is_silent(cache, capsys, monkeypatch):
+    monkeypatch.setattr(wp.config, "log_level", wp.LOG_ERROR)
+    with told_compiling():
+        compile_something(cache)
+    assert capsys.readouterr().err == ""
