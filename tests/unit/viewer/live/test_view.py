@@ -199,6 +199,38 @@ def test_the_command_prints_its_address_and_ends(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("target", "early"), [(["four-bar"], True), (["pendulum"], True), (["pendulum", "--task.dt", "0.01"], False)]
+)
+def test_the_browser_opens_while_the_worlds_are_built(target, early, monkeypatch, capsys):
+    from simwarp.cli import main
+
+    opened: list[tuple[str, bool]] = []
+
+    def browse(url: str) -> None:
+        with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2]))):  # somebody answers
+            opened.append((url, "building" in capsys.readouterr().out))
+
+    monkeypatch.setattr("webbrowser.open", browse)
+    assert main(["view", *target, "--port", "0", "--seconds", "0.2"]) == 0
+    [(url, built)] = opened
+    assert built is not early
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.1", int(url.rpartition(":")[2]))) != 0
+
+
+def test_no_browser_opens_on_what_is_wrong(monkeypatch, capsys, tmp_path):
+    from simwarp.cli import main
+
+    monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail(f"opened {url}"))
+    for wrong in (
+        ["pendulum", "--checkpoint", str(tmp_path / "none.pt")], ["pendulum", "--seed", "x"],
+        ["pendulum", "--sped", "1"], ["none.urdf"], ["four-bar", "--worlds", "0"], ["pendulum", "--record", str(tmp_path / "a.txt")],
+    ):  # fmt: skip
+        assert main(["view", *wrong]) == 2, wrong
+        assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["four-bra"], "nothing is called 'four-bra'; did you mean four-bar"),
