@@ -222,11 +222,12 @@ def test_no_browser_opens_on_what_is_wrong(monkeypatch, capsys, tmp_path):
     from simwarp.cli import main
 
     monkeypatch.setattr("webbrowser.open", lambda url: pytest.fail(f"opened {url}"))
-    for wrong in (
-        ["pendulum", "--checkpoint", str(tmp_path / "none.pt")], ["pendulum", "--seed", "x"],
-        ["pendulum", "--sped", "1"], ["none.urdf"], ["four-bar", "--worlds", "0"], ["pendulum", "--record", str(tmp_path / "a.txt")],
-    ):  # fmt: skip
-        assert main(["view", *wrong]) == 2, wrong
+    wrong_ones = (
+        f"pendulum --checkpoint {tmp_path}/none.pt", "pendulum --seed x", "pendulum --sped 1", "none.urdf",
+        "four-bar --worlds 0", f"pendulum --record {tmp_path}/a.txt",
+    )  # fmt: skip
+    for wrong in wrong_ones:
+        assert main(["view", *wrong.split()]) == 2, wrong
         assert capsys.readouterr().err.count("\n") == 1
 
 
