@@ -13,6 +13,7 @@ import warp as wp
 
 from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
+from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
 from simwarp.kernels.collision.placement import make_collision_scratch
@@ -55,7 +56,7 @@ MOST_COUNTED: Final = 2**31 - 1
 """Of sub-steps: clocks of sensors count them in 32 bits."""
 
 
-class Simulation(Readings, FixedAttributes):
+class Simulation(Readable, Readings, FixedAttributes):
     """Steps `model.world_count` worlds together.
 
     Nothing is allocated and nothing is read back to the host in `step`.
@@ -308,6 +309,23 @@ class Simulation(Readings, FixedAttributes):
             "ModelBuilder and bring its state over with snapshot().save(path) and Snapshot.load(path, simulation)"
         )
 
+    def _printed_title(self) -> str:
+        model, parts = self.model, f" in {self.substeps} sub-steps" if self.substeps > 1 else ""
+        return f": {plural(model.world_count, 'world')} on {model.device}, dt = {self.dt:g} s{parts}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        model = self.model
+        counts = {"body": model.body_count, "joint": model.joint_count, "dof": model.dof_count,
+                  "shape": model.shape_count}  # fmt: skip
+        return {
+            "model": ", ".join(plural(count, thing) for thing, count in counts.items()),
+            "solver": f"{self.solver.solver}, at most {plural(self.solver.max_iterations, 'iteration')}",
+            "elements": Names(len(self.elements), (type(part).__name__ for part in self.elements)),
+            "sensors": Names(len(self.sensors), (f"{each.name} ({type(each).__name__})" for each in self.sensors)),
+            "threads": str(self.shares.threads) if self.shares.threads > 1 else "",
+            "time": _span(self.time, "s"),
+        }
+
     # ---- inside --------------------------------------------------------------------------------------------------
 
     def _step_config(self, *, reactions: bool, accelerations: bool) -> StepConfig:
@@ -485,6 +503,15 @@ class Simulation(Readings, FixedAttributes):
                 f"set_joint_state: {name} must be finite (float32), got {value!r} for world {world}; leave such worlds "
                 "out of the mask"
             )
+
+
+def _span(array: wp.array, unit: str) -> str:
+    """The values of an array between which all are; of a GPU, which would have to be waited for, nothing."""
+    if not on_host(array):
+        return ""
+    values = array.numpy()
+    least, most = values.min(), values.max()
+    return f"{least:.6g} {unit}" if least == most else f"{least:.6g} to {most:.6g} {unit}"
 
 
 def _checked_reports(joint_reactions: Any, joint_accelerations: Any) -> dict[str, bool]:
