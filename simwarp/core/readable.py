@@ -149,7 +149,7 @@ def _value_text(value: Any, room: int) -> str:
     if isinstance(value, enum.Enum) and not isinstance(value, enum.Flag):
         return f"{type(value).__name__}.{value.name}"
     kind = type(value).__name__
-    if hasattr(value, "dtype") and getattr(value, "shape", ()):
+    if hasattr(value, "dtype") and hasattr(value, "shape") and len(value.shape) > 0:
         small = kind == "ndarray" and value.size <= 6 and value.ndim == 1
         return " ".join(repr(value).split()) if small else f"<{array_text(value)}>"
     sized = isinstance(value, (tuple, list, dict, set, frozenset))

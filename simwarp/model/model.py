@@ -192,7 +192,7 @@ class Model(ParameterFields):
         return {
             **specification_rows(self.builder),
             "coordinates": f"{self.dof_count} in joint_q",
-            "contacts": f"up to {contacts} in a world" if self.shape_count else "",
+            "contacts": f"up to {contacts} in a world" if self.contact_capacity else "",
             "memory": f"{bytes_text(sum(sizes))} of parameters, {bytes_text(run)} of state in a Simulation",
             "per world": Names(len(own), own),
         }
