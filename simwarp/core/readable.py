@@ -130,7 +130,7 @@ def _cut(text: str, room: int) -> str:
 def _fields_text(self: Any) -> str:
     """The `repr` of a `ReadableFields`."""
     parts = []
-    for field in dataclasses.fields(self):
+    for field in dataclasses.fields(self) if dataclasses.is_dataclass(self) else ():
         if field.repr:
             room = WIDEST - len(f"    {field.name}=,")
             parts.append(f"{field.name}={_value_text(getattr(self, field.name, '?'), room)}")

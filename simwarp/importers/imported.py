@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.readable import Names, Readable, Row
+from simwarp.core.readable import Names, Readable, ReadableFields, Row
 from simwarp.core.types import WORLD, Drive, ModelError, Pose, shown
 from simwarp.core.types import pose as make_pose
 from simwarp.core.wording import close_names
@@ -53,7 +53,7 @@ class CameraPlace:
 
 
 @dataclasses.dataclass(frozen=True)
-class Keyframe:
+class Keyframe(ReadableFields):
     """A stored state.
 
     Attributes:
