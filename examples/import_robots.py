@@ -28,8 +28,8 @@ def main() -> None:
     }
     for name, robot in robots.items():
         simulation = sw.Simulation(robot.builder.finalize(1, "cpu"), dt=1e-3)
-        simulation.advance(500)
-        angle = float(simulation.state.joint_q.numpy()[0, 0])
+        simulation.step(500)
+        angle = simulation.joint_position(0)
         told = f"{len(robot.report.held)} held, {len(robot.report.near)} near"
         print(f"{name:<10} {robot.mass:.4f} kg, {told}: after 0.5 s at {abs(angle):.4f} rad")
 

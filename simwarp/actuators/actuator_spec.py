@@ -6,6 +6,7 @@ import dataclasses
 import enum
 import math
 
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import Pose
 from simwarp.core.types import pose as make_pose
 
@@ -63,7 +64,7 @@ class SitePull:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ActuatorSpec:
+class ActuatorSpec(ReadableFields):
     """One actuator: force f = (g0 + g1 l + g2 l') u + b0 + b1 l + b2 l' along its length l, where u is its control or
     its activation. The joints of `terms` feel coefficient x f.
 

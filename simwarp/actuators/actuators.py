@@ -22,6 +22,7 @@ from simwarp.core.arrays import (
     writable,
     writable_from,
 )
+from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.types import WORLD, ModelError, number, shown
 from simwarp.core.wording import close_names
 from simwarp.kernels.actuators.actuators import (
@@ -41,7 +42,7 @@ PER_WORLD: Final = (
 """Arrays that may have a row for each world."""
 
 
-class Actuators(FixedAttributes):
+class Actuators(Readable, FixedAttributes):
     """All actuators of a model, in every world: a `ForceElement`.
 
     Pass it to the Simulation: `Simulation(model, dt, elements=[actuators])`. It writes the entries of its coordinates
@@ -136,6 +137,17 @@ class Actuators(FixedAttributes):
             hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(self.names[:8]) or 'none'}"
             raise ModelError(f"Actuators: no actuator {shown(name)}; {hint}")
         return self.names.index(name)
+
+    def _printed_title(self) -> str:
+        model = self.model
+        return f": {plural(len(self.specs), 'actuator')}, {plural(model.world_count, 'world')} on {model.device}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        own = [name for name in PER_WORLD if getattr(self, name).shape[0] > 1]
+        return {
+            "controls": Names(len(self.specs), (f"{spec.name} ({spec.law.name.lower()})" for spec in self.specs)),
+            "per world": Names(len(own), own),
+        }
 
     @property
     def ctrl_range(self) -> npt.NDArray[np.float64]:

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import warp as wp
 
 from simwarp.core.arrays import ANY, Domain, FixedAttributes, writable
+from simwarp.core.readable import Readable, Row, plural
 from simwarp.core.types import ArrayLayout
 
 
@@ -35,6 +36,12 @@ class Size(enum.Enum):
     TERMS = ("terms", "")
     SHAPES = ("S", "")
     CONTACTS = ("C", "")
+
+    def noun(self, length: int) -> str:
+        """What so many of them are called: `worlds`, `1 body` without the number."""
+        words = self.name.lower().replace("_", " ")
+        kind = next((kind for kind in ("worlds", "bodies") if words.endswith(kind)), words)
+        return kind if length != 1 else {"bodies": "body"}.get(kind, kind.removesuffix("s"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +94,7 @@ def parameter(dtype: Any, *sizes: Size, text: str, domain: Domain = ANY, source:
     return Field(dtype, (Size.PARAMETER_WORLDS, *sizes), text, domain, writable=True, source=source)
 
 
-class FieldGroup(FixedAttributes):
+class FieldGroup(Readable, FixedAttributes):
     """Base of classes whose attributes are arrays; the declarations stand as class attributes.
 
     Attributes:
@@ -113,6 +120,21 @@ class FieldGroup(FixedAttributes):
                 for name, each in cls.FIELDS.items()
             )
             cls.__doc__ = f"{(cls.__doc__ or '').rstrip()}\n\n    Arrays:\n{rows}\n"
+
+    def _printed_title(self) -> str:
+        first: Any = next(getattr(self, name) for name, each in self.FIELDS.items() if each.sizes[0] is Size.WORLDS)
+        return f": {plural(first.shape[0], 'world')} on {first.device}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        """Names and types of the arrays of each shape."""
+        rows: dict[str, list[str]] = {}
+        for name, each in self.FIELDS.items():
+            lengths = [
+                f"{length} {size.noun(length)}"
+                for length, size in zip(getattr(self, name).shape, each.sizes, strict=True)
+            ]
+            rows.setdefault(f"({', '.join(lengths)})", []).append(f"{name} {type_name(each.dtype)}")
+        return {lengths: ", ".join(arrays) for lengths, arrays in rows.items()}
 
     @classmethod
     def layouts(cls, sizes: Mapping[Size, int]) -> dict[str, ArrayLayout]:

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import warp as wp
 
+from simwarp.core.readable import bytes_text
 from simwarp.core.types import ArrayLayout, ModelError, shown
 
 MOST_ROWS: Final = 2**31 - 1
@@ -53,8 +54,8 @@ def check_fits(what: str, needed: int, device: Any, remedy: str) -> None:
     free = free_memory(device)
     if needed > free:
         raise ModelError(
-            f"{what} need {_amount(needed)}, device {device} has {_amount(device_memory(device))}, "
-            f"of which {_amount(free)} are free; {remedy}"
+            f"{what} need {bytes_text(needed)}, device {device} has {bytes_text(device_memory(device))}, "
+            f"of which {bytes_text(free)} are free; {remedy}"
         )
 
 
@@ -75,8 +76,8 @@ def check_layouts(what: str, layouts: Mapping[str, ArrayLayout], device: Any, re
         row = math.prod(layout.shape[1:]) * item_bytes(layout.dtype)
         if max((*layout.shape, row)) > MOST_ROWS:
             raise ModelError(
-                f"{what} need an array '{name}' of shape {shown(layout.shape)}, whose rows of {_amount(row)} or whose "
-                f"length is beyond 32 bits; {remedy}"
+                f"{what} need an array '{name}' of shape {shown(layout.shape)}, whose rows of {bytes_text(row)} or "
+                f"whose length is beyond 32 bits; {remedy}"
             )
     passing = max(layout_bytes([layout]) for layout in layouts.values())  # on the host, on its way into an array
     check_fits(what, layout_bytes(layouts.values()) + passing + more, device, remedy)
@@ -90,15 +91,6 @@ def layout_bytes(layouts: Iterable[ArrayLayout]) -> int:
 def item_bytes(dtype: Any) -> int:
     """Bytes of one element of a Warp array."""
     return int(wp.types.type_size_in_bytes(dtype))
-
-
-def _amount(count: int) -> str:
-    """Bytes as people write them."""
-    if count >= 2**70:
-        return "more than 2^40 GiB"
-    if count >= 1000 * 2**30:
-        return f"{count / 2**30:.0f} GiB"
-    return f"{count / 2**30:.3g} GiB" if count >= 2**30 else f"{count / 2**20:.3g} MiB"
 
 
 def _meminfo() -> list[int]:

@@ -11,6 +11,8 @@ from typing import Any, Final, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.readable import Readable, ReadableFields
+
 WORLD: Final = -1
 """The index of the fixed world, wherever a body index is asked for."""
 
@@ -265,7 +267,7 @@ def _shown(value: Any, depth: int) -> str:
         return f"a number of {int(value.bit_length() * math.log10(2.0)) + 1} digits"
     elif kind in (str, bytes) and len(value) > LONGEST_VALUE:
         text = repr(value[:LONGEST_VALUE]) + " ..."
-    elif kind.__repr__ is object.__repr__:
+    elif kind.__repr__ is object.__repr__ or issubclass(kind, Readable):
         return _classed(value)
     else:
         text = " ".join(repr(value).split())
@@ -365,7 +367,7 @@ class PrescribedSpeed:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Material:
+class Material(ReadableFields):
     """Surface of a shape. Two of them meet with the smaller restitution, cohesion and damping, the sum of their
     compliances, and friction (of all three kinds) by the builder's `friction_rule`: the smaller one unless it is
     set. The surface of higher priority decides alone on friction (docs/theory.md).
@@ -398,7 +400,7 @@ Drive: TypeAlias = PositionDrive | VelocityMotor | PrescribedPosition | Prescrib
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Dof:
+class Dof(ReadableFields):
     """Limit, passive effort, friction and drive of one degree of freedom. Units: N and m, or N·m and rad.
 
     The passive effort is preload - stiffness (q - rest) - damping qd, taken implicitly; a table replaces

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import FLOAT32_LEAST, FLOAT32_MAX, ModelError, ShapeType, numbers, shown
 from simwarp.geometry.triangle_tree import tree_tables
 from simwarp.kernels.collision.shape import Assets
@@ -28,7 +29,7 @@ THINNEST: Final = 2.0 * COPLANAR
 
 
 @dataclasses.dataclass(frozen=True)
-class Hull:
+class Hull(ReadableFields):
     """A convex polyhedron.
 
     Attributes:
@@ -45,7 +46,7 @@ class Hull:
 
 
 @dataclasses.dataclass(frozen=True)
-class HeightField:
+class HeightField(ReadableFields):
     """Heights on a grid about the origin: row j, column i of `heights` [m] is at x = (i - (columns - 1) / 2) dx,
     y = (j - (rows - 1) / 2) dy; `spacing` is (dx, dy) [m].
     """
@@ -55,7 +56,7 @@ class HeightField:
 
 
 @dataclasses.dataclass(frozen=True)
-class TriangleMesh:
+class TriangleMesh(ReadableFields):
     """Triangles with one outer side, the one that sees them counter-clockwise.
 
     Attributes:

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.readable import Names, Readable, ReadableFields, Row
 from simwarp.core.types import WORLD, Drive, ModelError, Pose, shown
 from simwarp.core.types import pose as make_pose
 from simwarp.core.wording import close_names
 from simwarp.importers.coordinates import CoordinateMap
 from simwarp.importers.lowest_point import lowest_point
-from simwarp.importers.report import ImportReport
+from simwarp.importers.report import Fate, ImportReport
 from simwarp.model.builder import ModelBuilder
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ class CameraPlace:
 
 
 @dataclasses.dataclass(frozen=True)
-class Keyframe:
+class Keyframe(ReadableFields):
     """A stored state.
 
     Attributes:
@@ -87,8 +88,8 @@ class SourceSensor:
     cutoff: float = 0.0
 
 
-@dataclasses.dataclass
-class Imported:
+@dataclasses.dataclass(repr=False)
+class Imported(Readable):
     """A robot, or a scene, of a file.
 
     Poses, centres and axes are those of the file; bodies have its axes, with the origin in the centre of mass. The
@@ -132,6 +133,18 @@ class Imported:
     velocity_limits: Mapping[str, float] = dataclasses.field(default_factory=dict)
     show: Callable[[Visuals], None] | None = None
     """Adds what only shows; `add_visuals` calls it."""
+
+    def _printed_title(self) -> str:
+        return f" '{self.report.source}'"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        named = ("bodies", "dofs", "shapes", "sites", "cameras", "keyframes", "sensors", "tendons")
+        counts = ", ".join(f"{len(self.report.of(fate))} {fate.value}" for fate in Fate)
+        return {
+            **{name: Names(len(getattr(self, name)), getattr(self, name)) for name in named},
+            "actuators": Names(len(self.actuators), (spec.name for spec in self.actuators)),
+            "report": f"{counts}; print(report) lists them",
+        }
 
     @property
     def mass(self) -> float:

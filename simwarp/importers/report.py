@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Collection, Mapping
 from typing import Any, Final
 
+from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError, shown
 from simwarp.core.wording import close_names
 
@@ -49,7 +50,7 @@ class ReportLine:
     reason: str
 
 
-class ImportReport:
+class ImportReport(Readable):
     """Lines about a file's elements, in the order in which they were read.
 
     Args:
@@ -139,6 +140,10 @@ class ImportReport:
             fate.value: [{"element": one.element, "name": one.name, "reason": one.reason} for one in self.of(fate)]
             for fate in Fate
         }
+
+    def _printed_title(self) -> str:
+        counts = ", ".join(f"{len(self.of(fate))} {fate.value}" for fate in Fate)
+        return f" of '{self.source}': {counts}; print(report) lists them"
 
     def __str__(self) -> str:
         """A table: fate, element, how many, names and reason."""

@@ -9,6 +9,7 @@ from typing import Any, Final, Unpack
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.readable import Readable, Row
 from simwarp.core.renames import renamed_fields
 from simwarp.core.rotation import frame_from_axes, frame_from_axis, quat_conjugate, quat_multiply, rotate, unit_vector
 from simwarp.core.types import (
@@ -48,7 +49,7 @@ from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.keyword_options import DofOptions
 from simwarp.model.model import Model
 from simwarp.model.shapes import ShapeList
-from simwarp.model.specifications import BodySpec, Frame, JointSpec
+from simwarp.model.specifications import BodySpec, Frame, JointSpec, specification_rows
 
 Array = npt.NDArray[np.float64]
 
@@ -66,7 +67,7 @@ IDENTITY: Final = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @renamed_fields(add_turn="add_joint_relative_rotation")
-class ModelBuilder(ShapeList, CouplingList):
+class ModelBuilder(Readable, ShapeList, CouplingList):
     """Collects the bodies and joints of one world; every world of a Model shares this topology.
 
     Poses, anchors and axes are given in world coordinates of the initial configuration [m, rad]. The frames of a
@@ -92,6 +93,13 @@ class ModelBuilder(ShapeList, CouplingList):
         self.friction_rule = checked_member("ModelBuilder", "friction_rule", friction_rule, FrictionRule)
         self.pair_rule = checked_member("ModelBuilder", "pair_rule", pair_rule, PairRule)
         self.bodies: list[BodySpec] = []
+
+    def _printed_title(self) -> str:
+        empty = "" if self.bodies or self.joints or self.shapes else "empty, "
+        return f": {empty}gravity {self.gravity.round(4).tolist()} m/s²"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        return specification_rows(self)
 
     # ---- nodes -------------------------------------------------------------------------------------------------
 

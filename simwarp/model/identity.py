@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from simwarp.core.readable import Readable, plural
 from simwarp.core.types import Dof, FrictionRule, JointType, Material, PairRule, shown
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 from simwarp.model.effort_routing import drive_mode, has_bounded_drive, has_effort
@@ -27,8 +28,8 @@ CLASSES_IN_FILES: Final = {"PathTracker": "PathFollower"}
 """Force elements and sensors, likewise."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Identity:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Identity(Readable):
     """Composition of a Simulation, in lines that people read.
 
     Part of it are the worlds, bodies, joints with their kinds, stops and drives, couplings, shapes with their
@@ -43,6 +44,10 @@ class Identity:
 
     parts: Mapping[str, tuple[str, ...]]
     digest: str
+
+    def _printed_title(self) -> str:
+        lines = sum(len(part) for part in self.parts.values())
+        return f": {self.digest}, {plural(lines, 'line')} in {plural(len(self.parts), 'part')}"
 
     @classmethod
     def of(cls, parts: Mapping[str, Sequence[str]]) -> Identity:
@@ -133,7 +138,10 @@ def _shape_line(shape: ShapeSpec) -> str:
 
 
 def _surface_line(surface: Material | None) -> str:
-    return "" if surface is None else f" with surface {_digest(repr(surface).encode())[:8]}"
+    if surface is None:
+        return ""
+    words = ", ".join(f"{field.name}={getattr(surface, field.name)!r}" for field in dataclasses.fields(surface))
+    return f" with surface {_digest(f'Material({words})'.encode())[:8]}"
 
 
 def _joint_line(joint: JointSpec) -> str:

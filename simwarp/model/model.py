@@ -11,8 +11,9 @@ import warp as wp
 
 from simwarp.core.arrays import writable_from
 from simwarp.core.fields import Size
-from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts
+from simwarp.core.memory import MOST_ROWS, check_fits, check_layouts, item_bytes, layout_bytes
 from simwarp.core.piecewise_linear import function_arrays
+from simwarp.core.readable import Names, Row, bytes_text, plural
 from simwarp.core.types import WORLD, ArrayLayout, FrictionRule, JointType, Material, ModelError, PairRule, shown
 from simwarp.core.warp_start import start_warp
 from simwarp.core.wording import close_names
@@ -26,7 +27,7 @@ from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
 from simwarp.model.shapes import contact_limit, shape_pairs
-from simwarp.model.specifications import CouplingSpec, Specification
+from simwarp.model.specifications import CouplingSpec, Specification, specification_rows
 from simwarp.model.topology import (
     Tables,
     all_sums,
@@ -180,6 +181,22 @@ class Model(ParameterFields):
             "a Model cannot be pickled or copied: it refers to memory of a device; keep its ModelBuilder, which can, "
             "and finalize that again"
         )
+
+    def _printed_title(self) -> str:
+        return f": {plural(self.world_count, 'world')} on {self.device}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        own = [name for name in self.FIELDS if getattr(self, name).shape[0] > 1]
+        sizes = [getattr(self, name).size * item_bytes(field.dtype) for name, field in self.FIELDS.items()]
+        run = layout_bytes(run_layouts(self.sizes()).values())
+        contacts = plural(self.contact_capacity, "contact")
+        return {
+            **specification_rows(self.builder),
+            "coordinates": f"{self.dof_count} in joint_q",
+            "contacts": f"up to {contacts} in a world" if self.contact_capacity else "",
+            "memory": f"{bytes_text(sum(sizes))} of parameters, {bytes_text(run)} of state in a Simulation",
+            "per world": Names(len(own), own),
+        }
 
     def sizes(self, *, elements: bool = False, reactions: bool = False, accelerations: bool = False) -> dict[Size, int]:
         """Lengths of the arrays of a Simulation, with or without force elements, joint reactions and accelerations."""

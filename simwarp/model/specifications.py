@@ -8,14 +8,15 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import Dof, FrictionRule, JointType, Material, PairRule, Pose, ShapeType
+from simwarp.core.readable import Names, ReadableFields, Row
+from simwarp.core.types import WORLD, Dof, FrictionRule, JointType, Material, PairRule, Pose, ShapeType
 from simwarp.geometry.assets import HeightField, Hull, TriangleMesh
 
 Array = npt.NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
-class BodySpec:
+class BodySpec(ReadableFields):
     """One rigid body: mass [kg], inertia about its centre of mass in body axes [kg·m²], initial state (world)."""
 
     name: str
@@ -32,7 +33,7 @@ class BodySpec:
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class Frame(ReadableFields):
     """A frame on a body: origin [m] relative to the centre of mass and xyzw orientation, in body axes."""
 
     position: Array
@@ -40,7 +41,7 @@ class Frame:
 
 
 @dataclasses.dataclass(frozen=True)
-class JointSpec:
+class JointSpec(ReadableFields):
     """One element between frame 0 on body `parent` and frame 1 on body `child`.
 
     `offset` is the constant of its DISTANCE or POINT_AXIS1 row [m]; `inertia` that of a shaft [kg·m²]; `terms` are
@@ -64,7 +65,7 @@ class JointSpec:
 
 
 @dataclasses.dataclass(frozen=True)
-class CouplingSpec:
+class CouplingSpec(ReadableFields):
     """sum of coefficient x coordinate = offset, over up to twelve degrees of freedom (public dof indices); with
     `damping`, effort = -damping x sum of coefficient x rate instead; with `dof`, the law of that coordinate, a
     combination, which is the sum.
@@ -78,7 +79,7 @@ class CouplingSpec:
 
 
 @dataclasses.dataclass(frozen=True)
-class ShapeSpec:
+class ShapeSpec(ReadableFields):
     """One shape slot: geometry on a body. `pose` is relative to the body's centre of mass, in its axes."""
 
     name: str
@@ -127,3 +128,24 @@ class Specification(Protocol):
 
     def dof_start(self, joint: int) -> int:
         """First degree of freedom of a joint."""
+
+
+def specification_rows(parts: Specification) -> dict[str, Row]:
+    """Bodies, joints, couplings and shapes in rows, as a builder and its model print them."""
+    bodies = parts.bodies
+    return {
+        "bodies": Names(len(bodies), (body.name for body in bodies)),
+        "joints": Names(len(parts.joints), (f"{joint.name} ({_word(joint.type)})" for joint in parts.joints)),
+        "couplings": Names(len(parts.couplings), (coupling.name for coupling in parts.couplings)),
+        "shapes": Names(
+            len(parts.shapes),
+            (
+                f"{shape.name} ({_word(shape.type)} on {'WORLD' if shape.body == WORLD else bodies[shape.body].name})"
+                for shape in parts.shapes
+            ),
+        ),
+    }
+
+
+def _word(kind: JointType | ShapeType) -> str:
+    return kind.name.lower().replace("_", " ")

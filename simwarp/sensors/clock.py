@@ -13,7 +13,8 @@ import warp as wp
 
 from simwarp.core.arrays import writable_from
 from simwarp.core.memory import check_fits
-from simwarp.core.types import ModelError, shown
+from simwarp.core.readable import Readable, array_text, plural
+from simwarp.core.types import WORLD, ModelError, shown
 from simwarp.kernels.sensors.clock import (
     ClockSettings,
     ClockState,
@@ -94,6 +95,22 @@ def mount_arrays(sensor: str, mount: Mount, model: Model, copies: int = 1) -> Mo
     arrays.position = writable_from(np.tile(mount.pose.position, (copies, 1)), wp.vec3d, model.device)
     arrays.rotation = writable_from(np.tile(mount.pose.rotation, (copies, 1)), wp.quatd, model.device)
     return arrays
+
+
+class PrintedSensor(Readable):
+    """How a sensor prints: name, place, rate, and the arrays of its published frames."""
+
+    frames: FrameBuffer
+
+    def _printed_title(self) -> str:
+        frames, mount = self.frames, getattr(self, "mount", None)
+        model = frames.model
+        place = "" if mount is None else f" on {'WORLD' if mount.body == WORLD else repr(model.body_names[mount.body])}"
+        worlds = f"{plural(model.world_count, 'world')} on {model.device}"
+        return f" '{frames.sensor}'{place}: {frames.schedule.rate:g} Hz, {worlds}"
+
+    def _printed_rows(self) -> dict[str, str]:
+        return {name: array_text(array) for name, array in self.frames.data.items()}
 
 
 class FrameBuffer:

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from simwarp.core.constraints import Meaning, NotNegative, Positive
+from simwarp.core.readable import ReadableFields
 from simwarp.core.schema import Fault, Schema, dotted
 from simwarp.core.types import FLOAT32_LEAST, WORLD, ModelError, Pose, pose, shown
 from simwarp.model.checks import checked_pose
@@ -34,7 +35,7 @@ SENSORS: Final = Schema(ModelError, least=FLOAT32_LEAST, tell=_told)
 """Reads configurations of sensors."""
 
 
-class Configuration:
+class Configuration(ReadableFields):
     """Base of the configurations: frozen dataclasses whose fields are held to their types."""
 
     def __post_init__(self) -> None:

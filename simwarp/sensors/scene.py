@@ -13,6 +13,7 @@ import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.constraints import Ge, Le, Meaning
+from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.types import WORLD, ModelError, Pose, ShapeType, Vec3, finite_vector, shown
 from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
@@ -83,7 +84,7 @@ class Instance:
     appearance: Appearance
 
 
-class Visuals:
+class Visuals(Readable):
     """Instances over a builder's world, before `finalize`. All its shapes are seen as they are, unless hidden.
 
     Args:
@@ -103,6 +104,12 @@ class Visuals:
         self.instances: list[Instance] = []
         self._followed = 0
         self._follow()
+
+    def _printed_title(self) -> str:
+        return f": {plural(len(self.instances), 'instance')}, {plural(len(self.meshes), 'mesh')}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        return {"instances": Names(len(self.instances), (instance.name for instance in self.instances))}
 
     def texture(self, texture: Texture) -> int:
         """The number of a texture, for `Appearance.texture` and `Scene.texture`."""
@@ -332,7 +339,7 @@ def _checked_appearance(name: str, values: Mapping[str, Any]) -> dict[str, Any]:
     return dict(values)
 
 
-class Scene:
+class Scene(Readable):
     """Instances that rays can hit, in all worlds. Geometry is stored once; worlds have poses, sizes and appearance.
 
     Args:
@@ -393,6 +400,14 @@ class Scene:
         first = 0 if model.body_count else WORLD
         self.origin_body = first if origin_body is None else origin_body
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
+
+    def _printed_title(self) -> str:
+        model = self.model
+        return f": {plural(self.instance_count, 'instance')}, {plural(model.world_count, 'world')} on {model.device}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        own = [name for name in PER_WORLD if getattr(self, name).shape[0] > 1]
+        return {"instances": Names(len(self.names), self.names), "per world": Names(len(own), own)}
 
     def instance(self, name: str) -> int:
         """Index of an instance by name.

@@ -13,6 +13,7 @@ import warp as wp
 
 from simwarp.core.arrays import FixedAttributes, on_host, reinterpret_int32
 from simwarp.core.memory import check_layouts
+from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.core.threads import thread_count
 from simwarp.core.types import FLOAT32_MAX, ConeSolver, ModelError, number, numbers, shown
 from simwarp.core.warp_start import told_compiling
@@ -35,6 +36,7 @@ from simwarp.simulation.collision_recording import CollisionArrays, parts_layout
 from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.protocols import ForceElement, Sensor
+from simwarp.simulation.readings import Readings
 from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, step_layouts, step_sizes
 from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
 from simwarp.simulation.snapshot import Snapshot
@@ -51,9 +53,11 @@ SHORTEST_STEP: Final = 1.0e-9
 """Of a sub-step [s]: kernels divide by it in float32."""
 LONGEST_STEP: Final = 1.0e6
 MOST_SUBSTEPS: Final = 1_000_000
+MOST_COUNTED: Final = 2**31 - 1
+"""Of sub-steps: clocks of sensors count them in 32 bits."""
 
 
-class Simulation(FixedAttributes):
+class Simulation(Readable, Readings, FixedAttributes):
     """Steps `model.world_count` worlds together.
 
     Nothing is allocated and nothing is read back to the host in `step`.
@@ -105,7 +109,7 @@ class Simulation(FixedAttributes):
         self.substeps = whole_number("Simulation", "substeps", substeps, 1, MOST_SUBSTEPS, "1 is the default")
         self.dt = _checked_dt(dt, self.substeps)
         self.solver = solver if solver is not None else SolverOptions()
-        most = (2**31 - 1) // self.substeps  # clocks of sensors count sub-steps in 32 bits
+        most = MOST_COUNTED // self.substeps
         self.read_every = whole_number("Simulation", "read_every", read_every, 1, most, "1 is the default")
         reports = _checked_reports(joint_reactions, joint_accelerations)
         self.elements = _checked_elements(elements)
@@ -169,17 +173,24 @@ class Simulation(FixedAttributes):
         """(W,) float64 [s]: how long each world has run since its last reset."""
         return self.state.world_time
 
-    def step(self) -> None:
-        """Advances every world by `dt`, in `substeps` parts. Frozen (non-finite) worlds stay as they are."""
-        self.advance(1)
+    def step(self, steps: int = 1) -> None:
+        """Advances every world by `steps` times `dt`, each in `substeps` parts; frozen (non-finite) worlds stay.
 
-    def advance(self, steps: int) -> None:
-        """Advances every world by `steps` times `dt`. Threads meet once, at the end, not at every step.
+        The state after `step(n)` is that after n calls of `step()`, bit by bit, and comes faster: threads meet once, at
+        the end, and sensors need not be launched in between.
 
         Args:
-            steps: how many.
+            steps: how many, >= 0.
+
+        Raises:
+            ModelError: `steps` is no such number.
         """
-        self._program.run(steps)
+        most = MOST_COUNTED // self.substeps
+        self._program.run(whole_number("step", "steps", steps, 0, most, "give the number of steps"))
+
+    def advance(self, steps: int) -> None:
+        """The same as `step(steps)`."""
+        self.step(steps)
 
     def program(self, before: Sequence[WorldLaunch]) -> StepProgram:
         """A step with launches before it (`shares.record`), to be run many times over without Python in between."""
@@ -299,6 +310,23 @@ class Simulation(FixedAttributes):
             "a Simulation cannot be pickled or copied: it refers to memory of a device; build it again from the same "
             "ModelBuilder and bring its state over with snapshot().save(path) and Snapshot.load(path, simulation)"
         )
+
+    def _printed_title(self) -> str:
+        model, parts = self.model, f" in {self.substeps} sub-steps" if self.substeps > 1 else ""
+        return f": {plural(model.world_count, 'world')} on {model.device}, dt = {self.dt:g} s{parts}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        model = self.model
+        counts = {"body": model.body_count, "joint": model.joint_count, "dof": model.dof_count,
+                  "shape": model.shape_count}  # fmt: skip
+        return {
+            "model": ", ".join(plural(count, thing) for thing, count in counts.items()),
+            "solver": f"{self.solver.solver}, at most {plural(self.solver.max_iterations, 'iteration')}",
+            "elements": Names(len(self.elements), (type(part).__name__ for part in self.elements)),
+            "sensors": Names(len(self.sensors), (f"{each.name} ({type(each).__name__})" for each in self.sensors)),
+            "threads": str(self.shares.threads) if self.shares.threads > 1 else "",
+            "time": _span(self.time, "s"),
+        }
 
     # ---- inside --------------------------------------------------------------------------------------------------
 
@@ -477,6 +505,15 @@ class Simulation(FixedAttributes):
                 f"set_joint_state: {name} must be finite (float32), got {value!r} for world {world}; leave such worlds "
                 "out of the mask"
             )
+
+
+def _span(array: wp.array, unit: str) -> str:
+    """The values of an array between which all are; of a GPU, which would have to be waited for, nothing."""
+    if not on_host(array):
+        return ""
+    values = array.numpy()
+    least, most = values.min(), values.max()
+    return f"{least:.6g} {unit}" if least == most else f"{least:.6g} to {most:.6g} {unit}"
 
 
 def _checked_reports(joint_reactions: Any, joint_accelerations: Any) -> dict[str, bool]:

@@ -17,6 +17,7 @@ import warp as wp
 
 from simwarp.core.files import FileError, check_input, parse_json, replacing
 from simwarp.core.memory import check_layouts
+from simwarp.core.readable import Readable, bytes_text, plural
 from simwarp.core.types import ModelError, shown
 from simwarp.model.identity import Identity, run_parts
 from simwarp.model.layouts import snapshot_layouts
@@ -41,8 +42,8 @@ class SnapshotTarget(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
-class Snapshot:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Snapshot(Readable):
     """A copy of everything that a step reads and changes. Opaque; pass it to `Simulation.restore`.
 
     Parameters of the model (masses, frictions, sizes) and options of the solver are not in it.
@@ -80,6 +81,12 @@ class Snapshot:
         }  # fmt: skip
         named = {f"{group}.{name}": array for group, part in groups.items() for name, array in part.in_files().items()}
         return named | {f"memory.{index}": array for index, array in enumerate(self.memory)}
+
+    def _printed_title(self) -> str:
+        arrays = self.arrays().values()
+        size = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in arrays)
+        time = self.state.world_time
+        return f": {plural(time.shape[0], 'world')} on {time.device}, {len(arrays)} arrays, {bytes_text(size)}"
 
     def save(self, path: str | Path) -> None:
         """Writes a file (npz: numbers only, no code) that `load` reads; the file appears whole or not at all.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, Final
 
+from simwarp.core.readable import ReadableFields
 from simwarp.core.renames import renamed_fields
 from simwarp.core.types import ConeSolver, ContactModel, FrictionLaw, ModelError, number, shown
 from simwarp.model.checks import checked_choice, checked_flag, not_negative, whole_number
@@ -25,7 +26,7 @@ MOST_DENSE_ROWS: Final = 32_768
     contact_envelope="contact_margin", bounce_speed="restitution_threshold", rescue="fallback",
 )  # fmt: skip
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SolverOptions:
+class SolverOptions(ReadableFields):
     """Numbers of the solver (docs/theory.md). Every field is checked when the options are written.
 
     Attributes:

@@ -8,6 +8,7 @@ import numbers
 
 import numpy as np
 
+from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import quat_multiply, rotate
 from simwarp.core.types import Pose, pose
 from simwarp.model.builder import ModelBuilder
@@ -20,8 +21,8 @@ from simwarp.vehicle.suspensions.corner import Array, Frame
 from simwarp.vehicle.suspensions.steerings import SteeringParts, add_steering
 
 
-@dataclasses.dataclass(frozen=True)
-class VehicleParts:
+@dataclasses.dataclass(frozen=True, repr=False)
+class VehicleParts(Readable):
     """Indices, in the builder, of what a vehicle is made of."""
 
     spec: VehicleSpec
@@ -42,6 +43,10 @@ class VehicleParts:
     """Slip of a manual clutch: a coordinate whose dry friction is the clutch's torque; -1 without one."""
     start: Rolling
     """Speed, gear and shaft speeds at the start."""
+
+    def _printed_title(self) -> str:
+        wheels = plural(len(self.sides), "wheel")
+        return f" of '{self.spec.name}': chassis is body {self.chassis}, {wheels}"
 
 
 def add_vehicle(

@@ -8,6 +8,7 @@ from typing import Any, Final
 import warp as wp
 
 from simwarp.core.arrays import writable
+from simwarp.core.readable import Names, Readable, Row, array_text, plural
 from simwarp.core.types import ModelError, Vec3, finite_vector
 from simwarp.kernels.vehicle.inputs import VehicleMotion, VehicleTables, measure_vehicle, run_vehicle
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
@@ -31,7 +32,7 @@ cost a fifth of the step.
 """
 
 
-class Vehicle:
+class Vehicle(Readable):
     """Tires, powertrain, brakes and steering of one vehicle, in every world: a `ForceElement`.
 
     Pass it to the Simulation: `Simulation(model, dt, elements=[vehicle], solver=VEHICLE_SOLVER)`.
@@ -82,6 +83,18 @@ class Vehicle:
         self._powertrain = powertrain_tables(parts, model)
         self._powertrain_state = powertrain_state(parts, model)
         self.tires = _tires(parts, model, ground, randomised)
+
+    def _printed_title(self) -> str:
+        model = self.model
+        return f" '{self.parts.spec.name}': {plural(model.world_count, 'world')} on {model.device}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        return {
+            "chassis": self.model.body_names[self.parts.chassis],
+            "wheels": Names(len(self.parts.sides), (self.model.body_names[side.spindle] for side in self.parts.sides)),
+            "input": f"{array_text(self.input)}: steering, throttle, braking, clutch",
+            "tires": ", ".join(dict.fromkeys(axle.tire.template for axle in self.parts.spec.axles)),
+        }
 
     # ---- outputs ---------------------------------------------------------------------------------------------------
 

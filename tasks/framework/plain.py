@@ -7,6 +7,7 @@ import enum
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final, TypeVar, cast
 
+from simwarp.core.readable import ReadableFields
 from simwarp.core.schema import Fault, FreeKey, Keys, Schema, field_hints, peeled
 
 from .errors import InputError
@@ -45,7 +46,7 @@ CONFIGS: Final = Schema(InputError, longest=LONGEST_TEXT, tell=_tell_of)
 """Reads configurations of tasks and of trainings."""
 
 
-class Settings:
+class Settings(ReadableFields):
     """Base of configurations: frozen dataclasses whose fields are held to their types."""
 
     NAMED: ClassVar[bool] = False

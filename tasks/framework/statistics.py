@@ -6,13 +6,14 @@ import dataclasses
 
 import torch
 
+from simwarp.core.readable import ReadableFields
 from simwarp.kernels.tasks.framework.control_step import Tally
 
 from .launching import filled
 
 
 @dataclasses.dataclass(frozen=True)
-class EpisodeSummary:
+class EpisodeSummary(ReadableFields):
     """Sums over the episodes that ended since the last reading."""
 
     episodes: int

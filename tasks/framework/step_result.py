@@ -6,9 +6,11 @@ import dataclasses
 
 import torch
 
+from simwarp.core.readable import Readable, array_text, plural
 
-@dataclasses.dataclass(frozen=True)
-class StepResult:
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class StepResult(Readable):
     """Result of one control step. ``W`` worlds; worlds that ended have already been reset.
 
     Attributes:
@@ -35,6 +37,33 @@ class StepResult:
     reward_terms: torch.Tensor
     metrics: dict[str, torch.Tensor]
     final_observations: dict[str, torch.Tensor] | None
+
+    def _printed_title(self) -> str:
+        return f": {plural(len(self.rewards), 'world')} on {self.rewards.device}"
+
+    def _printed_rows(self) -> dict[str, str]:
+        """Numbers on the CPU; of a GPU, which would have to be waited for, shapes."""
+        groups = {"observations": self.observations, "metrics": self.metrics, "before reset": self.final_observations}
+        return {
+            **self._numbers(),
+            **{
+                label: ", ".join(f"{name} {array_text(tensor)}" for name, tensor in (group or {}).items())
+                for label, group in groups.items()
+            },
+        }
+
+    def _numbers(self) -> dict[str, str]:
+        rewards = self.rewards
+        if rewards.device.type != "cpu" or not len(rewards):
+            return {"rewards": array_text(rewards), "terms": array_text(self.reward_terms)}
+        counts = {
+            "terminated": self.terminated, "truncated": self.truncated, "successful": self.success,
+            "non-finite": self.non_finite,
+        }  # fmt: skip
+        return {
+            "rewards": f"mean {rewards.mean():.4g}, from {rewards.min():.4g} to {rewards.max():.4g}",
+            "ended": ", ".join(f"{int(flags.sum())} {word}" for word, flags in counts.items()),
+        }
 
 
 @dataclasses.dataclass(frozen=True)

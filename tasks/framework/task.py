@@ -35,6 +35,7 @@ from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
 from .judge import Judge, Terms
 from .launching import filled, launch_over
+from .printed_task import PrintedTask
 from .simulation_access import Attachments, PhysicsViews, pack_snapshot, physics_of, unpack_snapshot
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .step_result import StepResult
@@ -53,7 +54,7 @@ TIME_LIMIT = "time_limit"
 NON_FINITE = "non_finite"
 
 
-class Task(ABC, Generic[ConfigT]):
+class Task(PrintedTask, ABC, Generic[ConfigT]):
     """A batch of worlds with actions, observations, rewards and episodes.
 
     Args:

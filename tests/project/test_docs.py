@@ -1,5 +1,6 @@
 """What the documentation says is true: its code runs, its tables name what exists, its links lead somewhere."""
 
+import contextlib
 import importlib.util
 import re
 import subprocess
@@ -55,6 +56,8 @@ DTYPES = {
 }  # fmt: skip
 
 
+END = "<end of the block>"
+DECIMAL = re.compile(r"(-?\d+\.\d+(?:e[+-]\d+)?)")
 LONG = {
     "drive_and_clone.py",
     "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py", "randomise.py",
@@ -71,6 +74,12 @@ def _long(value, name):
 def blocks(page):
     """The Python code of a page, block by block."""
     return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def outputs(page):
+    """What blocks of code print, as the page shows right below them: by number of the block."""
+    found = re.findall(r"```python\n.*?```(?:\n\n```text\n(.*?)```)?", page.read_text(encoding="utf-8"), re.DOTALL)
+    return {number: text for number, text in enumerate(found) if text}
 
 
 def rows(page, heading, columns):
@@ -94,8 +103,22 @@ def test_the_code_of_a_page_runs(page, tmp_path):
     # In a process of its own: the page registers a task, and must bring all of its imports
     assert blocks(page)
     script = tmp_path / "page.py"
-    script.write_text("\n".join(blocks(page)), encoding="utf-8")
-    run([str(script)], [], tmp_path)
+    quiet = "import warp\nwarp.config.log_level = warp.LOG_WARNING\n"
+    script.write_text(quiet + f"print({END!r})\n".join([*blocks(page), ""]), encoding="utf-8")
+    printed = run([str(script)], [], tmp_path).split(f"{END}\n")
+    for number, shown in outputs(page).items():
+        found, wanted = (DECIMAL.split(text.rstrip()) for text in (printed[number], shown))
+        assert found[::2] == wanted[::2], f"block {number}"
+        # pages show three decimals; the last one may differ, as processors round float32 in different orders
+        assert [float(x) for x in found[1::2]] == pytest.approx([float(x) for x in wanted[1::2]], abs=1.5e-3)
+
+
+def test_a_wrong_output_of_a_page_is_found(tmp_path):
+    page = tmp_path / "page.md"
+    for text, right in (("two 2.001", True), ("two 2.003", False), ("too 2.001", False), ("two 2.001\nmore", False)):
+        page.write_text(f"```python\nprint('two', 2.0)\n```\n\n```text\n{text}\n```\n", encoding="utf-8")
+        with contextlib.nullcontext() if right else pytest.raises(AssertionError):
+            test_the_code_of_a_page_runs(page, tmp_path)
 
 
 @pytest.mark.parametrize("name", [_long(name, name) for name in sorted(EXAMPLES)])

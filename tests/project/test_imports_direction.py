@@ -1,10 +1,10 @@
 """Imports go one way, and never in a circle:
 
 warp <- kernels <- core, geometry <- model <- simulation <- actuators, kinematics, vehicle, sensors, scenery, scenes <-
-importers, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share four leaves, `SHARED`: types,
-arrays, their declarations, and near names. Measurement and commands may import each other's modules, but not in a
-circle. Torch and trimesh have one file each. A name used only in annotations (`if TYPE_CHECKING:`) counts for
-directions and circles too.
+importers, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share five leaves, `SHARED`: types,
+arrays, their declarations, near names, and how objects print. Measurement and commands may import each other's
+modules, but not in a circle. Torch and trimesh have one file each. A name used only in annotations
+(`if TYPE_CHECKING:`) counts for directions and circles too.
 """
 
 import ast
@@ -23,7 +23,10 @@ RANKS = {
     "scenery": 6, "scenes": 6, "importers": 7, "viewer": 7, "tasks": 8, "train": 9, "bench": 10, "verify": 10,
     "cli": 10, "__main__": 11,
 }  # fmt: skip
-SHARED = {"simwarp.core.types", "simwarp.core.arrays", "simwarp.core.fields", "simwarp.core.wording"}
+SHARED = {
+    "simwarp.core.types", "simwarp.core.arrays", "simwarp.core.fields", "simwarp.core.wording",
+    "simwarp.core.readable",
+}  # fmt: skip
 """What kernels may import of the host."""
 ONLY_IMPORTER = {"torch": "simwarp.core.interop", "trimesh": "simwarp.geometry.mesh_files"}
 

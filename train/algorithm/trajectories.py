@@ -18,6 +18,7 @@ import numpy.typing as npt
 import torch
 
 from simwarp.core.files import parse_json
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.npz import Arrays, read_arrays, text_of, write_arrays
@@ -38,7 +39,7 @@ _CHECK_INTERVAL = 25
 
 
 @dataclasses.dataclass(frozen=True)
-class Trajectories:
+class Trajectories(ReadableFields):
     """Episodes, one after the other.
 
     Attributes:

@@ -12,6 +12,7 @@ import torch
 import warp as wp
 
 from simwarp.core.memory import check_fits
+from simwarp.core.readable import ReadableFields
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
 
 from ..networks.policies import Policy, bad_actions, random_policy, reset_memory, zero_policy
@@ -23,7 +24,7 @@ _RECORD_BYTES = 64
 
 
 @dataclasses.dataclass(frozen=True)
-class Evaluation:
+class Evaluation(ReadableFields):
     """Statistics of some episodes.
 
     Attributes:

@@ -12,6 +12,7 @@ from rsl_rl.models import MLPModel
 from rsl_rl.utils import resolve_class
 from tensordict import TensorDict
 
+from simwarp.core.readable import Readable
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, task_class
 from simwarp.tasks.framework.saved_state import check_like
@@ -28,8 +29,8 @@ Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
 SHIPPED = Path(__file__).parents[1] / "shipped"
 
 
-@dataclasses.dataclass(frozen=True)
-class PolicySource:
+@dataclasses.dataclass(frozen=True, repr=False)
+class PolicySource(Readable):
     """A checkpoint and where it came from.
 
     Attributes:
@@ -41,6 +42,12 @@ class PolicySource:
     path: Path
     content: dict[str, Any]
     origin: str
+
+    def _printed_title(self) -> str:
+        return f" for task '{self.content['task']}': {self.origin}"
+
+    def _printed_rows(self) -> dict[str, str]:
+        return {"path": str(self.path)}
 
 
 def shipped_policy(task_name: str, obs: str | None = None) -> Path | None:
@@ -88,7 +95,7 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
     return PolicySource(path, content, origin if trained is None else f"{origin} (--obs {trained})")
 
 
-class NetworkPolicy:
+class NetworkPolicy(Readable):
     """The deterministic policy of a trained network.
 
     Attributes:
@@ -99,6 +106,11 @@ class NetworkPolicy:
     def __init__(self, actor: MLPModel, groups: list[str]) -> None:
         self.actor = actor
         self.groups = groups
+
+    def _printed_title(self) -> str:
+        memory = ", with memory" if self.actor.is_recurrent else ""
+        numbers = sum(parameter.numel() for parameter in self.actor.parameters())
+        return f": {numbers} parameters, sees {', '.join(self.groups)}{memory}"
 
     def __call__(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
         """Return (W, A) actions: the mean, which the task clips to [-1, 1]."""

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import torch
 from rich.console import Console
 
+from simwarp.core.readable import ReadableFields
 from simwarp.core.threads import default_threads
 from simwarp.core.files import OutputError, output_error
 from simwarp.core.types import shown
@@ -30,7 +31,7 @@ from ..algorithm.trainer import IterationReport, Trainer, TrainingError
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainResult:
+class TrainResult(ReadableFields):
     """Result of a run. The names are the keys of ``simwarp train --json``."""
 
     task: str

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
+from simwarp.core.readable import ReadableFields
 from simwarp.core.rotation import unit_vector
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
 from simwarp.kernels.sensors.cameras.shade import LightArrays
@@ -54,7 +55,7 @@ class Lamp:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Lighting:
+class Lighting(ReadableFields):
     """All lights of a camera's pictures. Colours are linear, 1 is white; one number is a grey.
 
     Attributes:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import Ge, Le, Meaning, MinLen, Read
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import FLOAT32_MAX, ModelError, numbers, shown
 from simwarp.sensors.interface import Configuration
 
@@ -27,7 +28,7 @@ ROUNDED = 1.0e-4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BeamTable:
+class BeamTable(ReadableFields):
     """Directions of the beams of one scan, by row (from the top) and column (in the order of firing).
 
     Sensor axes: x ahead, y left, z up. Azimuth is positive to the left, elevation upwards:

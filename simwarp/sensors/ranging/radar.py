@@ -14,7 +14,7 @@ from simwarp.core.constraints import Ge, Meaning, NotNegative, Positive
 from simwarp.core.types import ModelError
 from simwarp.kernels.sensors.ranging.clusters import CLUSTER_CHANNELS, ClusterFrames, ClusterScratch, cluster_returns
 from simwarp.kernels.sensors.ranging.radar import CHANNELS, RadarNoiseArrays, scan_radar
-from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, mount_arrays
+from simwarp.sensors.clock import ClockRound, Field, FrameBuffer, PrintedSensor, mount_arrays
 from simwarp.sensors.interface import Configuration, Mount, Schedule, checked_config, wanted_arrays
 from simwarp.sensors.ranging.beams import Beams
 from simwarp.sensors.ranging.scanning import (
@@ -114,7 +114,7 @@ class RadarConfig(Configuration):
         check_reach("RadarConfig", self.near, self.far)
 
 
-class Radar:
+class Radar(PrintedSensor):
     """Measures range, direction and range rate in every world; a `Sensor` for `Simulation(sensors=[...])`.
 
     The range rate is that of the surface that a ray meets, seen from the moving sensor, positive where it goes away:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.piecewise_linear import function_arrays
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import shown
 from simwarp.core.wording import nearest
 from simwarp.kernels.vehicle.drivers import Script, run_script
@@ -28,7 +29,7 @@ COAST: Points = ((0.0, -1.0),)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class ScriptSpec:
+class ScriptSpec(ReadableFields):
     """Inputs as piecewise linear functions of time [s], constant beyond their ends; two points at one time are a jump.
 
     Where `speed` [m/s] is not negative, a PI controller holds it with throttle and brake; elsewhere the pedals follow

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import shown
 from simwarp.kernels.vehicle.paths import PathTables
 from simwarp.vehicle.spec.vehicle_files import read_text
@@ -33,7 +34,7 @@ FARTHEST: Final = 1.0e9
 
 
 @dataclasses.dataclass(frozen=True)
-class Path:
+class Path(ReadableFields):
     """A polyline seen from above.
 
     Attributes:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.files import replacing
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import shown
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.vehicle_files import read_text
@@ -133,7 +134,7 @@ def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[f
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
+class Run(ReadableFields):
     """A recorded run of one world: `COLUMNS` by name."""
 
     columns: dict[str, Array]

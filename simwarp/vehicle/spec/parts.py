@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.constraints import COINCIDENT, Curve, Inertia, NotNegative, Point, Positive, Products
+from simwarp.core.readable import ReadableFields
 from simwarp.core.schema import Schema
 from simwarp.core.types import shown
 
@@ -55,7 +56,7 @@ SPECS: Final = Schema(SpecError, largest=LARGEST, unit=lambda key: UNITS.get(key
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Spec:
+class Spec(ReadableFields):
     """Base of all descriptions: holds its fields to their types."""
 
     def __post_init__(self) -> None:

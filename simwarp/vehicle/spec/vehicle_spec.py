@@ -12,6 +12,7 @@ import dataclasses
 from typing import Annotated
 
 from simwarp.core.constraints import MinLen
+from simwarp.core.readable import Names, Readable, Row, plural
 from simwarp.vehicle.spec.drivetrain_parts import (
     AutomaticCVT,
     AutomaticMap,
@@ -112,8 +113,8 @@ __all__ = [
 ]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class VehicleSpec(Spec):
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
+class VehicleSpec(Readable, Spec):
     """A whole wheeled vehicle. Axles from front to rear."""
 
     name: str
@@ -143,6 +144,20 @@ class VehicleSpec(Spec):
             raise refuse("driveline", "given for an engine to drive", None)
         check_vehicle(self)
         self._check_wheelbase()
+
+    def _printed_title(self) -> str:
+        return f" '{self.name}': {plural(len(self.axles), 'axle')}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        """The templates of its parts."""
+        axles, mounts = self.axles, self.steerings
+        parts = {"driveline": self.driveline, "engine": self.engine, "transmission": self.transmission}
+        return {
+            "suspensions": Names(len(axles), (axle.suspension.template for axle in axles)),
+            "tires": Names(len(axles), (axle.tire.template for axle in axles)),
+            "steerings": Names(len(mounts), (mount.steering.template for mount in mounts)),
+            **{name: part.template for name, part in parts.items() if part is not None},
+        }
 
     def _check_wheelbase(self) -> None:
         if self.wheelbase is None:
