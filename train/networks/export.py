@@ -26,7 +26,8 @@ from rsl_rl.models import MLPModel, RNNModel
 from torch import nn
 
 from simwarp.core.files import check_output, output_error, replacing
-from simwarp.tasks import InputError, Task, make, task_class
+from simwarp.tasks import InputError, Task, make
+from simwarp.tasks.framework.registry import task_class_of
 
 from ..algorithm.trainer import TrainingError
 from ..config import task_config_from_plain
@@ -252,7 +253,7 @@ def export_policy(checkpoint: Path, form: ExportFormat, output: Path | None = No
         check_output(output, "--output")
     path, content = read_policy(checkpoint)
     name = content["task"]
-    cls = task_class(name)
+    cls = task_class_of(content, f"checkpoint {path}")
     target = check_output(output or Path(f"{name}{SUFFIXES[form]}"), "--output")
     config = task_config_from_plain(cls, content["task_config"], f"checkpoint {path}: task_config")
     task = make(name, _WORLDS, seed=0, config=config)
