@@ -169,7 +169,9 @@ def task_class_of(saved: Mapping[str, Any], where: str) -> type[Task[Any]]:
     try:
         cls = task_class(file)
     except TaskFileError as error:
-        raise TaskFileError(f"{where}: task '{name}' is gone: {error}") from error
+        raise TaskFileError(
+            f"{where} needs task '{name}': {error}; for another file add --checkpoint or --resume RUN"
+        ) from error
     if cls.name != name:
         raise TaskFileError(f"{where} is of task '{name}', and {file} is now called '{cls.name}'; name it as before")
     return cls

@@ -91,7 +91,7 @@ def _module(path: Path) -> ModuleType:
         return known
     if not path.is_file():
         what = "is no file" if path.exists() else "does not exist"
-        raise TaskFileError(f"file '{path}' {what}; a task that is not installed is given as {FORM}")
+        raise TaskFileError(f"file '{path}' {what}; give {FORM}")
     # Two files may share a name; pickles and tracebacks want the same one in every process
     digest = hashlib.sha256(str(path).encode()).hexdigest()[:8]
     spec = importlib.util.spec_from_file_location(f"simwarp_task_{path.stem}_{digest}", path)
