@@ -21,3 +21,18 @@ class Described:
     def action_names(self) -> Sequence[str]:
         """Names of the components of an action, in their order; empty where it has none."""
         return ()
+
+    @property
+    def action_joints(self) -> Sequence[str]:
+        """Names of the joints, of one coordinate each, that the components of an action move, in their order."""
+        return ()
+
+    @property
+    def action_scale(self) -> Sequence[float]:
+        """What a full action is, component by component [N·m, rad, m, as the task says]; empty where it has no unit."""
+        return ()
+
+    @property
+    def default_positions(self) -> Sequence[float]:
+        """Coordinates of ``action_joints`` at rest, from which actions count [rad or m]; empty: as they are built."""
+        return ()
