@@ -155,7 +155,13 @@ class ReachTask(Task[ReachConfig]):
     @property
     def action_joints(self) -> Sequence[str]:
         """The joints of the arm, where actions are torques."""
-        return () if self.action_names else self.simulation.model.joint_names
+        return () if self.action_names else self._joint_names()
+
+    def _joint_names(self) -> list[str]:
+        """Return the names of the joints that turn."""
+        model = self.simulation.model
+        starts = model.joint_dof_start
+        return [name for index, name in enumerate(model.joint_names) if starts[index] < starts[index + 1]]
 
     @property
     def action_scale(self) -> Sequence[float]:
@@ -167,7 +173,7 @@ class ReachTask(Task[ReachConfig]):
     @property
     def observation_names(self) -> Mapping[str, Sequence[str]]:
         """What :class:`ReachTask` lists, component by component."""
-        names = [f"{kind} {joint}" for kind in ("angle", "rate") for joint in self.simulation.model.joint_names]
+        names = [f"{kind} {joint}" for kind in ("angle", "rate") for joint in self._joint_names()]
         return {"policy": [*names, *(f"{point} {axis}" for point in ("target", "grip") for axis in "xyz")]}
 
     def build(self, builder: ModelBuilder) -> ModelBuilder:

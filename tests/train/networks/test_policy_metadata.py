@@ -47,7 +47,7 @@ def test_the_ant_tells_joints_torques_and_observations(tmp_path):
     # Names are where they say: what the simulation has under them
     seen = task.step(torch.rand(2, 8, generator=torch.Generator().manual_seed(0))).observations["policy"]
     for joint in joints:
-        at = task.simulation.model.joint_dof(joint)
+        at = task.simulation.model.dof(joint)
         torch.testing.assert_close(seen[:, column(stored, f"angle {joint}")], task.views.joint_q[:, at])
         torch.testing.assert_close(seen[:, column(stored, f"rate {joint}")], task.views.joint_qd[:, at])
     torch.testing.assert_close(seen[:, column(stored, "height")], task.views.body_q[:, 0, 2])
@@ -57,7 +57,7 @@ def test_actions_move_the_joints_in_the_order_told():
     task = make("ant", 8, randomise={}, start_angle=0.0, start_rate=0.0)
     told = policy_metadata(task)
     task.apply(torch.eye(8))
-    at = [task.simulation.model.joint_dof(joint) for joint in told["joint_names"]]
+    at = [task.simulation.model.dof(joint) for joint in told["joint_names"]]
     torch.testing.assert_close(task.views.joint_force[:, at], torch.eye(8) * told["action_scale"][0])
 
 
