@@ -9,8 +9,9 @@ from typing import Annotated, Any, TypeAlias
 
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
 from simwarp.core.threads import MOST_THREADS
-from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require, task_class
+from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require
 from simwarp.tasks.framework.plain import Settings
+from simwarp.tasks.framework.registry import task_class_of
 
 CRITIC = "critic"
 """Observation group of a privileged critic."""
@@ -301,7 +302,7 @@ def check_configs(content: Mapping[str, Any], where: str) -> None:
         InputError: one does not hold.
     """
     train_config_from_plain(content["train_config"], f"{where}: train_config")
-    task_config_from_plain(task_class(content["task"]), content["task_config"], f"{where}: task_config")
+    task_config_from_plain(task_class_of(content, where), content["task_config"], f"{where}: task_config")
 
 
 def task_config_from_plain(task: type[Task[Any]], plain: object, where: str = "") -> TaskConfig:

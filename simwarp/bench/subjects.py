@@ -65,6 +65,7 @@ def find_subject(name: str, tasks: Callable[[], list[str]], obs: str | None = No
         raise UsageError(unknown_name_message(name, known))
     from simwarp.bench.task_rows import measure_task, task_device
     from simwarp.tasks import task_class
+    from simwarp.tasks.framework.registry import task_word
 
     if obs is not None:
         check_obs(task, task_class(task).config_type(), obs)
@@ -73,7 +74,7 @@ def find_subject(name: str, tasks: Callable[[], list[str]], obs: str | None = No
         row = measure_task(task, worlds, task_device(device), dt, seconds, obs)
         return dataclasses.replace(row, scene=name)
 
-    return Subject("task", (measure,), notes=tuple(peer_notes(name)), cold_name=task)
+    return Subject("task", (measure,), notes=tuple(peer_notes(name)), cold_name=task_word(task))
 
 
 def _beside(measure: Callable[..., Row], name: str, worlds: int, device: str, dt: float | None, seconds: float) -> Row:

@@ -161,7 +161,7 @@ def task_of(name: str, tasks: Iterable[str]) -> str | None:
     """The task that a name means, if it means one: its own name, or with `-task` behind."""
     known = set(tasks)
     bare = name.removesuffix(TASK_SUFFIX)
-    return bare if bare in known else None
+    return name if name in known else bare if bare in known else None
 
 
 def display_names(tasks: Iterable[str]) -> list[str]:

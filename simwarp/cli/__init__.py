@@ -292,7 +292,7 @@ def _read(run: Callable[[], int], arguments: list[str], *, alone: bool) -> int:
         try:
             return run()
         except Exception as error:  # a module did more with a stand-in than it can bear, or has a fault of its own
-            if exit_code_of(error) is not None:
+            if exit_code_of(error) is not None and type(error).__name__ != "TaskFileError":
                 raise
             return run_in_full(arguments)
 

@@ -19,7 +19,7 @@ from simwarp.bench.measure import Row
 from simwarp.bench.subjects import Measure, find_subject
 from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, display_names
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
-from simwarp.cli.options import CommonOptions, option_value, parse_options
+from simwarp.cli.options import TASK_FILE, CommonOptions, option_value, parse_options
 from simwarp.cli.values import LARGEST_COUNT
 from simwarp.core.threads import MOST_THREADS, default_threads, thread_count
 from simwarp.model.model import resolve_device
@@ -67,9 +67,10 @@ class BenchOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
-    name, rest = _take_scene(arguments)
+    word, rest = _take_scene(arguments)
+    name = _task_in_file(word) if TASK_FILE in word else word
     subject = find_subject(name, _task_names, option_value(rest, "--obs"))
-    options = parse_options(BenchOptions, rest, f"simwarp bench {name}")
+    options = parse_options(BenchOptions, rest, f"simwarp bench {word}")
     options.check()
     worlds = _counts("worlds", options.worlds, LARGEST_COUNT)
     _require_positive("dt", options.dt)
@@ -113,13 +114,20 @@ def _task_names() -> list[str]:
     return task_names()
 
 
+def _task_in_file(word: str) -> str:
+    """Return the name by which a task of a file is measured, once it is loaded."""
+    from simwarp.tasks import task_class
+
+    return display_names([task_class(word).name])[-1]
+
+
 def _take_scene(arguments: list[str]) -> tuple[str, list[str]]:
     """Split the SCENE off the arguments: the first one, or the first that names something known."""
     if arguments and not arguments[0].startswith("-"):
         return arguments[0], arguments[1:]
     names = display_names(_task_names())
     for index, argument in enumerate(arguments):
-        if argument in names or argument.endswith(TASK_SUFFIX):
+        if argument in names or argument.endswith(TASK_SUFFIX) or TASK_FILE in argument:
             return argument, arguments[:index] + arguments[index + 1 :]
     if {"-h", "--help"} & set(arguments):
         print(f"usage: simwarp bench SCENE [options]\n\nscenes, vehicles, sensors and tasks: {', '.join(names)}")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.cli import DONE, UsageError
-from simwarp.cli.options import HELP, CommonOptions, option_value, parse_options, take_task, task_options
+from simwarp.cli.options import HELP, CommonOptions, in_shell, option_value, parse_options, take_task, task_options
 from simwarp.tasks import make, task_class, task_names
 
 
@@ -23,8 +23,9 @@ class CloneOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Clone as the arguments say."""
-    name, arguments = take_task(arguments, "clone", task_names())
-    cls = task_class(name)
+    word, arguments = take_task(arguments, "clone", task_names())
+    cls = task_class(word)
+    name = cls.name
     import torch
 
     from simwarp.train.algorithm.cloning import CloneConfig, clone
@@ -40,11 +41,11 @@ def run(arguments: list[str]) -> int:
         task_config = task_config_from_plain(cls, data.about["task_config"], f"trajectories '{source}': task_config")
     train_config = default_config(cls, task_config)
     kind = task_options("CloneCommand", CloneOptions, flat_clone=CloneConfig(), network=train_config.network)
-    options: Any = parse_options(kind, arguments, f"simwarp clone {name}")
+    options: Any = parse_options(kind, arguments, f"simwarp clone {word}")
     target = options.output or Path(f"{name}_clone.pt")
     options.check(options.data, output=target)
     if data is None:
-        raise UsageError(f"which trajectories? usage: simwarp clone {name} --data FILE.npz")
+        raise UsageError(f"which trajectories? usage: simwarp clone {word} --data FILE.npz")
     task = make(name, 1, config=task_config)
     console = options.console()
 
@@ -63,7 +64,9 @@ def run(arguments: list[str]) -> int:
     )
     console.print(f"wrote {target}", highlight=False, soft_wrap=True)
     console.print(
-        f"next   simwarp train {name} --warm-start {target} --critic-warmup 10", highlight=False, soft_wrap=True
+        f"next   simwarp train {in_shell(name)} --warm-start {target} --critic-warmup 10",
+        highlight=False,
+        soft_wrap=True,
     )
     options.emit(
         {

@@ -9,6 +9,7 @@ import itertools
 import json
 import math
 import os
+import shlex
 import sys
 import typing
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,11 +21,16 @@ from rich.console import Console
 
 from simwarp.cli import HELP, UsageError, one_line, shortened
 from simwarp.cli.values import check_option, is_flag, may_repeat
-from simwarp.core.files import check_output, is_special, write_file
+from simwarp.core.files import check_output, is_special, read_json, write_file
 from simwarp.core.renames import RENAMED
 from simwarp.core.wording import close_names
 
 OptionsT = TypeVar("OptionsT")
+
+TASK_FILE = ".py:"
+"""In ``path/to/file.py:TaskClass``, a task that is not installed."""
+RUN_CONFIG = "config.json"
+"""File by which the folder of a run is known."""
 
 FLAT = tyro.conf.arg(name="")
 """Marks a nested dataclass whose fields are options without a prefix."""
@@ -110,8 +116,19 @@ def _default(value: Any) -> Any:
     return dataclasses.field(default=value)
 
 
-def take_task(arguments: list[str], command: str, known: Iterable[str]) -> tuple[str, list[str]]:
-    """Split the TASK off the arguments: the first one, or the first that names a known task.
+def take_task(
+    arguments: list[str], command: str, known: Iterable[str], *, run: str | None = None
+) -> tuple[str, list[str]]:
+    """Split the TASK off the arguments: the first one, or the first that names a known task or the file of one.
+
+    Args:
+        arguments: after the command.
+        command: its name.
+        known: names of tasks.
+        run: folder of a run whose task is meant where no other is named.
+
+    Returns:
+        A word for :func:`simwarp.tasks.task_class`, and the other arguments.
 
     Raises:
         UsageError: there is none.
@@ -120,13 +137,58 @@ def take_task(arguments: list[str], command: str, known: Iterable[str]) -> tuple
     if arguments and not arguments[0].startswith("-"):
         return arguments[0], arguments[1:]
     for index, argument in enumerate(arguments):
-        if argument in known:
+        if argument in known or TASK_FILE in argument:
             return argument, arguments[:index] + arguments[index + 1 :]
+    if run is not None and is_run(run):
+        return task_of_run(run), arguments
     if HELP & set(arguments):
         print(f"usage: simwarp {command} TASK [options]\n\ntasks: {', '.join(known)}")
         print(f"\n`simwarp {command} TASK --help` lists the options, which depend on the task.")
         raise SystemExit(0)
     raise UsageError(f"which task? usage: simwarp {command} TASK [options]; tasks: {', '.join(known)}")
+
+
+def take_task_or_run(arguments: list[str], command: str, known: Iterable[str]) -> tuple[str, list[str]]:
+    """Split TASK or the folder of a RUN off the arguments; a run is its task with ``--checkpoint RUN``.
+
+    Raises:
+        UsageError: there is none, or two policies are named.
+    """
+    known = list(known)
+    word, arguments = take_task(arguments, command, known)
+    if word in known or not is_run(word):
+        return word, arguments
+    if option_value(arguments, "--checkpoint") is not None:
+        raise UsageError(f"run '{word}' has a policy of its own: leave --checkpoint away, or name the task")
+    return task_of_run(word), [*arguments, "--checkpoint", word]
+
+
+def in_shell(name: str) -> str:
+    """Return a task as commands take it: its name, or file and class of one that is not installed."""
+    from simwarp.tasks.framework.registry import task_word
+
+    return shlex.quote(task_word(name))
+
+
+def is_run(word: str) -> bool:
+    """Return True if a word is the folder of a training run."""
+    return os.path.isfile(os.path.join(word, RUN_CONFIG))
+
+
+def task_of_run(folder: str) -> str:
+    """Return the name of a run's task, from the file that the run remembers if it is not installed.
+
+    Raises:
+        FileError: the run's configuration cannot be read.
+        InputError: its task is not there.
+    """
+    from simwarp.tasks.framework.registry import task_class_of
+
+    where = os.path.join(folder, RUN_CONFIG)
+    saved = read_json(where, RUN_CONFIG)
+    if not isinstance(saved, dict) or not isinstance(saved.get("task"), str):
+        raise UsageError(f"'{where}' is not the configuration of a run: it names no task")
+    return task_class_of(saved, f"run {folder}").name
 
 
 def expand_shorthands(arguments: list[str], task: str, config: Any) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.evaluation.evaluating import policy_defaults
-from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task, task_options
+from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task_or_run, task_options
 from simwarp.core.warp_start import told_compiling
 from simwarp.tasks import make, resolve_device, task_class, task_names
 
@@ -43,8 +43,9 @@ class PlayOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Play as the arguments say."""
-    name, arguments = take_task(arguments, "play", task_names())
-    cls = task_class(name)
+    word, arguments = take_task_or_run(arguments, "play", task_names())
+    cls = task_class(word)
+    name = cls.name
     arguments = expand_shorthands(arguments, name, cls.config_type())
     import torch
 
@@ -57,7 +58,7 @@ def run(arguments: list[str]) -> int:
     torch.set_num_threads(1)
     source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
     options: Any = parse_options(
-        task_options("PlayCommand", PlayOptions, task=config or cls.config_type()), arguments, f"simwarp play {name}"
+        task_options("PlayCommand", PlayOptions, task=config or cls.config_type()), arguments, f"simwarp play {word}"
     )
     target = _target(name, options, source.path)
     if not 1 <= options.num_envs <= 64:

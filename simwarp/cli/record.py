@@ -8,7 +8,7 @@ from typing import Any
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.evaluation.evaluating import policy_defaults
-from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task, task_options
+from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task_or_run, task_options
 from simwarp.tasks import make, resolve_device, task_class, task_names
 
 
@@ -34,8 +34,9 @@ class RecordOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Record as the arguments say."""
-    name, arguments = take_task(arguments, "record", task_names())
-    cls = task_class(name)
+    word, arguments = take_task_or_run(arguments, "record", task_names())
+    cls = task_class(word)
+    name = cls.name
     arguments = expand_shorthands(arguments, name, cls.config_type())
     import torch
 
@@ -48,7 +49,7 @@ def run(arguments: list[str]) -> int:
     options: Any = parse_options(
         task_options("RecordCommand", RecordOptions, task=config or cls.config_type()),
         arguments,
-        f"simwarp record {name}",
+        f"simwarp record {word}",
     )
     target = options.output or Path(f"{name}.npz")
     options.check(source.path, output=target)

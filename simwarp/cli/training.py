@@ -15,6 +15,7 @@ from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED
 from simwarp.cli.options import (
     CommonOptions,
     expand_shorthands,
+    in_shell,
     option_value,
     parse_options,
     take_task,
@@ -42,8 +43,10 @@ class TrainOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Train as the arguments say; 130 after an interruption."""
-    name, arguments = take_task(arguments, "train", task_names())
-    cls = task_class(name)
+    resume = option_value(arguments, "--resume")
+    word, arguments = take_task(arguments, "train", task_names(), run=resume)
+    cls = task_class(word)
+    name = cls.name
     arguments = expand_shorthands(arguments, name, cls.config_type())
     # Only now what takes seconds to import: an unknown task is known at once
     from simwarp.train.algorithm.distributed import processes
@@ -53,7 +56,6 @@ def run(arguments: list[str]) -> int:
 
     task_config = with_chosen_obs(arguments, cls.config_type())
     config = default_config(cls, task_config)
-    resume = option_value(arguments, "--resume")
     if resume is not None:
         saved = open_run(Path(resume)).load_config()
         if saved["task"] == name:
@@ -67,7 +69,7 @@ def run(arguments: list[str]) -> int:
             network = train_config_from_plain(content["train_config"], f"checkpoint {path}: train_config").network
             config = dataclasses.replace(config, network=network)
     kind = task_options("TrainCommand", TrainOptions, flat_train=config, task=task_config)
-    options: Any = parse_options(kind, arguments, f"simwarp train {name}")
+    options: Any = parse_options(kind, arguments, f"simwarp train {word}")
     options.check(options.warm_start)
     films = None
     if options.film is not None:
@@ -99,7 +101,8 @@ def run(arguments: list[str]) -> int:
     if result.film is not None:
         console.print(f"last film       {result.film}", highlight=False, soft_wrap=True)
     if result.interrupted:
-        console.print(f"go on with      simwarp train {name} --resume {result.run}", highlight=False, soft_wrap=True)
+        again = f"go on with      simwarp train {in_shell(name)} --resume {result.run}"
+        console.print(again, highlight=False, soft_wrap=True)
         _tell_next(console, name, options.runs)
         return INTERRUPTED
     if result.broken_iterations:
@@ -116,5 +119,6 @@ def run(arguments: list[str]) -> int:
 def _tell_next(console: Console, name: str, runs: Path) -> None:
     """Name what shows and judges the policy."""
     where = "" if runs == TrainOptions.runs else f" --runs {shlex.quote(str(runs))}"
-    words = f"next            simwarp play {name}{where}  or  simwarp eval {name}{where}"
+    task = in_shell(name)
+    words = f"next            simwarp play {task}{where}  or  simwarp eval {task}{where}"
     console.print(words, highlight=False, soft_wrap=True)

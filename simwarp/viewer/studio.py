@@ -106,6 +106,10 @@ class FollowCamera:
                 picture[:] = draw_lines(picture, depth, pose, self._shot.fov, own)
         return pictures
 
+    def cut(self) -> None:
+        """Be where what it follows is in the next picture at once, however far that has gone."""
+        self._time = None
+
     def _places(self) -> npt.NDArray[np.float64]:
         """(worlds, 3) what is followed [m]."""
         if self._body == WORLD:

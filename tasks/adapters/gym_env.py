@@ -17,6 +17,7 @@ from gymnasium.vector.utils import batch_space
 
 from ..framework.registry import make, task_names
 from ..framework.task import StepResult, Task
+from .rendering import RENDER_MODES, RENDER_SIZE, Frames, TaskRenderer, check_rendering, metadata_of
 
 Observation = Any
 """One array where the only group is ``policy``, else a dict of arrays."""
@@ -63,8 +64,18 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         device: device, for a name.
         seed: seed, for a name; ``reset(seed=...)`` replaces it.
         max_episode_steps: replaces the task's own limit.
+        render_mode: ``rgb_array``: :meth:`render` returns frames; None: it does not.
+        render_size: width and height of a frame [pixels], even.
         overrides: fields of the task's configuration.
+
+    Raises:
+        InputError: there is no such task, device or render mode, or a field or size is wrong.
     """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - Gymnasium looks at the class, each environment has its own
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "render_modes": [*RENDER_MODES],
+    }
 
     def __init__(
         self,
@@ -74,13 +85,18 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         device: str = "cpu",
         seed: int = 0,
         max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        render_size: tuple[int, int] = RENDER_SIZE,
         **overrides: Any,
     ) -> None:
+        check_rendering(render_mode, render_size)
         if max_episode_steps is not None:
             overrides["max_episode_steps"] = max_episode_steps
         self.task = make(task, num_envs, device=device, seed=seed, **overrides) if isinstance(task, str) else task
         self.task.keep_final_observations = True
-        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+        self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, **metadata_of(self.task)}
+        self.render_mode = render_mode
+        self._renderer = TaskRenderer(self.task, render_mode, render_size)
         self.num_envs = self.task.num_worlds
         self.single_observation_space = observation_space(self.task)
         self.single_action_space = action_space(self.task)
@@ -96,12 +112,25 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         super().reset(seed=seed)
         self._returns[:] = 0.0
         self._lengths[:] = 0
+        self._renderer.restart()
         return to_numpy(self.task.restart(seed=seed)), {}
+
+    def render(self) -> tuple[Frames, ...] | None:
+        """Return a frame, (height, width, 3) uint8 sRGB, of every world; None without a render mode.
+
+        Where an episode has just ended it is the first one of the next, as the observation is.
+
+        Raises:
+            InputError: the task has neither bodies nor a drawing.
+        """
+        frames = self._renderer.frames(env_id(self.task.name))
+        return None if frames is None else tuple(frames)
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, dict[str, Any]]:
         """Advance all worlds; ``actions`` is (W, A)."""
         batch = torch.as_tensor(np.asarray(actions, dtype=np.float32), device=self.task.device)
         result = self.task.step(batch)
+        self._renderer.advance()
         rewards = result.rewards.cpu().numpy().copy()
         terminated = result.terminated.cpu().numpy().copy()
         truncated = result.truncated.cpu().numpy().copy()
@@ -142,12 +171,32 @@ class TaskEnv(gym.Env[Any, Any]):
         task: name of a registered task.
         device: device name.
         seed: seed; ``reset(seed=...)`` replaces it.
+        render_mode: ``rgb_array``: :meth:`render` returns frames; None: it does not.
+        render_size: width and height of a frame [pixels], even.
         overrides: fields of the task's configuration.
+
+    Raises:
+        InputError: there is no such task, device or render mode, or a field or size is wrong.
     """
 
-    def __init__(self, task: str, *, device: str = "cpu", seed: int = 0, **overrides: Any) -> None:
+    metadata: dict[str, Any] = {"render_modes": [*RENDER_MODES]}  # noqa: RUF012 - as above
+
+    def __init__(
+        self,
+        task: str,
+        *,
+        device: str = "cpu",
+        seed: int = 0,
+        render_mode: str | None = None,
+        render_size: tuple[int, int] = RENDER_SIZE,
+        **overrides: Any,
+    ) -> None:
+        check_rendering(render_mode, render_size)
         self.task = make(task, 1, device=device, seed=seed, **overrides)
-        self.metadata = {"render_modes": []}
+        self.metadata = metadata_of(self.task)
+        self.render_mode = render_mode
+        self._renderer = TaskRenderer(self.task, render_mode, render_size)
+        self._last_frame: Frames | None = None
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)
 
@@ -161,7 +210,31 @@ class TaskEnv(gym.Env[Any, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin a new episode; with a seed the same one again."""
         super().reset(seed=seed)
+        self._renderer.restart()
+        self._last_frame = None
         return self._first(to_numpy(self.task.restart(seed=seed))), {}
+
+    def render(self) -> Frames | None:
+        """Return a frame, (height, width, 3) uint8 sRGB; None without a render mode.
+
+        After the step that ended an episode it shows that end, if a frame was asked for before.
+
+        Raises:
+            InputError: the task has neither bodies nor a drawing.
+        """
+        if self._last_frame is not None:
+            return self._last_frame.copy()
+        frames = self._renderer.frames(env_id(self.task.name))
+        if frames is None:
+            return None
+        self.task.before_reset = self._keep_last_frame
+        return frames[0]
+
+    def _keep_last_frame(self) -> None:
+        """Show the end of an episode while the world still is there: the step that ends it also resets it."""
+        if self.task._judge.ended.item():
+            frames = self._renderer.frames(env_id(self.task.name))
+            self._last_frame = None if frames is None else frames[0]
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Advance the world; ``action`` is (A,), each in [-1, 1].
@@ -170,6 +243,8 @@ class TaskEnv(gym.Env[Any, Any]):
             Observation, reward, terminated, truncated and info, as ``gymnasium.Env.step``.
         """
         batch = torch.as_tensor(np.asarray(action, dtype=np.float32), device=self.task.device).reshape(1, -1)
+        self._last_frame = None
+        self._renderer.advance()
         result = self.task.step(batch)
         terminated, truncated = bool(result.terminated.item()), bool(result.truncated.item())
         info: dict[str, Any] = {}

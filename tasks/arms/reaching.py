@@ -147,6 +147,35 @@ class ReachTask(Task[ReachConfig]):
             self.action_size = 3
         super().__init__(config, num_worlds, **options)
 
+    @property
+    def action_names(self) -> Sequence[str]:
+        """Ways of the grip, where actions are displacements."""
+        return ("grip x", "grip y", "grip z") if self.config.actions is ReachActions.DISPLACEMENT else ()
+
+    @property
+    def action_joints(self) -> Sequence[str]:
+        """The joints of the arm, where actions are torques."""
+        return () if self.action_names else self._joint_names()
+
+    def _joint_names(self) -> list[str]:
+        """Return the names of the joints that turn."""
+        model = self.simulation.model
+        starts = model.joint_dof_start
+        return [name for index, name in enumerate(model.joint_names) if starts[index] < starts[index + 1]]
+
+    @property
+    def action_scale(self) -> Sequence[float]:
+        """Torques [N·m] or ways [m] of full actions."""
+        if self.config.actions is ReachActions.DISPLACEMENT:
+            return (self.config.displacement,) * 3
+        return [joint.torque for joint in self.arm.joints]
+
+    @property
+    def observation_names(self) -> Mapping[str, Sequence[str]]:
+        """What :class:`ReachTask` lists, component by component."""
+        names = [f"{kind} {joint}" for kind in ("angle", "rate") for joint in self._joint_names()]
+        return {"policy": [*names, *(f"{point} {axis}" for point in ("target", "grip") for axis in "xyz")]}
+
     def build(self, builder: ModelBuilder) -> ModelBuilder:
         """The arm of :mod:`simwarp.scenes` and a cube on the ground."""
         import simwarp as sw

@@ -136,6 +136,11 @@ class DrivingTask(Task[DrivingT]):
     camera: Camera | None
     navigation: Navigation | None
 
+    @property
+    def action_names(self) -> Sequence[str]:
+        """Steering, and pedals where the policy works them."""
+        return ("steering", "pedals")[: self.action_size]
+
     # ---- what a subclass may write -------------------------------------------------------------------------------
 
     def build_world(self, builder: ModelBuilder) -> None:

@@ -217,6 +217,15 @@ class LappingTask(DrivingTask[LappingT]):
         aside, turn, ahead = self._tell_lane(shape=(self.num_worlds,))
         return aside, turn, ahead
 
+    @property
+    def observation_names(self) -> Mapping[str, Sequence[str]]:
+        """Three measurements, or the exact state, component by component."""
+        if self.camera is not None:
+            return {"policy": ["speed", "yaw rate", "steering"]}
+        names = ["aside of the lane", "sine of heading off the lane", "cosine of heading off the lane"]
+        names += [f"lane point {point} {axis}" for point in range(PREVIEW) for axis in ("ahead", "left")]
+        return {"policy": [*names, "speed ahead", "speed to the left", "yaw rate", *self.action_names]}
+
     def measured(self) -> torch.Tensor:
         """Return (W, 3): speed, yaw rate, steering; the buffer itself."""
         self._measure.launch()

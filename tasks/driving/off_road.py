@@ -255,6 +255,17 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         super().begin_step()
         self._begin_trip.launch()
 
+    @property
+    def observation_names(self) -> Mapping[str, Sequence[str]]:
+        """Six measurements, or the exact state, component by component; lengths as shares of ``radius``."""
+        axes = "xy" if self.config.goal_frame is Frame.WORLD else ("ahead", "left")
+        names = [*(f"goal {axis}" for axis in axes), "direction of the goal", "sine of heading", "cosine of heading"]
+        names.append("speed ahead")
+        if self.camera is None:
+            names += ["speed to the left", "yaw rate", "rise ahead", "rise to the left", "steering", "pedals"]
+            names += [*(f"nearness {ray}" for ray in range(_RAYS)), "distance of the goal"]
+        return {"policy": names}
+
     # ---- what a policy sees --------------------------------------------------------------------------------------
 
     def measured(self) -> torch.Tensor:

@@ -18,6 +18,10 @@ class InputError(ValueError):
     """
 
 
+class TaskFileError(InputError):
+    """A task that is not installed cannot be had from its file."""
+
+
 class TaskError(RuntimeError):
     """A task broke its contract (shape, dtype, NaN); the message names the task and the term."""
 

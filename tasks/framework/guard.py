@@ -54,6 +54,7 @@ class DumpAbout(Settings):
         level: the curriculum's.
         iteration: of the training.
         device: device of the run.
+        task_file: file and class of a task that is not installed.
     """
 
     format: int
@@ -68,6 +69,7 @@ class DumpAbout(Settings):
     level: Fraction
     iteration: Counted
     device: str
+    task_file: str = ""
 
     def validate(self) -> None:
         """Check that the steps fit together."""
@@ -99,6 +101,11 @@ class Guarded(Worlds, Protocol):
     @property
     def config(self) -> Any:
         """Of the task."""
+        ...
+
+    @property
+    def task_file(self) -> str:
+        """File and class, of a task that is not installed."""
         ...
 
     @property
@@ -274,6 +281,7 @@ class Guard:
             level=float(self._level[world]),
             iteration=task.iteration,
             device=str(task.device),
+            task_file=task.task_file,
         )
         arrays = {
             "meta": np.array(json.dumps(dataclasses.asdict(about))),

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import importlib
 import json
+import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import metadata
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from simwarp.core.warp_start import told_compiling
 
 from .config import TaskConfig, replace_fields
 from .devices import resolve_device
-from .errors import InputError, near_names
+from .errors import InputError, TaskFileError, near_names
+from .task_files import class_in_file, is_task_file, name_of_class, split_source
 
 if TYPE_CHECKING:
     from .task import Task
@@ -88,17 +91,92 @@ def task_names() -> list[str]:
 
 
 def task_class(name: str) -> type[Task[Any]]:
-    """Return the class registered under ``name``.
+    """Return the class registered under ``name``, or that of ``path/to/file.py:TaskClass``.
+
+    A class from a file need not be registered; from then on it is known as ``task-class``.
 
     Raises:
         InputError: no such task; the message lists near names.
+        TaskFileError: it cannot be had from its file.
     """
+    if is_task_file(name):
+        return _from_file(name)
     _load_built_in(name)
     if name not in _tasks:
         _load_packages()
     if name not in _tasks:
         raise InputError(f"unknown task '{name}'{near_names(name, task_names())}")
     return _tasks[name]
+
+
+def _from_file(word: str) -> type[Task[Any]]:
+    path, kind = split_source(word)
+    cls = _registered_from(path, kind) or class_in_file(word)
+    if _tasks.get(cls.name) is not cls:
+        name = name_of_class(kind)
+        taken = name in task_names()
+        if taken or not all(c.islower() or c.isdigit() or c == "-" for c in name):
+            why = "which another task is called" if taken else "which is no name of a task"
+            raise TaskFileError(f"class '{kind}' in '{path}' would be called '{name}', {why}; rename the class")
+        register(name)(cls)
+    if "task_file" not in vars(cls):
+        cls.task_file = f"{path}:{kind}"
+    return cls
+
+
+def _registered_from(path: Path, kind: str) -> type[Task[Any]] | None:
+    """Return the class of a file that an installed package has imported already, under another module name."""
+    for cls in _tasks.values():
+        file = getattr(sys.modules.get(cls.__module__), "__file__", None)
+        if cls.__qualname__ == kind and file is not None and Path(file).resolve() == path.resolve():
+            return cls
+    return None
+
+
+def task_file(name: str) -> str | None:
+    """Return file and class of a task that came from a file, as an absolute ``path/to/file.py:TaskClass``."""
+    file: str | None = vars(_tasks[name]).get("task_file") if name in _tasks else None
+    return file
+
+
+def origin_of(name: str) -> dict[str, str]:
+    """Return what a saved run or policy says of its task: its name as ``task``, its file as ``task_file`` if any."""
+    file = task_file(name)
+    return {"task": name} if file is None else {"task": name, "task_file": file}
+
+
+def task_word(name: str) -> str:
+    """Return the word for a task on the command line: its name; of one from a file the file, nearest, and the class."""
+    file = task_file(name)
+    if file is None:
+        return name
+    path = Path(file)
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else file
+
+
+def task_class_of(saved: Mapping[str, Any], where: str) -> type[Task[Any]]:
+    """Return the class of the task of a saved run or policy, from the file that it remembers if it does.
+
+    Args:
+        saved: of :func:`origin_of`.
+        where: where it stood: the errors begin with it.
+
+    Raises:
+        InputError: there is no such task.
+        TaskFileError: its file is not what it was.
+    """
+    name, file = saved["task"], saved.get("task_file")
+    if not isinstance(file, str) or name in _tasks or name in _BUILT_IN:
+        return task_class(name)
+    try:
+        cls = task_class(file)
+    except TaskFileError as error:
+        raise TaskFileError(
+            f"{where} needs task '{name}': {error}; for another file add --checkpoint or --resume RUN"
+        ) from error
+    if cls.name != name:
+        raise TaskFileError(f"{where} is of task '{name}', and {file} is now called '{cls.name}'; name it as before")
+    return cls
 
 
 @told_compiling()
@@ -117,7 +195,7 @@ def make(
     """Build a task with ``num_worlds`` worlds, reset and ready to step.
 
     Args:
-        name: a registered task.
+        name: a registered task, or ``path/to/file.py:TaskClass``.
         num_worlds: number of worlds W, at least 1.
         device: ``cpu``, ``cuda``, ``cuda:N`` or ``auto``.
         seed: seed of all randomness.

@@ -17,7 +17,7 @@ from .errors import InputError
 from .guard import FORMAT, DumpAbout
 from .npz import Arrays, read_arrays, text_of
 from .plain import config_from_plain
-from .registry import make, task_class
+from .registry import make, task_class_of
 from .saved_state import check_like
 from .simulation_access import pack_snapshot, unpack_snapshot
 from .task import Task
@@ -151,7 +151,7 @@ def _read(path: Path) -> tuple[Arrays, DumpAbout]:
 
 def _task_of(about: DumpAbout, device: str, where: str) -> Task[Any]:
     """Return the task with the one world of the dump, at the beginning of the episode that broke."""
-    cls = task_class(about.task)
+    cls = task_class_of({"task": about.task, "task_file": about.task_file or None}, f"dump {where}")
     if not cls.physics:
         raise InputError(f"{where}: task '{about.task}' has no physics that could break down")
     config = config_from_plain(cls.config_type, {**about.config, "guard_steps": 0}, f"dump {where}: config")

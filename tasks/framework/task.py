@@ -28,6 +28,7 @@ from .argument_checks import check_room, whole
 from .capture import StepCapture, recorder_of
 from .command import Command
 from .config import TaskConfig
+from .described import Described
 from .drawing import Drawing
 from .errors import InputError, TaskError
 from .finite_observations import FiniteObservations
@@ -54,7 +55,7 @@ TIME_LIMIT = "time_limit"
 NON_FINITE = "non_finite"
 
 
-class Task(PrintedTask, ABC, Generic[ConfigT]):
+class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
     """A batch of worlds with actions, observations, rewards and episodes.
 
     Args:

@@ -121,6 +121,28 @@ class WalkingTask(Task[WalkingT]):
         raise NotImplementedError
 
     @property
+    def action_joints(self) -> Sequence[str]:
+        """All joints of the legs."""
+        names: tuple[str, ...] = self.simulation.model.joint_names
+        return names
+
+    @property
+    def action_scale(self) -> Sequence[float]:
+        """Torques of full actions [N·m]."""
+        return (self.config.torque,) * self.action_size
+
+    @property
+    def observation_names(self) -> Mapping[str, Sequence[str]]:
+        """What :class:`WalkingTask` lists, component by component."""
+        euler = self.config.orientation is Orientation.EULER
+        joints = self.action_joints
+        names = ["y" if self.lateral else "height"]
+        names += [f"orientation {axis}" for axis in ("123" if euler else "xyzw")]
+        names += [f"{kind} {axis}" for kind in ("velocity", "angular velocity") for axis in "xyz"]
+        names += [f"{kind} {joint}" for kind in ("angle", "rate") for joint in joints]
+        return {"policy": [*names, *(f"contact force of foot {foot}" for foot in range(len(self.touching().feet)))]}
+
+    @property
     def lateral(self) -> bool:
         """Observe the sideways position in place of the height."""
         return False

@@ -16,6 +16,7 @@ from simwarp.core.constraints import Count, Ge, Lt, Positive, Whole
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.plain import Settings
+from simwarp.tasks.framework.registry import origin_of
 
 from ..config import NetworkKind, TrainConfig, rsl_rl_config
 from ..networks.networks import check_groups
@@ -146,7 +147,7 @@ def clone(
     for name in ("distribution.std_param",):
         state[name] = torch.full_like(state[name], config.std)
     content = {
-        "task": task.name,
+        **origin_of(task.name),
         "iteration": 0,
         "train_config": config_to_plain(train_config),
         "task_config": config_to_plain(task.config),

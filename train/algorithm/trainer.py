@@ -22,6 +22,7 @@ from simwarp.core.memory import check_fits
 from simwarp.core.threads import thread_count
 from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, config_to_plain
 from simwarp.tasks.framework.plain import typed
+from simwarp.tasks.framework.registry import origin_of
 from simwarp.tasks.framework.saved_state import check_like
 
 from ..config import CriticSees, TrainConfig, rsl_rl_config
@@ -307,7 +308,7 @@ class Trainer:
         """Return everything a resumed run needs, between two iterations. All processes must call this together."""
         first, *others = self.group.gather(self._own_state())
         return {
-            "task": self.task.name,
+            **origin_of(self.task.name),
             "iteration": self.iteration,
             "train_config": config_to_plain(self.config),
             "task_config": config_to_plain(self.task.config),
@@ -320,7 +321,7 @@ class Trainer:
     def checkpoint_of_policy(self) -> dict[str, Any]:
         """Return what playing needs of a checkpoint, a copy. Each process may call this alone."""
         return {
-            "task": self.task.name,
+            **origin_of(self.task.name),
             "iteration": self.iteration,
             "train_config": config_to_plain(self.config),
             "task_config": config_to_plain(self.task.config),

@@ -26,12 +26,14 @@ from rsl_rl.models import MLPModel, RNNModel
 from torch import nn
 
 from simwarp.core.files import check_output, output_error, replacing
-from simwarp.tasks import InputError, Task, make, task_class
+from simwarp.tasks import InputError, Task, make
+from simwarp.tasks.framework.registry import task_class_of
 
 from ..algorithm.trainer import TrainingError
 from ..config import task_config_from_plain
 from ..runs.run_folder import read_policy
 from .policies import NetworkPolicy, network_policy
+from .policy_metadata import policy_metadata
 
 TOLERANCE = 1e-5
 """Largest difference between an exported action and the trained one, relative to actions larger than 1."""
@@ -137,7 +139,9 @@ def _to_torchscript(policy: ExportedPolicy, example: tuple[torch.Tensor, ...], m
     return buffer.getvalue()
 
 
-def _to_onnx(policy: ExportedPolicy, example: tuple[torch.Tensor, ...], meta: dict[str, Any]) -> bytes:
+def _to_onnx(
+    policy: ExportedPolicy, example: tuple[torch.Tensor, ...], meta: dict[str, Any], told: dict[str, Any]
+) -> bytes:
     if importlib.util.find_spec("onnxscript") is None:
         raise InputError("--format onnx needs the package onnxscript: pip install onnxscript, or --format torchscript")
     import onnx
@@ -158,7 +162,7 @@ def _to_onnx(policy: ExportedPolicy, example: tuple[torch.Tensor, ...], meta: di
         )
         assert program is not None
         model = program.model_proto
-    onnx.helper.set_model_props(model, {_META: json.dumps(meta)})
+    onnx.helper.set_model_props(model, {key: json.dumps(part) for key, part in {_META: meta, **told}.items()})
     data: bytes = model.SerializeToString()
     return data
 
@@ -252,7 +256,7 @@ def export_policy(checkpoint: Path, form: ExportFormat, output: Path | None = No
         check_output(output, "--output")
     path, content = read_policy(checkpoint)
     name = content["task"]
-    cls = task_class(name)
+    cls = task_class_of(content, f"checkpoint {path}")
     target = check_output(output or Path(f"{name}{SUFFIXES[form]}"), "--output")
     config = task_config_from_plain(cls, content["task_config"], f"checkpoint {path}: task_config")
     task = make(name, _WORLDS, seed=0, config=config)
@@ -261,7 +265,10 @@ def export_policy(checkpoint: Path, form: ExportFormat, output: Path | None = No
     steps = _rollout(task, policy)
     example = (*(steps[0][0][group] for group in exported.groups), *exported.memory(_WORLDS))
     meta = {"task": name, "iteration": content["iteration"], "inputs": exported.inputs, "outputs": exported.outputs}
-    data = (_to_onnx if form is ExportFormat.ONNX else _to_torchscript)(exported, example, meta)
+    if form is ExportFormat.ONNX:
+        data = _to_onnx(exported, example, meta, policy_metadata(task))
+    else:
+        data = _to_torchscript(exported, example, meta)
     # The file itself is what is checked, under another name until it has passed
     with replacing(target) as draft:
         try:

@@ -15,6 +15,7 @@ from tensordict import TensorDict
 from simwarp.core.readable import Readable
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, task_class
+from simwarp.tasks.framework.registry import task_word
 from simwarp.tasks.framework.saved_state import check_like
 
 from ..algorithm.trainer import TrainingError
@@ -85,7 +86,8 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
             of, option = (f" with {obs} observations", f" --obs {obs}") if obs else ("", "")
             raise InputError(
                 f"no policy for task '{task_name}'{of} in folder '{root}': train one with "
-                f"`simwarp train {task_name}{option}`, or give the folder of its runs with --runs, or a --checkpoint"
+                f"`simwarp train {task_word(task_name)}{option}`, or give the folder of its runs with --runs, or a"
+                " --checkpoint"
             )
     if content["task"] != task_name:
         raise InputError(f"checkpoint {path} is of task {shown(content['task'])}, not '{task_name}'")

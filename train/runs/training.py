@@ -16,7 +16,8 @@ from simwarp.core.readable import ReadableFields
 from simwarp.core.threads import default_threads
 from simwarp.core.files import OutputError, output_error
 from simwarp.core.types import shown
-from simwarp.tasks import InputError, TaskConfig, config_to_plain, make
+from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, task_class
+from simwarp.tasks.framework.registry import origin_of
 
 from ..config import LoggerKind, TrainConfig, check_configs
 from ..evaluation.learning_curve import draw_learning_curve
@@ -78,7 +79,7 @@ def train(
     Under ``torchrun`` all processes train one policy, each with worlds of its own; the first one writes the folder.
 
     Args:
-        task_name: a registered task.
+        task_name: a registered task, or ``path/to/file.py:TaskClass``.
         config: configuration of the training.
         task_config: the task's configuration.
         root: folder of all runs.
@@ -94,6 +95,7 @@ def train(
         TrainingError: learning diverged, or another process has taken the run over.
         OutputError: the disk did not take a file of the run; its checkpoints are unharmed.
     """
+    task_name = task_class(task_name).name
     group = processes()
     console = (console or Console()) if group.first else Console(quiet=True)
     device = group.device(config.device)
@@ -105,7 +107,7 @@ def train(
         raise InputError("--warm-start begins a new run and --resume goes on with one: give one of them")
     start = None if warm_start is None else _start_policy(warm_start, task_name)
     description = {
-        "task": task_name,
+        **origin_of(task_name),
         "train_config": config_to_plain(config),
         "task_config": config_to_plain(task_config),
     }

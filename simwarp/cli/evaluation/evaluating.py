@@ -19,7 +19,7 @@ from simwarp.cli.options import (
     expand_shorthands,
     option_value,
     parse_options,
-    take_task,
+    take_task_or_run,
     task_options,
 )
 from simwarp.core.files import OutputError
@@ -65,8 +65,9 @@ class GridEvalOptions(EvalOptions):
 
 def run(arguments: list[str]) -> int:
     """Evaluate as the arguments say; 130 after an interruption."""
-    name, arguments = take_task(arguments, "eval", task_names())
-    cls = task_class(name)
+    word, arguments = take_task_or_run(arguments, "eval", task_names())
+    cls = task_class(word)
+    name = cls.name
     arguments = expand_shorthands(arguments, name, cls.config_type())
     import torch
 
@@ -82,7 +83,7 @@ def run(arguments: list[str]) -> int:
     kind = task_options("EvalCommand", base, task=config or cls.config_type())
 
     def parse(words: list[str]) -> Any:
-        return parse_options(kind, [*arguments, *words], f"simwarp eval {name}")
+        return parse_options(kind, [*arguments, *words], f"simwarp eval {word}")
 
     options = parse([])
     options.check(None if source is None else source.path)

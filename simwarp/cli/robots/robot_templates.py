@@ -73,6 +73,7 @@ class @Class@Task(Task[@Class@Config]):
     summary = "@summary@"
     config_type = @Class@Config
     action_size = len(JOINTS)
+    action_joints = tuple(JOINTS)
     # Defaults of `simwarp train @name@`; a dot reaches into ppo and network
     training = {
         "iterations": 150, "num_envs": 256, "steps_per_iteration": 24, "network.hidden": (128, 64),
@@ -239,6 +240,7 @@ class @Class@Task(Task[@Class@Config]):
     summary = "@summary@"
     config_type = @Class@Config
     action_size = len(JOINTS)
+    action_joints = tuple(JOINTS)
     # Defaults of `simwarp train @name@`; a dot reaches into ppo and network
     training = {
         "iterations": 150, "num_envs": 256, "steps_per_iteration": 32, "network.hidden": (128, 64),

@@ -30,12 +30,13 @@ def task_view(name: str, arguments: list[str], server: WebServer | None) -> tupl
         InputError: there is no such policy, or a value of the configuration is wrong.
     """
     torch.set_num_threads(1)
-    cls = task_class(name)
+    cls, word = task_class(name), name
+    name = cls.name
     arguments = expand_shorthands(arguments, name, cls.config_type())
     actor = find_actor(name, arguments)
     options: Any = parse_options(
         task_options("ViewCommand", TaskViewOptions, task=actor.config or cls.config_type()), arguments,
-        f"simwarp view {name}",
+        f"simwarp view {word}",
     )  # fmt: skip
     check_view_options(options)
     say(options, f"building worlds of '{name}' ...")

@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from simwarp.cli import UsageError
+from simwarp.cli.options import TASK_FILE
 from simwarp.core.wording import close_names
 
 MODEL_FILES = (".xml", ".urdf", ".usd", ".usda", ".usdc", ".stp", ".step", ".py")
@@ -31,7 +32,7 @@ class ViewTarget:
     @property
     def title(self) -> str:
         """Of its page."""
-        return Path(self.name).stem if self.file else self.name
+        return Path(self.name).stem if self.file else self.name.rpartition(":")[2]
 
 
 def find_target(name: str) -> ViewTarget:
@@ -40,6 +41,8 @@ def find_target(name: str) -> ViewTarget:
     Raises:
         UsageError: nothing has that name.
     """
+    if TASK_FILE in name:
+        return ViewTarget("task", name)
     path = Path(name)
     suffix = path.suffix.lower()
     if suffix in MODEL_FILES:

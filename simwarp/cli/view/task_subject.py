@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from simwarp.tasks import StepResult, Task
-from simwarp.train.evaluation.filming import stage
+from simwarp.tasks.framework.task_camera import stage
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.controls.joint_channels import joint_series
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject

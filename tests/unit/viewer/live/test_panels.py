@@ -338,7 +338,7 @@ def test_a_task_names_rewards_observations_and_joints():
     total = sum(subject.series[f"reward {name}"](1) for name in task.reward_terms)
     assert subject.series["reward"](1) == pytest.approx(total)
     assert subject.series["reward"](1) == pytest.approx(float(loop.returns[1]), rel=1e-5)
-    assert subject.series["policy 3"](0) == pytest.approx(float(loop.observations()["policy"][0, 3]))
+    assert subject.series["policy orientation 3"](0) == pytest.approx(float(loop.observations()["policy"][0, 3]))
     hip = subject.simulation.model.joint_names.index("hip_1")
     column = subject.simulation.model.joint_dof_start[hip]
     assert subject.series["q hip_1"](1) == pytest.approx(float(subject.simulation.state.joint_q.numpy()[1, column]))
