@@ -101,31 +101,24 @@ class CartPole(Task[CartPoleConfig]):
         return torch.stack([x.abs(), v * x.sign(), self.views.joint_q[:, self.hinge], self.late_speed], dim=1)
 
     def visuals(self, visuals: sw.sensors.Visuals) -> None:
-        """Show the cart and the pole on a rail with a scale: half metres, whole metres larger; nothing here collides.
+        """Show the cart and the pole on a rail of light and dark half metres, counted from the middle.
 
-        Red blocks stand where an episode ends.
+        Red blocks stand behind the places where an episode ends; nothing here collides.
         """
         reach = self.config.max_position
         visuals.add_plane(name="floor", pose=sw.pose((0, 0, -0.6)))
-        visuals.add_box(
-            sw.WORLD, half=(reach + 0.25, 0.05, 0.03), name="rail", pose=sw.pose((0, 0, -0.14)), color=(0.5, 0.5, 0.52)
-        )
-        for number in range(-math.floor(2.0 * reach), math.floor(2.0 * reach) + 1):
-            whole = number % 2 == 0
-            visuals.add_box(
-                sw.WORLD, half=(0.012, 0.012, 0.09 if whole else 0.05), name=f"scale_{number}",
-                pose=sw.pose((0.5 * number, -0.07, -0.2 if whole else -0.17)), color=(0.85, 0.85, 0.85),
-            )  # fmt: skip
+        for number in range(math.ceil(2.0 * reach)):
+            low, high = 0.5 * number, min(0.5 * (number + 1), reach)
+            shade = (0.85, 0.85, 0.82) if number % 2 == 0 else (0.05, 0.055, 0.06)
+            for side in (-1.0, 1.0):
+                visuals.add_box(
+                    sw.WORLD, half=(0.5 * (high - low), 0.06, 0.05), pose=sw.pose((0.5 * side * (low + high), 0, -0.16)),
+                    color=shade,
+                )  # fmt: skip
         for end in (-1.0, 1.0):
-            visuals.add_box(
-                sw.WORLD,
-                half=(0.04, 0.1, 0.13),
-                pose=sw.pose((end * (reach + 0.19), 0, -0.04)),
-                color=(0.6, 0.03, 0.03),
-            )
-            visuals.add_cylinder(
-                sw.WORLD, radius=0.03, half_length=0.21, pose=sw.pose((end * reach, 0, -0.38)), color=(0.3, 0.3, 0.32)
-            )
+            block, leg = sw.pose((end * (reach + 0.2), 0, -0.04)), sw.pose((end * (reach + 0.2), 0, -0.4))
+            visuals.add_box(sw.WORLD, half=(0.05, 0.11, 0.16), pose=block, color=(0.6, 0.03, 0.03))
+            visuals.add_cylinder(sw.WORLD, radius=0.035, half_length=0.2, pose=leg, color=(0.3, 0.3, 0.32))
         visuals.add_box(0, half=(0.15, 0.1, 0.1), name="cart", color=(0.05, 0.22, 0.55))
         visuals.add_cylinder(1, radius=0.05, half_length=0.5 * POLE_LENGTH, name="pole", color=(0.78, 0.22, 0.05))
 
@@ -133,7 +126,7 @@ class CartPole(Task[CartPoleConfig]):
         """From the side, at rest: the whole rail is in sight."""
         away = max(self.config.max_position + 0.4, 2.0)
         return sw.viewer.Shot(
-            body=-1, target=(0.0, 0.0, 0.75), eye=(-0.35 * away, -2.6 * away, 0.55 * away), fov=2.0 * math.atan(0.42)
+            body=-1, target=(0.0, 0.0, 0.75), eye=(-0.2 * away, -2.6 * away, 0.45 * away), fov=2.0 * math.atan(0.42)
         )
 
     def drawing(self) -> Drawing:

@@ -31,14 +31,14 @@ class PlayOptions(CommonOptions):
     """File to write in place of a picture or video: .html, a recording that opens in a browser, or .viser."""
     checkpoint: Path | None = None
     """Checkpoint file or run folder, or `shipped`; by default the newest run of the task, else the shipped policy."""
-    num_envs: int = 2
+    num_envs: int = 1
     """Worlds that are played, at most 64."""
     worlds: tuple[int, ...] = ()
     """Those that are shown, by their numbers from 0; by default all that are played."""
     seconds: float = 5.0
     """Time shown [s]."""
     size: tuple[int, int] | None = None
-    """Width and height of one world's image [pixels], even; by default all worlds together fill about 1280 by 430."""
+    """Width and height of one world's image [pixels], even; by default 720 by 480 for one world, less for more."""
     camera: Literal["task", "behind", "side", "front", "above"] = "task"
     """Where the camera is: as the task has it, or beside the body; from behind it turns with the body."""
     zoom: float = 1.0

@@ -8,23 +8,26 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import minimum_filter, uniform_filter
 
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import WORLD, Pose
+from simwarp.core.types import WORLD, Pose, ShapeType
 from simwarp.scenery.visual import Label
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.default_appearance import GROUNDS
 
 Picture = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
 
 MARK: Final = (255, 255, 255)
 """sRGB of a mark."""
 LARGER: Final = 5
-"""Marks at multiples of this many metres, along either axis, are twice as large."""
+"""Marks at multiples of this many metres, along both axes, are twice as large."""
 LEVEL: Final = 0.8
 """Steeper surfaces, by the vertical part of their normal, are no ground."""
+CROWDED: Final = (8.0, 24.0)
+"""Pixels from mark to mark, along the view, at which marks are invisible, and from which on they are full."""
 KEPT: Final = 0.45
 """Share of a ground's pattern that is left where it is made quieter."""
 STANDING: Final = (Label.ROCK, Label.BUSH, Label.TREE, Label.CONE, Label.PILLAR, Label.CRATE, Label.VEHICLE)
@@ -50,6 +53,14 @@ def marks_for(distance: float) -> Marks:
     return Marks(arm, arm / 4.0)
 
 
+def floor_height(scene: Scene) -> float | None:
+    """Height of the first endless level plane [m]; None without one."""
+    for instance in scene.visuals.instances:
+        if instance.kind == ShapeType.PLANE and np.abs(instance.pose.rotation[:2]).max() < 1e-6:
+            return float(instance.pose.position[2])
+    return None
+
+
 class GroundFinder:
     """Tells which pixels show ground: planes, height fields, and what is level in other fixed things.
 
@@ -63,8 +74,13 @@ class GroundFinder:
         self._sure = np.append(fixed & np.isin(kinds, [int(kind) for kind in GROUNDS]), False)
         self._level = np.append(fixed & ~np.isin(scene.label, [int(label) for label in STANDING]), False)
 
-    def find(self, instance: npt.NDArray[np.int32], normals: Floats, rotation: npt.NDArray[np.float64]) -> Any:
-        """(height, width) bool.
+    def sure(self, instance: npt.NDArray[np.int32]) -> Mask:
+        """(height, width) planes and height fields; `instance` is -1 where there is nothing."""
+        found: Mask = self._sure[instance]
+        return found
+
+    def find(self, instance: npt.NDArray[np.int32], normals: Floats, rotation: npt.NDArray[np.float64]) -> Mask:
+        """(height, width) all ground.
 
         Args:
             instance: (height, width), -1 where there is nothing.
@@ -72,21 +88,24 @@ class GroundFinder:
             rotation: (3, 3) from these to the world's.
         """
         up = normals @ rotation[2].astype(np.float32)
-        return self._sure[instance] | (self._level[instance] & (up > LEVEL))
+        found: Mask = self._sure[instance] | (self._level[instance] & (up > LEVEL))
+        return found
 
 
-def quieter(picture: Picture, ground: npt.NDArray[np.bool_]) -> Picture:
+def quieter(picture: Picture, ground: Mask) -> Picture:
     """The picture with less of the ground's pattern; its shades and the large patches stay."""
     size = max(picture.shape[0] // 16, 3)
-    weight = uniform_filter(ground.astype(np.float32), size)
-    masked = np.where(ground[..., None], picture, 0).astype(np.float32)
+    # pixels at an edge have the colour of what stands there as well
+    inner = minimum_filter(ground, 3)
+    weight = uniform_filter(inner.astype(np.float32), size)
+    masked = np.where(inner[..., None], picture, 0).astype(np.float32)
     mean = uniform_filter(masked, (size, size, 0)) / np.maximum(weight, 1e-6)[..., None]
     calm = np.round(mean + KEPT * (picture - mean)).clip(0, 255).astype(np.uint8)
-    return np.where(ground[..., None], calm, picture)
+    return np.where(inner[..., None], calm, picture)
 
 
 def draw_marks(
-    picture: Picture, depth: Floats, normals: Floats, ground: npt.NDArray[np.bool_], camera: Pose, fov: float,
+    picture: Picture, depth: Floats, normals: Floats, ground: Mask, camera: Pose, fov: float,
     marks: Marks,
 ) -> Picture:  # fmt: skip
     """The picture with marks on its ground, as if they were painted there; they fade where they get too small.
@@ -102,7 +121,7 @@ def draw_marks(
     """
     height, width = depth.shape
     focal = 0.5 * width / math.tan(0.5 * fov)
-    rows, columns = np.nonzero(ground & (depth < focal * marks.width * 8.0))
+    rows, columns = np.nonzero(ground & (depth < focal / CROWDED[0]))
     far = depth[rows, columns]
     ray = np.stack(
         [np.ones(len(rows)), (0.5 * width - 0.5 - columns) / focal, (0.5 * height - 0.5 - rows) / focal], axis=1
@@ -117,14 +136,15 @@ def draw_marks(
     near = away.max(axis=1) < 2.0 * marks.arm + marks.width
     rows, columns, far, ray, away = rows[near], columns[near], far[near], ray[near], away[near]
     number = node[near] + whole
-    scale = 1.0 + (number % LARGER == 0).any(axis=1)
+    scale = 1.0 + (number % LARGER == 0).all(axis=1)
     slant = np.abs((normals[rows, columns] * ray).sum(axis=1)) / np.linalg.norm(ray, axis=1)
     pixel = far / focal / np.maximum(slant, 0.05)
     arm, line = marks.arm * scale, 0.5 * marks.width * scale
     cover = np.maximum(
         _share(away[:, 0], arm, pixel) * _share(away[:, 1], line, pixel),
         _share(away[:, 0], line, pixel) * _share(away[:, 1], arm, pixel),
-    )[:, None]
+    )
+    cover = (cover * np.clip((1.0 / pixel - CROWDED[0]) / (CROWDED[1] - CROWDED[0]), 0.0, 1.0))[:, None]
     marked = picture.copy()
     before = picture[rows, columns].astype(np.float32)
     marked[rows, columns] = np.round(before + cover * (np.array(MARK, np.float32) - before)).astype(np.uint8)

@@ -18,7 +18,7 @@ from simwarp.sensors.cameras.lights import Lighting
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.free_camera import FreeCamera
-from simwarp.viewer.ground_marks import GroundFinder, draw_marks, marks_for, quieter
+from simwarp.viewer.ground_marks import GroundFinder, draw_marks, floor_height, marks_for, quieter
 from simwarp.viewer.lines import Polyline, draw_lines
 
 if TYPE_CHECKING:
@@ -112,6 +112,7 @@ class FollowCamera:
         self._time: float | None = None
         self._ground = GroundFinder(scene) if marks or quiet else None
         self._quiet = quiet
+        self._floor = floor_height(scene)
         self._marks = marks_for(float(np.linalg.norm(self._eye))) if marks else None
 
     def take(self, time: float, lines: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
@@ -137,7 +138,9 @@ class FollowCamera:
         return self._body != WORLD
 
     def floors(self) -> npt.NDArray[np.float64]:
-        """(worlds,) height of the lowest point of what moves, which stands on the ground or is above it [m]."""
+        """(worlds,) height of the ground [m]: of a level plane, else of the lowest point of what moves."""
+        if self._floor is not None:
+            return np.full(len(self.camera.worlds), self._floor)
         lowest: npt.NDArray[np.float64] = self.camera.extent(self._simulation.state)[:, 0, 2]
         return lowest
 
@@ -161,10 +164,10 @@ class FollowCamera:
         assert self._ground is not None
         depths, normals, instances = (self.camera.outputs[name].numpy() for name in ("depth", "normals", "instance"))
         for picture, depth, normal, instance, pose in zip(pictures, depths, normals, instances, poses, strict=True):
-            ground = self._ground.find(instance[..., 0], normal, matrix_of(pose.rotation))
             if self._quiet:
-                picture[:] = quieter(picture, ground)
+                picture[:] = quieter(picture, self._ground.sure(instance[..., 0]))
             if self._marks is not None:
+                ground = self._ground.find(instance[..., 0], normal, matrix_of(pose.rotation))
                 picture[:] = draw_marks(picture, depth[..., 0], normal, ground, pose, self._shot.fov, self._marks)
 
     def _headings(self) -> npt.NDArray[np.float64]:

@@ -127,7 +127,7 @@ class HallwayTask(LappingTask[HallwayConfig]):
         """From behind, as far as no wall comes between in a bend."""
         from simwarp.viewer import Shot
 
-        target, eye = (0.35, 0.0, 0.05), (-1.25, 0.0, 0.6)
+        target, eye = (0.4, 0.0, 0.05), (-1.55, -0.25, 0.85)
         return Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.2, calm=0.15, turns=True)
 
     def lighting(self) -> Lighting:

@@ -25,7 +25,7 @@ Images = npt.NDArray[np.uint8]
 TRAIL: Final = (1.0, 0.62, 0.05)
 """sRGB of the line along which a body went."""
 _TRAIL_WIDTH = 2.5
-_VIDEO_PIXELS = 480_000
+_VIDEO_PIXELS = 345_600
 """Of all worlds of a video together, unless a size is given."""
 _PICTURE_PIXELS = 900_000
 _MOMENTS = 6
