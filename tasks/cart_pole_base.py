@@ -111,10 +111,8 @@ class CartPole(Task[CartPoleConfig]):
             low, high = 0.5 * number, min(0.5 * (number + 1), reach)
             shade = (0.85, 0.85, 0.82) if number % 2 == 0 else (0.05, 0.055, 0.06)
             for side in (-1.0, 1.0):
-                visuals.add_box(
-                    sw.WORLD, half=(0.5 * (high - low), 0.06, 0.05), pose=sw.pose((0.5 * side * (low + high), 0, -0.16)),
-                    color=shade,
-                )  # fmt: skip
+                middle = sw.pose((0.5 * side * (low + high), 0, -0.16))
+                visuals.add_box(sw.WORLD, half=(0.5 * (high - low), 0.06, 0.05), pose=middle, color=shade)
         for end in (-1.0, 1.0):
             block, leg = sw.pose((end * (reach + 0.2), 0, -0.04)), sw.pose((end * (reach + 0.2), 0, -0.4))
             visuals.add_box(sw.WORLD, half=(0.05, 0.11, 0.16), pose=block, color=(0.6, 0.03, 0.03))
