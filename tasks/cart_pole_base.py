@@ -101,16 +101,31 @@ class CartPole(Task[CartPoleConfig]):
         return torch.stack([x.abs(), v * x.sign(), self.views.joint_q[:, self.hinge], self.late_speed], dim=1)
 
     def visuals(self, visuals: sw.sensors.Visuals) -> None:
-        """Show the rail, the cart and the pole: nothing here collides."""
-        along_x = sw.pose(rotation=(0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)))
+        """Show the cart and the pole on a rail of light and dark half metres, counted from the middle.
+
+        Red blocks stand behind the places where an episode ends; nothing here collides.
+        """
+        reach = self.config.max_position
         visuals.add_plane(name="floor", pose=sw.pose((0, 0, -0.6)))
-        visuals.add_cylinder(sw.WORLD, radius=0.03, half_length=3.0, name="rail", pose=along_x, color=(0.3, 0.3, 0.32))
+        for number in range(math.ceil(2.0 * reach)):
+            low, high = 0.5 * number, min(0.5 * (number + 1), reach)
+            shade = (0.85, 0.85, 0.82) if number % 2 == 0 else (0.05, 0.055, 0.06)
+            for side in (-1.0, 1.0):
+                middle = sw.pose((0.5 * side * (low + high), 0, -0.16))
+                visuals.add_box(sw.WORLD, half=(0.5 * (high - low), 0.06, 0.05), pose=middle, color=shade)
+        for end in (-1.0, 1.0):
+            block, leg = sw.pose((end * (reach + 0.2), 0, -0.04)), sw.pose((end * (reach + 0.2), 0, -0.4))
+            visuals.add_box(sw.WORLD, half=(0.05, 0.11, 0.16), pose=block, color=(0.6, 0.03, 0.03))
+            visuals.add_cylinder(sw.WORLD, radius=0.035, half_length=0.2, pose=leg, color=(0.3, 0.3, 0.32))
         visuals.add_box(0, half=(0.15, 0.1, 0.1), name="cart", color=(0.05, 0.22, 0.55))
         visuals.add_cylinder(1, radius=0.05, half_length=0.5 * POLE_LENGTH, name="pole", color=(0.78, 0.22, 0.05))
 
     def shot(self) -> sw.viewer.Shot:
         """From the side, at rest: the whole rail is in sight."""
-        return sw.viewer.Shot(body=-1, target=(0.0, 0.0, 0.75), eye=(-1.5, -8.5, 1.2), fov=0.6)
+        away = max(self.config.max_position + 0.4, 2.0)
+        return sw.viewer.Shot(
+            body=-1, target=(0.0, 0.0, 0.75), eye=(-0.2 * away, -2.6 * away, 0.45 * away), fov=2.0 * math.atan(0.42)
+        )
 
     def drawing(self) -> Drawing:
         """Mark how far the cart may go."""

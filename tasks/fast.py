@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -79,10 +80,13 @@ class FastTask(Task[FastConfig]):
         return {"final_distance": distance, "success": distance < self.config.goal_radius}
 
     def drawing(self) -> Drawing:
-        """Draw the point as a line from the origin."""
+        """Draw the point as a line from the origin, around which is the goal."""
         tip = torch.nn.functional.pad(self.position, (0, 1))
+        angle = torch.linspace(0.0, 2.0 * math.pi, 33, device=self.device)
+        ring = self.config.goal_radius * torch.stack([angle.cos(), angle.sin(), 0.0 * angle], dim=1)
         window = ((-self.config.bound, self.config.bound),) * 2
-        return Drawing((Line(torch.stack([torch.zeros_like(tip), tip], dim=1), "tab:blue", 3.0),), window)
+        goal = Line(ring.to(tip.dtype).expand(self.num_worlds, -1, -1), "tab:green", 2.5)
+        return Drawing((goal, Line(torch.stack([torch.zeros_like(tip), tip], dim=1), "tab:blue", 3.0)), window)
 
     def map_position(self) -> torch.Tensor:
         """Position of the point, (W, 3) [m]."""

@@ -5,32 +5,51 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from simwarp.cli import DONE, UsageError
 from simwarp.cli.evaluation.evaluating import policy_defaults
 from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task_or_run, task_options
 from simwarp.core.warp_start import told_compiling
-from simwarp.tasks import make, resolve_device, task_class, task_names
+from simwarp.tasks import InputError, make, resolve_device, task_class, task_names
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from simwarp.cli.view.films import HtmlFilm
+    from simwarp.tasks import Task
+    from simwarp.train.evaluation.filming import Film, FilmOptions
+    from simwarp.train.evaluation.play import Frame
 
 
 @dataclasses.dataclass(frozen=True)
 class PlayOptions(CommonOptions):
-    """Show a policy at work: a picture, or a video where --video names one."""
+    """Show a policy at work: a video, or a picture of some moments where --video names one."""
 
     video: Path | None = None
-    """File to write: .gif, .mp4 (needs imageio-ffmpeg) or .png; by default TASK.png in the working folder."""
+    """File to write: .mp4, .gif, .png or .jpg; by default TASK.mp4 in the working folder."""
     html: Path | None = None
     """File to write in place of a picture or video: .html, a recording that opens in a browser, or .viser."""
     checkpoint: Path | None = None
     """Checkpoint file or run folder, or `shipped`; by default the newest run of the task, else the shipped policy."""
-    num_envs: int = 4
-    """Worlds shown, at most 64."""
+    num_envs: int = 1
+    """Worlds that are played, at most 64."""
+    worlds: tuple[int, ...] = ()
+    """Those that are shown, by their numbers from 0; by default all that are played."""
     seconds: float = 5.0
     """Time shown [s]."""
+    size: tuple[int, int] | None = None
+    """Width and height of one world's image [pixels], even; by default 720 by 480 for one world, less for more."""
+    camera: Literal["task", "behind", "side", "front", "above"] = "task"
+    """Where the camera is: as the task has it, or beside the body; from behind it turns with the body."""
+    zoom: float = 1.0
+    """How many times larger things are than by default, 0.1 to 20."""
+    follow: bool = True
+    """The camera goes along with the body; off: it stays where it is at the start."""
+    trail: bool = True
+    """Draw a line along which the body went."""
+    marks: bool = True
+    """Draw crosses on the ground at whole metres, larger ones every five."""
     seed: int = 1_000_003
     """Seed of the worlds."""
     device: str = "auto"
@@ -39,6 +58,12 @@ class PlayOptions(CommonOptions):
     """Capture each control step into a CUDA graph; of no effect on a CPU."""
     runs: Path = Path("runs")
     """Folder of the run folders."""
+
+
+MOST_PIXELS: Final = 4096
+"""Along a side of one world's image."""
+MOST_BYTES: Final = 8_000_000_000
+"""Of all images of a film, which are kept until they are written."""
 
 
 def run(arguments: list[str]) -> int:
@@ -51,19 +76,17 @@ def run(arguments: list[str]) -> int:
 
     from simwarp.train.config import task_config_from_plain
     from simwarp.train.evaluation.filming import Film
-    from simwarp.train.evaluation.play import VIDEO_SUFFIXES, record, write_picture, write_video
+    from simwarp.train.evaluation.play import VIDEO_SUFFIXES
     from simwarp.train.networks.policies import find_policy, network_policy
-    from simwarp.train.runs.progress import LiveLine
 
     torch.set_num_threads(1)
     source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
     options: Any = parse_options(
         task_options("PlayCommand", PlayOptions, task=config or cls.config_type()), arguments, f"simwarp play {word}"
     )
-    target = _target(name, options, source.path)
-    if not 1 <= options.num_envs <= 64:
-        raise UsageError(f"num-envs must be from 1 to 64, got {options.num_envs}")
+    _check(options)
     console = options.console()
+    target = _target(name, options, source.path, console)
     console.print(f"building worlds of '{name}' ...", highlight=False)
     with told_compiling(partial(console.print, highlight=False)):
         task = make(
@@ -72,19 +95,16 @@ def run(arguments: list[str]) -> int:
         )  # fmt: skip
     video = target.suffix.lower() in VIDEO_SUFFIXES
     policy = network_policy(source.content, task)
-    film = _html_film(task, target) if options.html is not None else Film(task, video)
-    with told_compiling(partial(console.print, highlight=False)), LiveLine(console, 1.0, head="playing") as line:
-
-        def show(step: int, steps: int) -> None:
-            line.show("playing", f"{step}/{steps} steps", step / steps)
-
-        frames, total = record(task, policy, options.seconds, options.seed, film, show)
-    console.print(f"writing {target} ...", highlight=False, soft_wrap=True)
-    if isinstance(film, Film):
-        (write_video if video else write_picture)(target, frames, name)
-    else:
-        film.write()
-        film.close()
+    film = _html_film(task, target) if options.html is not None else Film(task, video, _film_options(options))
+    frames: list[Frame] = []
+    try:
+        total = _record(task, policy, options, film, frames, console)
+    except KeyboardInterrupt:
+        if any(frame.images is not None for frame in frames) or options.html is not None:
+            _write(film, target, frames, name, console)
+            console.print(f"interrupted; wrote the {frames[-1].time:.1f} s so far to {target}", soft_wrap=True)
+        raise
+    _write(film, target, frames, name, console)
     console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)
     console.print(f"mean return over {frames[-1].time:.1f} s: {total:.1f}", highlight=False)
     console.print(f"wrote {target}", highlight=False, soft_wrap=True)
@@ -92,12 +112,83 @@ def run(arguments: list[str]) -> int:
     return DONE
 
 
-def _target(name: str, options: Any, checkpoint: Path) -> Path:
+def _record(
+    task: Task[Any], policy: Any, options: Any, film: Film | HtmlFilm, frames: list[Frame], console: Console
+) -> float:
+    """Play, and return the mean return; the frames are kept as they come."""
+    from simwarp.train.evaluation.play import record
+    from simwarp.train.runs.progress import LiveLine
+
+    with told_compiling(partial(console.print, highlight=False)), LiveLine(console, 1.0, head="playing") as line:
+
+        def show(step: int, steps: int) -> None:
+            line.show("playing", f"{step}/{steps} steps", step / steps)
+
+        return record(task, policy, options.seconds, options.seed, film, show, frames)[1]
+
+
+def _write(film: Film | HtmlFilm, target: Path, frames: list[Frame], name: str, console: Console) -> None:
+    """Write what was filmed."""
+    from simwarp.train.evaluation.filming import Film
+    from simwarp.train.evaluation.play import VIDEO_SUFFIXES, write_picture, write_video
+    from simwarp.train.runs.progress import LiveLine
+
+    console.print(f"writing {target} ...", highlight=False, soft_wrap=True)
+    if not isinstance(film, Film):
+        film.write()
+        film.close()
+    elif target.suffix.lower() in VIDEO_SUFFIXES:
+        with LiveLine(console, 1.0, head="writing") as line:
+
+            def show(frame: int, count: int) -> None:
+                line.show("writing", f"{frame}/{count} images", frame / count)
+
+            write_video(target, frames, name, film.worlds, show)
+    else:
+        write_picture(target, frames, name, film.worlds)
+
+
+def _check(options: Any) -> None:
+    """Refuse options that do not go together, before any work is done."""
+    count = options.num_envs
+    if not 1 <= count <= 64:
+        raise UsageError(f"num-envs must be from 1 to 64, got {count}")
+    wrong = [world for world in options.worlds if not 0 <= world < count]
+    if wrong:
+        raise UsageError(f"worlds must be from 0 to {count - 1}, got {wrong[0]}; --num-envs plays more of them")
+    if len(set(options.worlds)) < len(options.worlds):
+        raise UsageError(f"worlds must be different ones, got {' '.join(map(str, options.worlds))}")
+    if not 0.1 <= options.zoom <= 20.0:
+        raise UsageError(f"zoom must be from 0.1 to 20, got {options.zoom:g}")
+    if options.size is None:
+        return
+    for side in options.size:
+        if side % 2 or not 16 <= side <= MOST_PIXELS:
+            raise UsageError(f"size must be two even numbers from 16 to {MOST_PIXELS} pixels, got {side}")
+    frames = 25.0 * options.seconds + 1.0
+    needed = 3.0 * options.size[0] * options.size[1] * (len(options.worlds) or count) * frames
+    if needed > MOST_BYTES:
+        raise UsageError(
+            f"seconds, size and worlds must together make at most {MOST_BYTES / 1e9:g} GB of images, got "
+            f"{needed / 1e9:.0f} GB; show less of them"
+        )
+
+
+def _film_options(options: Any) -> FilmOptions:
+    from simwarp.train.evaluation.filming import FilmOptions, View
+
+    return FilmOptions(
+        worlds=tuple(options.worlds), size=options.size, view=View(options.camera), zoom=options.zoom,
+        follow=options.follow, trail=options.trail, marks=options.marks,
+    )  # fmt: skip
+
+
+def _target(name: str, options: Any, checkpoint: Path, console: Console) -> Path:
     """File to write, refused before any work is done where that cannot be."""
     from simwarp.train.evaluation.play import check_video_path
 
     if options.html is None:
-        target: Path = options.video or Path(f"{name}.png")
+        target: Path = options.video or _default_video(name, console)
         check_video_path(target)
         options.check(checkpoint, video=target)
         return target
@@ -108,6 +199,19 @@ def _target(name: str, options: Any, checkpoint: Path) -> Path:
     check_recording_path(options.html, "--html")
     options.check(checkpoint, html=options.html)
     return Path(options.html)
+
+
+def _default_video(name: str, console: Console) -> Path:
+    """An MP4, or a GIF where there is no encoder."""
+    from simwarp.train.evaluation.mp4 import check_encoder
+
+    try:
+        check_encoder()
+    except InputError:
+        words = f"no encoder for mp4 (pip install imageio-ffmpeg): writing {name}.gif, smaller and coarser"
+        console.print(words, highlight=False, soft_wrap=True)
+        return Path(f"{name}.gif")
+    return Path(f"{name}.mp4")
 
 
 def _html_film(task: Any, path: Path) -> HtmlFilm:

@@ -21,6 +21,8 @@ PALETTE: Final = (
 )  # fmt: skip
 """Linear albedos of bodies, in turn."""
 STONE: Final = (0.42, 0.4, 0.37)
+FLOOR: Final = ((0.21, 0.225, 0.24), (0.25, 0.265, 0.28))
+"""Linear albedos of a ground's squares: darker than what stands on it, and so near to each other that it is quiet."""
 GROUNDS: Final = (ShapeType.PLANE, ShapeType.HEIGHT_FIELD)
 
 
@@ -42,7 +44,7 @@ def paint(visuals: Visuals, tile: float | None = None) -> None:
         )
         if instance.kind in GROUNDS:
             if ground is None:
-                ground = visuals.texture(CheckerTexture(metres=_tile(visuals) if tile is None else tile))
+                ground = visuals.texture(CheckerTexture(colors=FLOOR, metres=_tile(visuals) if tile is None else tile))
             appearance = dataclasses.replace(appearance, color=(1.0, 1.0, 1.0), texture=ground)
         visuals.instances[index] = dataclasses.replace(instance, appearance=appearance)
 
@@ -110,12 +112,52 @@ def add_skeleton(visuals: Visuals, radius: float, color: Vec3 | None = None) -> 
 
 
 def add_bodies(visuals: Visuals) -> None:
-    """Draws every body as a ball and its joints as rods: what is seen of a builder without shapes."""
-    places = np.array([body.pose.position for body in visuals.builder.bodies]).reshape(-1, 3)
-    radius = max(0.02 * float(np.ptp(places, axis=0).max(initial=0.0)), 0.02)
+    """Draws every body as the box that has its inertia, and rods from there to its joints: a builder without shapes.
+
+    A homogeneous box of half lengths a, b, c has the moments m (b² + c²) / 3 and so on, in its principal axes.
+    """
+    bodies = visuals.builder.bodies
+    places = np.array([body.pose.position for body in bodies]).reshape(-1, 3)
+    span = float(np.ptp(places, axis=0).max(initial=0.0))
+    radius = max(0.02 * span, 0.02)
+    # boxes of motors' rotors or published inertias can be far larger or smaller than the robot
+    most = max(0.5 * span, 0.5)
     for body, color in enumerate(body_colors(visuals)):
-        visuals.add_sphere(body, radius=2.0 * radius, name=f"ball_{body}", color=color)
-    add_skeleton(visuals, radius)
+        half, turn = inertia_box(bodies[body].mass, bodies[body].inertia)
+        sizes = np.clip(half, radius, most)
+        visuals.add_box(body, half=tuple(sizes), name=f"box_{body}", pose=pose((0.0, 0.0, 0.0), turn), color=color)
+    add_rods(visuals, radius)
+
+
+def inertia_box(mass: float, inertia: Array) -> tuple[Array, Array]:
+    """Half lengths [m] and rotation (xyzw, in body axes) of the homogeneous box of a mass [kg] and inertia [kg·m²]."""
+    moments, axes = np.linalg.eigh(np.asarray(inertia, np.float64))
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] = -axes[:, 0]
+    if mass <= 0.0:
+        return np.zeros(3), quat_from_matrix(axes)
+    squares = 1.5 * (moments.sum() - 2.0 * moments) / mass
+    return np.sqrt(np.maximum(squares, 0.0)), quat_from_matrix(axes)
+
+
+def add_rods(visuals: Visuals, radius: float) -> None:
+    """Draws rods from the centre of mass of every body to its joints.
+
+    Args:
+        visuals: of a builder with its joints.
+        radius: of the rods [m].
+    """
+    colors = body_colors(visuals)
+    for index, joint in enumerate(visuals.builder.joints):
+        if joint.type in (JointType.SHAFT, JointType.FREE):
+            continue
+        for body, frame in ((joint.parent, joint.frame0), (joint.child, joint.frame1)):
+            length = float(np.linalg.norm(frame.position))
+            if body >= 0 and length > radius:
+                visuals.add_capsule(
+                    body, radius=radius, half_length=0.5 * length, name=f"rod_{index}_{body}",
+                    pose=pose(0.5 * frame.position, _turn_to(frame.position / length)), color=colors[body],
+                )  # fmt: skip
 
 
 def _turn_to(axis: Array) -> Array:

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import WORLD, Vec3, finite_vector
+from simwarp.core.rotation import matrix_of
+from simwarp.core.types import WORLD, Pose, Vec3, finite_vector
 from simwarp.sensors.cameras.camera import CameraConfig, look_at
 from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.sensors.cameras.lights import Lighting
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.free_camera import FreeCamera
+from simwarp.viewer.ground_marks import GroundFinder, draw_marks, floor_height, marks_for, quieter
 from simwarp.viewer.lines import Polyline, draw_lines
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 
 FIELD: Final = 0.7
 """Of view [rad]."""
-SIDE: Final = np.array([-0.62, -1.0, 0.52])
+SIDE: Final = (-0.62, -1.0, 0.52)
 """Direction from the target to the camera, unless a shot gives one."""
 
 
@@ -39,6 +41,9 @@ class Shot:
         eye: its position, from the target [m]; None: so far away that all that moves is in sight at the start.
         fov: horizontal field of view [rad].
         calm: time in which it catches up with the body [s].
+        turns: with the body's heading: target and eye are in axes that are turned with it about the vertical.
+        follows: False: it stays where it is at the start, until the body is elsewhere at once, as after a reset.
+        side: direction from the target to the camera where there is no eye.
     """
 
     body: int | str = 0
@@ -46,6 +51,23 @@ class Shot:
     eye: Vec3 | None = None
     fov: float = FIELD
     calm: float = 0.25
+    turns: bool = False
+    follows: bool = True
+    side: Vec3 = SIDE
+
+
+def headings(rotations: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """(n,) angles of the x axes of (n, 4) rotations (xyzw) about the vertical [rad]."""
+    x, y, z, w = np.asarray(rotations, np.float64).T
+    angles: npt.NDArray[np.float64] = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    return angles
+
+
+def about_vertical(vectors: npt.ArrayLike, angles: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """(n, 3) vectors after a turn about the vertical by (n,) angles [rad]."""
+    x, y, z = np.asarray(vectors, np.float64).T
+    cos, sin = np.cos(angles), np.sin(angles)
+    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
 
 
 class FollowCamera:
@@ -59,29 +81,39 @@ class FollowCamera:
         width, height: of one world's picture [pixels].
         samples: s x s rays per pixel.
         lighting: None: sun and sky.
+        marks: crosses on the ground at whole metres.
+        quiet: less pattern on grounds, so that what stands on them is seen.
     """
 
     def __init__(
         self, simulation: Simulation, scene: Scene, shot: Shot | None = None, *, worlds: Sequence[int] = (0,),
         width: int = 480, height: int = 320, samples: int = 2, lighting: Lighting | None = None,
+        marks: bool = False, quiet: bool = False,
     ) -> None:  # fmt: skip
         self._simulation = simulation
         self._shot = Shot() if shot is None else shot
         config = CameraConfig(
             width=width, height=height, samples=samples, lens=Pinhole(fov=self._shot.fov), far=2000.0,
-            outputs=("rgb", "depth"),
+            outputs=("rgb", "depth", "normals", "instance"),
         )  # fmt: skip
         self.camera = FreeCamera(scene, worlds, config, lighting)
         self._body = body_index("studio", self._shot.body, simulation.model) if simulation.model.body_count else WORLD
         extent = self.camera.extent(simulation.state)
         self._size = max(float(np.linalg.norm(extent[:, 1] - extent[:, 0], axis=1).max()), 1e-3)
-        self._followed = self._places()
+        self._followed = self._last = self._places()
+        self._heading = self._headings()
         middle = extent.mean(axis=1) - self._followed
-        self._target = middle if self._shot.target is None else finite_vector("Shot", "target", self._shot.target, 3)
+        given = self._shot.target
+        self._target = middle if given is None else np.tile(finite_vector("Shot", "target", given, 3), (len(middle), 1))
         narrow = min(0.5 * self._shot.fov, math.atan(height / width * math.tan(0.5 * self._shot.fov)))
-        away = SIDE / np.linalg.norm(SIDE) * 0.5 * self._size / math.sin(narrow)
+        side = finite_vector("Shot", "side", self._shot.side, 3)
+        away = side / max(float(np.linalg.norm(side)), 1e-9) * 0.5 * self._size / math.sin(narrow)
         self._eye = away if self._shot.eye is None else finite_vector("Shot", "eye", self._shot.eye, 3)
         self._time: float | None = None
+        self._ground = GroundFinder(scene) if marks or quiet else None
+        self._quiet = quiet
+        self._floor = floor_height(scene)
+        self._marks = marks_for(float(np.linalg.norm(self._eye))) if marks else None
 
     def take(self, time: float, lines: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
         """(worlds, height, width, 3) of the present state.
@@ -90,16 +122,10 @@ class FollowCamera:
             time: since the start [s], for how far the camera goes.
             lines: of each of the worlds, drawn into its picture; empty: none.
         """
-        places = self._places()
-        passed = math.inf if self._time is None else max(time - self._time, 0.0)
-        share = 1.0 - math.exp(-passed / max(self._shot.calm, 1e-6))
-        way = places - self._followed
-        # a world that was reset is elsewhere at once
-        jumped = np.linalg.norm(way, axis=1, keepdims=True) > self._size
-        self._followed = self._followed + np.where(jumped, 1.0, share) * way
-        self._time = time
-        poses = [look_at(target + self._eye, target) for target in self._followed + self._target]
+        poses = self._aim(time)
         pictures: npt.NDArray[np.uint8] = self.camera.take(self._simulation.state, poses)
+        if self._ground is not None:
+            self._finish_grounds(pictures, poses)
         if any(lines):
             depths = self.camera.outputs["depth"].numpy()[..., 0]
             for picture, depth, pose, own in zip(pictures, depths, poses, lines, strict=True):
@@ -109,6 +135,51 @@ class FollowCamera:
     def cut(self) -> None:
         """Be where what it follows is in the next picture at once, however far that has gone."""
         self._time = None
+
+    @property
+    def follows(self) -> bool:
+        """Whether there is a body that the shot is about."""
+        return self._body != WORLD
+
+    def floors(self) -> npt.NDArray[np.float64]:
+        """(worlds,) height of the ground [m]: of a level plane, else of the lowest point of what moves."""
+        if self._floor is not None:
+            return np.full(len(self.camera.worlds), self._floor)
+        lowest: npt.NDArray[np.float64] = self.camera.extent(self._simulation.state)[:, 0, 2]
+        return lowest
+
+    def _aim(self, time: float) -> list[Pose]:
+        """Where the cameras are, one step of following later."""
+        places, headings = self._places(), self._headings()
+        passed = math.inf if self._time is None else max(time - self._time, 0.0)
+        share = 1.0 - math.exp(-passed / max(self._shot.calm, 1e-6)) if self._shot.follows else 0.0
+        # a world that was reset is elsewhere at once
+        jumped = np.linalg.norm(places - self._last, axis=1) > self._size
+        shares = np.where(jumped, 1.0, share)
+        self._followed = self._followed + shares[:, None] * (places - self._followed)
+        turn = (headings - self._heading + math.pi) % (2.0 * math.pi) - math.pi
+        self._heading = self._heading + shares * turn
+        self._time, self._last = time, places
+        eyes = about_vertical(np.tile(self._eye, (len(places), 1)), self._heading)
+        targets = self._followed + about_vertical(self._target, self._heading)
+        return [look_at(target + eye, target) for target, eye in zip(targets, eyes, strict=True)]
+
+    def _finish_grounds(self, pictures: npt.NDArray[np.uint8], poses: Sequence[Pose]) -> None:
+        assert self._ground is not None
+        depths, normals, instances = (self.camera.outputs[name].numpy() for name in ("depth", "normals", "instance"))
+        for picture, depth, normal, instance, pose in zip(pictures, depths, normals, instances, poses, strict=True):
+            if self._quiet:
+                picture[:] = quieter(picture, self._ground.sure(instance[..., 0]))
+            if self._marks is not None:
+                ground = self._ground.find(instance[..., 0], normal, matrix_of(pose.rotation))
+                picture[:] = draw_marks(picture, depth[..., 0], normal, ground, pose, self._shot.fov, self._marks)
+
+    def _headings(self) -> npt.NDArray[np.float64]:
+        """(worlds,) angle of the body's x axis about the vertical [rad]; 0 where the camera does not turn with it."""
+        worlds = list(self.camera.worlds)
+        if self._body == WORLD or not self._shot.turns:
+            return np.zeros(len(worlds))
+        return headings(self._simulation.state.body_rot.numpy()[worlds, self._body])
 
     def _places(self) -> npt.NDArray[np.float64]:
         """(worlds, 3) what is followed [m]."""

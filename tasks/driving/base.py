@@ -128,7 +128,7 @@ class DrivingTask(Task[DrivingT]):
     """In the vehicle's frame of reference [m]."""
     navigates: ClassVar[bool] = False
     """Beside a camera there are a satellite receiver and a gyroscope, the only other instruments of the vehicle."""
-    view_distance: ClassVar[float] = 20.0
+    view_distance: ClassVar[float] = 9.0
     """Of the camera that takes pictures for people [m]."""
 
     parts: VehicleParts
@@ -254,11 +254,12 @@ class DrivingTask(Task[DrivingT]):
         return scene
 
     def shot(self) -> Shot:
-        """From beside and above, so that what is around the vehicle is in sight."""
+        """From behind and above, so that what is ahead of the vehicle is in sight."""
         from simwarp.viewer import Shot
 
-        x, y, z = (self.view_distance * share for share in (-0.5, -0.75, 0.5))
-        return Shot(body=self.parts.chassis, target=(0.0, 0.0, 0.0), eye=(x, y, z), fov=0.8)
+        far = self.view_distance
+        eye, target = (-0.95 * far, -0.22 * far, 0.42 * far), (0.3 * far, 0.0, 0.0)
+        return Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.0, turns=True)
 
     def bind_scene(self, scene: Scene) -> None:
         """Make views of what differs by world in what is seen; `draw_world` writes them. Optional."""

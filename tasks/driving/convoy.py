@@ -116,7 +116,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "ppo.entropy": 0.002,
     }
     navigates: ClassVar[bool] = True
-    view_distance: ClassVar[float] = 40.0
+    view_distance: ClassVar[float] = 15.0
 
     # ---- the world -----------------------------------------------------------------------------------------------
 
@@ -333,7 +333,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         lines = [Line(torch.nn.functional.pad(path[..., :2], (0, 1)), "0.7", 1.0), *self.obstacles.rings()]
         for index in range(LEADERS):
             leader = self.leaders(self.time())[:, index]
-            lines.append(Line(outline(leader.double(), leader[:, 2], LEADER_HALF), "tab:red", 1.5))
+            lines.append(Line(outline(leader.double(), leader[:, 2], LEADER_HALF), "tab:red", 1.5, only_maps=True))
         point, heading = self.pose()
-        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
+        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0, only_maps=True))
         return Drawing(tuple(lines), ((-110.0, 110.0), (-110.0, 110.0)))

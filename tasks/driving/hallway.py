@@ -124,10 +124,11 @@ class HallwayTask(LappingTask[HallwayConfig]):
         return joined([walls.walls.mesh, walls.floor, walls.ceiling, left, right])
 
     def shot(self) -> Shot:
-        """From below the ceiling, where no wall is in the way."""
+        """From behind, as far as no wall comes between in a bend."""
         from simwarp.viewer import Shot
 
-        return Shot(body=self.parts.chassis, target=(0.0, 0.0, 0.0), eye=(-0.4, -0.4, 1.9), fov=1.5)
+        target, eye = (0.4, 0.0, 0.05), (-1.55, -0.25, 0.85)
+        return Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.2, calm=0.15, turns=True)
 
     def lighting(self) -> Lighting:
         """Light from all sides, a little more from above, and no sun."""

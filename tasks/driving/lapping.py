@@ -275,6 +275,6 @@ class LappingTask(DrivingTask[LappingT]):
             for side, colour in ((1.0, "tab:green"), (-1.0, "tab:red"))
         ]
         point, heading = self.pose()
-        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
+        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0, only_maps=True))
         reach = max(float(abs(track.points).max()) for track in self.tracks) + 2.0 * self.lane_half
         return Drawing(tuple(lines), ((-reach, reach), (-reach, reach)))

@@ -190,16 +190,18 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         return {"distance": self._distance}
 
     def drawing(self) -> Drawing:
-        """Draw road, pillars and truck from above."""
+        """Draw road, pillars and truck from above, and the line to reach."""
         point, heading = self.pose()
         worlds = self.num_worlds
         lines = []
         for y in (-ROAD_HALF_WIDTH, ROAD_HALF_WIDTH):
             edge = point.new_tensor([[0.0, y, 0.0], [self.config.end, y, 0.0]]).float()
             lines.append(Line(edge.expand(worlds, 2, 3), "0.6", 1.0))
+        finish = point.new_tensor([[self.config.end, y, 0.0] for y in (-ROAD_HALF_WIDTH, ROAD_HALF_WIDTH)]).float()
+        lines.append(Line(finish.expand(worlds, 2, 3), "tab:green", 3.0))
         corner = point.new_tensor([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]).float()
         for pillar in range(len(PILLARS_X)):
             foot = self._pillar_x[:, pillar, :2].float().unsqueeze(1) + corner
-            lines.append(Line(torch.nn.functional.pad(foot, (0, 1)), "tab:blue", 2.0))
-        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
+            lines.append(Line(torch.nn.functional.pad(foot, (0, 1)), "tab:blue", 2.0, only_maps=True))
+        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0, only_maps=True))
         return Drawing(tuple(lines), ((-5.0, self.config.end + 5.0), (-9.0, 9.0)))

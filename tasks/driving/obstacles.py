@@ -147,7 +147,7 @@ class Obstacles:
         return [
             Line(
                 torch.nn.functional.pad(self.place[:, slot, None] + size[:, slot].view(-1, 1, 1) * ring, (0, 1)),
-                "tab:brown", 1.5,
+                "tab:brown", 1.5, only_maps=True,
             )
             for slot in range(self.count)
         ]  # fmt: skip

@@ -48,6 +48,8 @@ _SIDE = 160.0
 _REACH = 20.0
 _RAYS = 25
 _FAN = math.radians(240.0)
+_POLE = 8.0
+"""Height of the pole that shows where the goal is [m]."""
 GROUND_TEXTURES = ("grass", "dirt", "gravel", "sand")
 
 
@@ -299,18 +301,21 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
     # ---- pictures ------------------------------------------------------------------------------------------------
 
     def drawing(self) -> Drawing:
-        """Draw obstacles, goal, vehicle and the straight way to the goal, on the ground."""
+        """Draw obstacles, goal, vehicle and the straight way to the goal, on the ground; a pole stands in the goal."""
         point, heading = self.pose()
         angle = torch.linspace(0.0, 2.0 * math.pi, 13, device=self.device)
         ring = torch.stack([angle.cos(), angle.sin()], dim=1)
         goal = self.goal.float().unsqueeze(1) + self.config.goal_radius * ring
         share = torch.linspace(0.0, 1.0, 50, device=self.device).unsqueeze(1)
         way = point[:, None, :2] + share * (self.goal - point[:, :2]).unsqueeze(1)
-        lines = [Line(torch.nn.functional.pad(row.float(), (0, 1)), "tab:green") for row in (goal, way)]
+        lines = [Line(torch.nn.functional.pad(row.float(), (0, 1)), "tab:green", 2.5) for row in (goal, way)]
         lines += self.obstacles.rings()
-        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0))
+        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0, only_maps=True))
         if self.hills is not None:
             for line in lines:
                 line.points[..., 2] = self.hills.height(line.points[..., :2].double()).float()
+        foot = lines[0].points.mean(dim=1)
+        pole = torch.stack([foot, foot + foot.new_tensor([0.0, 0.0, _POLE])], dim=1)
+        lines.append(Line(pole, "tab:green", 4.0))
         side = self.config.border
         return Drawing(tuple(lines), ((-side, side), (-side, side)))

@@ -15,11 +15,13 @@ class Line:
         points: (W, P, 3) float32, vertices in the world frame [m].
         colour: any matplotlib colour.
         width: in pixels of a picture.
+        only_maps: it stands for a thing that rendered pictures show anyway, such as the outline of a vehicle.
     """
 
     points: torch.Tensor
     colour: str = "black"
     width: float = 1.5
+    only_maps: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,28 +25,52 @@ class TaskCamera:
         task: with something to see: bodies, or lines.
         width, height: of the image of one world [pixels].
         samples: s x s rays per pixel.
+        worlds: indices of those that are seen; None: all.
+        view: makes another shot of the task's own.
+        marks: on the ground, every metre.
 
     Raises:
         InputError: the task has neither bodies nor a drawing.
     """
 
-    def __init__(self, task: Task[Any], *, width: int, height: int, samples: int) -> None:
+    def __init__(
+        self, task: Task[Any], *, width: int, height: int, samples: int, worlds: Sequence[int] | None = None,
+        view: Callable[[Shot], Shot] | None = None, marks: bool = True,
+    ) -> None:  # fmt: skip
         self._task = task
+        self._rows = list(range(task.num_worlds) if worlds is None else worlds)
         scene = task.scene()
         simulation, scene, shot = stage(task) if scene is None else (task.simulation, scene, task.shot())
         self._camera = FollowCamera(
-            simulation, scene, shot, worlds=range(task.num_worlds), width=width, height=height, samples=samples,
-            lighting=task.lighting(),
+            simulation, scene, shot if view is None else view(shot), worlds=self._rows, width=width, height=height,
+            samples=samples, lighting=task.lighting(), marks=marks, quiet=True,
         )  # fmt: skip
 
-    def take(self, time: float) -> npt.NDArray[np.uint8]:
-        """(W, height, width, 3) sRGB of the present state; the camera goes along over ``time``, since the start [s]."""
-        lines = [
-            [Polyline(points, to_rgb(line.colour), line.width) for points in line.points.double().cpu().numpy()]
-            for line in self._task.drawing().lines
-        ]
-        of_worlds: Sequence[Sequence[Polyline]] = list(zip(*lines, strict=True))
-        return self._camera.take(time, of_worlds)
+    def take(self, time: float, further: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
+        """Images of the present state.
+
+        Args:
+            time: since the start, over which the camera goes along [s].
+            further: lines beside those of the drawing: of each, one per world that is seen.
+
+        Returns:
+            (S, height, width, 3) sRGB of the worlds that are seen.
+        """
+        lines: list[Sequence[Polyline]] = []
+        for line in self._task.drawing().lines:
+            if not line.only_maps:
+                points = line.points.double().cpu().numpy()[self._rows]
+                lines.append([Polyline(each, to_rgb(line.colour), line.width) for each in points])
+        return self._camera.take(time, list(zip(*lines, *further, strict=True)))
+
+    @property
+    def follows(self) -> bool:
+        """Whether there is a body that the shot is about."""
+        return self._camera.follows
+
+    def floors(self) -> npt.NDArray[np.float64]:
+        """(S,) height of the ground in the worlds that are seen [m]."""
+        return self._camera.floors()
 
     def cut(self) -> None:
         """Be where the worlds are at once in the next image: new episodes have begun."""

@@ -8,7 +8,7 @@ from PIL import Image
 
 from simwarp import cli
 from simwarp.viewer.demo import sheet as sheets
-from simwarp.viewer.demo.panels import CLASSES
+from simwarp.viewer.demo.panels import CLASSES, radar_panel
 from simwarp.viewer.demo.sheet import BLANK, Bar, Panel, Sheet
 
 PANEL = 128
@@ -34,9 +34,12 @@ def test_the_picture_has_all_panels(made):
     picture, _, content = made
     small = 2 * round(PANEL * 9 / 32)
     rows = 6 * (small + sheets.CAPTION + sheets.GAP) + round(0.72 * PANEL) + sheets.CAPTION
-    assert picture.shape == (sheets.HEAD + rows + sheets.MARGIN, 4 * PANEL + 3 * sheets.GAP + 2 * sheets.MARGIN, 3)
+    head = picture.shape[0] - rows - sheets.MARGIN
+    assert head > sheets.HEAD  # the note takes more than one line
+    assert (head - sheets.HEAD) % sheets.LINE == 0
+    assert picture.shape[1] == 4 * PANEL + 3 * sheets.GAP + 2 * sheets.MARGIN
     for row in range(7):  # no cell is left as paper
-        top = sheets.HEAD + row * (small + sheets.CAPTION + sheets.GAP) + sheets.CAPTION
+        top = head + row * (small + sheets.CAPTION + sheets.GAP) + sheets.CAPTION
         for column in range(4):
             left = sheets.MARGIN + column * (PANEL + sheets.GAP)
             cell = picture[top + 4 : top + small - 4, left + 4 : left + PANEL - 4]
@@ -147,6 +150,41 @@ def test_a_caption_gives_way_to_its_colour_bar():
         sheet.put(0, 0, Panel("depth", note, image, bar))
         papers.append(sheet.picture())
     np.testing.assert_array_equal(papers[0], papers[1])
+
+
+def ink(paper, background=sheets.PAPER):
+    """(H, W) bool where there is something on the paper."""
+    return (np.abs(paper.astype(int) - background) > 24).any(axis=-1)
+
+
+@pytest.mark.parametrize("panel", [128, 200, 320])
+def test_no_label_of_a_sheet_is_cut(panel):
+    note = "one drive of a truck over hills, measured by all its sensors, inertial unit and satellite receiver"
+    sheet = Sheet(panel, [54], 2, "simwarp sensor-demo", note)
+    image = np.zeros((54, panel, 3), np.uint8)
+    sheet.put(0, 0, Panel("exposure 1.9, vignetting and more", "", image))
+    sheet.put(0, 1, Panel("lidar range image", "", image, Bar("viridis", 0.0, 60.0, "m")))
+    paper = ink(sheet.picture())
+    margin = sheets.MARGIN
+    # letters end before the margin, and the title of the left panel before the right panel
+    assert not paper[: sheet.head, -margin:].any()
+    caption = paper[sheet.head : sheet.head + sheets.CAPTION]
+    assert not caption[:, margin + panel : margin + panel + sheets.GAP].any()
+    assert not caption[:, -margin:].any()
+    # every word of the note is there: as many inked columns as in one line of a sheet that is wide enough
+    wide = ink(Sheet(1200, [54], 2, "simwarp sensor-demo", note).picture())[33:56]
+    lines = paper[33 : sheet.head - 1]
+    assert lines.sum() == pytest.approx(wide.sum(), rel=0.1)  # letters lie otherwise among the pixels of a line
+
+
+@pytest.mark.parametrize("height", [86, 200])
+def test_the_axes_of_the_radar_have_names_that_fit(height):
+    returns = np.zeros((1, 6)) - 1.0
+    image = radar_panel(returns, np.zeros((0, 6)), 7.0, 410, height).image
+    marked = ink(image, np.array([250, 250, 249]))
+    assert not marked[0].any()
+    assert not marked[-1].any()
+    assert not marked[:, 0].any()
 
 
 def test_a_bar_paints_what_is_not_seen_dark():

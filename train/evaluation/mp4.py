@@ -31,7 +31,7 @@ def check_encoder() -> None:
         importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
     except ImportError:
         raise InputError(
-            "mp4 needs the package imageio-ffmpeg: pip install 'simwarp[viewer]', or give a .gif instead"
+            "mp4 needs the package imageio-ffmpeg: pip install imageio-ffmpeg, or give a .gif instead"
         ) from None
     except RuntimeError as error:
         raise InputError(f"mp4 needs ffmpeg: {error} Or give a .gif instead") from None

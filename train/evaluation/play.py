@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,12 +18,12 @@ from simwarp.tasks import InputError, Task
 
 from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 from .filming import film_still, film_strip
+from .gif import gif_of
 from .mp4 import check_encoder, write_mp4
 
-PICTURE_SUFFIXES = (".png",)
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 VIDEO_SUFFIXES = (".gif", ".mp4")
 _FRAMES_PER_SECOND = 25
-_PALETTE_FRAMES = 8
 _LONGEST = 3600.0
 """Time that is shown at most [s]: all images are kept until they are written."""
 
@@ -57,7 +57,7 @@ def check_video_path(path: Path) -> None:
     """
     suffix = path.suffix.lower()
     if suffix not in PICTURE_SUFFIXES + VIDEO_SUFFIXES:
-        raise InputError(f"cannot write '{path}': the name must end in .png, .gif or .mp4")
+        raise InputError(f"cannot write '{path}': the name must end in .mp4, .gif, .png or .jpg")
     check_output(path, "--video")
     if suffix == ".mp4":
         check_encoder()
@@ -65,7 +65,7 @@ def check_video_path(path: Path) -> None:
 
 def record(
     task: Task[Any], policy: Policy, seconds: float, seed: int, film: Takes,
-    watch: Callable[[int, int], None] | None = None,
+    watch: Callable[[int, int], None] | None = None, frames: list[Frame] | None = None,
 ) -> tuple[list[Frame], float]:  # fmt: skip
     """Let a policy act and keep frames.
 
@@ -76,6 +76,7 @@ def record(
         seed: of the worlds.
         film: of the task; takes images of the frames it wants.
         watch: hears how many control steps are done, and of how many.
+        frames: list that they are kept in, so that an interruption loses none; None: one of its own.
 
     Returns:
         Frames some 25 per second apart, and the mean return of the first episodes so far.
@@ -91,7 +92,8 @@ def record(
     every = max(1, round(1.0 / (_FRAMES_PER_SECOND * task.config.control_dt)))
     steps = max(1, round(seconds / task.config.control_dt))
     count = steps // every + 1
-    frames = [Frame(0.0, film.take(0, count, 0.0))]
+    frames = [] if frames is None else frames
+    frames.append(Frame(0.0, film.take(0, count, 0.0)))
     total = torch.zeros(task.num_worlds, dtype=torch.float64, device=task.device)
     running = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
     bad = torch.zeros((), dtype=torch.int64, device=task.device)
@@ -113,34 +115,49 @@ def record(
     return frames, float(total.mean())
 
 
-def write_picture(path: Path, frames: list[Frame], title: str) -> None:
-    """Write a PNG: rendered moments of every world.
+def write_picture(path: Path, frames: list[Frame], title: str, worlds: Sequence[int] = ()) -> None:
+    """Write a PNG or JPEG: rendered moments of every world shown.
 
     Raises:
         OutputError: the disk did not take it.
     """
     taken = [(frame.time, frame.images) for frame in frames if frame.images is not None]
     picture = io.BytesIO()
-    Image.fromarray(film_strip(taken, title)).save(picture, format="png")
+    image = Image.fromarray(film_strip(taken, title, worlds))
+    if path.suffix.lower() == ".png":
+        image.save(picture, format="png", optimize=True)
+    else:
+        image.save(picture, format="jpeg", quality=88)
     write_file(path, picture.getvalue())
 
 
-def write_video(path: Path, frames: list[Frame], title: str) -> None:
+def write_video(
+    path: Path, frames: list[Frame], title: str, worlds: Sequence[int] = (),
+    watch: Callable[[int, int], None] | None = None,
+) -> None:  # fmt: skip
     """Write a GIF or an MP4 of frames that all have images.
+
+    Args:
+        path: of the file.
+        frames: of the film.
+        title: above the images.
+        worlds: names of those that are shown; empty: the first ones.
+        watch: hears how many frames of an MP4 are written, and of how many.
 
     Raises:
         OutputError: the disk did not take it.
     """
     rate = (len(frames) - 1) / frames[-1].time if len(frames) > 1 else _FRAMES_PER_SECOND
-    images = [film_still(frame.images, frame.time, title) for frame in frames if frame.images is not None]
+    shown = [(frame.time, frame.images) for frame in frames if frame.images is not None]
+
+    def stills() -> Iterator[npt.NDArray[np.uint8]]:
+        for index, (time, images) in enumerate(shown):
+            if watch is not None:
+                watch(index, len(shown))
+            yield film_still(images, time, title, worlds)
+
     if path.suffix.lower() == ".mp4":
-        height, width, _ = images[0].shape
-        write_mp4(path, images, (width, height), rate)
-        return
-    # One palette for all images keeps a GIF of flat colours small; what comes into sight later has its colours in it
-    some = np.unique(np.linspace(0, len(images) - 1, _PALETTE_FRAMES).round().astype(int))
-    palette = Image.fromarray(np.concatenate([images[index] for index in some])).quantize(256)
-    first, *rest = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    video = io.BytesIO()
-    first.save(video, format="gif", save_all=True, append_images=rest, duration=round(1000.0 / rate), loop=0)
-    write_file(path, video.getvalue())
+        height, width, _ = film_still(shown[0][1], 0.0, title, worlds).shape
+        write_mp4(path, stills(), (width, height), rate)
+    else:
+        write_file(path, gif_of(list(stills()), rate))

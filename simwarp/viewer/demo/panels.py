@@ -21,6 +21,8 @@ from simwarp.viewer.demo.sheet import BLANK, Bar, Color, Panel, Picture
 Array = npt.NDArray[Any]
 Traces = Mapping[str, Mapping[str, Array]]
 
+_TALL: Final = 130
+"""Height of a picture beside which a long name of an axis has room [pixels]."""
 SETTLED: Final = 1.0
 """Time from which on traces are shown: the truck has settled on its springs [s]."""
 TRUTH: Final = "#1f2933"
@@ -148,7 +150,7 @@ def radar_panel(returns: Array, clusters: Array, speed: float, width: int, heigh
     axes.set_xlim(0.0, 60.0)
     axes.set_ylim(-8.5, 8.5)
     axes.set_xlabel("ahead [m]", fontsize=8)
-    axes.set_ylabel("to the left [m]", fontsize=8)
+    axes.set_ylabel("to the left [m]" if height >= _TALL else "left [m]", fontsize=8)
     return Panel("radar", "returns and clusters from above; range rate, approaching red", _drawn(figure), bar)
 
 

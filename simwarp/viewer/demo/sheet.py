@@ -23,6 +23,10 @@ HEAD: Final = 58
 PAPER: Final = (250, 250, 249)
 INK: Final = (31, 41, 51)
 GREY: Final = (110, 120, 131)
+LINE: Final = 15
+"""From line to line of the note of a sheet [pixels]."""
+SMALLEST: Final = 7
+"""Letters that can still be read [pixels]."""
 BLANK: Final = (24, 27, 32)
 """Colour of pixels without a measurement."""
 
@@ -69,6 +73,25 @@ def font(size: int, bold: bool = False) -> Any:
     return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name), size)
 
 
+def fitted(text: str, width: float, size: int, bold: bool = False) -> Any:
+    """The largest font of at most a `size` in which a text is no wider than `width` [pixels]; at least `SMALLEST`."""
+    while size > SMALLEST and font(size, bold).getlength(text) > width:
+        size -= 1
+    return font(size, bold)
+
+
+def wrapped(text: str, width: float, letters: Any) -> list[str]:
+    """A text in lines that are no wider than `width` [pixels], where no word is wider."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and letters.getlength(longer) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
+
+
 class Sheet:
     """Paper for panels.
 
@@ -76,18 +99,25 @@ class Sheet:
         panel: width of a cell [pixels].
         heights: of the pictures in the rows [pixels].
         columns: cells of a row.
-        title, note: of the sheet.
+        title, note: of the sheet; the note takes as many lines as it needs.
+
+    Attributes:
+        head: height of what is above the first row [pixels].
     """
 
     def __init__(self, panel: int, heights: Sequence[int], columns: int, title: str, note: str) -> None:
         self.panel, self.heights = panel, tuple(heights)
         steps = [height + CAPTION + GAP for height in heights]
-        self._tops = [HEAD + sum(steps[:row]) for row in range(len(steps))]
-        size = (2 * MARGIN + columns * panel + (columns - 1) * GAP, HEAD + sum(steps) - GAP + MARGIN)
+        width = columns * panel + (columns - 1) * GAP
+        lines = wrapped(note, width, font(11))
+        self.head = HEAD + (len(lines) - 1) * LINE
+        self._tops = [self.head + sum(steps[:row]) for row in range(len(steps))]
+        size = (2 * MARGIN + width, self.head + sum(steps) - GAP + MARGIN)
         self._paper = Image.new("RGB", size, PAPER)
         draw = ImageDraw.Draw(self._paper)
-        draw.text((MARGIN, 20), title, fill=INK, font=font(19, bold=True), anchor="lm")
-        draw.text((MARGIN, 43), note, fill=GREY, font=font(11), anchor="lm")
+        draw.text((MARGIN, 20), title, fill=INK, font=fitted(title, width, 19, bold=True), anchor="lm")
+        for index, line in enumerate(lines):
+            draw.text((MARGIN, 43 + index * LINE), line, fill=GREY, font=font(11), anchor="lm")
 
     def width(self, cells: int) -> int:
         """Of a panel over several cells [pixels]."""
@@ -101,13 +131,14 @@ class Sheet:
         """A panel whose upper left corner is in a cell, `down` pixels below its top."""
         left, top = MARGIN + column * (self.panel + GAP), self._tops[row] + down
         draw = ImageDraw.Draw(self._paper)
-        bold, plain = font(12, bold=True), font(11)
+        plain = font(11)
         middle = top + CAPTION // 2
-        draw.text((left + 1, middle), panel.title, fill=INK, font=bold, anchor="lm")
         right = left + panel.image.shape[1]
-        room = left + 1 + draw.textlength(panel.title, font=bold) + 7
         if panel.bar is not None:
             right = self._bar(draw, panel.bar, right, middle)
+        bold = fitted(panel.title, right - left - 1, 12, bold=True)
+        draw.text((left + 1, middle), panel.title, fill=INK, font=bold, anchor="lm")
+        room = left + 1 + draw.textlength(panel.title, font=bold) + 7
         if room + draw.textlength(panel.note, font=plain) <= right:
             draw.text((room, middle), panel.note, fill=GREY, font=plain, anchor="lm")
         image = Image.fromarray(panel.image)

@@ -19,7 +19,7 @@ from simwarp.viewer.live.page_meshes import linear_bytes
 from simwarp.viewer.live.subject import Subject
 from simwarp.viewer.live.web_server import WebServer, run_script
 from simwarp.viewer.live.world_layout import Layout, offsets
-from simwarp.viewer.studio import SIDE, Shot
+from simwarp.viewer.studio import SIDE, Shot, about_vertical, headings
 
 Array = npt.NDArray[np.float64]
 
@@ -241,11 +241,12 @@ class Page:
         low, high = extent[:, 0].min(axis=0), extent[:, 1].max(axis=0)
         target = 0.5 * (low + high)
         size = max(float(np.linalg.norm(high - low)), 0.2)
-        away = SIDE / np.linalg.norm(SIDE) * (0.52 * size / math.tan(0.5 * 1.0))
+        away = np.array(SIDE) / np.linalg.norm(SIDE) * (0.52 * size / math.tan(0.5 * 1.0))
         if shot.eye is not None and self.layout is not Layout.GRID:
-            away = np.asarray(shot.eye, np.float64)
+            heading = self._heading() if shot.turns else 0.0
+            away = about_vertical([shot.eye], [heading])[0]
             if shot.target is not None:
-                target = self.followed() + np.asarray(shot.target, np.float64)
+                target = self.followed() + about_vertical([shot.target], [heading])[0]
         camera = self.server.viser.initial_camera
         camera.position, camera.look_at = tuple(target + away), tuple(target)
         camera.near, camera.far = 0.01 if size < 5.0 else 0.05, 4000.0
@@ -262,6 +263,12 @@ class Page:
         if isinstance(shot.body, str):
             return model.body_names.index(shot.body)
         return int(shot.body) if model.body_count else WORLD
+
+    def _heading(self) -> float:
+        """Of the body that the camera goes with, in the chosen world [rad]."""
+        body = self.body()
+        rotations = self.subject.simulation.state.body_rot.numpy()[int(self.worlds[self.chosen]), body]
+        return 0.0 if body == WORLD else float(headings([rotations])[0])
 
     def _send_all(self, places: Array, wxyz: Array) -> None:
         wanted = {batch.key for batch in self.batches.batches}

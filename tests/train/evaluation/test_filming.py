@@ -1,7 +1,10 @@
 """`simwarp play` renders tasks: frames, motion, layout, lines; and what has no shape, no body."""
 
 import dataclasses
+import io
+import itertools
 import json
+import sys
 from typing import Any
 
 import numpy as np
@@ -10,8 +13,11 @@ import torch
 from PIL import Image
 
 from simwarp import cli
+from simwarp.core.rotation import matrix_of
+from simwarp.sensors.cameras.lenses import Pinhole
 from simwarp.tasks import InputError, Task, make
-from simwarp.train.evaluation.filming import Film, film_still, film_strip
+from simwarp.train.evaluation.filming import TRAIL, Film, FilmOptions, Trails, View, film_still, film_strip
+from simwarp.train.evaluation.gif import MOST_BYTES, gif_of
 from simwarp.train.evaluation.play import record, write_picture, write_video
 from simwarp.train.networks.policies import zero_policy
 from simwarp.viewer import FollowCamera
@@ -62,13 +68,13 @@ def test_a_video_has_every_frame_and_moves(played):
 def test_a_picture_is_a_strip_of_moments(played):
     folder, shown = played
     taken = [frame for frame in shown["a.png"] if frame.images is not None]
-    assert [frame.time for frame in taken] == pytest.approx(np.round(np.linspace(0, 15, 7)[1:]) * 0.04)
+    assert [frame.time for frame in taken] == pytest.approx([0.2, 0.4, 0.6])
     with Image.open(folder / "a.png") as image:
         width, height = image.size
     worlds, tall, wide = taken[0].images.shape[:3]
     assert worlds == 2
     # a row for each world, a column for each moment, gaps of four pixels, a line of text above
-    assert width == 6 * wide + 7 * 4
+    assert width == 3 * wide + 4 * 4
     assert 2 * tall + 3 * 4 < height < 2 * tall + 3 * 4 + 40
 
 
@@ -94,6 +100,132 @@ def test_play_renders_what_can_be_seen(tmp_path, monkeypatch, capfd):
     assert cli.main(["play", "pendulum", "--seconds", "0.2", "--num-envs", "1", "--video", "b.png", "--json", "-"]) == 0
     assert json.loads(capfd.readouterr().out)["video"] == "b.png"
     assert colors(tmp_path / "b.png") > 1000  # sky, shades and soft edges
+    assert not list(tmp_path.glob("*.mp4"))
+
+
+SMALL = ("--seconds", "0.12", "--size", "48", "32")
+
+
+def test_play_writes_an_mp4_unasked(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["play", "fast", "--checkpoint", "none", *SMALL]) == 2
+    capfd.readouterr()
+    assert cli.main(["play", "pendulum", *SMALL, "--json", "-"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["video"] == "pendulum.mp4"
+    assert told["return"] > 0.0
+    assert (tmp_path / "pendulum.mp4").read_bytes()[4:8] == b"ftyp"  # the mark of its format
+
+
+def test_without_an_encoder_play_writes_a_gif_and_says_so(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    assert cli.main(["play", "pendulum", *SMALL]) == 0
+    out = capfd.readouterr().out
+    assert out.count("no encoder for mp4 (pip install imageio-ffmpeg)") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["pendulum.gif"]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--num-envs", "2", "--worlds", "2"), "worlds must be from 0 to 1, got 2; --num-envs plays more of them"),
+        (("--worlds", "0", "0"), "worlds must be different ones, got 0 0"),
+        (("--size", "33", "20"), "size must be two even numbers from 16 to 4096 pixels, got 33"),
+        (("--size", "4096", "4096", "--seconds", "60"), "at most 8 GB of images, got 76 GB"),
+        (("--zoom", "0"), "zoom must be from 0.1 to 20, got 0"),
+        (("--camera", "moon"), "camera"),
+    ],
+)
+def test_what_play_cannot_show_is_refused_in_one_line(options, told, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["play", "pendulum", *options]) == 2
+    err = capfd.readouterr().err
+    assert told in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interruption_loses_no_frame(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    take, taken = Film.take, []
+
+    def interrupted(film, index, count, time):
+        if index == 3:
+            raise KeyboardInterrupt
+        taken.append(index)
+        return take(film, index, count, time)
+
+    monkeypatch.setattr(Film, "take", interrupted)
+    assert cli.main(["play", "pendulum", "--seconds", "4", "--size", "48", "32", "--video", "a.gif"]) == 130
+    assert "interrupted; wrote the 0.1 s so far to a.gif" in capfd.readouterr().out
+    assert len(images_of(tmp_path / "a.gif")) == len(taken) == 3
+
+
+def test_worlds_size_zoom_and_camera_are_as_asked():
+    task = make("pendulum", 3)
+    task.restart(seed=1)
+
+    def look(**options: Any) -> Any:
+        return Film(task, True, FilmOptions(size=(96, 64), trail=False, **options)).take(0, 1, 0.0)
+
+    every, one = look(), look(worlds=(2,))
+    assert every.shape == (3, 64, 96, 3)
+    np.testing.assert_array_equal(one[0], every[2])
+    reddish = [(image[..., 0].astype(int) - image[..., 2] > 60).sum() for image in (every[2], look(zoom=2.0)[2])]
+    assert reddish[1] > 1.5 * reddish[0]  # pole and blocks are larger, and partly beside the picture
+    views = [look(view=view)[0] for view in View]
+    assert all(not np.array_equal(a, b) for a, b in itertools.combinations(views, 2))
+
+
+def near(picture, color, reach=40):
+    """(H, W) bool where a picture has nearly a colour."""
+    return np.abs(picture.astype(int) - np.round(255.0 * np.array(color))).max(axis=-1) < reach
+
+
+def test_the_trail_shows_where_a_body_went():
+    task: Any = make("pendulum", 1)
+    task.restart(seed=1)
+    film = Film(task, True, FilmOptions(size=(240, 160)))
+    position = 0.0
+    monkey = pytest.MonkeyPatch()
+    monkey.setattr(task, "map_position", lambda: torch.tensor([[position, -0.3, 0.6]]))
+    for index, position in enumerate(np.linspace(-1.0, 1.0, 21)):
+        images = film.take(index, 21, 0.04 * index)
+    camera = FollowCamera(task.simulation, task.scene(), task.shot(), width=240, height=160)
+    pose = camera._aim(0.0)[0]
+    matrix = Pinhole(fov=task.shot().fov).intrinsics(240, 160)
+    for x in (-0.9, 0.0, 0.9):
+        seen = (np.array([x, -0.3, 0.6]) - pose.position) @ matrix_of(pose.rotation)
+        column, row, depth = matrix @ (-seen[1], -seen[2], seen[0])
+        spot = images[0, int(row / depth) - 1 : int(row / depth) + 2, int(column / depth)]
+        assert near(spot, TRAIL).any(), x
+
+
+def test_a_trail_ends_where_its_world_was_reset():
+    trails = Trails(1)
+    for x in (0.0, 0.1, 0.2, 5.0, 5.1):
+        trails.add(np.array([[x, 0.0, 0.0]]))
+    np.testing.assert_allclose(trails.lines()[0][:, 0], [5.0, 5.1])
+
+
+def test_a_goal_is_in_the_picture():
+    task: Any = make("fast", 1)
+    images = Film(task, True, FilmOptions(size=(240, 240))).take(0, 1, 0.0)
+    green = np.argwhere(near(images[0], (0.17, 0.63, 0.17)))
+    # a ring of 0.2 m about the middle of a view that spans 4 m and more
+    assert len(green) > 12
+    assert np.abs(green.mean(axis=0) - 120.0).max() < 6.0
+
+
+def test_a_gif_is_never_too_large():
+    rng = np.random.default_rng(1)
+    noise = [rng.integers(0, 256, (90, 120, 3), dtype=np.uint8) for _ in range(125)]  # the worst there is
+    made = gif_of(noise * 2, 50.0)
+    assert 0.2 * MOST_BYTES < len(made) <= MOST_BYTES
+    with Image.open(io.BytesIO(made)) as video:
+        assert getattr(video, "n_frames", 1) == 125
+        assert video.info["duration"] == 40  # every second image, twice as long
 
 
 def blue(images):
