@@ -88,14 +88,9 @@ def fill_constant(_app: Sphinx, what: str, name: str, value: Any, _options: Any,
 
 
 def keep_sentence(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
-    """Begin the text of a property with an empty line: napoleon would take what stands before a colon for its type."""
+    """Begin the text of a property with an empty comment: napoleon takes what stands before a colon for its type."""
     if what in {"attribute", "data", "property"} and lines:
-        lines.insert(0, "")
-
-
-def keep_public(_app: Sphinx, what: str, name: str, _value: Any, skip: bool, _options: Any) -> bool | None:
-    """Keep constants, whose text autodoc would look for in the package that imports them."""
-    return False if skip and what == "module" and not name.startswith("_") else None
+        lines[:0] = ["..", ""]
 
 
 def resolve(target: str) -> Any:
@@ -134,7 +129,6 @@ def link_to_public(
 
 def setup(app: Sphinx) -> None:
     """Connect the functions above."""
-    app.connect("autodoc-skip-member", keep_public)
     app.connect("autodoc-process-docstring", fill_constant, priority=300)
     app.connect("autodoc-process-docstring", keep_sentence, priority=400)  # napoleon comes at 500
     app.connect("missing-reference", link_to_public)
