@@ -14,7 +14,7 @@ WORKERS ?= 2
 ONE_THREAD := SIMWARP_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
 # Bytecode is written even where the environment says otherwise: tests start hundreds of processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
-CODE := simwarp tasks train tests scripts benchmarks examples docs
+CODE := simwarp tasks train tests scripts benchmarks examples docs/conf.py
 
 # The mark names the checkout. It does not count after the folder was moved, or where its Python no longer runs.
 ifneq ($(shell $(BIN)/python -c pass 2>/dev/null && cat $(READY) 2>/dev/null),$(CURDIR))

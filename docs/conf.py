@@ -1,9 +1,10 @@
-"""Sphinx's configuration of the site: pages in Markdown, the API reference from docstrings, nothing from the network."""
+"""Configuration of the site: pages in Markdown, the API reference from docstrings, nothing from the network."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,6 @@ from sphinx.pycode import ModuleAnalyzer
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
-
-import simwarp as sw  # noqa: E402  (the path above names this checkout)
 
 PACKAGES = ("actuators", "importers", "scenery", "scenes", "sensors", "tasks", "train", "vehicle", "viewer")
 
@@ -93,6 +92,30 @@ def keep_sentence(_app: Sphinx, what: str, _name: str, _value: Any, _options: An
         lines[:0] = ["..", ""]
 
 
+def split_names(_app: Sphinx, _what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
+    """Give each of `low, high: bounds` its own entry; Sphinx would take all but the last name for a type."""
+    found: list[str] = []
+    for entry in entries(lines):
+        several = re.match(r"(\s*):(ivar|param) (\w+(?:, \w+)+):", entry[0])
+        if several is None:
+            found += entry
+            continue
+        indent, kind, names = several.groups()
+        for name in names.split(", "):
+            found += [f"{indent}:{kind} {name}:{entry[0][several.end() :]}", *entry[1:]]
+    lines[:] = found
+
+
+def entries(lines: list[str]) -> list[list[str]]:
+    """Lines in groups: one that begins a field, with those that go on with it."""
+    groups: list[list[str]] = []
+    for line in lines:
+        if not groups or re.match(r"\s*:\w+", line) or not line.startswith(" "):
+            groups.append([])
+        groups[-1].append(line)
+    return groups
+
+
 def resolve(target: str) -> Any:
     """What a dotted name stands for; None where there is no such thing."""
     module, _, rest = target.rpartition(".")
@@ -131,4 +154,5 @@ def setup(app: Sphinx) -> None:
     """Connect the functions above."""
     app.connect("autodoc-process-docstring", fill_constant, priority=300)
     app.connect("autodoc-process-docstring", keep_sentence, priority=400)  # napoleon comes at 500
+    app.connect("autodoc-process-docstring", split_names, priority=600)
     app.connect("missing-reference", link_to_public)
