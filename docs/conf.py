@@ -15,6 +15,7 @@ from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.errors import PycodeError
 from sphinx.pycode import ModuleAnalyzer
+from sphinx.util import logging
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -64,6 +65,7 @@ def public_names() -> dict[int, str]:
     return found
 
 
+LOGGER = logging.getLogger(__name__)
 PUBLIC = public_names()
 
 
@@ -83,12 +85,14 @@ def documented_data(name: str, value: Any) -> list[str]:
 def fill_constant(_app: Sphinx, what: str, name: str, value: Any, _options: Any, lines: list[str]) -> None:
     """Give a constant of a package the text that stands where it is defined."""
     if what == "data":
-        lines[:] = documented_data(name.rpartition(".")[2], value) or lines
+        lines[:] = documented_data(name.rpartition(".")[2], value)
+        if not lines:
+            LOGGER.warning("%s has no text below its definition", name)
 
 
 def keep_sentence(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
     """Begin the text of a property with an empty comment: napoleon takes what stands before a colon for its type."""
-    if what in {"attribute", "data", "property"} and lines:
+    if what in {"attribute", "data", "property"} and lines and ":" in lines[0]:
         lines[:0] = ["..", ""]
 
 
