@@ -14,20 +14,21 @@ WORKERS ?= 2
 ONE_THREAD := SIMWARP_THREADS=1 OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg
 # Bytecode is written even where the environment says otherwise: tests start hundreds of processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
-CODE := simwarp tasks train tests scripts benchmarks examples
+CODE := simwarp tasks train tests scripts benchmarks examples docs/conf.py
 
 # The mark names the checkout. It does not count after the folder was moved, or where its Python no longer runs.
 ifneq ($(shell $(BIN)/python -c pass 2>/dev/null && cat $(READY) 2>/dev/null),$(CURDIR))
 .PHONY: $(READY)
 endif
 
-.PHONY: help setup bundle train test test-slow lint format clean
+.PHONY: help setup bundle train test test-slow docs lint format clean
 
 help:
 	@echo "make setup      virtual environment with everything in it (the others do this by themselves)"
 	@echo "make bundle     wheels and install.sh for a machine without network (ARGS='--python 3.12 --cuda')"
 	@echo "make train      train a policy (TASK=$(TASK), ARGS='--num-envs 512')"
 	@echo "make test       tests (ARGS='-k name'); test-slow adds the slow ones"
+	@echo "make docs       the site: pages and API reference in build/docs"
 	@echo "make lint       ruff and mypy; format rewrites"
 
 setup: $(READY)
@@ -48,6 +49,12 @@ test: $(READY)
 
 test-slow: $(READY)
 	@$(PYTEST) $(ARGS)
+
+# A name or link that leads nowhere is an error. Pages of modules that are gone must not stay.
+docs: $(READY)
+	@rm -rf build/docs
+	@$(BIN)/python -m sphinx --nitpicky --fail-on-warning --keep-going --quiet -b html -d build/doctrees docs build/docs
+	@echo "site: build/docs/index.html"
 
 # Without ruff's cache: import order depends on which folders exist, and a cached verdict does not see one move.
 lint: $(READY)

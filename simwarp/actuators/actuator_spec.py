@@ -87,7 +87,7 @@ class ActuatorSpec(ReadableFields):
         activation_range: the activation is clamped to it.
         delay: of the control [s], rounded to whole sub-steps; before the first one has come through, it is 0.
         torque_speed: (stall force, speed without load) of a motor, in units of f and of l': the force that speeds the
-            motion up is at most stall (1 - |l'| / speed), and 0 beyond it.
+            motion up is at most `stall (1 - |l'| / speed)`, and 0 beyond it.
         corner_speed: below this speed the whole stall force is there, where `torque_speed` is given.
     """
 

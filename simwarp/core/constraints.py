@@ -180,10 +180,15 @@ def _have_length(axis: Any) -> None:
 
 
 Positive: TypeAlias = Annotated[float, Gt(0.0)]
+"""A number above 0."""
 NotNegative: TypeAlias = Annotated[float, Ge(0.0)]
+"""A number that is 0 or above."""
 Fraction: TypeAlias = Annotated[float, Ge(0.0), Le(1.0)]
+"""A number from 0 to 1."""
 Count: TypeAlias = Annotated[int, Ge(1)]
+"""A whole number that is 1 or above."""
 Whole: TypeAlias = Annotated[int, Ge(0)]
+"""A whole number that is 0 or above."""
 Point: TypeAlias = Annotated[tuple[float, float, float], Meaning("a point (x, y, z) [m]")]
 Direction: TypeAlias = Annotated[tuple[float, float, float], Rule(_have_length), Meaning("a direction (x, y, z)")]
 Inertia: TypeAlias = Annotated[

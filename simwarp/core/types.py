@@ -23,6 +23,7 @@ FLOAT32_LEAST: Final = float(np.finfo(np.float32).tiny)
 """Smallest positive number that they hold with all its digits; below it, kernels may see zero."""
 
 Vec3: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
+"""Three numbers: a sequence, or an array (3,)."""
 Quat: TypeAlias = Sequence[float] | npt.NDArray[np.floating]
 
 

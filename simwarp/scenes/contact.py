@@ -12,6 +12,7 @@ from simwarp.model.builder import ModelBuilder
 
 ANT_TORSO_RADIUS = 0.25
 ANT_LIMB_RADIUS = 0.04
+"""Radius of the capsules that are the legs of `ant()` [m]."""
 ANT_LEG = 0.3
 ANT_ANKLE = 0.4
 ANT_DENSITY = 250.0

@@ -19,10 +19,10 @@ from simwarp.model.builder import ModelBuilder
 Array = npt.NDArray[np.float64]
 
 PENDULUM_PERIOD: Final = 2.367842
-"""[s] of `pendulum()`, released horizontally: 4 sqrt(L/g) K(sin² 45°)."""
+"""Period of `pendulum()` [s], released horizontally: 4 sqrt(L/g) K(sin² 45°)."""
 
 FLIP_INTERVAL: Final = 5.025929
-"""[s] between two flips of `dzhanibekov()`."""
+"""Time between two flips of `dzhanibekov()` [s]."""
 
 ANDREWS_INITIAL: Final = (
     -0.0617138900142764496, 0.0, 0.455279819163070380, 0.222668390165885884, 0.487364979543842550,

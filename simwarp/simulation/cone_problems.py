@@ -76,7 +76,7 @@ def solve_cone_problems(
     """Solves u = N gamma + r, gamma in K, u in K*, gamma^T u = 0 for a batch of problems (or a single one).
 
     Rows come in the order bilateral (gamma free, u = 0), limits (gamma >= 0), contacts (n, t1, t2 with
-    |t| <= mu n). Redundant rows are welcome. Bilateral rows are eliminated first: from N alone by its Schur
+    `|t| <= mu n`). Redundant rows are welcome. Bilateral rows are eliminated first: from N alone by its Schur
     complement; with the mechanics, v+ = free_velocity + inverse_mass jacobian gamma, by velocity projection, which is
     ten to a hundred times more accurate in float32. Rows that nothing moves (zero diagonal) get no impulse.
 

@@ -52,7 +52,9 @@ ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 Groups: TypeAlias = dict[str, torch.Tensor]
 
 TIME_LIMIT = "time_limit"
+"""End reason of an episode that reached `max_episode_steps`."""
 NON_FINITE = "non_finite"
+"""End reason of an episode whose world became NaN or infinite."""
 
 
 class Task(PrintedTask, Described, ABC, Generic[ConfigT]):

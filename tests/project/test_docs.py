@@ -25,8 +25,11 @@ WITH_CODE = [
         ROOT / "docs" / name
         for name in (
             "actuators.md",
+            "building.md",
             "conventions.md",
+            "debug-a-nan.md",
             "driving.md",
+            "first_steps.md",
             "scenery.md",
             "sensors.md",
             "vehicles.md",

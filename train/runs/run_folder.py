@@ -137,7 +137,7 @@ class RunFolder:
         return path
 
     def load_config(self) -> dict[str, Any]:
-        """Return the configuration that :func:`create_run` wrote: ``task``, ``train_config``, ``task_config``.
+        """Return the configuration that ``create_run`` wrote: ``task``, ``train_config``, ``task_config``.
 
         Raises:
             InputError: it is missing, damaged, has values of other types, or is of a task that is not installed.
