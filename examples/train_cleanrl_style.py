@@ -14,8 +14,11 @@ from torch.distributions import Normal
 
 from simwarp.tasks import Task, make, resolve_device
 
-ROLLOUT, EPOCHS, PARTS = 32, 5, 4
-GAMMA, LAMBDA, CLIP, RATE, LARGEST_GRADIENT = 0.99, 0.95, 0.2, 1e-3, 0.5
+ROLLOUT, EPOCHS, PARTS, GAMMA, LAMBDA, CLIP, RATE, LARGEST_GRADIENT = 32, 5, 4, 0.99, 0.95, 0.2, 1e-3, 0.5
+
+
+def layers(inputs: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs))
 
 
 class Agent(nn.Module):
@@ -23,20 +26,15 @@ class Agent(nn.Module):
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
-        self.actor, self.critic = self.layers(inputs, outputs, 0.01), self.layers(inputs, 1, 1.0)
+        self.actor, self.critic = layers(inputs, outputs), layers(inputs, 1)
         self.log_std = nn.Parameter(torch.zeros(outputs))
 
-    @staticmethod
-    def layers(inputs: int, outputs: int, gain: float) -> nn.Sequential:
-        made = [nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs)]
-        nn.init.orthogonal_(made[-1].weight, gain)  # type: ignore[arg-type]
-        return nn.Sequential(*made)
-
     def value(self, seen: torch.Tensor) -> torch.Tensor:
-        value: torch.Tensor = self.critic(seen).squeeze(-1)
-        return value
+        """Return (W,) values of (W, N) observations."""
+        return self.critic(seen).squeeze(-1)
 
     def policy(self, seen: torch.Tensor) -> Normal:
+        """Return the distribution of (W, A) actions."""
         return Normal(self.actor(seen), self.log_std.exp())
 
 
@@ -46,7 +44,7 @@ def roll_out(task: Task[Any], agent: Agent, seen: torch.Tensor) -> tuple[list[to
     steps = []
     for _ in range(ROLLOUT):
         seen = seen.clone()  # the task's own buffer: the next step writes it
-        policy = agent.policy(seen)
+        policy, value = agent.policy(seen), agent.value(seen)
         action = policy.sample()
         result = task.step(action)
         assert result.final_observations is not None
@@ -55,16 +53,15 @@ def roll_out(task: Task[Any], agent: Agent, seen: torch.Tensor) -> tuple[list[to
         follows = torch.where(ended[:, None], result.final_observations["policy"], result.observations["policy"])
         # A failure is worth nothing more; a time-out is worth what the state would have brought
         future = GAMMA * agent.value(follows) * ~result.terminated
-        error = result.rewards + future - agent.value(seen)
-        steps.append((seen, action, policy.log_prob(action).sum(1), agent.value(seen), error, ~ended))
+        error = result.rewards + future - value
+        steps.append((seen, action, policy.log_prob(action).sum(1), value, error, ~ended))
         seen = result.observations["policy"]
     seens, actions, log_probs, values, errors, running = (torch.stack(column) for column in zip(*steps, strict=True))
     advantages, carried = torch.zeros_like(errors), torch.zeros_like(errors[0])
     for step in reversed(range(ROLLOUT)):
         carried = errors[step] + GAMMA * LAMBDA * running[step] * carried
         advantages[step] = carried
-    batch = (seens, actions, log_probs, advantages, advantages + values)
-    return [column.flatten(0, 1) for column in batch], seen
+    return [column.flatten(0, 1) for column in (seens, actions, log_probs, advantages, advantages + values)], seen
 
 
 def learn(agent: Agent, optimizer: torch.optim.Optimizer, batch: list[torch.Tensor]) -> None:
@@ -105,6 +102,7 @@ def main() -> None:
     args = parser.parse_args()
 
     torch.manual_seed(args.seed)
+    torch.set_num_threads(1)  # such small networks gain nothing from more
     task, unseen = (make(args.task, args.worlds, seed=args.seed, device=resolve_device(args.device)) for _ in range(2))
     agent = Agent(task.observation_shapes["policy"][0], task.action_size).to(task.device)
     optimizer = torch.optim.Adam(agent.parameters(), lr=RATE, eps=1e-5)

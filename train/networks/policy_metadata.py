@@ -58,6 +58,7 @@ def _joints(model: Model, names: Sequence[str], positions: Sequence[float]) -> d
     if len(drives) == len(joints):
         found["joint_stiffness"] = [float(drive.stiffness) for drive in drives]
         found["joint_damping"] = [float(drive.damping) for drive in drives]
-        if all(isinstance(drive.effort_limit, int | float) for drive in drives):
-            found["joint_effort_limit"] = [float(drive.effort_limit) for drive in drives]
+        limits = [limit for drive in drives if isinstance(limit := drive.effort_limit, int | float)]
+        if len(limits) == len(drives):
+            found["joint_effort_limit"] = [float(limit) for limit in limits]
     return found

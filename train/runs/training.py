@@ -106,11 +106,8 @@ def train(
     if resume is not None and warm_start is not None:
         raise InputError("--warm-start begins a new run and --resume goes on with one: give one of them")
     start = None if warm_start is None else _start_policy(warm_start, task_name)
-    description = {
-        **origin_of(task_name),
-        "train_config": config_to_plain(config),
-        "task_config": config_to_plain(task_config),
-    }
+    configs = {"train_config": config_to_plain(config), "task_config": config_to_plain(task_config)}
+    description = {**origin_of(task_name), **configs}
     if warm_start is not None:
         description["warm_start"] = str(warm_start)
     with contextlib.ExitStack() as held:

@@ -1,6 +1,7 @@
 """Frames of environments: what Gymnasium's interface, checkers and film makers ask of them."""
 
 import warnings
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -25,6 +26,11 @@ def vector(name=OFF_ROAD, worlds=3, **options):
     return gym.make_vec(name, num_envs=worlds, render_mode="rgb_array", render_size=SIZE, **options)
 
 
+def shown_by(env) -> Any:
+    """What an environment renders: Gymnasium's types allow for text and nothing too."""
+    return env.render()
+
+
 def far_apart(one, other):
     """Share of the pixels in which two frames differ by more than a shade."""
     return (np.abs(one.astype(int) - other.astype(int)).max(axis=-1) > 30).mean()
@@ -44,7 +50,7 @@ def test_frames_of_one_world(name, rate):
     # 2 x 10 ms, 40 x 2.5 ms and 20 x 1 ms for an action
     env = gym.make(name, render_mode="rgb_array")
     env.reset(seed=0)
-    frame = env.render()
+    frame = shown_by(env)
     assert (frame.shape, frame.dtype) == ((320, 480, 3), np.uint8)
     assert env.metadata["render_fps"] == rate
     assert env.metadata["render_modes"] == ["rgb_array"]
@@ -57,7 +63,7 @@ def test_frames_of_one_world(name, rate):
 def test_frames_of_a_vector(name, rate):
     env = vector(name)
     env.reset(seed=0)
-    frames = env.render()
+    frames = shown_by(env)
     assert isinstance(frames, tuple)
     assert [(frame.shape, frame.dtype) for frame in frames] == [((64, 96, 3), np.uint8)] * 3
     assert (env.metadata["render_fps"], env.metadata["render_modes"]) == (rate, ["rgb_array"])
@@ -65,7 +71,7 @@ def test_frames_of_a_vector(name, rate):
     assert far_apart(frames[0], frames[1]) > 0.01
     kept = frames[0].copy()
     env.step(np.ones(env.action_space.shape, np.float32))
-    later = env.render()
+    later = shown_by(env)
     np.testing.assert_array_equal(frames[0], kept)
     assert (later[0] != kept).any()
 
@@ -77,13 +83,18 @@ def test_a_rate_that_is_no_whole_number_stays_what_it_is():
 def test_nothing_is_built_before_the_first_frame(monkeypatch):
     built = []
     scene = AntTask.scene
-    monkeypatch.setattr(AntTask, "scene", lambda task: built.append(task) or scene(task))
+
+    def watched(task):
+        built.append(task)
+        return scene(task)
+
+    monkeypatch.setattr(AntTask, "scene", watched)
     for env in (single(), vector(ANT)):
         env.reset(seed=0)
         env.step(env.action_space.sample())
         assert built == []
         for _ in range(2):
-            env.render()
+            shown_by(env)
             env.step(env.action_space.sample())
         assert built == [env.unwrapped.task]
         built.clear()
@@ -99,37 +110,37 @@ def test_frames_change_nothing(name):
         left, right = plain.step(action), filmed.step(action)
         assert data_equivalence(left, right, exact=True)
         if step != 1:  # the first frame comes in the middle of an episode
-            filmed.render()
+            shown_by(filmed)
 
 
 def test_a_reset_shows_the_same_start_again():
     env = single()
     env.reset(seed=5)
-    start = env.render()
+    start = shown_by(env)
     for _ in range(20):
         env.step(np.ones(8, np.float32))
-    assert far_apart(env.render(), start) > 0.01
+    assert far_apart(shown_by(env), start) > 0.01
     env.reset(seed=5)
-    np.testing.assert_array_equal(env.render(), start)
+    np.testing.assert_array_equal(shown_by(env), start)
 
 
 def test_the_last_frame_shows_the_end_of_the_episode():
     """The step that ends an episode resets the world too: the frame is from between."""
-    long, short = TaskEnv("ant", render_mode="rgb_array", render_size=SIZE), None
+    long = TaskEnv("ant", render_mode="rgb_array", render_size=SIZE)
     short = TaskEnv("ant", max_episode_steps=15, render_mode="rgb_array", render_size=SIZE)
     frames = []
     for env in (long, short):
         env.reset(seed=2)
-        frames.append([env.render()])
+        frames.append([shown_by(env)])
         for _ in range(15):
             *_, truncated, _ = env.step(np.ones(8, np.float32))
-            frames[-1].append(env.render())
+            frames[-1].append(shown_by(env))
     assert truncated
-    np.testing.assert_array_equal(frames[1][-1], env.render())  # asked again
+    np.testing.assert_array_equal(frames[1][-1], shown_by(env))  # asked again
     # The camera is where it was, the ant too
     np.testing.assert_array_equal(np.stack(frames[0]), np.stack(frames[1]))
     env.reset(seed=2)
-    np.testing.assert_array_equal(env.render(), frames[1][0])
+    np.testing.assert_array_equal(shown_by(env), frames[1][0])
 
 
 def test_a_list_of_frames_is_gymnasiums_to_make():
@@ -137,7 +148,7 @@ def test_a_list_of_frames_is_gymnasiums_to_make():
     env.reset(seed=0)
     for _ in range(3):
         env.step(env.action_space.sample())
-    assert [frame.shape for frame in env.render()] == [(64, 96, 3)] * 4
+    assert [frame.shape for frame in shown_by(env)] == [(64, 96, 3)] * 4
 
 
 @pytest.mark.parametrize("make", [gym.make, lambda name, **options: gym.make_vec(name, num_envs=2, **options)])
@@ -160,16 +171,16 @@ def test_a_size_that_no_film_has_is_refused(size):
 def test_without_a_mode_there_is_no_frame_and_a_warning(env):
     env.reset()
     with pytest.warns(UserWarning, match="render\\(\\) was called without a render mode"):
-        assert env.render() is None
+        assert shown_by(env) is None
 
 
 def test_a_task_of_lines_renders_and_one_of_nothing_is_refused():
     env = TaskEnv("fast", render_mode="rgb_array", render_size=SIZE)
     env.reset(seed=0)
-    assert len(np.unique(env.render().reshape(-1, 3), axis=0)) > 10
+    assert len(np.unique(shown_by(env).reshape(-1, 3), axis=0)) > 10
     unseen = TaskVectorEnv(counter(), render_mode="rgb_array")
     with pytest.raises(InputError, match="has nothing to draw"):
-        unseen.render()
+        shown_by(unseen)
 
 
 def film(path):
@@ -184,10 +195,10 @@ def test_record_video_writes_a_film_of_an_episode(tmp_path):
     pytest.importorskip("moviepy")
     env = RecordVideo(single(max_episode_steps=6), str(tmp_path), episode_trigger=lambda episode: True)
     env.reset(seed=0)
-    shown = [env.render()]
+    shown = [shown_by(env)]
     for _ in range(6):
         *_, truncated, _ = env.step(np.ones(8, np.float32))
-        shown.append(env.render())
+        shown.append(shown_by(env))
     env.close()
     assert truncated
     frames, rate = film(tmp_path / "rl-video-episode-0.mp4")
