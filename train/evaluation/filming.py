@@ -126,7 +126,7 @@ class Film:
             if not line.only_maps
         ]
         if self._trails is not None:
-            lines.append([Polyline(points, TRAIL, _TRAIL_WIDTH) for points in self._trails.lines()])
+            lines.insert(0, [Polyline(points, TRAIL, _TRAIL_WIDTH) for points in self._trails.lines()])
         return self._studio.take(time, list(zip(*lines, strict=True)))
 
     def _places(self) -> npt.NDArray[np.float64]:
