@@ -26,7 +26,7 @@ LARGER: Final = 5
 """Marks at multiples of this many metres, along both axes, are twice as large."""
 LEVEL: Final = 0.8
 """Steeper surfaces, by the vertical part of their normal, are no ground."""
-CROWDED: Final = (8.0, 24.0)
+CROWDED: Final = (12.0, 40.0)
 """Pixels from mark to mark, along the view, at which marks are invisible, and from which on they are full."""
 KEPT: Final = 0.45
 """Share of a ground's pattern that is left where it is made quieter."""
@@ -49,7 +49,7 @@ class Marks:
 
 def marks_for(distance: float) -> Marks:
     """Marks that can be seen from a distance [m], and never fill the ground."""
-    arm = min(0.02 * distance, 0.25)
+    arm = min(0.015 * distance, 0.15)
     return Marks(arm, arm / 4.0)
 
 

@@ -258,7 +258,7 @@ class DrivingTask(Task[DrivingT]):
         from simwarp.viewer import Shot
 
         far = self.view_distance
-        eye, target = (-0.95 * far, -0.22 * far, 0.42 * far), (0.3 * far, 0.0, 0.0)
+        eye, target = (-1.5 * far, -0.25 * far, 0.36 * far), (0.55 * far, 0.0, 0.0)
         return Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.0, turns=True)
 
     def bind_scene(self, scene: Scene) -> None:

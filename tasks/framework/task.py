@@ -190,10 +190,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         return {}
 
     def metrics(self) -> dict[str, torch.Tensor]:
-        """Return named (W,) values that an evaluation reports at the end of an episode.
-
-        ``success`` (bool), if there is one, decides whether the episode was a success.
-        """
+        """Return named (W,) values that an evaluation reports of an episode's end; ``success`` (bool) decides it."""
         return {}
 
     def drawing(self) -> Drawing:

@@ -46,22 +46,22 @@ class TaskCamera:
             samples=samples, lighting=task.lighting(), marks=marks, quiet=True,
         )  # fmt: skip
 
-    def take(self, time: float, further: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
+    def take(self, time: float, below: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
         """Images of the present state.
 
         Args:
             time: since the start, over which the camera goes along [s].
-            further: lines beside those of the drawing: of each, one per world that is seen.
+            below: lines under those of the drawing: of each, one per world that is seen.
 
         Returns:
             (S, height, width, 3) sRGB of the worlds that are seen.
         """
-        lines: list[Sequence[Polyline]] = []
+        lines = list(below)
         for line in self._task.drawing().lines:
             if not line.only_maps:
                 points = line.points.double().cpu().numpy()[self._rows]
                 lines.append([Polyline(each, to_rgb(line.colour), line.width) for each in points])
-        return self._camera.take(time, list(zip(*lines, *further, strict=True)))
+        return self._camera.take(time, list(zip(*lines, strict=True)))
 
     @property
     def follows(self) -> bool:

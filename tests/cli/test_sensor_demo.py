@@ -162,7 +162,7 @@ def test_no_label_of_a_sheet_is_cut(panel):
     note = "one drive of a truck over hills, measured by all its sensors, inertial unit and satellite receiver"
     sheet = Sheet(panel, [54], 2, "simwarp sensor-demo", note)
     image = np.zeros((54, panel, 3), np.uint8)
-    sheet.put(0, 0, Panel("exposure 1.9, vignetting and more", "", image))
+    sheet.put(0, 0, Panel("exposure 1.9, vignetting", "", image))
     sheet.put(0, 1, Panel("lidar range image", "", image, Bar("viridis", 0.0, 60.0, "m")))
     paper = ink(sheet.picture())
     margin = sheets.MARGIN

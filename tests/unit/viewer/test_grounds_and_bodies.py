@@ -15,7 +15,7 @@ from simwarp.viewer import FollowCamera, Shot, paint
 from simwarp.viewer.default_appearance import add_bodies, inertia_box
 from simwarp.viewer.ground_marks import MARK
 
-SIZE = (240, 160)
+SIZE = (480, 320)
 
 
 def world(yaw=0.0, texture=None):
@@ -63,10 +63,10 @@ def test_a_quieter_ground_has_less_pattern_and_what_stands_on_it_is_as_before():
         FollowCamera(sim, scene, shot, width=SIZE[0], height=SIZE[1], quiet=wanted).take(0.0)[0].astype(float)
         for wanted in (False, True)
     )
-    left = np.s_[60:120, 5:60]  # nothing stands there
+    left = np.s_[120:240, 10:120]  # nothing stands there
     assert quiet[left].std() < 0.6 * loud[left].std()
     assert quiet[left].mean() == pytest.approx(loud[left].mean(), rel=0.05)  # a blurred pattern has its mean
-    middle = np.s_[78:82, 118:122]  # on the box
+    middle = np.s_[158:162, 238:242]  # on the box
     np.testing.assert_array_equal(quiet[middle], loud[middle])
 
 
@@ -112,8 +112,8 @@ def test_bodies_without_shapes_are_boxes_with_rods_to_their_joints():
     builder = sw.ModelBuilder()
     upper = builder.add_body("upper", mass=1.0, inertia=(0.02, 0.02, 0.001), pose=sw.pose((0.0, 0.0, 1.0)))
     lower = builder.add_body("lower", mass=1.0, inertia=(0.02, 0.02, 0.001), pose=sw.pose((0.0, 0.0, 0.4)))
-    builder.add_joint_revolute(sw.WORLD, upper, anchor=(0.0, 0.0, 1.3), axis=(0.0, 1.0, 0.0))
-    builder.add_joint_revolute(upper, lower, anchor=(0.0, 0.0, 0.7), axis=(0.0, 1.0, 0.0))
+    builder.add_joint_revolute("top", sw.WORLD, upper, anchor=(0.0, 0.0, 1.3), axis=(0.0, 1.0, 0.0))
+    builder.add_joint_revolute("middle", upper, lower, anchor=(0.0, 0.0, 0.7), axis=(0.0, 1.0, 0.0))
     visuals = Visuals(builder)
     add_bodies(visuals)
     boxes = [instance for instance in visuals.instances if instance.kind == ShapeType.BOX]
