@@ -142,7 +142,7 @@ def main() -> int:
     unknown = set(options.scenes.split(",")) - set(WORLDS)
     if unknown:
         parser.error(f"no such scene: {', '.join(sorted(unknown))}; there are {', '.join(WORLDS)}")
-    from simwarp.cli.process import start_warp
+    from simwarp.core.warp_start import start_warp
 
     start_warp()
     options.out.mkdir(parents=True, exist_ok=True)

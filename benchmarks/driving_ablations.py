@@ -33,7 +33,7 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks import comparing  # noqa: E402
 from benchmarks.comparing import Arm, Budget, Quantity, Study  # noqa: E402
-from simwarp.cli.process import start_warp  # noqa: E402
+from simwarp.core.warp_start import start_warp  # noqa: E402
 from simwarp.tasks.driving.base import Frame, Observing  # noqa: E402
 from simwarp.tasks.driving.lapping import Start  # noqa: E402
 from simwarp.tasks.randomisation.uncertainty import Driver  # noqa: E402

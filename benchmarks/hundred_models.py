@@ -28,7 +28,7 @@ def build_all(models: int, max_bodies: int, device: str) -> dict[str, Any]:
     sys.path.insert(0, str(ROOT))
     import numpy as np
 
-    from simwarp.cli.process import start_warp
+    from simwarp.core.warp_start import start_warp
 
     start_warp()
     import warp as wp

@@ -29,7 +29,7 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks import comparing  # noqa: E402
 from benchmarks.comparing import Arm, Budget, Quantity, Study  # noqa: E402
-from simwarp.cli.process import start_warp  # noqa: E402
+from simwarp.core.warp_start import start_warp  # noqa: E402
 from simwarp.tasks.locomotion.ant import Orientation  # noqa: E402
 from simwarp.train.config import Objective  # noqa: E402
 
