@@ -244,9 +244,9 @@ class Page:
         away = np.array(SIDE) / np.linalg.norm(SIDE) * (0.52 * size / math.tan(0.5 * 1.0))
         if shot.eye is not None and self.layout is not Layout.GRID:
             heading = self._heading() if shot.turns else 0.0
-            away = about_vertical([shot.eye], [heading])[0]
+            away = about_vertical(np.array([shot.eye], np.float64), [heading])[0]
             if shot.target is not None:
-                target = self.followed() + about_vertical([shot.target], [heading])[0]
+                target = self.followed() + about_vertical(np.array([shot.target], np.float64), [heading])[0]
         camera = self.server.viser.initial_camera
         camera.position, camera.look_at = tuple(target + away), tuple(target)
         camera.near, camera.far = 0.01 if size < 5.0 else 0.05, 4000.0

@@ -190,6 +190,7 @@ def test_the_trail_shows_where_a_body_went():
     for index, position in enumerate(np.linspace(-1.0, 1.0, 21)):
         task.map_position = lambda at=position: torch.tensor([[at, -0.3, 0.6]])
         images = film.take(index, 21, 0.04 * index)
+    assert images is not None
     camera = FollowCamera(task.simulation, task.scene(), task.shot(), width=240, height=160)
     pose = camera._aim(0.0)[0]
     matrix = Pinhole(fov=task.shot().fov).intrinsics(240, 160)
@@ -210,6 +211,7 @@ def test_a_trail_ends_where_its_world_was_reset():
 def test_a_goal_is_in_the_picture():
     task: Any = make("fast", 1)
     images = Film(task, True, FilmOptions(size=(240, 240))).take(0, 1, 0.0)
+    assert images is not None
     green = np.argwhere(near(images[0], (0.17, 0.63, 0.17)))
     # a ring of 0.2 m about the middle of a view that spans 4 m and more
     assert len(green) > 12

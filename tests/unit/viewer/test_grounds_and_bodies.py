@@ -25,7 +25,10 @@ def world(yaw=0.0, texture=None):
     body = builder.add_body("box", mass=1.0, inertia=(0.1,) * 3, pose=place)
     builder.add_shape_box(body, half=(0.1, 0.1, 0.1))
     visuals = Visuals(builder)
-    visuals.add_plane(name="ground", **({} if texture is None else {"texture": visuals.texture(texture)}))
+    if texture is None:
+        visuals.add_plane(name="ground")
+    else:
+        visuals.add_plane(name="ground", texture=visuals.texture(texture))
     visuals.add_box(sw.WORLD, half=(0.2, 0.2, 0.5), pose=sw.pose((1.0, 0.0, 0.5)), name="post")
     paint(visuals, tile=0.5)
     model = builder.finalize(1, "cpu")
