@@ -100,7 +100,7 @@ def run(arguments: list[str]) -> int:
     try:
         total = _record(task, policy, options, film, frames, console)
     except KeyboardInterrupt:
-        if any(frame.images is not None for frame in frames) or options.html is not None:
+        if frames and (options.html is not None or any(frame.images is not None for frame in frames)):
             _write(film, target, frames, name, console)
             console.print(f"interrupted; wrote the {frames[-1].time:.1f} s so far to {target}", soft_wrap=True)
         raise

@@ -189,7 +189,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         self._program.run(whole_number("step", "steps", steps, 0, most, "give the number of steps"))
 
     def advance(self, steps: int) -> None:
-        """The same as `step(steps)`."""
+        """Take so many steps: another name for `step(steps)`."""
         self.step(steps)
 
     def program(self, before: Sequence[WorldLaunch]) -> StepProgram:

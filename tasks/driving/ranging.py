@@ -5,7 +5,6 @@ from __future__ import annotations
 import torch
 import warp as wp
 
-from simwarp.core.warp_start import start_warp
 from simwarp.kernels.tasks.driving.ranging import tell_ranges
 
 from ..framework.launching import TensorFunction
@@ -25,7 +24,7 @@ class RangeFan:
     """
 
     def __init__(self, rays: int, width: float, reach: float, device: torch.device) -> None:
-        start_warp()
+        wp.init()
         half = 0.5 * width if rays > 1 else 0.0
         angle = torch.linspace(-half, half, rays)
         unit = torch.stack([angle.cos(), angle.sin()], dim=1).numpy()

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.core.warp_start import start_warp
 from simwarp.kernels.tasks.driving.routes import RouteTables, tell_distances, tell_locations, tell_places
 
 from ..framework.launching import TensorFunction, filled
@@ -33,7 +32,7 @@ class Routes:
     """
 
     def __init__(self, paths: Sequence[Path], step: float, device: torch.device) -> None:
-        start_warp()
+        wp.init()
         counts = [max(4, math.ceil(path.length / step)) for path in paths]
         points = np.zeros((len(paths), max(counts) + 1, 3), np.float32)
         for row, path, count in zip(points, paths, counts, strict=True):

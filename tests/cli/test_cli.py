@@ -115,7 +115,10 @@ def test_eval_takes_a_run_folder_or_a_file_and_overrides_of_the_task(folder, sim
 def test_play_writes_a_picture_and_a_video(folder, simwarp):
     code, out, err = simwarp("play", "fast", "--seconds", "0.2", "--num-envs", "2")
     assert (code, err) == (0, "")
-    assert "wrote fast.png" in out
+    assert "wrote fast.mp4" in out
+    assert (folder / "fast.mp4").read_bytes()[4:8] == b"ftyp"
+    code, out, _ = simwarp("play", "fast", "--seconds", "0.2", "--video", "fast.png")
+    assert code == 0
     assert (folder / "fast.png").stat().st_size > 1000
     code, out, _ = simwarp("play", "fast", "--seconds", "0.2", "--video", "a.gif", "--json", "-")
     assert code == 0

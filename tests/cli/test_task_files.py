@@ -167,7 +167,7 @@ def test_a_run_is_enough_where_its_file_is_still_there(folder, capfd):
     for command in commands:
         forget()
         assert cli.main(command) == 0, command
-    assert Path("on-a-line.png").is_file()
+    assert Path("on-a-line.mp4").is_file()
     assert cli.main(["play", run, "--checkpoint", run]) == 2
     assert "has a policy of its own: leave --checkpoint away" in capfd.readouterr().err
 

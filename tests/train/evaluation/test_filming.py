@@ -186,7 +186,7 @@ def near(picture, color, reach=40):
 def test_the_trail_shows_where_a_body_went():
     task: Any = make("pendulum", 1)
     task.restart(seed=1)
-    film = Film(task, True, FilmOptions(size=(240, 160)))
+    film: Any = Film(task, True, FilmOptions(size=(240, 160)))
     for index, position in enumerate(np.linspace(-1.0, 1.0, 21)):
         task.map_position = lambda at=position: torch.tensor([[at, -0.3, 0.6]])
         images = film.take(index, 21, 0.04 * index)
@@ -210,8 +210,7 @@ def test_a_trail_ends_where_its_world_was_reset():
 
 def test_a_goal_is_in_the_picture():
     task: Any = make("fast", 1)
-    images = Film(task, True, FilmOptions(size=(240, 240))).take(0, 1, 0.0)
-    assert images is not None
+    images: Any = Film(task, True, FilmOptions(size=(240, 240))).take(0, 1, 0.0)
     green = np.argwhere(near(images[0], (0.17, 0.63, 0.17)))
     # a ring of 0.2 m about the middle of a view that spans 4 m and more
     assert len(green) > 12

@@ -114,6 +114,7 @@ def test_pause_step_reset_speed_and_world(view):
         page.wait(lambda: time()[0] == pytest.approx(view.subject.dt))
         page.trigger("Pause or go on")
         page.wait(lambda: not view.paused and time()[0] > 0.1)
+        page.wait(lambda: page.has("Pause"))
         page.click("Pause")
         page.wait(lambda: view.paused)
         page.set("World", 2)

@@ -43,7 +43,7 @@ def opened(
     thread.start()
     try:
         with connect(view.url) as page:
-            page.wait(lambda: page.has("Pause") and "/moving" in page.nodes)
+            page.wait(lambda: page.has("Go on") and "/moving" in page.nodes)
             yield view, page
             assert not page.notices
     finally:
@@ -210,7 +210,7 @@ def test_running_sliders_are_targets_of_drives():
     with opened(simulation) as (view, page):
         page.set("Sliders", True)
         page.wait(lambda: page.has("slide", "Joints"))
-        page.click("Pause")
+        page.click("Go on")
         page.wait(lambda: not view.paused)
         page.set("hinge", 0.4, "Joints")
         page.wait(lambda: simulation.control.joint_target_q.numpy()[0, 0] == pytest.approx(0.4))
