@@ -311,7 +311,9 @@ _FACTOR = """
                     sum = 0.0f;
                     for (int k = 0; k < held; ++k) {
                         const float* __restrict__ v = pieces + (size_t)k * width;
-                        sum += v[e] * *(const decltype(sum)*)(v + from);
+                        decltype(sum) piece;  // a deduced type has lost `aligned(4)`: it must not be read through
+                        __builtin_memcpy(&piece, v + from, sizeof piece);
+                        sum += v[e] * piece;
                     }
                     for (int o = 0; o < LANES; ++o)
                         if (at[from + o] >= at[e]) row[at[from + o]] += sum[o];

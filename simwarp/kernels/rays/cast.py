@@ -36,7 +36,7 @@ class RayHit:
 
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
-    typedef float Lanes __attribute__((ext_vector_type(8)));
+    typedef float Lanes __attribute__((ext_vector_type(8), aligned(4)));
     typedef bool Mask __attribute__((ext_vector_type(8)));
 #endif
     const float* nodes = (const float*)((const char*)node.data + (size_t)world * node.strides[0]);

@@ -25,7 +25,7 @@ class Trees:
 #if defined(__CUDA_ARCH__)
     struct Lanes { float v[8]; };
 #else
-    typedef float Lanes __attribute__((ext_vector_type(8)));
+    typedef float Lanes __attribute__((ext_vector_type(8), aligned(4)));
     typedef bool Mask __attribute__((ext_vector_type(8)));
 #endif
     const float tiny = 1.0e-18f;
