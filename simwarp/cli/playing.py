@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from simwarp.cli import DONE, UsageError
-from simwarp.cli.evaluation.evaluating import policy_defaults
-from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task_or_run, task_options
+from simwarp.cli.options import CommonOptions
+from simwarp.cli.policy_command import policy_command
 from simwarp.core.warp_start import told_compiling
-from simwarp.tasks import InputError, make, resolve_device, task_class, task_names
+from simwarp.tasks import InputError, make, resolve_device
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -68,22 +68,13 @@ MOST_BYTES: Final = 8_000_000_000
 
 def run(arguments: list[str]) -> int:
     """Play as the arguments say."""
-    word, arguments = take_task_or_run(arguments, "play", task_names())
-    cls = task_class(word)
-    name = cls.name
-    arguments = expand_shorthands(arguments, name, cls.config_type())
-    import torch
-
-    from simwarp.train.config import task_config_from_plain
     from simwarp.train.evaluation.filming import Film
     from simwarp.train.evaluation.play import VIDEO_SUFFIXES
-    from simwarp.train.networks.policies import find_policy, network_policy
+    from simwarp.train.networks.policies import network_policy
 
-    torch.set_num_threads(1)
-    source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
-    options: Any = parse_options(
-        task_options("PlayCommand", PlayOptions, task=config or cls.config_type()), arguments, f"simwarp play {word}"
-    )
+    command = policy_command("play", arguments, PlayOptions)
+    name, options, source = command.name, command.options(), command.source
+    assert source is not None  # options() has ended the process where help was asked for
     _check(options)
     console = options.console()
     target = _target(name, options, source.path, console)

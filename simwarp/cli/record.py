@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from simwarp.cli import DONE, UsageError
-from simwarp.cli.evaluation.evaluating import policy_defaults
-from simwarp.cli.options import CommonOptions, expand_shorthands, parse_options, take_task_or_run, task_options
-from simwarp.tasks import make, resolve_device, task_class, task_names
+from simwarp.cli.options import CommonOptions
+from simwarp.cli.policy_command import policy_command
+from simwarp.tasks import make, resolve_device
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,23 +33,12 @@ class RecordOptions(CommonOptions):
 
 def run(arguments: list[str]) -> int:
     """Record as the arguments say."""
-    word, arguments = take_task_or_run(arguments, "record", task_names())
-    cls = task_class(word)
-    name = cls.name
-    arguments = expand_shorthands(arguments, name, cls.config_type())
-    import torch
-
     from simwarp.train.algorithm.trajectories import record, save_trajectories
-    from simwarp.train.config import task_config_from_plain
-    from simwarp.train.networks.policies import find_policy, network_policy
+    from simwarp.train.networks.policies import network_policy
 
-    torch.set_num_threads(1)
-    source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
-    options: Any = parse_options(
-        task_options("RecordCommand", RecordOptions, task=config or cls.config_type()),
-        arguments,
-        f"simwarp record {word}",
-    )
+    command = policy_command("record", arguments, RecordOptions)
+    name, options, source = command.name, command.options(), command.source
+    assert source is not None  # options() has ended the process where help was asked for
     target = options.output or Path(f"{name}.npz")
     options.check(source.path, output=target)
     if target.suffix != ".npz":

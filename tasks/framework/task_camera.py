@@ -78,11 +78,14 @@ class TaskCamera:
 
 
 def stage(task: Task[Any]) -> tuple[Simulation, Scene, Shot]:
-    """Bare ground for a task of lines without bodies, and a look at it from above."""
+    """Bare ground for a task of lines without bodies, and a look at it from above.
+
+    A step of the simulation is a control step of the task: nothing moves in it, but it has the time.
+    """
     drawing = task.drawing()
     if not drawing.lines:
         raise InputError(f"task '{task.name}' has nothing to draw; build bodies, or return lines from drawing()")
-    builder = ModelBuilder()
+    builder = ModelBuilder(gravity=(0.0, 0.0, 0.0))
     builder.add_body("unseen", mass=1.0, inertia=(1.0, 1.0, 1.0))  # a model needs one
     visuals = Visuals(builder)
     visuals.add_plane(name="ground")
@@ -95,4 +98,4 @@ def stage(task: Task[Any]) -> tuple[Simulation, Scene, Shot]:
     x, y, z = (0.5 * (a + b) for a, b in zip(low, high, strict=True))
     away = 2.0 * max(b - a for a, b in zip(low, high, strict=True))
     shot = Shot(body=WORLD, target=(x, y, z), eye=(0.0, -0.1 * away, max(away, 0.1)))
-    return Simulation(model, dt=1.0), visuals.finalize(model), shot
+    return Simulation(model, dt=float(task.config.control_dt)), visuals.finalize(model), shot

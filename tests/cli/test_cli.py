@@ -195,7 +195,7 @@ def test_doctor_sees_a_gpu_that_the_libraries_do_not(monkeypatch):
         (["eval", "fast", "--grid", "gain=much"], "--task.gain must be a number, got 'much'"),
         (["play", "fast", "--num-envs", "0"], "num-envs must be from 1 to 64, got 0"),
         (["play", "fast", "--seconds", "-1"], "seconds must be positive"),
-        (["play", "fast", "--video", "a.avi"], "must end in .png, .gif or .mp4"),
+        (["play", "fast", "--video", "a.avi"], "must end in .mp4, .gif, .png or .jpg"),
         (["list", "--jsno", "-"], "did you mean --json?"),
     ],
 )

@@ -12,18 +12,10 @@ from rich.console import Console
 
 from simwarp.cli import DONE, FELL_SHORT, INTERRUPTED, UsageError
 from simwarp.cli.evaluation.grids import grid_points
-from simwarp.cli.options import (
-    HELP,
-    CommonOptions,
-    chosen_obs,
-    expand_shorthands,
-    option_value,
-    parse_options,
-    take_task_or_run,
-    task_options,
-)
+from simwarp.cli.options import CommonOptions, option_value
+from simwarp.cli.policy_command import policy_command
 from simwarp.core.files import OutputError
-from simwarp.tasks import TaskConfig, resolve_device, task_class, task_names
+from simwarp.tasks import TaskConfig, resolve_device
 
 if TYPE_CHECKING:
     from simwarp.cli.evaluation.eval_report import Report
@@ -65,31 +57,20 @@ class GridEvalOptions(EvalOptions):
 
 def run(arguments: list[str]) -> int:
     """Evaluate as the arguments say; 130 after an interruption."""
-    word, arguments = take_task_or_run(arguments, "eval", task_names())
-    cls = task_class(word)
-    name = cls.name
-    arguments = expand_shorthands(arguments, name, cls.config_type())
-    import torch
-
     from simwarp.cli.evaluation.eval_report import Report, open_folder
-    from simwarp.train.config import task_config_from_plain
     from simwarp.train.evaluation.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
-    from simwarp.train.networks.policies import find_policy, network_policy
+    from simwarp.train.networks.policies import network_policy
     from simwarp.train.runs.stopping import stop_on_signals
 
-    torch.set_num_threads(1)
-    source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
     base = EvalOptions if option_value(arguments, "--grid") is None else GridEvalOptions
-    kind = task_options("EvalCommand", base, task=config or cls.config_type())
-
-    def parse(words: list[str]) -> Any:
-        return parse_options(kind, [*arguments, *words], f"simwarp eval {word}")
-
-    options = parse([])
-    options.check(None if source is None else source.path)
+    command = policy_command("eval", arguments, base)
+    name, options = command.name, command.options()
+    source = command.source
+    assert source is not None  # options() has ended the process where help was asked for
+    options.check(source.path)
     _check_counts(options)
     # All points are checked before the first one is evaluated
-    points = grid_points(options.grid, options.task, lambda words: _task_of(parse(words)))
+    points = grid_points(options.grid, options.task, lambda words: _task_of(command.options(words)))
     settings = GridSettings(
         episodes=options.episodes,
         seed=options.seed,
@@ -99,7 +80,6 @@ def run(arguments: list[str]) -> int:
         capture=options.capture,
         paths_driven=bool(options.grid) or options.plot is not None,
     )
-    source = source or find_policy(name, options.checkpoint, options.runs, chosen_obs(arguments))
     folder = open_folder(options.plot, name, bool(options.grid))
     report, console = Report(name, source, settings, points, folder), options.console()
     with stop_on_signals() as stop:
@@ -135,20 +115,6 @@ def _tell(report: Report, console: Console, options: Any) -> None:
 def _task_of(options: Any) -> TaskConfig:
     config: TaskConfig = options.task
     return config
-
-
-def policy_defaults(name: str, arguments: list[str], find: Any, from_plain: Any) -> tuple[Any, Any]:
-    """Return the policy and the configuration it was trained with, which is the default of the task's options.
-
-    Nothing where the arguments ask for help: that must work without a policy.
-    """
-    if HELP & set(arguments):
-        return None, None
-    checkpoint = option_value(arguments, "--checkpoint")
-    runs = Path(option_value(arguments, "--runs") or "runs")
-    source = find(name, None if checkpoint is None else Path(checkpoint), runs, chosen_obs(arguments))
-    where = f"checkpoint {source.path}: task_config"
-    return source, from_plain(task_class(name), source.content["task_config"], where)
 
 
 def _check_counts(options: Any) -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.cli import HELP, UsageError
-from simwarp.cli.evaluation.evaluating import policy_defaults
 from simwarp.cli.options import option_value
+from simwarp.cli.policy_command import policy_defaults
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, task_class
-from simwarp.train.networks.policies import Policy, find_policy, network_policy, random_policy, zero_policy
+from simwarp.train.networks.policies import Policy, network_policy, random_policy, zero_policy
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,8 +47,6 @@ def find_actor(name: str, arguments: list[str]) -> Actor:
     Raises:
         InputError: the named one cannot be read or is of another task.
     """
-    from simwarp.train.config import task_config_from_plain
-
     asked, run = option_value(arguments, "--checkpoint"), option_value(arguments, "--reload")
     if run is not None and not HELP & set(arguments):
         if asked is not None:
@@ -57,7 +55,7 @@ def find_actor(name: str, arguments: list[str]) -> Actor:
     if asked in ("zero", "random"):
         return Actor(f"{asked} actions", kind=asked)
     try:
-        source, config = policy_defaults(name, arguments, find_policy, task_config_from_plain)
+        source, config = policy_defaults(name, arguments)
     except InputError:
         if asked is not None:
             raise

@@ -44,8 +44,6 @@ def task_view(name: str, arguments: list[str], server: WebServer | None) -> tupl
         name, options.worlds or 16, device=resolve_device(options.device), seed=options.seed, config=options.task,
         elements=with_hand,
     )  # fmt: skip
-    if task.simulation is None:
-        raise UsageError(f"task '{name}' moves no bodies, so that there is nothing to see; `simwarp list` shows others")
     subject, loop = task_subject(task, actor.policy(task), options.seed)
     human = HumanInTask(loop, options.seed)
     subject.details[WHEEL] = human.wheel()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from simwarp.simulation.simulation import Simulation
 from simwarp.tasks import StepResult, Task
-from simwarp.tasks.framework.task_camera import stage
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.controls.joint_channels import joint_series
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
@@ -104,18 +104,38 @@ def task_subject(task: Task[Any], policy: Policy, seed: int) -> tuple[Subject, T
     loop = TaskLoop(task, policy, seed)
     scene = task.scene()
     simulation, shot = task.simulation, task.shot()
+    advance: Callable[[], None] = loop.advance
+    reset: Callable[[Mask | None], None] = loop.reset
     if scene is None:
+        from simwarp.tasks.framework.task_camera import stage  # few tasks have no bodies, and it imports matplotlib
+
         simulation, scene, shot = stage(task)
+        advance, reset = _with_clock(loop, simulation)
     size = task.action_size
     names = tuple(getattr(task, "action_names", None) or (f"action {index}" for index in range(size)))
     actions = Actions(names, -np.ones(size), np.ones(size), lambda: _host(loop.actions), loop.take_over)
     subject = Subject(
-        task.name, simulation, scene, float(task.config.control_dt), loop.advance, loop.reset, shot,
+        task.name, simulation, scene, float(task.config.control_dt), advance, reset, shot,
         paths=lambda: lines_of(task), trail=lambda: _trail(task), actions=actions, returns=lambda: _host(loop.returns),
         ended=lambda: np.asarray(_host(loop.ended), bool), elements=_elements(task), series=_series(task, loop),
         details={GOAL: lambda world: _metrics(task, world), "commands": task.commands},
     )  # fmt: skip
     return subject, loop
+
+
+def _with_clock(loop: TaskLoop, clock: Simulation) -> tuple[Callable[[], None], Callable[[Mask | None], None]]:
+    """Steps and resets of a task without bodies, told to a simulation that has its time."""
+
+    def advance() -> None:
+        clock.reset(_host(loop.ended))  # their episodes begin with this step
+        loop.advance()
+        clock.step()
+
+    def reset(mask: Mask | None) -> None:
+        loop.reset(mask)
+        clock.reset(mask)
+
+    return advance, reset
 
 
 def lines_of(task: Task[Any]) -> list[Path]:
@@ -164,7 +184,7 @@ def _series(task: Task[Any], loop: TaskLoop) -> dict[str, Callable[[int], float]
         if len(shape) == 1 and shape[0] <= MOST_OBSERVED:
             names = named.get(group) or [str(index) for index in range(shape[0])]
             found |= {f"{group} {name}": observation(group, index) for index, name in enumerate(names)}
-    return found | joint_series(task.simulation)
+    return found if task.simulation is None else found | joint_series(task.simulation)
 
 
 def _host(tensor: torch.Tensor) -> Floats:

@@ -1,7 +1,5 @@
 """`keys.js` in a browser: held keys, lost focus, form fields, a gamepad."""
 
-import os
-import shutil
 import threading
 import time
 
@@ -10,39 +8,15 @@ import pytest
 pytest.importorskip("viser")
 pytest.importorskip("selenium")
 
-from selenium import webdriver
-from selenium.webdriver.chrome.options import Options
-from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 
 from simwarp.cli.view.vehicle_subject import vehicle_subject
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.page_panels import add_panels
 from simwarp.viewer.live.wheel.drive_panel import DrivePanel
+from tests.unit.viewer.live.headless import NEEDED, console_errors, keep, open_browser, until
 
-FLAGS = (
-    "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--window-size=1000,700", "--ignore-gpu-blocklist",
-)  # fmt: skip
-PATIENCE = 60.0
-PICTURES = os.environ.get("SIMWARP_TEST_PICTURES")
-"""Folder for screenshots, to be looked at."""
-
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        not (shutil.which("chromium") and shutil.which("chromedriver")), reason="chromium or chromedriver is missing"
-    ),
-]
-
-
-def until(true, what):
-    """Waits: nothing here is about how fast a page is drawn."""
-    end = time.monotonic() + PATIENCE
-    while not true():
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
+pytestmark = NEEDED
 
 
 @pytest.fixture(scope="module")
@@ -60,23 +34,17 @@ def view():
 
 @pytest.fixture(scope="module")
 def page(view):
-    options = Options()
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.binary_location = str(shutil.which("chromium"))
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    browser = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    browser = open_browser()
     browser.get(view.url)
     until(lambda: view.wheel.wish() is not None, "no page drives")
     yield browser
-    errors = [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
+    errors = console_errors(browser)
     browser.quit()
     assert errors == []
 
 
 def picture(page, name):
-    if PICTURES:
-        page.save_screenshot(f"{PICTURES}/{name}.png")
+    keep(page.get_screenshot_as_png(), name)
 
 
 def vehicle(view):

@@ -2,8 +2,6 @@
 
 import io
 import math
-import os
-import shutil
 import threading
 import time
 
@@ -14,9 +12,6 @@ pytest.importorskip("viser")
 pytest.importorskip("selenium")
 
 from PIL import Image
-from selenium import webdriver
-from selenium.webdriver.chrome.options import Options
-from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.keys import Keys
@@ -29,27 +24,9 @@ from simwarp.viewer.live.hand import with_hand
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.page_panels import add_panels
 from simwarp.viewer.live.subject import Subject
+from tests.unit.viewer.live.headless import NEEDED, console_errors, keep, open_browser, until
 
-FLAGS = ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-PATIENCE = 60.0
-PICTURES = os.environ.get("SIMWARP_TEST_PICTURES")
-"""Folder for screenshots, to be looked at."""
-
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        not (shutil.which("chromium") and shutil.which("chromedriver")), reason="chromium or chromedriver is missing"
-    ),
-]
-
-
-def until(true, what):
-    """Waits: nothing here is about how fast a page is drawn."""
-    end = time.monotonic() + PATIENCE
-    while not true():
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
+pytestmark = NEEDED
 
 
 @pytest.fixture
@@ -71,12 +48,7 @@ def view():
 
 
 def opened(view, width, height, *, phone=False):
-    options = Options()
-    for flag in (*FLAGS, f"--window-size={width},{height}"):
-        options.add_argument(flag)
-    options.binary_location = str(shutil.which("chromium"))
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    browser = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    browser = open_browser(width=width, height=height)
     if phone:
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
@@ -89,17 +61,16 @@ def opened(view, width, height, *, phone=False):
 def page(view):
     browser = opened(view, 800, 560)
     yield browser
-    errors = [line for line in browser.get_log("browser") if line["level"] == "SEVERE"]
+    errors = console_errors(browser)
     browser.quit()
     # what viser's page itself does when a drag begins
-    assert [line for line in errors if "preventDefault inside passive event listener" not in line["message"]] == []
+    assert [line for line in errors if "preventDefault inside passive event listener" not in line] == []
 
 
 def pixels(browser, name=None):
     data = browser.get_screenshot_as_png()
-    if PICTURES and name:
-        with open(f"{PICTURES}/{name}.png", "wb") as file:
-            file.write(data)
+    if name:
+        keep(data, name)
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), np.int16)
 
 

@@ -1,8 +1,7 @@
 """A recording opens from a file in a browser that reaches nobody, and plays."""
 
+import base64
 import json
-import os
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,10 +10,9 @@ from typing import Any
 import pytest
 
 from simwarp import cli
+from tests.unit.viewer.live.headless import NEEDED, PATIENCE, console_errors, keep, open_browser, until
 
-webdriver: Any = pytest.importorskip("selenium.webdriver")
-PATIENCE = 100.0
-"""Longest wait for two different pictures: WebGL is drawn by the processor here [s]."""
+pytestmark = NEEDED
 KEEP_PICTURES = """
 const get = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, options) {
@@ -31,17 +29,7 @@ return wide.length ? wide[wide.length - 1].toDataURL() : "";
 @pytest.fixture
 def browser() -> Iterator[Any]:
     """Chromium without a display and without names."""
-    if shutil.which("chromium") is None or shutil.which("chromedriver") is None:
-        pytest.skip("needs chromium and chromedriver")
-    options = webdriver.ChromeOptions()
-    for argument in (
-        "--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-        "--ignore-gpu-blocklist", "--window-size=600,500", "--host-resolver-rules=MAP * ~NOTFOUND",
-    ):  # fmt: skip
-        options.add_argument(argument)
-    options.binary_location = shutil.which("chromium")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
+    driver = open_browser("--host-resolver-rules=MAP * ~NOTFOUND", width=600, height=500)
     driver.set_script_timeout(PATIENCE)
     # Pictures are read from the page itself: software drawing is too slow for the driver's screenshots
     driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": KEEP_PICTURES})
@@ -51,27 +39,24 @@ def browser() -> Iterator[Any]:
         driver.quit()
 
 
-@pytest.mark.slow
-@pytest.mark.browser
 def test_a_recording_plays_from_a_file_and_asks_nobody(tmp_path: Path, browser: Any) -> None:
     file = tmp_path / "a.html"
     command = ["view", "pendulum", "--worlds", "1", "--record", str(file), "--seconds", "3", "--port", "0"]
     assert cli.main([*command, "--checkpoint", "random"]) == 0
     browser.get(file.as_uri())
     pictures: list[str] = []
-    end = time.monotonic() + PATIENCE
-    while len(set(pictures)) < 3:
-        assert time.monotonic() < end, f"{len(pictures)} pictures, {len(set(pictures))} different"
+
+    def another() -> bool:
         time.sleep(1.0)
         picture = browser.execute_script(PICTURE)
         if len(picture) > 2000:  # not of one colour
             pictures.append(picture)
-    assert browser.title == "pendulum"
-    if "SIMWARP_PICTURES" in os.environ:
-        import base64
+        return len(set(pictures)) == 3
 
-        Path(os.environ["SIMWARP_PICTURES"]).write_bytes(base64.b64decode(pictures[-1].split(",")[1]))
-    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+    until(another, "its pictures are all the same")
+    assert browser.title == "pendulum"
+    keep(base64.b64decode(pictures[-1].split(",")[1]), "recording")
+    assert console_errors(browser) == []
     events = [json.loads(line["message"])["message"] for line in browser.get_log("performance")]
     asked = [
         event["params"].get("url") or event["params"]["request"]["url"]

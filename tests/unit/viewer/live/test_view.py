@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 import simwarp as sw
+from simwarp import tasks
 from simwarp.scenes import ant, double_pendulum
 
 pytest.importorskip("viser")
 
 from simwarp.cli.view.targets import find_target
+from simwarp.cli.view.task_subject import task_subject
+from simwarp.train.networks.policies import zero_policy
 from simwarp.viewer.live import Layout, LiveView, Subject
 from simwarp.viewer.live.pacing import LATE, Pace
 
@@ -218,6 +221,28 @@ def test_the_browser_opens_while_the_worlds_are_built(target, early, monkeypatch
         assert probe.connect_ex(("127.0.0.1", int(url.rpartition(":")[2]))) != 0
 
 
+def test_a_task_without_bodies_has_a_page_and_a_clock(tmp_path):
+    """Its lines are seen on bare ground; a recording of its time comes to an end."""
+    from simwarp.cli import main
+
+    file = tmp_path / "fast.html"
+    assert main(["view", "fast", "--worlds", "2", "--record", str(file), "--seconds", "1", "--port", "0"]) == 0
+    assert file.stat().st_size > 500_000
+    task = tasks.make("fast", 2, seed=1)
+    subject, loop = task_subject(task, zero_policy(task), 1)
+    times = subject.simulation.state.world_time.numpy
+    steps = task.config.max_episode_steps
+    for _ in range(steps):
+        subject.advance()
+    assert times() == pytest.approx(steps * subject.dt, rel=1e-5)  # float32 sums
+    assert loop.ended.all()
+    subject.advance()
+    assert times() == pytest.approx(subject.dt)
+    subject.advance()
+    subject.reset(np.array([True, False]))
+    assert times() == pytest.approx([0.0, 2.0 * subject.dt])
+
+
 def test_no_browser_opens_on_what_is_wrong(monkeypatch, capsys, tmp_path):
     from simwarp.cli import main
 
@@ -237,7 +262,6 @@ def test_no_browser_opens_on_what_is_wrong(monkeypatch, capsys, tmp_path):
         (["four-bra"], "nothing is called 'four-bra'; did you mean four-bar"),
         (["missing.urdf", "--base", "fixed"], "missing.urdf"),
         (["four-bar", "--worlds", "0"], "worlds must be"),
-        (["fast"], "task 'fast' moves no bodies"),
         (["four-bar", "--speed", "-1"], "speed must be"),
         (["four-bar", "--layout", "round"], "layout must be grid or overlay or one"),
         ([], "usage: simwarp view TARGET"),
