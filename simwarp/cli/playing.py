@@ -31,7 +31,7 @@ class PlayOptions(CommonOptions):
     html: Path | None = None
     """File to write in place of a picture or video: .html, a recording that opens in a browser, or .viser."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder, or `shipped`; by default the newest run of the task, else the shipped policy."""
+    """Checkpoint file or run folder, or `shipped`, `zero`, `random`; by default the newest run, else the shipped."""
     num_envs: int = 1
     """Worlds that are played, at most 64."""
     worlds: tuple[int, ...] = ()
@@ -70,7 +70,6 @@ def run(arguments: list[str]) -> int:
     """Play as the arguments say."""
     from simwarp.train.evaluation.filming import Film
     from simwarp.train.evaluation.play import VIDEO_SUFFIXES
-    from simwarp.train.networks.policies import network_policy
 
     command = policy_command("play", arguments, PlayOptions)
     name, options, source = command.name, command.options(), command.source
@@ -85,7 +84,7 @@ def run(arguments: list[str]) -> int:
             capture=options.capture,
         )  # fmt: skip
     video = target.suffix.lower() in VIDEO_SUFFIXES
-    policy = network_policy(source.content, task)
+    policy = source.policy(task)
     film = _html_film(task, target) if options.html is not None else Film(task, video, _film_options(options))
     frames: list[Frame] = []
     try:

@@ -75,7 +75,7 @@ def policy_command(command: str, arguments: list[str], base: type[CommonOptions]
 def policy_defaults(name: str, arguments: list[str]) -> tuple[PolicySource | None, Any]:
     """The policy and the configuration it was trained with, which is the default of the task's options.
 
-    Nothing where the arguments ask for help: that must work without a policy.
+    No policy where the arguments ask for help, which must work without one; no configuration where it was not trained.
     """
     from simwarp.train.config import task_config_from_plain
     from simwarp.train.networks.policies import find_policy
@@ -85,5 +85,7 @@ def policy_defaults(name: str, arguments: list[str]) -> tuple[PolicySource | Non
     checkpoint = option_value(arguments, "--checkpoint")
     runs = Path(option_value(arguments, "--runs") or "runs")
     source = find_policy(name, None if checkpoint is None else Path(checkpoint), runs, chosen_obs(arguments))
+    if not source.content:
+        return source, None
     where = f"checkpoint {source.path}: task_config"
     return source, task_config_from_plain(task_class(name), source.content["task_config"], where)

@@ -20,7 +20,7 @@ class RecordOptions(CommonOptions):
     output: Path | None = None
     """File to write, .npz; by default TASK.npz in the working folder."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder, or `shipped`; by default the newest run of the task, else the shipped policy."""
+    """Checkpoint file or run folder, or `shipped`, `zero`, `random`; by default the newest run, else the shipped."""
     num_envs: int | None = None
     """Worlds stepped together; by default one per episode, at most 256."""
     seed: int = 2_000_003
@@ -34,7 +34,6 @@ class RecordOptions(CommonOptions):
 def run(arguments: list[str]) -> int:
     """Record as the arguments say."""
     from simwarp.train.algorithm.trajectories import record, save_trajectories
-    from simwarp.train.networks.policies import network_policy
 
     command = policy_command("record", arguments, RecordOptions)
     name, options, source = command.name, command.options(), command.source
@@ -50,7 +49,7 @@ def run(arguments: list[str]) -> int:
     worlds = min(options.episodes, options.num_envs or 256)
     task = make(name, worlds, device=resolve_device(options.device), seed=options.seed, config=options.task)
     about = {"policy": str(source.path), "seed": options.seed}
-    data = record(task, network_policy(source.content, task), options.episodes, options.seed, about)
+    data = record(task, source.policy(task), options.episodes, options.seed, about)
     save_trajectories(target, data)
     console = options.console()
     console.print(f"policy: {source.origin}", highlight=False, soft_wrap=True)

@@ -18,7 +18,7 @@ from ..runs.stopping import StopRequest
 from .driven_paths import DrivenPaths, PathRecorder
 from .evaluation import CHECK_INTERVAL, EpisodeRecords, Evaluation, EvaluationCallback, evaluate_policies
 
-POLICY_NAMES = {"policy": "trained", "zero": "zero action", "random": "random"}
+POLICY_NAMES = {"policy": "policy", "zero": "zero action", "random": "random"}
 """Labels of the policies of :func:`evaluate_policies`."""
 
 _LEAST = 0.02

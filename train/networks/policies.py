@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import torch
 from rsl_rl.models import MLPModel
@@ -28,15 +28,17 @@ Policy = Callable[[dict[str, torch.Tensor]], torch.Tensor]
 """Observation groups -> (W, A) actions. A recurrent one has ``reset_memory`` too, see :func:`reset_memory`."""
 
 SHIPPED = Path(__file__).parents[1] / "shipped"
+UNTRAINED: Final = ("zero", "random")
+"""Names of policies that need no training, where a checkpoint is asked for."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class PolicySource(Readable):
-    """A checkpoint and where it came from.
+    """A policy that a user named, and where it came from.
 
     Attributes:
-        path: the file.
-        content: content of the checkpoint.
+        path: the file; ``zero`` or ``random`` for what needs none.
+        content: content of the checkpoint; empty where there is none.
         origin: one phrase for the user.
     """
 
@@ -44,8 +46,18 @@ class PolicySource(Readable):
     content: dict[str, Any]
     origin: str
 
+    def policy(self, task: Task[Any]) -> Policy:
+        """Return the policy for a task.
+
+        Raises:
+            InputError: its network does not fit the task's observations or actions.
+        """
+        if self.content:
+            return network_policy(self.content, task)
+        return zero_policy(task) if str(self.path) == "zero" else random_policy(task)
+
     def _printed_title(self) -> str:
-        return f" for task '{self.content['task']}': {self.origin}"
+        return f" for task '{self.content['task']}': {self.origin}" if self.content else f": {self.origin}"
 
     def _printed_rows(self) -> dict[str, str]:
         return {"path": str(self.path)}
@@ -66,11 +78,14 @@ def shipped_policy(task_name: str, obs: str | None = None) -> Path | None:
 def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs: str | None = None) -> PolicySource:
     """Read the policy the user means: the given file or run, else the newest run, else the shipped one.
 
-    A checkpoint named ``shipped`` is the shipped one. With ``obs`` only a policy of these observations will do.
+    A checkpoint named ``shipped`` is the shipped one; ``zero`` and ``random`` are actions without a network. With
+    ``obs`` only a policy of these observations will do.
 
     Raises:
         InputError: there is none, it cannot be read, or it is of another task.
     """
+    if str(checkpoint) in UNTRAINED:
+        return PolicySource(Path(str(checkpoint)), {}, f"{checkpoint} actions")
     if checkpoint is not None and str(checkpoint) != SHIPPED.name:
         path, content = read_policy(checkpoint)
         origin = f"checkpoint {path}"
@@ -86,8 +101,8 @@ def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs:
             of, option = (f" with {obs} observations", f" --obs {obs}") if obs else ("", "")
             raise InputError(
                 f"no policy for task '{task_name}'{of} in folder '{root}': train one with "
-                f"`simwarp train {task_word(task_name)}{option}`, or give the folder of its runs with --runs, or a"
-                " --checkpoint"
+                f"`simwarp train {task_word(task_name)}{option}`, give the folder of its runs with --runs, or a "
+                f"--checkpoint, which may be {' or '.join(UNTRAINED)}"
             )
     if content["task"] != task_name:
         raise InputError(f"checkpoint {path} is of task {shown(content['task'])}, not '{task_name}'")

@@ -28,7 +28,7 @@ class EvalOptions(CommonOptions):
     episodes: int = 256
     """Episodes, each world's first ones; with --grid of every point."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder, or `shipped`; by default the newest run of the task, else the shipped policy."""
+    """Checkpoint file or run folder, or `shipped`, `zero`, `random`; by default the newest run, else the shipped."""
     num_envs: int | None = None
     """Worlds stepped together; by default one per episode, at most 4096."""
     seed: int = 1_000_003
@@ -59,7 +59,6 @@ def run(arguments: list[str]) -> int:
     """Evaluate as the arguments say; 130 after an interruption."""
     from simwarp.cli.evaluation.eval_report import Report, open_folder
     from simwarp.train.evaluation.grid import EvaluationStoppedError, GridDisplay, GridSettings, evaluate_grid
-    from simwarp.train.networks.policies import network_policy
     from simwarp.train.runs.stopping import stop_on_signals
 
     base = EvalOptions if option_value(arguments, "--grid") is None else GridEvalOptions
@@ -86,7 +85,7 @@ def run(arguments: list[str]) -> int:
         try:
             with GridDisplay(console, len(points), 3 if settings.baselines else 1, settings.episodes) as display:
                 evaluate_grid(
-                    name, lambda task: network_policy(source.content, task), points, settings,
+                    name, source.policy, points, settings,
                     results=report.results, display=display, stop=stop, after=report.save,
                 )  # fmt: skip
         except EvaluationStoppedError as stopped:

@@ -52,8 +52,6 @@ def find_actor(name: str, arguments: list[str]) -> Actor:
         if asked is not None:
             raise UsageError("--reload begins with the newest checkpoint of its run: leave --checkpoint away")
         return _of_run(name, Path(run))
-    if asked in ("zero", "random"):
-        return Actor(f"{asked} actions", kind=asked)
     try:
         source, config = policy_defaults(name, arguments)
     except InputError:
@@ -62,6 +60,8 @@ def find_actor(name: str, arguments: list[str]) -> Actor:
         return Actor("random actions: there is no policy yet", kind="random")
     if source is None:
         return Actor("")
+    if not source.content:
+        return Actor(source.origin, kind=str(source.path))
     return Actor(source.origin, config, source.content, run=_run_of(source.path), path=source.path)
 
 

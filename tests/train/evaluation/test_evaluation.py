@@ -1,6 +1,7 @@
 """Evaluation and pictures: exact counts without bias, known intervals, files that are what they say."""
 
 import sys
+from pathlib import Path
 
 import pytest
 import torch
@@ -95,6 +96,16 @@ def test_a_slim_checkpoint_plays_but_cannot_be_resumed(trained, tmp_path):
     task = make("fast", 4)
     full, small = (network_policy(c, task) for c in (content, load_checkpoint(path)))
     assert torch.equal(full(task.observations()), small(task.observations()))
+
+
+@pytest.mark.parametrize("name", ["zero", "random"])
+def test_policies_without_a_network_are_found_by_name(name, tmp_path):
+    source = find_policy("fast", Path(name), tmp_path)
+    task = make("fast", 4, seed=3)
+    actions = source.policy(task)(task.observations())
+    assert actions.shape == (4, task.action_size)
+    assert bool(actions.any()) == (name == "random")
+    assert repr(source).startswith(f"PolicySource: {name} actions")
 
 
 def test_which_policy_is_taken(trained, tmp_path, monkeypatch):
