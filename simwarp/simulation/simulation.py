@@ -165,6 +165,12 @@ class Simulation(Readable, Readings, FixedAttributes):
             outputs=[self.diagnostics.energy],
         )  # fmt: skip
         self._warn_of_unshared()
+        self._publishing = [
+            command
+            for part in self.elements
+            if hasattr(part, "record_outputs")
+            for command in part.record_outputs(self, self._all_worlds)
+        ]
         self._begin_sensors(self._all_worlds)
         self._fix()
 
@@ -203,8 +209,8 @@ class Simulation(Readable, Readings, FixedAttributes):
 
         Args:
             world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads.
-            sensors: take their first frames now; where more is set before a world is ready, leave it to
-                `begin_sensors`.
+            sensors: take their first frames, and publish a vehicle's outputs, now; where more is set before a world is
+                ready, leave it to `begin_sensors`.
         """
         mask = self._mask(world_mask)
         self._run_in(mask, self._resetting)
@@ -212,7 +218,9 @@ class Simulation(Readable, Readings, FixedAttributes):
             self._begin_sensors(mask)
 
     def begin_sensors(self, world_mask: Any = None) -> None:
-        """Starts the sensors' clocks in the worlds of the mask anew, with a frame of the present state."""
+        """Starts the sensors' clocks in the worlds of the mask anew, with a frame and a vehicle's outputs of the
+        present state.
+        """
         self._begin_sensors(self._mask(world_mask))
 
     def keep_as_initial(self) -> None:
@@ -249,7 +257,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         self._begin_sensors(mask)
 
     def measure(self, world_mask: Any = None, *, sensors: bool = True) -> None:
-        """Publishes `body_q` and joint coordinates after a user wrote `body_x`, `body_rot` or velocities.
+        """Publishes `body_q`, joint coordinates and a vehicle's outputs after a user wrote `body_x`, `body_rot` or
+        velocities.
 
         `sensors`: as in `reset`.
         """
@@ -303,6 +312,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             )
         for target, source in zip(present, kept, strict=True):
             wp.copy(target, source)
+        self._run_in(self._all_worlds, self._publishing)
         self.rounds.begin_as_counted()
 
     def __reduce__(self) -> NoReturn:
@@ -429,7 +439,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         self.shares.run(commands)
 
     def _begin_sensors(self, mask: wp.array) -> None:
-        """A frame of the present state, in worlds where somebody set it."""
+        """Outputs of force elements and frames of the present state, in worlds where somebody set it."""
+        self._run_in(mask, self._publishing)
         if mask is self._all_worlds:
             self.rounds.begin_all()
         for sensor in self.sensors:

@@ -10,7 +10,13 @@ import warp as wp
 from simwarp.core.arrays import writable
 from simwarp.core.readable import Names, Readable, Row, array_text, plural
 from simwarp.core.types import ModelError, Vec3, finite_vector
-from simwarp.kernels.vehicle.inputs import VehicleMotion, VehicleTables, measure_vehicle, run_vehicle
+from simwarp.kernels.vehicle.inputs import (
+    VehicleMotion,
+    VehicleTables,
+    measure_set_vehicle,
+    measure_vehicle,
+    run_vehicle,
+)
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import apply_tires
 from simwarp.model.model import Model
@@ -53,7 +59,7 @@ class Vehicle(Readable):
         position: (W,) vec3d of the point, world [m].
         angles: (W,) vec3 roll, pitch (positive nose down), yaw [rad].
         velocity_b, acceleration_b: (W,) vec3 of the point in axes of the chassis [m/s, m/s²]; the acceleration is that
-            of the last step, without gravity.
+            of the last step, without gravity, and zero where the state was set since.
         omega_b: (W,) vec3 of the chassis in its axes [rad/s]; the third entry is the yaw rate.
         gear: (W,) -1 reverse, 0 neutral, 1 and up forward.
         engine_speed, engine_torque, drive_speed, drive_torque: (W,) [rad/s, N·m].
@@ -192,6 +198,14 @@ class Vehicle(Readable):
                 inputs=[dt, self._tables, simulation.state.arrays], outputs=[self._motion],
             ),
         ]  # fmt: skip
+
+    def record_outputs(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
+        """The launch that measures the motion in worlds whose state was set."""
+        return [
+            simulation.shares.record(
+                measure_set_vehicle, inputs=[mask, self._tables, simulation.state.arrays], outputs=[self._motion]
+            )
+        ]
 
 
 def per_world(others: Iterable[str] = ()) -> list[str]:

@@ -44,18 +44,9 @@ def point_velocity(world: int, body: int, arm: wp.vec3, state: StateArrays) -> w
     return state.body_v[world, body] + wp.cross(state.body_omega[world, body], arm)
 
 
-@wp.kernel
-def measure_vehicle(
-    # inputs
-    worlds: WorldRange,
-    dt: float,
-    vehicle: VehicleTables,
-    state: StateArrays,
-    # outputs
-    motion: VehicleMotion,
-):
-    """Motion of the vehicle's point after a step."""
-    world = worlds.first + wp.tid()
+@wp.func
+def publish_motion(world: int, vehicle: VehicleTables, state: StateArrays, dt: float, motion: VehicleMotion):
+    """Motion of the vehicle's point; its acceleration is that of the last `dt`, zero where no time has passed."""
     q = state.body_rot[world, vehicle.chassis]
     r = wp.quat_to_matrix(q)
     arm = wp.quat_rotate(q, to_double(vehicle.point))
@@ -69,7 +60,40 @@ def measure_vehicle(
     axes = matrix_to_float(r)
     motion.velocity_b[world] = v * axes
     motion.omega_b[world] = state.body_omega[world, vehicle.chassis] * axes
-    motion.acceleration_b[world] = ((v - motion.last_v[world]) / dt) * axes
+    if dt > 0.0:
+        motion.acceleration_b[world] = ((v - motion.last_v[world]) / dt) * axes
+    else:
+        motion.acceleration_b[world] = wp.vec3()
+
+
+@wp.kernel
+def measure_vehicle(
+    # inputs
+    worlds: WorldRange,
+    dt: float,
+    vehicle: VehicleTables,
+    state: StateArrays,
+    # outputs
+    motion: VehicleMotion,
+):
+    """Motion of the vehicle's point after a step."""
+    publish_motion(worlds.first + wp.tid(), vehicle, state, dt, motion)
+
+
+@wp.kernel
+def measure_set_vehicle(
+    # inputs
+    worlds: WorldRange,
+    mask: wp.array[wp.bool],
+    vehicle: VehicleTables,
+    state: StateArrays,
+    # outputs
+    motion: VehicleMotion,
+):
+    """Motion of the vehicle's point where somebody set the state of its world."""
+    world = worlds.first + wp.tid()
+    if mask[world]:
+        publish_motion(world, vehicle, state, 0.0, motion)
 
 
 @wp.kernel
