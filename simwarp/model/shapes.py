@@ -264,6 +264,8 @@ class ShapeList:
         if size is None:
             size = (1.0, 1.0, 1.0) if shape_type == ShapeType.HULL else ()
         values = numbers(size)
+        if values.shape == () and shape_type in TURNED:
+            raise ModelError(f"{thing}: size must be radius and half length [m], got {shown(size)}; give both")
         if values.shape == () or (values.shape == (2,) and shape_type in TURNED):
             values = values.reshape(-1)[[0, -1, 0]]
         extent = checked_size(thing, shape_type, values)

@@ -499,7 +499,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         if tuple(array.shape) != shape:
             raise ModelError(f"{thing} have shape {shape} (worlds, dofs), got {array.shape}")
         if on_host(array):
-            self._check_finite(name, array.numpy(), mask)
+            self._check_finite(name, np.asarray(array), mask)  # not numpy(): nothing waits for a device here
         return array
 
     def _check_finite(self, name: str, values: npt.NDArray[np.float32], mask: wp.array) -> None:
@@ -508,7 +508,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         if mask is not self._all_worlds:
             if not on_host(mask):
                 return
-            bad &= mask.numpy()
+            bad &= np.asarray(mask)
         if bad.any():
             world = int(np.argmax(bad))
             value = next(value for value in values[world].tolist() if not math.isfinite(value))

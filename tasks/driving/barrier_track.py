@@ -84,6 +84,7 @@ class BarrierTrackTask(LappingTask[BarrierTrackConfig]):
     tire: ClassVar[str | None] = "tmeasy"
     chassis_half: ClassVar[tuple[float, float, float]] = (2.2, 0.9, 0.4)
     chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.0)
+    camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
     view_distance: ClassVar[float] = 10.0
     course_label: ClassVar[int] = 8
     preview: ClassVar[float] = 5.0

@@ -29,9 +29,10 @@ from simwarp.kernels.tasks.driving.base import (
     tell_upset,
 )
 from simwarp.kernels.tasks.driving.navigation import Navigator
-from simwarp.tasks import Ge, Gt, Lt, NotNegative, Positive
+from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
 
 from ..framework.config import TaskConfig
+from ..framework.errors import InputError, TaskError
 from ..framework.launching import TensorFunction, filled, launch_over, share_over, zeros_of
 from ..framework.simulation_access import Attachments
 from ..framework.task import Task
@@ -49,6 +50,8 @@ SETTLING = 0.9
 """Time in which a vehicle comes to rest on its springs before the first episode [s]."""
 VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
 """Model parameters that a vehicle writes, world by world."""
+OWN_MEASURES = ("vehicle_name", "full_name", "chassis_half", "chassis_place", "camera_place")
+"""What a class that drives another vehicle says together."""
 CHASSIS_GROUP = 2
 """Bit of the collision group of the driven vehicle's chassis; obstacles meet nothing else."""
 
@@ -83,6 +86,10 @@ Pixels: TypeAlias = Annotated[int, Ge(36)]
 class DrivingConfig(TaskConfig):
     """Fields of every driving task."""
 
+    dt: Positive = 0.0025
+    """Time step of the physics [s]; tires and suspensions are stiff."""
+    decimation: Annotated[int, Ge(1), Le(100_000)] = 40
+    """Physics steps per control step: ten actions a second."""
     obs: Observing = Observing.CAMERA
     """camera: an image and what a vehicle measures; state: exact relative positions, which trains fast on a CPU."""
     full: bool = False
@@ -196,6 +203,7 @@ class DrivingTask(Task[DrivingT]):
         import simwarp as sw
         from simwarp.vehicle import add_vehicle
 
+        self._check_vehicle()
         self.spec = self.make_spec()
         self.parts = add_vehicle(builder, self.spec)
         place = np.asarray(self.chassis_place) + self.parts.reference
@@ -206,6 +214,21 @@ class DrivingTask(Task[DrivingT]):
         self.build_world(builder)
         self._builder = builder
         self._scene: Scene | None = None
+
+    def _check_vehicle(self) -> None:
+        """Refuse a vehicle of a subclass's own with measures of its parent's.
+
+        Raises:
+            InputError: some of them are missing.
+        """
+        line = type(self).__mro__
+        owner = {name: next(at for at, cls in enumerate(line) if name in vars(cls)) for name in OWN_MEASURES}
+        missing = [name for name, at in owner.items() if at > owner["vehicle_name"]]
+        if missing:
+            raise InputError(
+                f"task '{self.name}': beside a vehicle_name of its own must stand its {', '.join(OWN_MEASURES[1:])}, "
+                f"got no {', '.join(missing)}; write them beside vehicle_name = {self.vehicle_name!r}"
+            )
 
     def make_spec(self) -> VehicleSpec:
         """Return the vehicle's description: the reduced or the full model, on this task's tires."""
@@ -327,6 +350,8 @@ class DrivingTask(Task[DrivingT]):
 
     def _physics_launches(self) -> Sequence[WorldLaunch]:
         """Return what stands for `apply` and `after_physics`: the action's way, steering and pedals, and touches."""
+        if not hasattr(self, "_car"):
+            raise TaskError(f"task '{self.name}': its setup() must call super().setup() first; add that line")
         path = self._path
         return [share_over(self.simulation, drive_on, path.reach, path.request, self.action, self._car, self._drive)]
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import inspect
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeAlias, TypeVar
 
 import tyro
 
@@ -79,6 +80,8 @@ BY_NAME: Final = tyro.constructors.PrimitiveConstructorSpec(
     str_from_instance=_as_json,
 )
 """A mapping from names to settings is one JSON object on the command line."""
+RangesByName: TypeAlias = Annotated[Mapping[str, Range], BY_NAME]
+SensingByName: TypeAlias = Annotated[Mapping[str, Sensing], BY_NAME]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,12 +103,20 @@ class TaskConfig(Settings):
     """Least and largest delay of the actions [control steps], drawn for every world and episode."""
     guard_steps: Annotated[int, Ge(0), Le(10000)] = 100
     """Control steps kept in memory for the dump of a world whose physics breaks down; 0 keeps none."""
-    randomise: Annotated[Mapping[str, Range], BY_NAME] = dataclasses.field(default_factory=dict)
+    randomise: RangesByName = dataclasses.field(default_factory=dict)
     """Model parameter -> range: what differs from world to world and from episode to episode."""
-    sensing: Annotated[Mapping[str, Sensing], BY_NAME] = dataclasses.field(default_factory=dict)
+    sensing: SensingByName = dataclasses.field(default_factory=dict)
     """Observation group -> noise, bias and delay."""
     curriculum: Curriculum = dataclasses.field(default_factory=Curriculum)
     """What moves the level of difficulty."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Keep how `randomise` and `sensing` are read where a task declares them again, for defaults of its own."""
+        super().__init_subclass__(**options)
+        own = inspect.get_annotations(cls)
+        for name, kind in (("randomise", RangesByName), ("sensing", SensingByName)):
+            if name in own:
+                cls.__annotations__[name] = kind
 
     @property
     def control_dt(self) -> float:

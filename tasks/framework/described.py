@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
+
+from simwarp.core.types import shown
+
+from .command import Command
+from .errors import TaskError
 
 
 class Described:
     """Names of a task's observations and actions, and where the task comes from. All of it is optional."""
 
+    name: ClassVar[str] = ""
+    """Set by ``@register``; until then that of the class."""
     task_file: ClassVar[str] = ""
     """Absolute ``path/to/file.py:TaskClass`` of a task that is not installed; set when it is loaded."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "name" not in vars(cls):
+            cls.name = cls.__name__
 
     @property
     def observation_names(self) -> Mapping[str, Sequence[str]]:
@@ -36,3 +48,45 @@ class Described:
     def default_positions(self) -> Sequence[float]:
         """Coordinates of ``action_joints`` at rest, from which actions count [rad or m]; empty: as they are built."""
         return ()
+
+
+def check_described(task: Any) -> None:
+    """Hold what a task tells of itself to its form.
+
+    Raises:
+        TaskError: names are not lists of words, as many as there are components, or commands are not `Command`.
+    """
+    groups: Mapping[str, tuple[int, ...]] = task.observation_shapes
+    told = _mapping(task, "observation_names", task.observation_names, "of groups to lists of names")
+    for group, names in told.items():
+        shape = groups.get(group)
+        if shape is None or len(shape) != 1:
+            rows = sorted(name for name, own in groups.items() if len(own) == 1)
+            raise _wrong(task, "observation_names", f"of groups that are rows of numbers ({', '.join(rows)})", group)
+        _words(task, f"observation_names of '{group}'", names, shape[0])
+    _words(task, "action_names", task.action_names, task.action_size)
+    _words(task, "action_joints", task.action_joints, task.action_size)
+    for name in ("action_scale", "default_positions"):
+        scales = getattr(task, name)
+        if len(scales) not in (0, task.action_size):
+            raise _wrong(task, name, f"{task.action_size} numbers, one per component of an action", scales)
+    for name, command in _mapping(task, "commands()", task.commands(), "of names to Command").items():
+        if not isinstance(command, Command):
+            raise _wrong(task, f"commands() of '{name}'", "a Command(values, low, high)", command)
+
+
+def _mapping(task: Any, name: str, value: Any, rule: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise _wrong(task, name, f"a dict {rule}", value)
+    return value
+
+
+def _words(task: Any, name: str, words: Any, count: int) -> None:
+    if isinstance(words, str) or not all(isinstance(word, str) for word in words):
+        raise _wrong(task, name, "a list of names", words)
+    if len(words) not in (0, count):
+        raise TaskError(f"task '{task.name}': {name} must be {count} names, one per component, got {len(words)}")
+
+
+def _wrong(task: Any, name: str, rule: str, value: Any) -> TaskError:
+    return TaskError(f"task '{task.name}': {name} must be {rule}, got {shown(value)}")

@@ -105,6 +105,8 @@ def task_class(name: str) -> type[Task[Any]]:
     if name not in _tasks:
         _load_packages()
     if name not in _tasks:
+        if name.endswith(".py"):
+            raise InputError(f"task file '{name}': name the class too, as in {name}:TaskClass")
         raise InputError(f"unknown task '{name}'{near_names(name, task_names())}")
     return _tasks[name]
 

@@ -28,7 +28,7 @@ from .argument_checks import check_room, whole
 from .capture import StepCapture, recorder_of
 from .command import Command
 from .config import TaskConfig
-from .described import Described
+from .described import Described, check_described
 from .drawing import Drawing
 from .errors import InputError, TaskError
 from .finite_observations import FiniteObservations
@@ -70,8 +70,6 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
 
     _climbing: bool
 
-    name: ClassVar[str] = ""
-    """Set by ``@register``."""
     summary: ClassVar[str] = ""
     """One line for ``simwarp list``."""
     config_type: ClassVar[type[TaskConfig]] = TaskConfig
@@ -484,6 +482,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         self._sensors = Sensors(self.config.sensing, groups, self.random)
         self.observation_shapes = {name: tuple(group.shape[1:]) for name, group in groups.items()}
         self.observation_dtypes = {name: group.dtype for name, group in groups.items()}
+        check_described(self)
         terms = list(check_terms(self, self.rewards()))
         terminations = list(check_flags(self, "termination", self.terminations()))
         truncations = list(check_flags(self, "truncation", self.truncations()))

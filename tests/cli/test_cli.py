@@ -197,6 +197,7 @@ def test_doctor_sees_a_gpu_that_the_libraries_do_not(monkeypatch):
         (["play", "fast", "--seconds", "-1"], "seconds must be positive"),
         (["play", "fast", "--video", "a.avi"], "must end in .mp4, .gif, .png or .jpg"),
         (["list", "--jsno", "-"], "did you mean --json?"),
+        (["play", "my_task.py"], "task file 'my_task.py': name the class too, as in my_task.py:TaskClass"),
     ],
 )
 @pytest.mark.sweep

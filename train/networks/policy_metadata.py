@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from simwarp import PositionDrive
-from simwarp.tasks import Task, TaskError
+from simwarp.tasks import Task
 
 if TYPE_CHECKING:
     from simwarp import Model
@@ -20,9 +20,6 @@ def policy_metadata(task: Task[Any]) -> dict[str, Any]:
         (group -> names of its components), ``action_names``, ``action_scale``, ``joint_names`` (that actions move),
         ``default_joint_pos`` [rad or m], ``joint_stiffness`` [N·m/rad or N/m], ``joint_damping``,
         ``joint_effort_limit`` [N·m or N], ``control_rate`` [1/s].
-
-    Raises:
-        TaskError: the task gives another number of names or scales than it has components.
     """
     groups = task.observation_shapes
     dtypes = task.observation_dtypes
@@ -37,14 +34,6 @@ def policy_metadata(task: Task[Any]) -> dict[str, Any]:
         "joint_names": list(task.action_joints),
         "control_rate": 1.0 / task.config.control_dt,
     }
-    for name, names in found["observation_names"].items():
-        if len(groups.get(name, ())) != 1 or len(names) != groups[name][0]:
-            shape = groups.get(name)
-            raise TaskError(f"task '{task.name}': observation_names of '{name}' are {len(names)}, its shape is {shape}")
-    for name in ("action_names", "action_scale", "joint_names"):
-        if len(found[name]) not in (0, task.action_size):
-            count = len(found[name])
-            raise TaskError(f"task '{task.name}': {name} has {count} entries for {task.action_size} actions")
     if found["joint_names"]:
         found |= _joints(task.simulation.model, found["joint_names"], task.default_positions)
     return {name: value for name, value in found.items() if value not in ([], {})}

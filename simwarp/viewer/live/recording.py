@@ -12,12 +12,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import zstandard
 
 from simwarp.core.files import check_output, write_file
 from simwarp.core.types import WORLD, ModelError
+from simwarp.viewer.live.extra import not_installed
 from simwarp.viewer.live.page import ROOT
 from simwarp.viewer.live.world_layout import Layout
+
+try:
+    import zstandard
+except ImportError as error:
+    raise not_installed(error) from None
 
 if TYPE_CHECKING:
     from simwarp.viewer.live.live_view import LiveView

@@ -19,6 +19,7 @@ from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
 from simwarp.core.types import ModelError
+from simwarp.viewer.live.extra import not_installed
 
 try:
     import viser
@@ -28,9 +29,7 @@ try:
     from websockets.exceptions import ConnectionClosed as ConnectionClosed
     from websockets.http11 import Response
 except ImportError as error:
-    raise ModelError(
-        f"viewer: viser must be installed, got no module '{error.name}'; pip install 'simwarp[viewer]'"
-    ) from None
+    raise not_installed(error) from None
 
 HERE: Final = ("127.0.0.1", "localhost", "[::1]")
 PORT_VARIABLE: Final = "_VISER_PORT_OVERRIDE"

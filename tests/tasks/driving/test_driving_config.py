@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
-from simwarp.tasks import InputError, TaskVectorEnv, make
-from simwarp.tasks.driving.off_road import GROUND_TEXTURES
+from simwarp.tasks import InputError, TaskError, TaskVectorEnv, make
+from simwarp.tasks.driving.off_road import GROUND_TEXTURES, OffRoadTask
 from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver, Range
 from tests.tasks.adapters import test_gym_conformance as rules
 from tests.tasks.driving.driving_checks import NAMES, SMALL, driving, held, obstacle_corners, random_actions
@@ -251,3 +251,23 @@ def test_images_are_kept_apart_from_what_the_simulation_overwrites():
     for action in random_actions(env.task, 3).numpy():
         env.step(abs(action))
     assert (first["camera"] == kept).all()
+
+
+def test_another_vehicle_brings_its_own_measures():
+    """An ARTcar of 0.6 m drove in the collision box of a truck of 4.6 m, without a word."""
+
+    class Small(OffRoadTask):
+        vehicle_name = full_name = "artcar"
+
+    with pytest.raises(InputError, match="got no chassis_half, chassis_place, camera_place; write") as found:
+        Small(Small.config_type(), 1)
+    assert "\n" not in str(found.value)
+
+
+def test_a_setup_without_its_parents_is_named():
+    class Forgetful(OffRoadTask):
+        def setup(self):
+            self.mine = torch.zeros(self.num_worlds)
+
+    with pytest.raises(TaskError, match=r"task 'Forgetful': its setup\(\) must call super\(\).setup\(\) first"):
+        Forgetful(Forgetful.config_type(), 1)

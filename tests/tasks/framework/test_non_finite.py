@@ -63,7 +63,7 @@ def test_an_evaluation_of_a_policy_that_returns_nan_ends_in_code_1(tmp_path, bro
     arguments = ["eval", "fast", "--checkpoint", str(broken_policies), "--episodes", "3", "--json", "out.json"]
     assert cli.main(arguments) == 1
     out, err = capsys.readouterr()
-    assert out.count("trained: the policy returns NaN or infinity, since step 25 or before") == 1
+    assert out.count("policy: the policy returns NaN or infinity, since step 25 or before") == 1
     assert err.count("\n") == 1
     assert "the policy returned NaN or infinity" in err
     result = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
@@ -76,7 +76,7 @@ def test_an_evaluation_in_which_all_worlds_break_down_ends_in_code_1(tmp_path, m
     monkeypatch.setattr(PendulumTask, "apply", lambda self, action: self.views.joint_force.fill_(torch.nan))
     assert cli.main(["eval", "pendulum", "--checkpoint", "shipped", "--episodes", "2", "--no-baselines"]) == 1
     out, err = capsys.readouterr()
-    assert "trained: the physics of all 2 episodes broke down" in out
+    assert "policy: the physics of all 2 episodes broke down" in out
     assert err == "simwarp: the physics of all 2 episodes broke down\n"
 
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import simwarp as sw
-from simwarp.tasks import Task, TaskConfig, TaskError, make, replace_fields
+from simwarp.tasks import Task, TaskConfig, make, replace_fields
 from simwarp.tasks.framework import registry
 from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import TrainConfig
@@ -170,17 +170,3 @@ def test_gains_are_those_of_the_drives_in_the_order_of_the_actions(arm, tmp_path
     assert stored["default_joint_pos"] == [0.1, 0.2]
     assert stored["action_scale"] == [0.4, 0.5]
     assert stored["control_rate"] == 100.0
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "message"),
-    [
-        ("action_scale", (1.0,), "action_scale has 1 entries for 2 actions"),
-        ("observation_names", {"policy": ["one"]}, "observation_names of 'policy' are 1"),
-        ("observation_names", {"other": []}, "observation_names of 'other' are 0, its shape is None"),
-    ],
-)
-def test_names_that_do_not_fit_are_refused(arm, monkeypatch, field, value, message):
-    monkeypatch.setattr(Arm, field, value)
-    with pytest.raises(TaskError, match=message):
-        policy_metadata(make("two-hinges"))

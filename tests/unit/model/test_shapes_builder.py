@@ -28,6 +28,7 @@ CASES: list[Case] = [
     ("margin", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", margin=-0.01), ["shape 'b'", "margin", "-0.01"]),
     ("material", lambda b: b.add_shape_sphere(0, radius=0.1, name="b", material=0.5), ["shape 'b'", "Material", "0.5"]),  # type: ignore[arg-type]
     ("kind", lambda b: b.add_solid("s", "cube", 0.1, mass=1.0), ["solid 's'", "'cube'", "box"]),
+    ("capsule_size", lambda b: b.add_solid("s", "capsule", 0.1, mass=1.0), ["radius and half length", "0.1"]),
     ("plane_solid", lambda b: b.add_solid("s", "plane", 0.1, mass=1.0), ["solid 's'", "'plane'", "add_shape"]),
     ("no_mass", lambda b: b.add_solid("s", "box", 0.1), ["solid 's'", "mass or density"]),
     ("two_masses", lambda b: b.add_solid("s", "box", 0.1, mass=1.0, density=2.0), ["solid 's'", "1.0", "2.0"]),
