@@ -33,7 +33,8 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
         responses=model.response_count, relative_rotations=model.relative_rotation_count,
         blocks=model.box_count + model.contact_capacity,
         cone_rows=rows, dense_rows=dense, factor_rows=max(dense if all_solvers else 0, newton),
-        wide_rows=max(dense if all_solvers else 0, rows if newton else 0),
+        # proximal Newton steps keep vectors of the tree beside those of rows
+        wide_rows=max(dense if all_solvers else 0, max(rows, topology.tree_dof_count) if newton else 0),
         wide_vectors=WIDE_VECTORS if all_solvers else NEWTON_VECTORS,
         kept_rows=rows if all_solvers else 0, entries=model.entry_count,
     )  # fmt: skip

@@ -175,7 +175,7 @@ def hull_polygon(a: Shape, d: wp.vec3, row: int, assets: Assets, out: Manifold) 
         last = assets.hull_face_vertex_start[face + 1]
         for k in range(first, last):
             if assets.hull_face[k] == top:
-                j = wp.where(k + 1 == last, assets.hull_face[first], assets.hull_face[k + 1])
+                j = assets.hull_face[wp.where(k + 1 == last, first, k + 1)]
                 e = wp.cw_mul(a.size, assets.hull_vertex[start + j]) - p
                 fall = -wp.dot(d, e) / wp.length(e)
                 if fall < slope:

@@ -356,7 +356,9 @@ def can_step_by_newton(problem: ConeProblem) -> bool:
         return False
     if problem.tree_dof_count == 0 or problem.tree_dof_count > LARGEST:
         return False
-    if problem.factor.shape[0] < problem.tree_dof_count or problem.wide.shape[1] < problem.row_count:
+    if problem.factor.shape[0] < problem.tree_dof_count:
+        return False
+    if problem.wide.shape[1] < wp.max(problem.row_count, problem.tree_dof_count):
         return False
     if 3 * problem.y.shape[1] > problem.spread.shape[0] * problem.spread.shape[1]:
         return False

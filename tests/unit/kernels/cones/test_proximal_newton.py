@@ -9,6 +9,7 @@ import warp as wp
 import simwarp as sw
 from simwarp import scenes
 from simwarp.core.types import FrictionLaw
+from simwarp.simulation.requirements import step_sizes
 from tests.reference import cones as reference
 from tests.unit.kernels.cones.single_problem import SOLVE, STEP, Single
 
@@ -120,3 +121,17 @@ def test_a_shaken_stack_keeps_its_tolerance_in_few_iterations():
         residuals.append(sim.diagnostics.cone_residual.numpy().copy())
     assert np.mean(counts) < 120
     assert np.mean(np.array(residuals) <= 1e-4) > 0.99
+
+
+@pytest.mark.parametrize("capacity", [4, 20, None])
+def test_the_workspace_of_a_step_holds_rows_and_tree(capacity):
+    """14 free bodies have 84 degrees of freedom, 20 contacts 60 rows: the heap was overwritten."""
+    builder = sw.ModelBuilder()
+    builder.add_shape_plane()
+    for index in range(14):
+        body = builder.add_body(f"b{index}", mass=1.0, inertia=(0.1, 0.1, 0.1), pose=sw.pose((index, 0.0, 0.5)))
+        builder.add_shape_sphere(body, radius=0.5)
+    model = builder.finalize(2, "cpu", contact_capacity=capacity)
+    sizes = step_sizes(model, 64, all_solvers=False)
+    assert sizes.factor_rows == 84
+    assert sizes.wide_rows >= max(84, 3 * model.contact_capacity)
