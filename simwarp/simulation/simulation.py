@@ -146,10 +146,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             outputs=[self.state.arrays],
         )  # fmt: skip
         self._measuring.launch()
-        self._initial = State(model)
-        self._initial.copy_from(self.state)
-        self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
-        self._resetting = self._record_reset()
+        self._resetting = self._record_reset(element_memory)
         self.physics_commands = self._record_step(all_solvers, newton=sizes.factor_rows > 0)
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = self._record_sensors()
@@ -165,12 +162,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             outputs=[self.diagnostics.energy],
         )  # fmt: skip
         self._warn_of_unshared()
-        self._publishing = [
-            command
-            for part in self.elements
-            if hasattr(part, "record_outputs")
-            for command in part.record_outputs(self, self._all_worlds)
-        ]
+        self._publishing = self._record_outputs()
         self._begin_sensors(self._all_worlds)
         self._fix()
 
@@ -392,8 +384,16 @@ class Simulation(Readable, Readings, FixedAttributes):
         ]
         return commands
 
-    def _record_reset(self) -> list[Any]:
-        """Launches that bring the initial state back in the worlds of the mask."""
+    def _record_outputs(self) -> list[Any]:
+        """Launches that publish what elements tell of a state that was set."""
+        telling = [part.record_outputs for part in self.elements if hasattr(part, "record_outputs")]
+        return [command for record in telling for command in record(self, self._all_worlds)]
+
+    def _record_reset(self, element_memory: Sequence[wp.array]) -> list[Any]:
+        """Launches that bring the initial state, which is that of now, back in the worlds of the mask."""
+        self._initial = State(self.model)
+        self._initial.copy_from(self.state)
+        self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
         state = self.shares.record(
             copy_worlds,
             inputs=[self._all_worlds, self._initial.arrays],

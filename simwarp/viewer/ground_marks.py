@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import minimum_filter, uniform_filter
 
 from simwarp.core.rotation import matrix_of
-from simwarp.core.types import WORLD, Pose, ShapeType
+from simwarp.core.types import WORLD, Pose
 from simwarp.scenery.visual import Label
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.default_appearance import GROUNDS
@@ -51,14 +51,6 @@ def marks_for(distance: float) -> Marks:
     """Marks that can be seen from a distance [m], and never fill the ground."""
     arm = min(0.015 * distance, 0.15)
     return Marks(arm, arm / 4.0)
-
-
-def floor_height(scene: Scene) -> float | None:
-    """Height of the first endless level plane [m]; None without one."""
-    for instance in scene.visuals.instances:
-        if instance.kind == ShapeType.PLANE and np.abs(instance.pose.rotation[:2]).max() < 1e-6:
-            return float(instance.pose.position[2])
-    return None
 
 
 class GroundFinder:

@@ -18,7 +18,8 @@ from simwarp.sensors.cameras.lights import Lighting
 from simwarp.sensors.interface import body_index
 from simwarp.sensors.scene import Scene
 from simwarp.viewer.free_camera import FreeCamera
-from simwarp.viewer.ground_marks import GroundFinder, draw_marks, floor_height, marks_for, quieter
+from simwarp.viewer.ground_height import GroundHeight
+from simwarp.viewer.ground_marks import GroundFinder, draw_marks, marks_for, quieter
 from simwarp.viewer.lines import Polyline, draw_lines
 
 if TYPE_CHECKING:
@@ -112,7 +113,7 @@ class FollowCamera:
         self._time: float | None = None
         self._ground = GroundFinder(scene) if marks or quiet else None
         self._quiet = quiet
-        self._floor = floor_height(scene)
+        self._floor = GroundHeight(scene, worlds)
         self._marks = marks_for(float(np.linalg.norm(self._eye))) if marks else None
 
     def take(self, time: float, lines: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
@@ -141,12 +142,13 @@ class FollowCamera:
         """Whether there is a body that the shot is about."""
         return self._body != WORLD
 
-    def floors(self) -> npt.NDArray[np.float64]:
-        """(worlds,) height of the ground [m]: of a level plane, else of the lowest point of what moves."""
-        if self._floor is not None:
-            return np.full(len(self.camera.worlds), self._floor)
-        lowest: npt.NDArray[np.float64] = self.camera.extent(self._simulation.state)[:, 0, 2]
-        return lowest
+    def floors(self, places: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """(worlds,) height of the ground below places (worlds, 3) [m]; without one, of the lowest point that moves."""
+        found = self._floor.at(places)
+        missing = ~np.isfinite(found)
+        if missing.any():
+            found[missing] = self.camera.extent(self._simulation.state)[missing, 0, 2]
+        return found
 
     def _aim(self, time: float) -> list[Pose]:
         """Where the cameras are, one step of following later."""

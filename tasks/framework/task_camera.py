@@ -68,9 +68,9 @@ class TaskCamera:
         """Whether there is a body that the shot is about."""
         return self._camera.follows
 
-    def floors(self) -> npt.NDArray[np.float64]:
-        """(S,) height of the ground in the worlds that are seen [m]."""
-        return self._camera.floors()
+    def floors(self, places: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """(S,) height of the ground below places (S, 3) in the worlds that are seen [m]."""
+        return self._camera.floors(places)
 
     def cut(self) -> None:
         """Be where the worlds are at once in the next image: new episodes have begun."""

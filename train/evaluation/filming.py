@@ -124,7 +124,7 @@ class Film:
             return np.full((len(self.worlds), 3), np.nan)
         places: npt.NDArray[np.float64] = place.double().cpu().numpy()[list(self.worlds)].copy()
         if self._camera.follows:
-            places[:, 2] = self._camera.floors()
+            places[:, 2] = self._camera.floors(places)
         return places
 
 

@@ -11,6 +11,7 @@ from simwarp.viewer.live.page_panels import add_panels
 from simwarp.viewer.live.web_server import WebServer
 from simwarp.viewer.live.wheel.drive_panel import DrivePanel
 from simwarp.viewer.live.wheel.human_driver import Keys
+from simwarp.viewer.live.world_layout import Layout
 
 
 def say(options: ViewOptions, text: str) -> None:
@@ -22,6 +23,8 @@ def open_view(subject: Any, options: ViewOptions, server: WebServer | None) -> L
     """A page with all panels of a subject, not yet running."""
     shown = min(subject.simulation.model.world_count, 64)
     view = LiveView(subject, worlds=shown, layout=options.layout, host=options.host, port=options.port, server=server)
+    if shown > 1 and options.layout is None and view.page.layout is Layout.ONE:
+        say(options, f"showing one of {shown} worlds, which are large; --layout grid or overlay shows all")
     view.speed, view.paused = options.speed, options.paused
     add_panels(view)
     training = subject.details.get("training")

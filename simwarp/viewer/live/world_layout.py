@@ -45,7 +45,7 @@ def offsets(layout: Layout, moving: Array, whole: Array) -> Array:
     found = np.zeros((count, 3))
     if layout is not Layout.GRID or count == 1:
         return found
-    box = whole if np.ptp(whole[0], axis=0)[:2].max() <= SMALL else moving
+    box = np.stack([np.minimum(moving[:, 0], whole[:, 0]), np.maximum(moving[:, 1], whole[:, 1])], axis=1)
     pitch = ROOM * max(float(np.ptp(box, axis=1)[:, :2].max()), 0.1)
     columns = math.ceil(math.sqrt(count))
     index = np.arange(count)

@@ -11,7 +11,7 @@ import torch
 
 from simwarp.core.interop import to_torch
 from simwarp.tasks import InputError, TaskError, TaskVectorEnv, make
-from simwarp.tasks.driving.off_road import GROUND_TEXTURES, OffRoadTask
+from simwarp.tasks.driving.off_road import GROUND_TEXTURES, OffRoadConfig, OffRoadTask
 from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver, Range
 from tests.tasks.adapters import test_gym_conformance as rules
 from tests.tasks.driving.driving_checks import NAMES, SMALL, driving, held, obstacle_corners, random_actions
@@ -260,7 +260,7 @@ def test_another_vehicle_brings_its_own_measures():
         vehicle_name = full_name = "artcar"
 
     with pytest.raises(InputError, match="got no chassis_half, chassis_place, camera_place; write") as found:
-        Small(Small.config_type(), 1)
+        Small(OffRoadConfig(), 1)
     assert "\n" not in str(found.value)
 
 
@@ -270,4 +270,4 @@ def test_a_setup_without_its_parents_is_named():
             self.mine = torch.zeros(self.num_worlds)
 
     with pytest.raises(TaskError, match=r"task 'Forgetful': its setup\(\) must call super\(\).setup\(\) first"):
-        Forgetful(Forgetful.config_type(), 1)
+        Forgetful(OffRoadConfig(), 1)

@@ -171,6 +171,14 @@ def test_worlds_of_a_grid_do_not_overlap() -> None:
     assert not offsets(Layout.OVERLAY, box, box).any()
 
 
+def test_grounds_of_a_grid_do_not_overlap_either() -> None:
+    """Robots stood to the knee in the height fields of their neighbours: only what moves was set apart."""
+    moving = np.repeat(np.array([[[-1.0, -0.5, 0.0], [1.0, 0.5, 1.0]]]), 6, axis=0)
+    places = offsets(Layout.GRID, moving, moving * 12.0)
+    apart = [np.abs(places[one] - places[other]).max() for one in range(6) for other in range(one)]
+    assert min(apart) >= 24.0
+
+
 @pytest.mark.parametrize(("reach", "layout"), [(2.0, Layout.GRID), (100.0, Layout.ONE)])
 def test_what_drives_through_a_country_is_shown_alone(reach: float, layout: Layout) -> None:
     moving = np.array([[[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]]])
