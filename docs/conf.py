@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import re
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any, get_origin, is_typeddict
+from typing import Annotated, Any, get_origin, get_type_hints, is_typeddict
 
 from docutils import nodes
 from sphinx.addnodes import pending_xref
@@ -22,7 +23,9 @@ from sphinx.util import typing as hints
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-PACKAGES = ("actuators", "importers", "scenery", "scenes", "sensors", "tasks", "train", "vehicle", "viewer")
+PACKAGES = (
+    "actuators", "importers", "scenery", "scenes", "sensors", "tasks", "tasks.driving", "train", "vehicle", "viewer",
+)  # fmt: skip
 
 project = "simwarp"
 author = "simwarp contributors"
@@ -100,11 +103,24 @@ def stringify_annotation(annotation: Any, /, mode: Any = "fully-qualified-except
     return f"~{name}" if mode == "smart" else name
 
 
+def evaluate_inherited_hints() -> None:
+    """Evaluate the hints of dataclasses' arguments, each in the module of its class; Sphinx takes the subclass's."""
+    for name in PUBLIC.values():
+        value = resolve(name)
+        if dataclasses.is_dataclass(value):
+            arguments = value.__init__.__annotations__
+            try:
+                known = get_type_hints(value, include_extras=True)
+            except NameError:  # of what is imported for type checkers alone: such hints stay as they are written
+                continue
+            arguments.update({key: known[key] for key in arguments if key in known})
+
+
 def print_names_of_bounds() -> None:
     """Let all of Sphinx use the function above, which its own calls itself for parts of a hint."""
     for module in [value for name, value in sys.modules.items() if name.startswith("sphinx.")]:
         if getattr(module, "stringify_annotation", None) is stringify_everything:
-            setattr(module, "stringify_annotation", stringify_annotation)
+            vars(module)["stringify_annotation"] = stringify_annotation
 
 
 def documented_data(name: str, value: Any) -> list[str]:
@@ -156,13 +172,15 @@ def list_options(_app: Sphinx, what: str, _name: str, value: Any, _options: Any,
         while kind is not None:
             bases = [base for base in getattr(kind, "__orig_bases__", ()) if is_typeddict(base)]
             keys = [key for key in kind.__annotations__ if not any(key in base.__annotations__ for base in bases)]
-            meaning = " ".join((kind.__doc__ or "").split())
-            public = {name.rpartition(".")[2]: name for name in PUBLIC.values()}
-            meaning = re.sub(
-                r"`(\w+)`", lambda found: f":obj:`~{public[found[1]]}`" if found[1] in public else found[0], meaning
-            )
+            meaning = re.sub(r"`(\w+)`", link_by_name, " ".join((kind.__doc__ or "").split()))
             lines += ["", f"``{argument}``: {', '.join(f'``{key}``' for key in keys)}. {meaning}"]
             kind = bases[0] if bases else None
+
+
+def link_by_name(found: re.Match[str]) -> str:
+    """A link in place of a public name in backticks; the same text where it is not public."""
+    public = {name.rpartition(".")[2]: name for name in PUBLIC.values()}
+    return f":obj:`~{public[found[1]]}`" if found[1] in public else found[0]
 
 
 def write_factories(
@@ -218,6 +236,7 @@ def link_to_public(
 
 def setup(app: Sphinx) -> None:
     """Connect the functions above."""
+    evaluate_inherited_hints()
     print_names_of_bounds()
     app.connect("autodoc-process-docstring", fill_constant, priority=300)
     app.connect("autodoc-process-docstring", keep_sentence, priority=400)  # napoleon comes at 500
