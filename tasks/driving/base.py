@@ -90,9 +90,9 @@ class DrivingConfig(TaskConfig):
     friction: Positive = 0.9
     """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
     camera_width: Pixels = 80
-    """Of the image [pixels]."""
+    """Of the image [pixels], 36 at least."""
     camera_height: Pixels = 45
-    """Of the image [pixels]."""
+    """Of the image [pixels], 36 at least."""
     camera_fov: Annotated[float, Gt(0.0), Lt(math.pi)] = math.pi / 3.0
     """Horizontal field of view [rad]."""
     camera_rate: Positive | None = None
@@ -426,8 +426,8 @@ class DrivingTask(Task[DrivingT]):
         self.end_step()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the ``difficulty`` (W,) of the running episodes, from which their worlds are drawn, and, where there is
-        a `navigation`, its ``heading`` (W,) [rad]. A subclass adds its own to what ``super()`` returns.
+        """Return the ``difficulty`` (W,) of the running episodes, from which their worlds are drawn, and, where there
+        is a `navigation`, its ``heading`` (W,) [rad]. A subclass adds its own to what ``super()`` returns.
         """
         measured = {} if self.navigation is None else {"heading": self.navigation.heading}
         return {"difficulty": self.difficulty} | measured
