@@ -16,6 +16,7 @@ from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
 from simwarp.vehicle.driving.path_tracking import InteractiveDriver, LookAhead, PathTracker, PathTrackingSpec, Stanley
 from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
+from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.parts import SpecError
@@ -64,6 +65,7 @@ __all__ = [
     "maneuver",
     "option_names",
     "per_world",
+    "place_vehicle",
     "read_path",
     "save_vehicle",
     "set_payload",

@@ -52,6 +52,7 @@ class Vehicle(Readable):
             `tires.ground_friction`; otherwise all share one.
 
     Attributes:
+        bodies: (N,) int32, indices of its bodies in the model, the chassis first; with the loads that joints hold.
         input: (W, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1. Write it, or let a
             driver do so.
         lock: (W, locks) 0..1, closes the clutches of differentials that are `lockable`: central, front, rear.
@@ -81,6 +82,7 @@ class Vehicle(Readable):
                 )
         self.parts = parts
         self.model = model
+        self.bodies: wp.array = wp.array(_bodies(parts, model), dtype=int, device=model.device)
         self.input = writable((model.world_count, 4), wp.float32, model.device)
         self.lock = writable((model.world_count, len(parts.driveline.locks)), wp.float32, model.device)
         self._tables = _tables(parts, model)
@@ -211,6 +213,16 @@ class Vehicle(Readable):
 def per_world(others: Iterable[str] = ()) -> list[str]:
     """Names for `finalize(per_world=...)`: what a vehicle writes and what the caller randomises."""
     return sorted({*PER_WORLD, *others})
+
+
+def _bodies(parts: VehicleParts, model: Model) -> list[int]:
+    """All bodies that joints connect with the chassis, which comes first."""
+    pairs = [(joint.parent, joint.child) for joint in model.builder.joints if min(joint.parent, joint.child) >= 0]
+    found = [parts.chassis]
+    for body in found:
+        reached = {a + b - body for a, b in pairs if body in (a, b)}
+        found += sorted(reached.difference(found))
+    return found
 
 
 def _tables(parts: VehicleParts, model: Model) -> VehicleTables:

@@ -97,9 +97,9 @@ class DrivingConfig(TaskConfig):
     friction: Positive = 0.9
     """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
     camera_width: Pixels = 80
-    """Of the image [pixels]."""
+    """Of the image [pixels], 36 at least."""
     camera_height: Pixels = 45
-    """Of the image [pixels]."""
+    """Of the image [pixels], 36 at least."""
     camera_fov: Annotated[float, Gt(0.0), Lt(math.pi)] = math.pi / 3.0
     """Horizontal field of view [rad]."""
     camera_rate: Positive | None = None
@@ -115,33 +115,49 @@ class DrivingTask(Task[DrivingT]):
     """A task whose actions are steering (positive to the left) and the pedals (positive throttle, negative brake).
 
     A subclass writes `build_world`, `draw_world`, `start`, what is `measured`, the `exact_state`, and the rewards and
-    terminations of its own.
+    terminations of its own. Observations are `policy`, a vector (W, N) float32, and by camera `camera`, an image
+    (W, height, width, 3) uint8 beside it. All arrays are of the task's device; W is the number of worlds.
     """
 
     action_size: int = 2
+    """2: steering and pedals; 1: steering alone, and the task works the pedals (`vehicle.input`)."""
     per_world: ClassVar[tuple[str, ...]] = VEHICLE_ARRAYS
+    """Model parameters that differ by world. A subclass that adds its own keeps these two, which vehicles write."""
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "state": {"network.hidden": (128, 64)},
         "camera": BY_CAMERA,
     }
+    """Defaults of training with ``obs`` state and with ``obs`` camera, beside those of `training`."""
     vehicle_name: ClassVar[str] = "hmmwv-reduced"
+    """Vehicle that is driven: a name of `simwarp.vehicle.vehicle_names()` or a path of a vehicle's JSON file."""
     full_name: ClassVar[str] = "hmmwv"
+    """Vehicle that is driven with the field ``full``; the same name where there is one model only."""
     tire: ClassVar[str | None] = None
+    """Name of its tires among those that the vehicle's description offers; None: those of the description."""
     chassis_half: ClassVar[tuple[float, float, float]] = (2.3, 1.05, 0.5)
-    """Half lengths of the box that stands for the chassis in contacts [m]."""
+    """Half lengths (x, y, z) of the box that stands for the chassis in contacts [m]."""
     chassis_place: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.2)
-    """Of its middle in the vehicle's frame of reference [m]."""
+    """Middle of that box in the vehicle's frame of reference: X ahead, Y left, Z up [m]."""
     camera_place: ClassVar[tuple[float, float, float]] = (1.5, 0.0, 0.875)
-    """In the vehicle's frame of reference [m]."""
+    """Place of the policy's camera in the vehicle's frame of reference [m]; it looks ahead, along +X."""
     navigates: ClassVar[bool] = False
     """Beside a camera there are a satellite receiver and a gyroscope, the only other instruments of the vehicle."""
     view_distance: ClassVar[float] = 9.0
-    """Of the camera that takes pictures for people [m]."""
+    """Scale of the view of pictures for people [m]: the eye is 1.5 times this behind the chassis and 0.36 above it."""
 
     parts: VehicleParts
+    """Indices of the vehicle's bodies and joints in the model: `parts.chassis` is what a sensor is mounted on; from
+    `build` on."""
     vehicle: Vehicle
+    """The vehicle at work: its inputs, tires, gear and motion; from `attach` on."""
     camera: Camera | None
+    """The policy's camera; None with ``obs`` state. From `attach` on."""
     navigation: Navigation | None
+    """Receiver and gyroscope where the task `navigates` and has a camera, else None; from `attach` on."""
+    difficulty: torch.Tensor
+    """(W,) float32 in [0, 1]: curriculum level of the running episodes; from `setup` on."""
+    hit: torch.Tensor
+    """(W,) bool: the box of the chassis touched something in this control step; from `setup` on."""
 
     @property
     def action_names(self) -> Sequence[str]:
@@ -151,49 +167,73 @@ class DrivingTask(Task[DrivingT]):
     # ---- what a subclass may write -------------------------------------------------------------------------------
 
     def build_world(self, builder: ModelBuilder) -> None:
-        """Add the shapes of one world to the builder: obstacles, walls. Optional."""
+        """Add the shapes of one world to the builder: obstacles, walls. Optional; needs no ``super()``.
+
+        The vehicle is there already, at the origin. Tires roll on `ground`, not on these shapes.
+        """
 
     def visuals(self, visuals: Visuals) -> None:
-        """Show the vehicle instead of the box that stands for it. Subclasses call this, and add world and ground."""
+        """Show the vehicle instead of the box that stands for it. Subclasses call ``super()`` first, then add world and
+        ground: only what stands in `build_world` is seen otherwise, and the ground of tires is not.
+        """
         from simwarp.scenery import add_vehicle_visual
 
         visuals.hide(self.chassis_shape)
         add_vehicle_visual(visuals, self.parts)
 
     def draw_world(self, world_mask: torch.Tensor) -> None:
-        """Draw what differs in a new episode's world: from ``self.random`` and ``self.difficulty`` alone. Optional.
+        """Draw what differs in a new episode's world: from ``self.random`` and ``self.difficulty`` alone. Optional;
+        needs no ``super()``.
 
         A run that is resumed draws the worlds of its episodes again.
+
+        Args:
+            world_mask: (W,) bool, the worlds that begin an episode; nothing changes in others.
         """
 
     @abstractmethod
     def start(self, world_mask: torch.Tensor) -> None:
-        """Put the vehicle where it starts, with ``place_vehicle``."""
+        """Put the vehicle where it starts, with ``place_vehicle``. It stands settled at the origin, facing +X, before.
+
+        Args:
+            world_mask: (W,) bool, the worlds that begin an episode; nothing changes in others.
+        """
 
     @abstractmethod
     def measured(self) -> torch.Tensor:
-        """Return (W, N) float32, measurements of the vehicle: the observations ``policy`` beside a camera."""
+        """Return (W, N) float32, measurements of the vehicle: the observations ``policy`` beside a camera.
+
+        Of the order of 1 where a network is to learn from them.
+        """
 
     @abstractmethod
     def exact_state(self) -> torch.Tensor:
-        """Return (W, N) float32, exact relative positions and motion: the observations ``policy`` without a camera."""
+        """Return (W, N) float32, exact relative positions and motion: the observations ``policy`` without a camera.
+
+        By camera the critic sees them in training (``--network.critic privileged``).
+        """
 
     def end_step(self) -> None:
-        """Called after the physics of a control step, before rewards. Optional."""
+        """Called after the physics of a control step, before rewards. Optional; needs no ``super()``."""
 
     def record_world(self) -> None:
         """Record launches that read or write what is seen; called once, and again when a scene is bound. Optional."""
 
     def seen_per_world(self) -> Sequence[str]:
-        """Return the arrays of the scene that differ by world."""
+        """Return the names of the arrays of `Scene` that differ by world, such as ``("x", "color")``; by default none.
+
+        Those that a subclass writes in `draw_world` are named here.
+        """
         return ()
 
     def ground(self, model: Model) -> Any:
-        """Return the tires' terrain; None is the plane z = 0."""
+        """Return the tires' terrain (`simwarp.vehicle.ground`); None is the plane z = 0."""
         return None
 
     def more_elements(self, model: Model) -> list[Any]:
-        """Return force elements that come before the vehicle, such as a speed controller. Optional."""
+        """Return force elements that come before the vehicle, such as a speed controller that writes its input. Called
+        by `attach`, once ``self.vehicle`` is there. Optional; needs no ``super()``.
+        """
         return []
 
     # ---- the machinery -------------------------------------------------------------------------------------------
@@ -238,7 +278,10 @@ class DrivingTask(Task[DrivingT]):
         return with_options(spec, tire=self.tire) if self.tire is not None else spec
 
     def attach(self, model: Model) -> Attachments:
-        """Return the vehicle, and the camera where there is one."""
+        """Return the vehicle, and the camera where there is one.
+
+        A subclass with sensors of its own calls ``super()`` and returns the same elements with more sensors.
+        """
         from simwarp import pose
         from simwarp.sensors import Camera, CameraConfig, Mount, Pinhole, Schedule
         from simwarp.vehicle import Vehicle
@@ -285,7 +328,10 @@ class DrivingTask(Task[DrivingT]):
         return Shot(body=self.parts.chassis, target=target, eye=eye, fov=1.0, turns=True)
 
     def bind_scene(self, scene: Scene) -> None:
-        """Make views of what differs by world in what is seen; `draw_world` writes them. Optional."""
+        """Make views of what differs by world in what is seen; `draw_world` writes them. Optional.
+
+        Needs no ``super()``. Called by `setup` where there is a camera, else when pictures are taken first, or never.
+        """
 
     def _scene_of(self, model: Model) -> Scene:
         from simwarp.sensors import Visuals
@@ -305,7 +351,10 @@ class DrivingTask(Task[DrivingT]):
         return VEHICLE_SOLVER
 
     def setup(self) -> None:
-        """Let the vehicle settle on its springs, store the positions of its bodies, record what a step launches."""
+        """Let the vehicle settle on its springs, store the positions of its bodies, record what a step launches.
+
+        A subclass calls ``super()`` first, then makes its buffers.
+        """
         self.input = to_torch(self.vehicle.input)
         self._settle()
         state = self.simulation.state
@@ -364,31 +413,34 @@ class DrivingTask(Task[DrivingT]):
         self.simulation.keep_as_initial()
 
     def apply(self, action: torch.Tensor) -> None:
-        """Steering, throttle and brake."""
+        """Write steering, throttle and brake from ``action`` (W, A) in [-1, 1]; not called but by an override."""
         self._steer.on(action)
 
     def reset(self, world_mask: torch.Tensor) -> None:
-        """Draw a world and start in it."""
+        """Draw a world and start in it where ``world_mask`` (W,) is true: subclasses write `draw_world` and `start`."""
         self._begin_drive_episode.on(world_mask)
         self.draw_world(world_mask)
         self.start(world_mask)
 
     def observations(self) -> dict[str, torch.Tensor]:
-        """Return the image and what is measured, or the exact state."""
+        """Return ``policy`` (W, N) float32 and, by camera, ``camera`` (W, height, width, 3) uint8.
+
+        ``policy`` is what is `measured` beside a camera, and the `exact_state` without one.
+        """
         if self._image is None:
             return {"policy": self.exact_state()}
         return {"policy": self.measured(), "camera": self._image}
 
     def privileged(self) -> torch.Tensor | None:
-        """Return the exact state where the policy sees images."""
+        """Return the `exact_state` (W, N) where the policy sees images; None where it sees that state itself."""
         return None if self.camera is None else self.exact_state()
 
     def begin_step(self) -> None:
-        """Clear the touches of the step before."""
+        """Clear the touches of the step before. A subclass calls ``super()`` first."""
         self._begin_drive.launch()
 
     def after_physics(self) -> None:
-        """Notice a touch that may be over before the control step is."""
+        """Notice a touch that may be over before the control step is. A subclass calls ``super()`` first."""
         self._notice.launch()
 
     def _finish_physics(self) -> None:
@@ -399,12 +451,17 @@ class DrivingTask(Task[DrivingT]):
         self.end_step()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the difficulty of the running episodes, from which their worlds are drawn, and what is measured."""
+        """Return the ``difficulty`` (W,) of the running episodes, from which their worlds are drawn, and, where there
+        is a `navigation`, its ``heading`` (W,) [rad]. A subclass adds its own to what ``super()`` returns.
+        """
         measured = {} if self.navigation is None else {"heading": self.navigation.heading}
         return {"difficulty": self.difficulty} | measured
 
     def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Draw the worlds of the running episodes again."""
+        """Take back what `extra_state` returned, name -> (W,), and draw the worlds of the running episodes again.
+
+        A subclass calls ``super()`` first.
+        """
         self.difficulty.copy_(state["difficulty"])
         if self.navigation is not None:
             self.navigation.heading.copy_(state["heading"])
@@ -420,16 +477,16 @@ class DrivingTask(Task[DrivingT]):
 
         Args:
             world_mask: only these worlds change.
-            place: (W, 3) the point of the ground below its reference point [m].
-            heading: (W,) [rad].
-            normal: (W, 3) of the ground there; None: level ground.
+            place: (W, 3) the point of the ground below its reference point, world [m].
+            heading: (W,) direction of its x axis seen from above, from +X towards +Y [rad].
+            normal: (W, 3) unit vectors upwards from the ground there; None: level ground.
         """
         normals = self._level_ground if normal is None else normal.double()
         self._place(world_mask, place.double().contiguous(), heading.double(), normals.contiguous())
         self.simulation.measure(world_mask, sensors=False)
 
     def pose(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the reference point (W, 3) float64 [m] and the heading (W,) float32 [rad]."""
+        """Return the reference point, (W, 3) float64, world [m], and the heading, (W,) float32 in [-pi, pi] [rad]."""
         point, heading = self._tell_pose(shape=(self.num_worlds,))
         return point, heading
 
@@ -438,7 +495,7 @@ class DrivingTask(Task[DrivingT]):
         return self._tell_motion(shape=(self.num_worlds,))[0]
 
     def tilt(self) -> torch.Tensor:
-        """Return (W, 2) float32: how far the axes ahead and to the left rise, as sines."""
+        """Return (W, 2) float32: how far the chassis' axes ahead and to the left rise, as sines; 0 on level ground."""
         return self._tell_tilt(shape=(self.num_worlds,))[0]
 
     def upset(self) -> torch.Tensor:

@@ -86,7 +86,7 @@ def build_physics(
     Args:
         build: fills the builder it gets, or returns one of its own, which then gets the configured gravity.
         config: dt, sub-steps and, if it has that field, gravity.
-        num_worlds: W.
+        num_worlds: number of worlds W.
         device: device name.
         per_world: names of model parameters that get a copy per world.
         solver: numbers of the solver.

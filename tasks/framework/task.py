@@ -62,7 +62,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
 
     Args:
         config: the task's configuration.
-        num_worlds: W.
+        num_worlds: number of worlds W.
         device: canonical device name (:func:`~simwarp.tasks.make` resolves it).
         seed: seed of all randomness.
         first_world: global index of world 0, where several processes share one batch.

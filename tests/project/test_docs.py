@@ -30,9 +30,12 @@ WITH_CODE = [
             "debug-a-nan.md",
             "driving.md",
             "first_steps.md",
+            "import.md",
             "scenery.md",
             "sensors.md",
+            "training.md",
             "vehicles.md",
+            "viewer.md",
             "write-a-task.md",
         )
     ),
@@ -66,7 +69,7 @@ LONG = {
     "drive_and_clone.py",
     "train_cleanrl_style.py", "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py",
     "randomise.py",
-    "driving.md", "sensors.md",
+    "driving.md", "sensors.md", "training.md",
     "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "vehicles.md", "write-a-task.md",
 }  # fmt: skip
 """Examples and pages that take longest."""

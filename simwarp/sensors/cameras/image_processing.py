@@ -50,7 +50,7 @@ class ImageProcessing:
 
     Args:
         imaging: initial values.
-        world_count: W.
+        world_count: number of worlds W.
         device: Warp device.
         per_world: names of the arrays below that get a row per world.
 

@@ -97,7 +97,7 @@ class Lights:
 
     Args:
         lighting: initial values.
-        world_count: W.
+        world_count: number of worlds W.
         device: Warp device.
         per_world: names of the arrays below that get a row per world.
 

@@ -102,8 +102,8 @@ class Tires:
 
     Args:
         mounts: the tires, in the order of the reports.
-        world_count: W.
-        body_count: B.
+        world_count: number of worlds W.
+        body_count: number of bodies B.
         device: of the arrays.
         friction: coefficient of the road, for all worlds until `ground_friction` is written.
         terrain: of `ground`; None: the plane z = 0.

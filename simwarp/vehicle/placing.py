@@ -1,0 +1,73 @@
+"""Where a vehicle is: another position and heading in every world of a simulation."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+import warp as wp
+
+from simwarp.core.types import ModelError, numbers, shown
+from simwarp.kernels.vehicle.placing import move_vehicles
+from simwarp.model.model import Model
+from simwarp.simulation.simulation import Simulation
+from simwarp.vehicle.vehicle import Vehicle
+
+
+def place_vehicle(
+    simulation: Simulation, vehicle: Vehicle, position: Any, heading: Any = 0.0, world_mask: Any = None
+) -> None:
+    """Moves a vehicle, with what joints hold to it, to a position and heading in the worlds of a mask.
+
+    The vehicle moves as one rigid whole: it is turned about the vertical and shifted. Its height (unless given), lean,
+    turns of wheels, shafts and gear stay; velocities turn with it: a rolling vehicle rolls along its new heading.
+    Arrays on the simulation's device are not copied through the host. Sensors take a frame there.
+
+    Args:
+        simulation: in which the vehicle is.
+        vehicle: one of the simulation's elements.
+        position: (W, 2) x, y or (W, 3) x, y, z of the origin of the vehicle's frame of reference, world [m]; one row is
+            for all worlds. Without z the height stays.
+        heading: (W,) or one number, direction of the vehicle's x axis seen from above, from the world's +X towards +Y
+            [rad].
+        world_mask: (W,) bool; all worlds when None.
+
+    Raises:
+        ModelError: shapes do not fit, or a number on the host is not finite.
+    """
+    model = simulation.model
+    if vehicle.model is not model:
+        raise ModelError("place_vehicle: the vehicle is of another model than the simulation")
+    worlds = model.world_count
+    position, heading = (
+        wp.to_torch(value, requires_grad=False) if isinstance(value, wp.array) else value
+        for value in (position, heading)
+    )
+    columns = 2 if np.shape(position)[-1:] == (2,) else 3
+    place = _doubles("position", position, (worlds, columns), model)
+    angle = _doubles("heading", heading, (worlds,), model)
+    mask = simulation._mask(world_mask)
+    reference = wp.vec3d(*vehicle.parts.reference)
+    wp.launch(
+        move_vehicles, worlds,
+        inputs=[mask, vehicle.bodies, reference, place, angle], outputs=[simulation.state.arrays],
+        device=model.device,
+    )  # fmt: skip
+    simulation.measure(mask)
+
+
+def _doubles(name: str, value: Any, shape: tuple[int, ...], model: Model) -> wp.array:
+    """Numbers for every world on the model's device; those of a tensor are not copied through the host."""
+    thing = f"place_vehicle: {name} must"
+    if hasattr(value, "data_ptr"):
+        if tuple(value.shape) not in (shape, shape[1:]):
+            raise ModelError(f"{thing} have shape {shape}, got {tuple(value.shape)}")
+        return cast(wp.array, wp.from_torch(value.detach().double().expand(shape).contiguous(), dtype=wp.float64))
+    given = numbers(value)
+    if not np.isfinite(given).all():
+        raise ModelError(f"{thing} be finite numbers of shape {shape}, got {shown(value)}")
+    try:
+        rows = np.ascontiguousarray(np.broadcast_to(given, shape))
+    except ValueError:
+        raise ModelError(f"{thing} have shape {shape}, got {given.shape}") from None
+    return wp.array(rows, dtype=wp.float64, device=model.device)
