@@ -33,6 +33,7 @@ WITH_CODE = [
             "scenery.md",
             "sensors.md",
             "vehicles.md",
+            "walking.md",
             "write-a-task.md",
         )
     ),
@@ -67,7 +68,8 @@ LONG = {
     "train_cleanrl_style.py", "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py",
     "randomise.py",
     "driving.md", "sensors.md",
-    "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "vehicles.md", "write-a-task.md",
+    "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "vehicles.md", "walking.md",
+    "write-a-task.md",
 }  # fmt: skip
 """Examples and pages that take longest."""
 
