@@ -24,7 +24,14 @@ class DofOptions(TypedDict, total=False):
 
 
 class SurfaceOptions(TypedDict, total=False):
-    """A shape's material, margin [m], and the groups that it belongs to and meets (31 bits)."""
+    """Keyword options of a collision shape, but for its name and pose.
+
+    Attributes:
+        material: of the surface; `Material()` when None.
+        margin: thickness that is added to the surface on all sides [m]; 0 by default.
+        group: groups that the shape belongs to, as bits of a whole number below 2^31; 1 by default.
+        mask: groups that it meets, in the same bits; all by default.
+    """
 
     material: Material | None
     margin: float
@@ -33,7 +40,17 @@ class SurfaceOptions(TypedDict, total=False):
 
 
 class ShapeOptions(SurfaceOptions, total=False):
-    """Name of a shape, and the pose of its frame on the body or in the world."""
+    """Keyword options of every `add_shape_...`.
+
+    Attributes:
+        name: of its own among the shapes; by default the kind and a number, "box3".
+        pose: position [m] and orientation of the shape's frame: relative to the body's centre of mass, in the body's
+            axes; in world axes on WORLD. Without it they coincide.
+        material: of the surface; `Material()` when None.
+        margin: thickness that is added to the surface on all sides [m]; 0 by default.
+        group: groups that the shape belongs to, as bits of a whole number below 2^31; 1 by default.
+        mask: groups that it meets, in the same bits; all by default.
+    """
 
     name: str
     pose: Pose | None

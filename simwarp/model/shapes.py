@@ -130,8 +130,19 @@ class ShapeList:
         scale: Vec3 = (1.0, 1.0, 1.0),
         **options: Unpack[ShapeOptions],
     ) -> int:
-        """Terrain: heights (rows, columns) [m] above z = 0 of its frame, columns along x, rows along y, spread over
-        size (x, y) [m] about its origin; all times `scale`. It is solid below. Meets convex shapes only.
+        """Terrain: heights (rows, columns) [m] above z = 0 of its frame, all times `scale`. Meets convex shapes only.
+
+        Args:
+            body: or WORLD.
+            heights: (rows, columns) [m]; row j, column i is at x = -size_x/2 + i size_x/(columns - 1),
+                y = -size_y/2 + j size_y/(rows - 1).
+            size: extent along x and y [m], about the origin of its frame.
+            scale: factors of x, y, z.
+            options: see `ShapeOptions`.
+
+        Returns:
+            The index of the shape slot. Below the surface it is solid, down to half of its longer side under its
+            lowest node; beyond the border there is nothing.
         """
         asset = self.add_height_field_asset(heights, size=size)
         return self._add_shape(ShapeType.HEIGHT_FIELD, body, scale, options, asset)
@@ -151,7 +162,7 @@ class ShapeList:
             scale: factors of x, y, z.
             convex: take their convex hull instead, which meets everything.
             decompose: take several hulls instead (needs coacd or vhacdx; a dict holds its options).
-            options: see `ShapeList`.
+            options: see `ShapeOptions`.
 
         Returns:
             The index of the shape slot; with `decompose` a list of them.

@@ -156,7 +156,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
 
     @abstractmethod
     def observations(self) -> dict[str, torch.Tensor]:
-        """Return the named observation groups, each (W, ...) of any dtype; ``policy`` is the usual one.
+        """Return the named observation groups, each (W, ...), of any dtype but float64; ``policy`` is the usual one.
 
         Called before and after the reset of each step: it must not change state.
         """
@@ -170,7 +170,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
 
     @abstractmethod
     def rewards(self) -> dict[str, torch.Tensor]:
-        """Return the named, weighted reward terms of this step, each (W,) float32; the reward is their sum."""
+        """Return the named, weighted reward terms of this step, each (W,) float32; the reward is their plain sum."""
 
     @abstractmethod
     def terminations(self) -> dict[str, torch.Tensor]:
@@ -180,7 +180,8 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
     def reset(self, world_mask: torch.Tensor) -> None:
         """Start a new episode in the worlds of ``world_mask`` ((W,) bool) and change nothing in the others.
 
-        The simulation has been put into its initial state there already. Draw from ``self.random``.
+        The simulation is in its initial state there already, and ``self.action`` zero; controls are as they were. Draw
+        from ``self.random``.
         """
 
     def truncations(self) -> dict[str, torch.Tensor]:

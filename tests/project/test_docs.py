@@ -36,6 +36,7 @@ WITH_CODE = [
             "training.md",
             "vehicles.md",
             "viewer.md",
+            "walking.md",
             "write-a-task.md",
         )
     ),
@@ -70,7 +71,8 @@ LONG = {
     "train_cleanrl_style.py", "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py",
     "randomise.py",
     "driving.md", "sensors.md", "training.md",
-    "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "vehicles.md", "write-a-task.md",
+    "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "vehicles.md", "walking.md",
+    "write-a-task.md",
 }  # fmt: skip
 """Examples and pages that take longest."""
 
