@@ -2,8 +2,12 @@
 
 import json
 import threading
+import time
 
 from websockets.sync.client import connect
+
+PATIENCE = 60.0
+"""Longest wait for the server [s]: nothing here is about how fast it is."""
 
 
 def address(view, *, token=None):
@@ -15,11 +19,24 @@ class DrivingPage:
     """What a page with `keys.js` sends: its state, again and again."""
 
     def __init__(self, view, **state):
-        self.state, self.presses = state, []
+        self.view, self.state, self.presses = view, state, []
         self._over = threading.Event()
         self._socket = connect(address(view), origin=view.url)
         self._thread = threading.Thread(target=self._beat, daemon=True)
         self._thread.start()
+        self.say(**state)
+
+    def say(self, **state):
+        """Holds something else, once the server has heard it."""
+        self.state = state
+        wanted = {"steer": 0.0, "throttle": 0.0, "brake": 0.0, "clutch": 0.0} | state
+        self._until(lambda: (wish := self.view.wheel.wish()) and all(getattr(wish, k) == wanted[k] for k in wanted))
+
+    def _until(self, true):
+        end = time.monotonic() + PATIENCE
+        while self.view.wheel.open and not true():
+            assert time.monotonic() < end, "the server does not hear"
+            time.sleep(0.005)
 
     def _beat(self):
         while not self._over.is_set():
@@ -38,6 +55,7 @@ class DrivingPage:
     def __exit__(self, *_):
         self.silent()
         self._socket.close()
+        self._until(lambda: not self.view.wheel.taken)
 
 
 def run_for(view, seconds):

@@ -151,7 +151,7 @@ def test_held_throttle_drives_one_world(view):
         assert speed[0] > 5.0
         assert abs(speed[1]) < 0.05  # the other world stands
         place = vehicle(view).angles.numpy()[0, 2]
-        page.state = {"steer": 1.0}
+        page.say(steer=1.0)
         run_for(view, 1.0)
         assert vehicle(view).omega_b.numpy()[0, 2] > 0.1
         assert vehicle(view).angles.numpy()[0, 2] > place + 0.05
@@ -174,12 +174,12 @@ def test_reset_gear_and_camera_keys(view):
         time.sleep(0.1)
         run_for(view, 0.04)
         assert abs(vehicle(view).velocity_b.numpy()[0, 0]) < 0.2
-        page.state = {}
+        page.say()
         page.presses = ["gear_down", "gear_down"]
         time.sleep(0.1)
         run_for(view, 0.04)
         assert read_row(vehicle(view).gear, 0) == -1
-        page.state = {"throttle": 1.0}
+        page.say(throttle=1.0)
         time.sleep(0.1)
         run_for(view, 2.0)
         assert vehicle(view).velocity_b.numpy()[0, 0] < -0.5
