@@ -134,7 +134,7 @@ def test_rigid_tires_are_listed():
     assert "`friction`" in next(row[1] for row in table_rows("template") if row[0] == "`rigid`")
 
 
-BLOCKS = re.findall(r"```python\n(.*?)```\n\n[^`]*\n\n```text\n(.*?)```", PAGE, re.DOTALL)
+BLOCKS = re.findall(r"```python\n(.*?)```\n\n(?:[^`]*\n\n)?```text\n(.*?)```", PAGE, re.DOTALL)
 
 
 @pytest.mark.quick("0")
