@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 import warp as wp
 
+from simwarp.core.readable import Readable
 from simwarp.core.types import JointType, ModelError, Vec3, finite_vector, shown
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.kinematics.inverse_kinematics import Found, Search, SearchArrays, search_coordinates
@@ -22,7 +23,7 @@ ADDITIVE: Final = (
 """Joints whose coordinates are the integrals of their rates."""
 
 
-class InverseKinematics:
+class InverseKinematics(Readable):
     """Joint coordinates that bring a point on a body to a target, by damped least squares within the joints' limits.
 
     Each iteration takes the step J'(J J' + (e²/2 + damping²) 1)⁻¹ e with the position error e (Levenberg and
@@ -83,6 +84,9 @@ class InverseKinematics:
         self._scratch = tree_scratch(simulation)
         self._every = wp.full(worlds, True, dtype=wp.bool, device=device)
         self._command = self.record(self._every, simulation.state.joint_q)
+
+    def _printed_title(self) -> str:
+        return f" of body '{self.simulation.model.body_names[self.body]}'"
 
     def record(self, mask: wp.array, start: wp.array) -> WorldLaunch:
         """Record a search, to be launched with others (`Simulation.program`).

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import warp as wp
 
+from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.world import make_scratch
@@ -17,7 +18,7 @@ ROWS: Final = 6
 """Three of the velocity, three of the angular velocity."""
 
 
-class PointJacobian:
+class PointJacobian(Readable):
     """Position of a point on a body, and how joint rates move it: v = J[:3] qd, omega = J[3:] qd.
 
     The columns are those that the step itself works with. Coordinates that do not carry the body have zeros.
@@ -55,6 +56,9 @@ class PointJacobian:
             ],
             outputs=[self.position, self.jacobian],
         )  # fmt: skip
+
+    def _printed_title(self) -> str:
+        return f" of body '{self.simulation.model.body_names[self.body]}'"
 
     def update(self) -> None:
         """Measure at the present poses of all worlds; nothing is allocated or read back."""

@@ -113,7 +113,7 @@ class PrintedSensor(Readable):
         return {name: array_text(array) for name, array in self.frames.data.items()}
 
 
-class FrameBuffer:
+class FrameBuffer(Readable):
     """A clock, the frames in waiting, and the one that is published. Every sensor owns one and is recorded through it.
 
     The kernels of a sensor take `frames.tick` (kernels/sensors/clock.py), work where `tick.collecting` is 1, and write
@@ -178,6 +178,9 @@ class FrameBuffer:
     Raises:
         ModelError: `schedule` is no Schedule, or the frames are too many for the memory.
     """
+
+    def _printed_title(self) -> str:
+        return f" of sensor '{self.sensor}': {', '.join(self.data)}"
 
     def __init__(
         self, sensor: str, schedule: Schedule, model: Model, fields: Mapping[str, Field], *, seed: int = 0,

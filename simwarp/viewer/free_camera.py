@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ModelError, Pose
 from simwarp.kernels.core.world_range import WorldRange
@@ -29,7 +30,7 @@ from simwarp.sensors.scene import Scene
 from simwarp.simulation.state import State
 
 
-class FreeCamera:
+class FreeCamera(Readable):
     """Takes pictures at any time, outside the step; one view of each of some worlds.
 
     Args:
@@ -75,6 +76,9 @@ class FreeCamera:
             for name in config.outputs
         }
         self._sums = wp.zeros((0, 0), dtype=wp.vec3, device=model.device)
+
+    def _printed_title(self) -> str:
+        return f": {plural(len(self.worlds), 'world')} of {self.config.width} x {self.config.height} pixels"
 
     def take(self, state: State, poses: Sequence[Pose]) -> npt.NDArray[Any]:
         """A picture of the present state from these poses, one per view (`look_at` makes them).

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import WORLD, Pose, Vec3, finite_vector
 from simwarp.sensors.cameras.camera import CameraConfig, look_at
@@ -71,7 +72,7 @@ def about_vertical(vectors: npt.ArrayLike, angles: npt.ArrayLike) -> npt.NDArray
     return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
 
 
-class FollowCamera:
+class FollowCamera(Readable):
     """Pictures of some worlds from a camera that follows a body.
 
     Args:
@@ -115,6 +116,10 @@ class FollowCamera:
         self._quiet = quiet
         self._floor = GroundHeight(scene, worlds)
         self._marks = marks_for(float(np.linalg.norm(self._eye))) if marks else None
+
+    def _printed_title(self) -> str:
+        config = self.camera.config
+        return f": {plural(len(self.camera.worlds), 'world')} of {config.width} x {config.height} pixels"
 
     def take(self, time: float, lines: Sequence[Sequence[Polyline]] = ()) -> npt.NDArray[np.uint8]:
         """(worlds, height, width, 3) of the present state.

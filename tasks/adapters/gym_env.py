@@ -200,6 +200,9 @@ class TaskEnv(gym.Env[Any, Any]):
         self.observation_space = observation_space(self.task)
         self.action_space = action_space(self.task)
 
+    def __repr__(self) -> str:
+        return f"TaskEnv of task '{self.task.name}' on {self.task.device}, render mode {self.render_mode}"
+
     def _first(self, observation: Observation) -> Observation:
         return (
             {key: value[0] for key, value in observation.items()} if isinstance(observation, dict) else observation[0]

@@ -15,6 +15,7 @@ import torch
 import warp as wp
 
 from simwarp.core.interop import TensorLaunch, from_torch
+from simwarp.core.readable import Readable, plural
 from simwarp.kernels.tasks.framework.randomness import Draws, draw_bits, draw_integers, draw_normal, draw_uniform
 
 _GAMMA = 0x9E3779B97F4A7C15
@@ -31,7 +32,7 @@ def mix64(value: int) -> int:
     return value ^ (value >> 31)
 
 
-class WorldRandom:
+class WorldRandom(Readable):
     """Random draws of a batch of worlds.
 
     Args:
@@ -54,6 +55,9 @@ class WorldRandom:
         self.draws.world, self.draws.episode, self.draws.step = map(from_torch, (self._world, episode, step))
         self._streams: dict[str, wp.array] = {}
         self._made: dict[tuple[Any, ...], tuple[TensorLaunch, torch.Tensor]] = {}
+
+    def _printed_title(self) -> str:
+        return f": seed {self.seed}, {plural(self._worlds, 'world')}"
 
     def reseed(self, seed: int) -> None:
         """Change the seed; draws depend on nothing else that is kept here."""

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import importlib
+import inspect
 import pkgutil
 from typing import Any
 
@@ -82,6 +83,10 @@ def things(tmp_path_factory):
         "vehicle description": description, "axle": description.axles[0], "vehicle builder": chassis,
         "vehicle parts": parts, "vehicle model": cars, "vehicle": vehicle.Vehicle(parts, cars),
         "script": vehicle.ScriptSpec(), "path": vehicle.circle(10.0),
+        "lights": sensors.Lights(sensors.Lighting(), 2, "cpu"),
+        "tires": vehicle.Vehicle(parts, cars).tires, "random": pendulum.random, "gym env": sw.tasks.TaskEnv("fast"),
+        "scripted": vehicle.ScriptedDriver(vehicle.Vehicle(parts, cars), vehicle.ScriptSpec()),
+        "frames": fitted[next(iter(fitted))].frames, "camera": sw.viewer.FreeCamera(scene, [0], sensors.CameraConfig()),
         "robot": robot, "report": robot.report,
         "keyframe": sw.importers.imported.Keyframe(np.zeros(50), np.zeros(50), np.zeros(12)),
         "task": task, "task config": task.config, "result": task.step(torch.zeros(4, task.action_size)),
@@ -91,6 +96,23 @@ def things(tmp_path_factory):
         "training": TrainResult("fast", "runs/fast", "a.pt", None, 1, 2, 3.0, 4.0, 5.0, 6.0, False),
         "evaluation": evaluate(task, random_policy(task), 4, 0),
     }  # fmt: skip
+
+
+FRONT = (
+    "simwarp", "simwarp.actuators", "simwarp.importers", "simwarp.kinematics", "simwarp.scenery", "simwarp.sensors",
+    "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train", "simwarp.vehicle", "simwarp.viewer",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("package", FRONT)
+def test_every_public_class_prints_more_than_its_address(package):
+    module = importlib.import_module(package)
+    kinds = {name: getattr(module, name) for name in module.__all__}
+    bare = [
+        name for name, kind in kinds.items()
+        if inspect.isclass(kind) and kind.__repr__ is object.__repr__ and not getattr(kind, "_is_protocol", False)
+    ]  # fmt: skip
+    assert bare == []
 
 
 def test_everything_prints_in_twelve_lines(things):

@@ -48,6 +48,9 @@ class TaskVecEnv(VecEnv):
         self._privileged = privileged
         self._groups = task.restart()
 
+    def __repr__(self) -> str:
+        return f"TaskVecEnv of task '{self.task.name}': {self.num_envs} worlds on {self.device}"
+
     @property
     def episode_length_buf(self) -> torch.Tensor:
         """(W,) int64: the clock that the step limit looks at."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable_from
-from simwarp.core.readable import ReadableFields
+from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.rotation import unit_vector
 from simwarp.core.types import ModelError, Vec3, finite_vector, shown
 from simwarp.kernels.sensors.cameras.shade import LightArrays
@@ -92,7 +92,7 @@ class Lighting(ReadableFields):
         _values(self)
 
 
-class Lights:
+class Lights(Readable):
     """The lighting of all worlds on a device: arrays to write into between steps.
 
     Args:
@@ -142,6 +142,9 @@ class Lights:
             array = writable_from(np.repeat(values[None], copies, axis=0), dtype, device)
             setattr(self, name, array)
             setattr(self.arrays, name, array)
+
+    def _printed_title(self) -> str:
+        return f": {self.sun_direction.shape[1]} suns, {self.lamp_color.shape[1]} lamps"
 
     def check(self, model: Model) -> None:
         """Refuses a model of another device, or of another number of worlds where these have lights of their own.

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import warp as wp
 
 from simwarp.core.piecewise_linear import function_arrays
-from simwarp.core.readable import ReadableFields
+from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.types import shown
 from simwarp.core.wording import nearest
 from simwarp.kernels.vehicle.drivers import Script, run_script
@@ -130,7 +130,7 @@ def _row(index: int) -> str:
     return f"row {index + 1}"
 
 
-class ScriptedDriver:
+class ScriptedDriver(Readable):
     """Drives all worlds by one script: a `ForceElement` that comes before its vehicle.
 
     Args:
@@ -149,6 +149,9 @@ class ScriptedDriver:
         self._script.integral = script.integral
         self._script.brake_share = script.brake_share
         self.error_sum = wp.zeros(vehicle.model.world_count, dtype=float, device=device)
+
+    def _printed_title(self) -> str:
+        return f" of vehicle '{self.vehicle.parts.spec.name}', by a script"
 
     @property
     def memory(self) -> Mapping[str, wp.array]:

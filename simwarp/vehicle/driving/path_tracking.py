@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
+from simwarp.core.readable import Readable, plural
 from simwarp.kernels.vehicle.path_tracking import (
     Gains,
     PathTrackerState,
@@ -121,7 +122,7 @@ def look_ahead_for(spec: VehicleSpec, seconds: float = 0.0, speed: float = 0.0) 
     return LookAhead(distance=distance, gains=PIDGains(proportional=2.5 / distance))
 
 
-class PathTracker:
+class PathTracker(Readable):
     """Drives every world along a path: a `ForceElement` that comes before its vehicle.
 
     Args:
@@ -150,6 +151,9 @@ class PathTracker:
             setattr(self._state, name, wp.zeros(worlds, dtype=float, device=device))
         self._state.started = wp.zeros(worlds, dtype=int, device=device)
         self._memory = {name: getattr(self._state, name) for name in ("segment", "started", *names)}
+
+    def _printed_title(self) -> str:
+        return f" of vehicle '{self.vehicle.parts.spec.name}', along {plural(len(self.spec.paths), 'path')}"
 
     @property
     def distance(self) -> wp.array:
@@ -197,7 +201,7 @@ def _tracker(vehicle: Vehicle, spec: PathTrackingSpec) -> PathTrackerTables:
     return table
 
 
-class InteractiveDriver:
+class InteractiveDriver(Readable):
     """Moves a vehicle's inputs towards a target, as a hand or a foot does: a `ForceElement` before its vehicle.
 
     Each input follows with a lag of first order, gain · (target - input), and no faster than its rate.
@@ -222,6 +226,9 @@ class InteractiveDriver:
         self.vehicle = vehicle
         self.target = writable((vehicle.model.world_count, 4), wp.float32, vehicle.model.device)
         self._gain, self._rate = _four("gain", gain), _four("rate", rate)
+
+    def _printed_title(self) -> str:
+        return f" of vehicle '{self.vehicle.parts.spec.name}', towards target"
 
     @property
     def memory(self) -> Mapping[str, wp.array]:

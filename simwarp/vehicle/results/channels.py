@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.files import replacing
-from simwarp.core.readable import ReadableFields
+from simwarp.core.readable import Readable, ReadableFields, plural
 from simwarp.core.types import shown
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.vehicle_files import read_text
@@ -45,7 +45,7 @@ def matrices(q: Array) -> Array:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-class Recorder:
+class Recorder(Readable):
     """Collects rows of some worlds; `sample` reads from the device, so call it at the rate of the output.
 
     Args:
@@ -64,6 +64,9 @@ class Recorder:
         self._last_t: Array | None = None
         axles = len(vehicle.parts.spec.axles)
         self._wheels = [0, 1, 2 * axles - 2, 2 * axles - 1]
+
+    def _printed_title(self) -> str:
+        return f" of vehicle '{self.vehicle.parts.spec.name}': {plural(len(self.rows), 'row')}"
 
     def sample(self) -> None:
         """Adds one row per world, of the present state; waits for the device."""

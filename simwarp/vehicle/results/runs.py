@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from simwarp.core.readable import Readable
 from simwarp.core.rotation import rotate
 from simwarp.core.types import Material, WorldStatus, pose
 from simwarp.model.builder import ModelBuilder
@@ -95,7 +96,7 @@ def row_steps(dt: float) -> int:
     return round(steps) if steps > 0.5 and abs(steps - round(steps)) < 1e-6 * steps else 0
 
 
-class Drive:
+class Drive(Readable):
     """Runs a manoeuvre and records one row every 10 ms, from the settling on.
 
     Args:
@@ -108,6 +109,9 @@ class Drive:
         self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start)
         self._every = row_steps(setup.simulation.dt)
         """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
+
+    def _printed_title(self) -> str:
+        return f" of vehicle '{self.setup.vehicle.parts.spec.name}': {self.setup.maneuver.duration:g} s"
 
     def run(self, progress: Progress | None = None) -> Run:
         """Steps to the end of the manoeuvre, or until the first world breaks down.

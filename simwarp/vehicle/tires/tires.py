@@ -20,6 +20,7 @@ import numpy as np
 import warp as wp
 
 from simwarp.core.arrays import WritableArray, writable, writable_from
+from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ShapeType
 from simwarp.kernels.collision.shape import Assets
@@ -97,7 +98,7 @@ def ground(
     return terrain
 
 
-class Tires:
+class Tires(Readable):
     """All force-element tires of a model: at most one on a body.
 
     Args:
@@ -150,6 +151,9 @@ class Tires:
             setattr(self.reports, name, getattr(self, name))
         self.force = writable((world_count, body_count), wp.vec3, self.device)
         self.torque = writable((world_count, body_count), wp.vec3, self.device)
+
+    def _printed_title(self) -> str:
+        return f": {self.shape[1]} in each of {plural(self.shape[0], 'world')} on {self.device}"
 
     def _report(self, dtype: type) -> WritableArray:
         return writable(self.shape, dtype, self.device)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
+from simwarp.core.readable import Readable
 from simwarp.core.types import ModelError
 from simwarp.sensors.scene import Scene
 from simwarp.simulation.simulation import Simulation
@@ -52,7 +53,7 @@ class FrameTaker(Protocol):
         """Ends without a result."""
 
 
-class LiveView:
+class LiveView(Readable):
     """A page that shows a subject as it moves.
 
     Args:
@@ -114,6 +115,9 @@ class LiveView:
         self.closers: list[Command] = []
         """Called once, when the view is stopped."""
         self.recorders: list[FrameTaker] = []
+
+    def _printed_title(self) -> str:
+        return f" of '{self.subject.name}' at {self.server.url.partition('?')[0]}"
 
     @property
     def url(self) -> str:
