@@ -7,6 +7,7 @@ import torch
 
 from simwarp import cli
 from simwarp.tasks import Command, Range, TaskError
+from simwarp.tasks.framework import registry
 from tests.tasks.framework.samples import Counter, SampleConfig
 
 
@@ -58,6 +59,14 @@ class Mine(AntTask):
 """
 
 
+@pytest.fixture
+def forgotten():
+    """Takes the task of a file out of the registry again; those of the package may come in meanwhile."""
+    yield
+    registry._tasks.pop("mine", None)
+
+
+@pytest.mark.usefixtures("forgotten")
 def test_redeclared_settings_are_json_on_the_command_line(tmp_path, monkeypatch, capsys):
     """Refused before: `unknown option --task.randomise; did you mean --task.randomise`."""
     (tmp_path / "mine.py").write_text(TASK)

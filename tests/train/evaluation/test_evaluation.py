@@ -125,7 +125,7 @@ def test_which_policy_is_taken(trained, tmp_path, monkeypatch):
 def test_a_network_for_other_observations_is_refused(trained):
     content = find_policy("fast", None, trained).content
     task = Counter(SampleConfig(), 2)
-    with pytest.raises(InputError, match="does not fit task 'counter'"):
+    with pytest.raises(InputError, match="does not fit task 'Flat'"):
         network_policy(content, type("Flat", (Counter,), {"observations": lambda self: {"policy": self.count}})(
             task.config, 2
         ))  # fmt: skip

@@ -181,8 +181,8 @@ def test_an_estimate_needs_something_to_start_from_and_no_line_comes_twice(capsy
         now[0] += 30.0  # three times what the first run took
         display.running("", "zero", 0, 0.75)
     assert capsys.readouterr().out.splitlines() == [
-        "evaluating  trained  0%  0/8 episodes",
-        "evaluating  trained  25%  0/8 episodes  ETA below 1:10",
+        "evaluating  policy  0%  0/8 episodes",
+        "evaluating  policy  25%  0/8 episodes  ETA below 1:10",
         "evaluating  zero action  75%  0/8 episodes  ETA 0:10",
     ]
 
