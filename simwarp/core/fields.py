@@ -25,6 +25,7 @@ class Size(enum.Enum):
     WORLDS = ("W", "")
     PARAMETER_WORLDS = ("1 or W", "1: all worlds share it")
     ELEMENT_WORLDS = ("1 or W", "1 without force elements")
+    IMPLICIT_WORLDS = ("W", "0 unless a force element is implicit")
     REACTION_WORLDS = ("W", "0 unless the Simulation records joint reactions")
     ACCELERATION_WORLDS = ("W", "0 unless the Simulation records joint accelerations")
     BODIES = ("B", "")

@@ -198,12 +198,15 @@ class Model(ParameterFields):
             "per world": Names(len(own), own),
         }
 
-    def sizes(self, *, elements: bool = False, reactions: bool = False, accelerations: bool = False) -> dict[Size, int]:
-        """Lengths of the arrays of a Simulation, with or without force elements, joint reactions and accelerations."""
+    def sizes(
+        self, *, elements: bool = False, implicit: bool = False, reactions: bool = False, accelerations: bool = False
+    ) -> dict[Size, int]:
+        """Lengths of a Simulation's arrays, with or without (implicit) elements, joint reactions, accelerations."""
         worlds = self.world_count
         return {
             Size.WORLDS: worlds,
             Size.ELEMENT_WORLDS: worlds if elements else 1,
+            Size.IMPLICIT_WORLDS: worlds if implicit else 0,
             Size.REACTION_WORLDS: worlds if reactions else 0,
             Size.ACCELERATION_WORLDS: worlds if accelerations else 0,
             Size.BODIES: self.body_count,

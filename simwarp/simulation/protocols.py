@@ -46,7 +46,9 @@ class ForceElement(Protocol):
     """Interface of a part of the Simulation that applies forces. One that also measures has `record_after`, like
     `record`, for launches that follow each sub-step, and may have `record_outputs(simulation, mask)`: launches that
     publish what the present state tells. Their first input is the (W,) mask; they run at construction and wherever
-    somebody set the state of worlds, as a sensor's `begin`.
+    somebody set the state of worlds, as a sensor's `begin`. One that resets its memory itself has
+    `record_reset(simulation, mask)` likewise. One with an attribute `implicit` writes `Control.element_mass`,
+    `element_coupling` and `element_inertia` of its bodies.
     """
 
     @property

@@ -119,7 +119,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         element_memory = [
             reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
         ]
-        layouts = run_layouts(model.sizes(elements=bool(self.elements), **reports))
+        acting = {"elements": bool(self.elements), "implicit": any(hasattr(e, "implicit") for e in self.elements)}
+        layouts = run_layouts(model.sizes(**acting, **reports))
         self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
         """Records launches whose worlds are shared among threads."""
         self.rounds = SensorRounds(self.read_every * self.substeps, self.shares)
@@ -130,7 +131,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             layouts |= parts_layouts(model)
         copies = sum(4 * array.size for array in element_memory)
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
-        self.control = Control(model, elements=bool(self.elements))
+        self.control = Control(model, **acting)
         self.diagnostics = Diagnostics(model, **reports)
         self._config = self._step_config(**reports)
         for sensor in self.sensors:  # all of them before any belongs to this Simulation
@@ -146,7 +147,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             outputs=[self.state.arrays],
         )  # fmt: skip
         self._measuring.launch()
-        self._resetting = self._record_reset(element_memory)
+        self._resetting = self._record_reset()
         self.physics_commands = self._record_step(all_solvers, newton=sizes.factor_rows > 0)
         """Recorded launches of a sub-step; those of the sensors come after them."""
         self.sensor_commands = self._record_sensors()
@@ -278,7 +279,8 @@ class Simulation(Readable, Readings, FixedAttributes):
     def empty_snapshot(self) -> Snapshot:
         """A snapshot that holds nothing yet, in the layout of this Simulation's."""
         return Snapshot.empty(
-            self.model, elements=bool(self.elements), memory=self.memory, identity=self.identity
+            self.model, elements=bool(self.elements), implicit=self.control.element_mass.shape[0] > 0,
+            memory=self.memory, identity=self.identity,
         )  # fmt: skip
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -389,20 +391,24 @@ class Simulation(Readable, Readings, FixedAttributes):
         telling = [part.record_outputs for part in self.elements if hasattr(part, "record_outputs")]
         return [command for record in telling for command in record(self, self._all_worlds)]
 
-    def _record_reset(self, element_memory: Sequence[wp.array]) -> list[Any]:
+    def _record_reset(self) -> list[Any]:
         """Launches that bring the initial state, which is that of now, back in the worlds of the mask."""
+        own = [part for part in self.elements if hasattr(part, "record_reset")]
+        copied = [array for part in self.elements if part not in own for array in part.memory.values()]
         self._initial = State(self.model)
         self._initial.copy_from(self.state)
-        self._initial_memory = [(array, wp.clone(array)) for array in element_memory]
+        words = [reinterpret_int32(array, self.model.world_count) for array in copied]
+        self._initial_memory = [(array, wp.clone(array)) for array in words]
         state = self.shares.record(
             copy_worlds,
             inputs=[self._all_worlds, self._initial.arrays],
             outputs=[self.state.arrays, self.contacts.arrays],
         )
-        return [state] + [
+        rows = [
             self.shares.record(copy_rows, inputs=[self._all_worlds, initial], outputs=[present])
             for present, initial in self._initial_memory
         ]
+        return [state, *rows, *(command for part in own for command in part.record_reset(self, self._all_worlds))]
 
     def _record_setting(self) -> list[tuple[WorldLaunch, int]]:
         """Launches that set worlds to coordinates and rates, each with the index of these inputs."""

@@ -56,12 +56,15 @@ class Snapshot(Readable):
     identity: Identity
 
     @classmethod
-    def empty(cls, model: Model, *, elements: bool, memory: tuple[wp.array, ...], identity: Identity) -> Snapshot:
+    def empty(
+        cls, model: Model, *, elements: bool, implicit: bool = False, memory: tuple[wp.array, ...], identity: Identity
+    ) -> Snapshot:
         """A snapshot whose state, control and contacts are zeros, with a copy of `memory`.
 
         Args:
             model: of the Simulation.
             elements: True if the Simulation has force elements.
+            implicit: True if one of them is implicit.
             memory: arrays (W, ...) or (W·slots, ...) of force elements and sensors.
             identity: properties that a Simulation must have in common to be restored from it.
 
@@ -69,10 +72,11 @@ class Snapshot(Readable):
             ModelError: it does not fit into the device's memory.
         """
         more = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in memory)
-        layouts = snapshot_layouts(model.sizes(elements=elements))
+        layouts = snapshot_layouts(model.sizes(elements=elements, implicit=implicit))
         check_layouts("snapshot: its arrays", layouts, model.device, "free memory or take fewer worlds", more)
         kept = tuple(wp.clone(array) for array in memory)
-        return cls(State(model), Control(model, elements=elements), Contacts(model), kept, identity)
+        control = Control(model, elements=elements, implicit=implicit)
+        return cls(State(model), control, Contacts(model), kept, identity)
 
     def arrays(self) -> dict[str, wp.array]:
         """All arrays (W, ...) or (W·slots, ...) by the names that files have for them, such as `state.body_x`."""

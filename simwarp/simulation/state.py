@@ -34,9 +34,9 @@ class Control(ControlFields):
     begin with `element` every step; they add to `body_force`, `body_torque` and `joint_force`.
     """
 
-    def __init__(self, model: Model, *, elements: bool = False) -> None:
+    def __init__(self, model: Model, *, elements: bool = False, implicit: bool = False) -> None:
         self.arrays = ControlArrays()
-        self.allocate(model.sizes(elements=elements), model.device, "control", self.arrays)
+        self.allocate(model.sizes(elements=elements, implicit=implicit), model.device, "control", self.arrays)
 
     def clear(self) -> None:
         """Zeroes every input."""

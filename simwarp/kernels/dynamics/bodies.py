@@ -162,6 +162,10 @@ def load_bodies(
             work.inertia[link] = rot * inertia_b * wp.transpose(rot)
             work.coupling[link] = wp.mat33()
             work.mass[link] = wp.mat33(mass, 0.0, 0.0, 0.0, mass, 0.0, 0.0, 0.0, mass)
+            if control.element_mass.shape[0] > 0:
+                work.inertia[link] = work.inertia[link] + control.element_inertia[world, body]
+                work.coupling[link] = control.element_coupling[world, body]
+                work.mass[link] = work.mass[link] + control.element_mass[world, body]
             force = applied_force(world, body, rot, control) + mass * gravity
             work.p_ang[link] = dt * (rot * torque_b + applied_torque(world, body, control))
             work.p_lin[link] = dt * force

@@ -1,0 +1,83 @@
+"""What the kernels of the soil take: constants, the nodes in pages, the wheels, what they report."""
+
+import warp as wp
+
+from simwarp.kernels.vehicle.tires.ground import TerrainTables
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 0})
+
+SIDE = wp.constant(8)
+"""Nodes along a side of a page."""
+PAGE_NODES = wp.constant(64)
+SINKAGE = wp.constant(0)  # of plastic origin, z_p [m]
+YIELD = wp.constant(1)  # pressure at which the node yields [Pa]
+SHEAR = wp.constant(2)  # way that was sheared, J [m]
+LEAN_X = wp.constant(3)  # direction of the shear, in the plane of the ground
+LEAN_Y = wp.constant(4)
+NODE_VALUES = wp.constant(5)
+
+K_PHI = wp.constant(0)
+K_C = wp.constant(1)
+EXPONENT = wp.constant(2)
+COHESION = wp.constant(3)
+TAN_PHI = wp.constant(4)
+SHEAR_LENGTH = wp.constant(5)
+ELASTIC = wp.constant(6)
+DAMPING = wp.constant(7)
+PARAMETERS = wp.constant(8)
+
+
+@wp.struct
+class SoilTables:
+    """Constants of a soil. Arrays have leading dimension 1 (shared) or W."""
+
+    spacing: float  # of the nodes [m]
+    weighted: int  # 1: a node counts by the share of its cell that lies inside the wheel's width
+    scalar_shear: int  # 1: shear without a direction of its own (Chrono's law)
+    length: float  # over which the direction of shear relaxes [m]
+    rest_time: float  # displacement that holds a node at rest, per speed [s]
+    rest_speed: float  # above which a node slides [m/s]
+    parameter: wp.array3d[float]  # (1 or W, soils, PARAMETERS)
+    soil_map: wp.array3d[int]  # (1 or W, rows along y, columns along x) soils; no entries: soil 0 everywhere
+    map_origin: wp.vec2d  # corner of the map's first cell, world [m]
+    map_cell: wp.vec2d  # size of its cells [m]
+    terrain: TerrainTables  # the undeformed ground
+
+
+@wp.struct
+class SoilWheels:
+    """Rigid wheels, shared by all worlds. First axis: wheel."""
+
+    body: wp.array[int]  # the spindle, whose y axis is the wheel's
+    offset_b: wp.array[wp.vec3]  # of the wheel's centre from the centre of mass, body axes [m]
+    radius: wp.array[float]  # [m]
+    half_width: wp.array[float]  # [m]
+    crown: wp.array[float]  # radius of the tread across [m]; 0: it is flat
+
+
+@wp.struct
+class SoilNodes:
+    """Nodes that were touched, in pages of 8 x 8. First axis: world."""
+
+    node: wp.array3d[float]  # (W, pages * PAGE_NODES, NODE_VALUES)
+    place_x: wp.array2d[int]  # (W, pages) of a page: first node / SIDE
+    place_y: wp.array2d[int]
+    used_at: wp.array2d[int]  # (W, pages) step in which it last was below a wheel
+    entry: wp.array2d[int]  # (W, entries) open addressing: page + 1, 0 where there is none
+    count: wp.array[int]  # (W,) pages in use
+    step: wp.array[int]  # (W,) steps so far
+    recycled: wp.array[int]  # (W,) pages that were taken again, with the ruts in them
+
+
+@wp.struct
+class SoilReports:
+    """Outputs, (W, wheels), and what a sub-step has to give back."""
+
+    load: wp.array2d[float]  # vertical force [N]
+    sinkage: wp.array2d[float]  # of the soil below the wheel's centre [m]
+    slip_ratio: wp.array2d[float]  # positive when driving
+    touched: wp.array2d[int]  # nodes with pressure
+    force_w: wp.array2d[wp.vec3]  # on the wheel, at its centre [N]
+    torque_w: wp.array2d[wp.vec3]  # about its centre [N·m]
+    before_v: wp.array2d[wp.vec3]  # velocity of the body before the sub-step
+    before_omega: wp.array2d[wp.vec3]

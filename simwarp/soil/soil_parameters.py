@@ -1,0 +1,94 @@
+"""Parameters of soils, and those of published ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Final
+
+from simwarp.core.readable import ReadableFields
+from simwarp.core.types import ModelError, shown
+
+DEEP: Final = 0.5
+"""Sinkage down to which unloading must be stiffer than loading [m]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SoilSpec(ReadableFields):
+    """A soil after Bekker, Janosi and Hanamoto, with elastic unloading and damping (Chrono's SCM).
+
+    Attributes:
+        k_phi: frictional modulus [N/m^(n+2)].
+        k_c: cohesive modulus [N/m^(n+1)].
+        exponent: n of sinkage.
+        cohesion: c [Pa].
+        friction_angle: phi [rad].
+        shear_length: way K_J over which shear comes up [m].
+        elastic: stiffness of unloading and reloading, per area [Pa/m].
+        damping: per area [Pa·s/m].
+
+    Raises:
+        ModelError: a value breaks its rule.
+    """
+
+    k_phi: float
+    k_c: float = 0.0
+    exponent: float = 1.1
+    cohesion: float = 0.0
+    friction_angle: float = math.radians(30.0)
+    shear_length: float = 0.01
+    elastic: float = 2.0e8
+    damping: float = 3.0e4
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not (isinstance(value, int | float) and math.isfinite(value)):
+                raise _wrong(field.name, "a finite number", value, "see SoilSpec")
+        for name, unit in (("k_phi", "N/m^(n+2)"), ("shear_length", "m"), ("elastic", "Pa/m")):
+            if getattr(self, name) <= 0.0:
+                raise _wrong(name, f"positive [{unit}]", getattr(self, name), "a preset shows the order of magnitude")
+        for name in ("k_c", "cohesion", "damping"):
+            if getattr(self, name) < 0.0:
+                raise _wrong(name, "zero or positive", getattr(self, name), "drop the sign")
+        if not 0.2 <= self.exponent <= 2.0:
+            raise _wrong("exponent", "from 0.2 to 2", self.exponent, "1 is a linear soil")
+        if not 0.0 <= self.friction_angle <= math.radians(60.0):
+            raise _wrong("friction_angle", "from 0 to 1.047 rad (60 degrees)", self.friction_angle, "convert degrees")
+        steepest = self.k_phi * self.exponent * DEEP ** (self.exponent - 1.0)
+        if self.elastic < steepest:
+            rule = f"at least k_phi n z^(n-1) = {steepest:.4g} Pa/m at {DEEP:g} m: unloading is stiffer than loading"
+            raise _wrong("elastic", rule, self.elastic, "raise it, or lower k_phi")
+
+    def values(self) -> tuple[float, ...]:
+        """In the order that kernels read them."""
+        return (
+            self.k_phi, self.k_c, self.exponent, self.cohesion, math.tan(self.friction_angle), self.shear_length,
+            self.elastic, self.damping,
+        )  # fmt: skip
+
+
+def _wrong(name: str, rule: str, value: object, remedy: str) -> ModelError:
+    return ModelError(f"soil: {name} must be {rule}, got {shown(value)}; {remedy}")
+
+
+PRESETS: Final = {
+    "soft": SoilSpec(k_phi=0.2e6, elastic=4.0e7),
+    "mid": SoilSpec(k_phi=2.0e6),
+    "hard": SoilSpec(
+        k_phi=5.301e6, k_c=1.02e5, exponent=0.793, cohesion=1300.0, friction_angle=math.radians(31.1),
+        shear_length=0.012, elastic=4.0e8,
+    ),
+}  # fmt: skip
+"""Soft and mid soil of Chrono's demonstrations, and hard: LETE sand (Wong 2008, table 2.3)."""
+
+
+def soil_preset(name: str) -> SoilSpec:
+    """A published soil.
+
+    Raises:
+        ModelError: there is none of this name.
+    """
+    if name not in PRESETS:
+        raise ModelError(f"soil: preset must be {', '.join(PRESETS)}, got {shown(name)}; or give a SoilSpec")
+    return PRESETS[name]
