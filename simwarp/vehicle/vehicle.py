@@ -26,6 +26,8 @@ from simwarp.vehicle.construction import VehicleParts
 from simwarp.vehicle.drivetrain.powertrains import powertrain_state, powertrain_tables
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.rigid_tires import RigidTires
+from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID
+from simwarp.vehicle.tires.soil_tires import SoilTires
 from simwarp.vehicle.tires.tires import Mount, Tires, tire_vector
 
 PER_WORLD: Final = ("joint_friction", "coupling_coefficient")
@@ -178,7 +180,7 @@ class Vehicle(Readable):
             inputs=[dt, self._tables, self._powertrain, self.input, self.lock, model.parameters, state],
             outputs=[self._powertrain_state, self._motion, control],
         )  # fmt: skip
-        if isinstance(self.tires, RigidTires):
+        if not isinstance(self.tires, Tires):
             return [inputs, *self.tires.record(simulation)]
         tires = simulation.shares.record(
             apply_tires, self.tires.shape[1],
@@ -192,7 +194,7 @@ class Vehicle(Readable):
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that measures the motion after a sub-step."""
-        loads = self.tires.record_after(simulation) if isinstance(self.tires, RigidTires) else []
+        loads = [] if isinstance(self.tires, Tires) else self.tires.record_after(simulation)
         return [
             *loads,
             simulation.shares.record(
@@ -256,8 +258,15 @@ def _motion(model: Model) -> VehicleMotion:
     return motion
 
 
-def _tires(parts: VehicleParts, model: Model, ground: TerrainTables | None, randomised: bool) -> Tires | RigidTires:
-    """Force elements, or shapes in contact; a vehicle has one kind or the other."""
+def _tires(
+    parts: VehicleParts, model: Model, ground: TerrainTables | None, randomised: bool
+) -> Tires | RigidTires | SoilTires:
+    """Force elements, shapes in contact, or wheels on soil; a vehicle has one kind of them."""
+    on_soil = [axle.tire.template == SOIL_RIGID for axle in parts.spec.axles]
+    if all(on_soil):
+        return SoilTires(len(parts.sides), model)
+    if any(on_soil):
+        raise SpecError("axles: tires must be soil-rigid on all wheels or on none, got both; choose one kind")
     rigid = [side for side in parts.sides if side.shape >= 0]
     if not rigid:
         worlds, bodies = model.world_count, model.body_count

@@ -31,6 +31,8 @@ from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.common_parameters import THIRD, Vector, common_vector, missing
 from simwarp.vehicle.tires.rigid_tires import TEMPLATE as RIGID
 from simwarp.vehicle.tires.rigid_tires import rigid_parameters
+from simwarp.vehicle.tires.soil_tires import TEMPLATE as SOIL_RIGID
+from simwarp.vehicle.tires.soil_tires import soil_rigid_parameters
 from simwarp.vehicle.tires.tire_files import PropertyFileError, TirValues
 from simwarp.vehicle.tires.tire_parameters import (
     CommonParameters,
@@ -234,6 +236,8 @@ def check_tire(tire: Tire) -> None:
     """
     if tire.template == RIGID:
         rigid_parameters(tire)
+    elif tire.template == SOIL_RIGID:
+        soil_rigid_parameters(tire)
     else:
         _vector(tire)
 

@@ -27,6 +27,14 @@ class RigidParameters(Spec):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class SoilRigidParameters(Spec):
+    """All that a rigid tire on deformable soil takes."""
+
+    crown: NotNegative = 0.0
+    """Radius of the tread across [m]; 0: it is flat."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class CommonParameters(Spec):
     """Parameters of every model."""
 

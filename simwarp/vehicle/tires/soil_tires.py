@@ -1,0 +1,82 @@
+"""Tires that are rigid wheels on deformable soil (`simwarp.soil.Soil`), which makes their forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import warp as wp
+
+from simwarp.core.arrays import writable, writable_from
+from simwarp.core.readable import Readable, plural
+from simwarp.model.model import Model
+from simwarp.simulation.protocols import StepContext
+from simwarp.vehicle.spec.parts import SPECS, SpecError
+from simwarp.vehicle.spec.vehicle_parts import Tire
+from simwarp.vehicle.tires.tire_parameters import SoilRigidParameters
+
+TEMPLATE = "soil-rigid"
+
+
+def soil_rigid_parameters(tire: Tire) -> SoilRigidParameters:
+    """What the description of such a tire says beside its radius and width.
+
+    Raises:
+        SpecError: another key, or a value that breaks a rule.
+    """
+    try:
+        values: SoilRigidParameters = SPECS.load(SoilRigidParameters, tire.parameters)
+    except SpecError as error:
+        raise SpecError(f"parameters.{error}") from None
+    return values
+
+
+class SoilTires(Readable):
+    """The wheels of a vehicle on soil: the outputs of `Tires`, written by the `Soil` that the wheels are given to.
+
+    Args:
+        count: of the wheels, in the order of the reports.
+        model: of the vehicle.
+
+    Attributes:
+        load: (W, wheels) vertical force [N].
+        deflection: (W, wheels) depth of the soil below each wheel's centre [m].
+        slip_ratio: (W, wheels), positive when driving.
+        force_w, torque_w: (W, wheels) vec3 on each wheel at its centre, world axes [N, N·m].
+        slip_angle, camber, state: zeros; soil does not tell them.
+        ground_friction: (1,) of no effect: the soil's own strength counts.
+    """
+
+    def __init__(self, count: int, model: Model) -> None:
+        self.shape = (model.world_count, count)
+        device = model.device
+        self.ground_friction = writable_from([1.0], wp.float32, device)
+        for name in ("load", "slip_ratio", "slip_angle", "camber", "deflection"):
+            setattr(self, name, writable(self.shape, wp.float32, device))
+        self.force_w = writable(self.shape, wp.vec3, device)
+        self.torque_w = writable(self.shape, wp.vec3, device)
+        self.state = writable((*self.shape, 1), wp.float32, device)
+
+    load: wp.array
+    slip_ratio: wp.array
+    slip_angle: wp.array
+    camber: wp.array
+    deflection: wp.array
+
+    def _printed_title(self) -> str:
+        return f": {self.shape[1]} in each of {plural(self.shape[0], 'world')}, on soil"
+
+    def show(self, soil: Any, first: int) -> None:
+        """From now on tell what a soil reports of its wheels from number `first` on."""
+        wheels = slice(first, first + self.shape[1])
+        for name, told in (("load", "load"), ("slip_ratio", "slip_ratio"), ("deflection", "sinkage")):
+            setattr(self, name, getattr(soil, told)[:, wheels])
+        self.force_w, self.torque_w = soil.force_w[:, wheels], soil.torque_w[:, wheels]
+
+    def record(self, simulation: StepContext) -> Sequence[Any]:
+        """Nothing comes before a sub-step: the soil records its own launches."""
+        return []
+
+    def record_after(self, simulation: StepContext) -> Sequence[Any]:
+        """Nothing comes after one."""
+        return []
