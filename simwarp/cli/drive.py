@@ -23,6 +23,7 @@ from simwarp.core.files import FileError, parse_json, read_text
 from simwarp.core.memory import check_fits
 from simwarp.importers.chrono_json import without_comments
 from simwarp.model.model import resolve_device
+from simwarp.soil import Soil, soil_under
 from simwarp.vehicle.driving.maneuvers import MANEUVERS, Maneuver, maneuver
 from simwarp.vehicle.results.channels import Run
 from simwarp.vehicle.results.drive_plot import draw_run
@@ -31,6 +32,8 @@ from simwarp.vehicle.results.runs import REFERENCE_DT, REFERENCE_FRICTION, SAMPL
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
+from simwarp.vehicle.tires.soil_tires import SoilTires
+from simwarp.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from simwarp.cli.view.maneuver_view import ManeuverView
@@ -59,6 +62,7 @@ DURATION_HINT: Final = (
     "(default: 25 of step-steer, 50 of sine-sweep, 40 of constant-radius, 60 of slope-hold, to the end of the course of"
     " double-lane-change, to the last row of a .csv file)"
 )
+SOIL_HINT: Final = "(default: mid with --tire soil-rigid)"
 """Defaults of the options that are not given, for the help."""
 
 
@@ -76,6 +80,10 @@ class DriveOptions(CommonOptions):
     """Another engine with its transmission, likewise. For a Chrono vehicle its two files, with a comma between."""
     driveline: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
     """Another driveline, likewise."""
+    soil: Annotated[str | None, tyro.conf.arg(metavar="soft|mid|hard", help_behavior_hint=SOIL_HINT)] = None
+    """Deformable ground below `--tire soil-rigid`."""
+    spacing: Annotated[float, tyro.conf.arg(metavar="m")] = 0.05
+    """Of the soil's nodes."""
     friction: float = REFERENCE_FRICTION
     """Of the ground. Tires grip by it over their own reference_friction, on which they were measured."""
     dt: Annotated[float, tyro.conf.arg(metavar="s")] = REFERENCE_DT
@@ -219,8 +227,9 @@ def _is_chrono(path: Path) -> bool:
 def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Console) -> Outcome:
     device = None if options.device == "auto" else options.device
     setup = set_up(
-        spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction
-    )
+        spec, what, worlds=options.worlds, device=str(resolve_device(device)), dt=options.dt, friction=options.friction,
+        elements=lambda vehicle: _soil(vehicle, options),
+    )  # fmt: skip
     drive = Drive(setup)
     outcome = Outcome(Run({}), what, 0, 0.0)
     page = _page(setup, f"{spec.name} {what.name}", options, console)
@@ -239,6 +248,13 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
     outcome.broken = drive.broken()
     return outcome
+
+
+def _soil(vehicle: Vehicle, options: DriveOptions) -> list[Soil]:
+    """The soil below a vehicle; none below tires that need none."""
+    if options.soil is None and not isinstance(vehicle.tires, SoilTires):
+        return []
+    return [soil_under(vehicle, options.soil or "mid", spacing=options.spacing)]
 
 
 def _page(setup: Setup, title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
@@ -316,6 +332,8 @@ def _title(spec: VehicleSpec, options: DriveOptions, what: Maneuver) -> str:
         value = getattr(options, kind)
         if value is not None:
             parts.append(f"{kind} {Path(value).stem}")
+    if options.soil is not None:
+        parts.append(f"soil {options.soil}")
     if options.friction != REFERENCE_FRICTION:
         parts.append(f"friction {options.friction:g}")
     if options.dt != REFERENCE_DT:
@@ -344,6 +362,7 @@ def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: 
         "tire": options.tire or spec.axles[0].tire.template,
         "powertrain": options.powertrain,
         "driveline": options.driveline,
+        "soil": options.soil,
         "friction": options.friction,
         "dt": options.dt,
         "worlds": options.worlds,

@@ -106,7 +106,7 @@ class Soil(Readable):
         rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
         self.parameter = writable_from(rows, wp.float32, device)
         assert rows.shape[2] == PARAMETERS
-        self._tables = SoilTables()
+        self._tables: Any = SoilTables()
         self._tables.spacing = self.spacing
         self._tables.weighted = int(weighted)
         self._tables.scalar_shear = int(ShearMemory(shear_memory) is ShearMemory.SCALAR)

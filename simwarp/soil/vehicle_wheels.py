@@ -1,9 +1,13 @@
-"""The wheels of a vehicle as a soil takes them."""
+"""Soil under vehicles: their wheels as a soil takes them, and what it tells their tires."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from simwarp.core.types import ModelError
-from simwarp.soil.soil import SoilWheel
+from simwarp.soil.soil import Soil, SoilWheel
+from simwarp.soil.soil_parameters import SoilSpec
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
 from simwarp.vehicle.vehicle import Vehicle
 
@@ -28,3 +32,27 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
         )
         for side, tire in zip(vehicle.parts.sides, tires, strict=True)
     ]  # fmt: skip
+
+
+def soil_under(
+    vehicles: Vehicle | Sequence[Vehicle], soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", **options: Any
+) -> Soil:
+    """Soil under the wheels of vehicles of one model; their `tires` tell its loads, slips and sinkages.
+
+    Args:
+        vehicles: on `soil-rigid` tires.
+        soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
+        options: further arguments of `Soil`.
+
+    Raises:
+        ModelError: the tires of one make forces of their own, or a value breaks its rule.
+    """
+    below = [vehicles] if isinstance(vehicles, Vehicle) else list(vehicles)
+    wheels = [wheels_of(vehicle) for vehicle in below]
+    made = Soil(below[0].model, [wheel for each in wheels for wheel in each], soil, **options)
+    first = 0
+    for vehicle, each in zip(below, wheels, strict=True):
+        assert isinstance(vehicle.tires, SoilTires)
+        vehicle.tires.show(made, first)
+        first += len(each)
+    return made

@@ -36,6 +36,8 @@ class Maneuver:
     """If given, a path tracker that drives in place of the script."""
     slope: float = 0.0
     """Of the ground, rise per run; the vehicle faces uphill."""
+    place: tuple[float, float, float] | None = None
+    """Where the vehicle's frame of reference begins [m]; None: above the origin, as high as it stands."""
 
 
 SPEEDS: Final = {"gator": (6.0, 7.0), "artcar": (1.5, 1.7)}
@@ -76,6 +78,13 @@ def reference_brake(spec: VehicleSpec) -> Maneuver:
         speed=_after_settling((0.0, target), (20.0, target), (20.0, -1.0), before=-1.0),
     )
     return Maneuver(name="reference-brake", script=script, duration=24.07)
+
+
+def reference_soil(spec: VehicleSpec) -> Maneuver:
+    """Dropped onto the ground, a second of rest without brakes, then throttle to 0.7 within 0.2 s; until 5 s."""
+    script = ScriptSpec(throttle=_after_settling((0.0, 0.0), (0.2, 0.7), before=0.0))
+    height = spec.start_height + 0.1
+    return Maneuver(name="reference-soil", script=script, duration=5.0, place=(-15.0, 0.0, height))
 
 
 def _usual_speed(spec: VehicleSpec) -> float:
@@ -208,6 +217,7 @@ MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
     "reference-accel": reference_accel,
     "reference-steer": reference_steer,
     "reference-brake": reference_brake,
+    "reference-soil": reference_soil,
     "step-steer": step_steer,
     "double-lane-change": double_lane_change,
     "sine-sweep": sine_sweep,

@@ -19,6 +19,7 @@ from simwarp.core.types import shown
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.spec.vehicle_files import read_text
 from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.soil_tires import SoilTires
 from simwarp.vehicle.vehicle import Vehicle
 
 Array = npt.NDArray[np.float64]
@@ -32,6 +33,8 @@ COLUMNS: Final = (
 """Of the first and the last axle. Wheel speeds are negative in forward drive; position and speed are those of the
 vehicle's frame of reference, pitch is positive nose down, the lateral acceleration is the chassis' centre of mass's.
 """
+SINKAGES: Final = ("sink_FL_m", "sink_FR_m", "sink_RL_m", "sink_RR_m")
+"""Further columns of a vehicle on soil: depth of the soil below the wheels' centres."""
 
 
 def matrices(q: Array) -> Array:
@@ -59,6 +62,8 @@ class Recorder(Readable):
         self, simulation: Simulation, vehicle: Vehicle, worlds: slice = slice(0, 1), start: float = 0.0
     ) -> None:
         self.simulation, self.vehicle, self.worlds, self.start = simulation, vehicle, worlds, start
+        self.names = (*COLUMNS, *SINKAGES) if isinstance(vehicle.tires, SoilTires) else COLUMNS
+        """Of the columns."""
         self.rows: list[Array] = []
         self._last_v: Array | None = None
         self._last_t: Array | None = None
@@ -100,6 +105,8 @@ class Recorder(Readable):
             *wheel_speed.T, self.vehicle.engine_speed.numpy()[w], self.vehicle.gear.numpy()[w].astype(float),
             *self.vehicle.tires.load.numpy()[w][:, self._wheels].T, inputs[:, 1], inputs[:, 2], inputs[:, 0], *angles,
         ]  # fmt: skip
+        if len(self.names) > len(COLUMNS):
+            columns += [*self.vehicle.tires.deflection.numpy()[w][:, self._wheels].T]
         self.rows.append(np.stack(columns, axis=-1))
 
     def _manoeuvre_time(self, t: Array) -> Array:
@@ -114,12 +121,12 @@ class Recorder(Readable):
         self.rows[-1][:, throttle : throttle + 3] = inputs[:, [1, 2, 0]]
 
     def table(self) -> Array:
-        """All rows so far: (samples, worlds, columns), in the order of `COLUMNS` and in their units."""
+        """All rows so far: (samples, worlds, columns), in the order of `names` and in their units."""
         return np.array(self.rows)
 
     def column(self, name: str) -> Array:
-        """(samples, worlds) of one of `COLUMNS`."""
-        return self.table()[:, :, COLUMNS.index(name)]
+        """(samples, worlds) of one of `names`."""
+        return self.table()[:, :, self.names.index(name)]
 
 
 def _numbers(path: Path, line: int, row: list[str], header: list[str]) -> list[float]:
@@ -146,7 +153,7 @@ class Run(ReadableFields):
     def of(recorder: Recorder, world: int = 0) -> Run:
         """The run of one of the recorder's worlds."""
         table = recorder.table()[:, world]
-        return Run({name: table[:, index] for index, name in enumerate(COLUMNS)})
+        return Run({name: table[:, index] for index, name in enumerate(recorder.names)})
 
     @staticmethod
     def read(path: Path) -> Run:
@@ -179,8 +186,9 @@ class Run(ReadableFields):
         """
         with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            for row in np.stack([self.columns[name] for name in COLUMNS], axis=1):
+            names = [*COLUMNS, *(name for name in SINKAGES if name in self.columns)]
+            writer.writerow(names)
+            for row in np.stack([self.columns[name] for name in names], axis=1):
                 writer.writerow([f"{value:.9g}" for value in row])
 
     def resampled(self, every: float) -> Run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -54,6 +54,7 @@ def set_up(
     dt: float = REFERENCE_DT,
     friction: float = REFERENCE_FRICTION,
     randomised: Iterable[str] = (),
+    elements: Callable[[Vehicle], Sequence[ForceElement]] = lambda vehicle: (),
 ) -> Setup:
     """Builds the vehicle at rest on the manoeuvre's ground, with its driver.
 
@@ -65,6 +66,7 @@ def set_up(
         dt: time step [s].
         friction: of the ground.
         randomised: model arrays of which every world needs its own, beside those that a vehicle writes.
+        elements: returns further force elements for the vehicle, such as the soil below it.
 
     Raises:
         SpecError: the vehicle, the step or the friction cannot be used.
@@ -77,7 +79,8 @@ def set_up(
     lean = -math.atan(maneuver.slope)
     rotation = np.array([0.0, math.sin(0.5 * lean), 0.0, math.cos(0.5 * lean)])
     builder = ModelBuilder()
-    start = pose(rotate(rotation, np.array([0.0, 0.0, spec.start_height])), rotation)
+    place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
+    start = pose(rotate(rotation, np.array(place)), rotation)
     parts = add_vehicle(builder, spec, at=start)
     if any(side.shape >= 0 for side in parts.sides):
         builder.add_shape_plane(name="ground", pose=pose(rotation=rotation), material=Material(friction=friction))
@@ -87,7 +90,8 @@ def set_up(
     driver: ForceElement = ScriptedDriver(vehicle, maneuver.script)
     if maneuver.follow is not None:
         driver = PathTracker(vehicle, maneuver.follow)
-    return Setup(Simulation(model, dt, elements=[driver, vehicle], solver=VEHICLE_SOLVER), vehicle, driver, maneuver)
+    acting = [driver, vehicle, *elements(vehicle)]
+    return Setup(Simulation(model, dt, elements=acting, solver=VEHICLE_SOLVER), vehicle, driver, maneuver)
 
 
 def row_steps(dt: float) -> int:
