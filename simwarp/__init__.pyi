@@ -5,6 +5,7 @@ from simwarp import importers as importers
 from simwarp import scenery as scenery
 from simwarp import scenes as scenes
 from simwarp import sensors as sensors
+from simwarp import soil as soil
 from simwarp import tasks as tasks
 from simwarp import train as train
 from simwarp import vehicle as vehicle

@@ -13,9 +13,8 @@ import tempfile
 import time
 from typing import NamedTuple
 
-from simwarp.bench.workloads import bench_scenes
+from simwarp.bench.workloads import bench_scenes, vehicle_row_names
 from simwarp.cli import ShortfallError
-from simwarp.vehicle.spec.vehicle_files import vehicle_names
 
 _PATIENCE_S = 600
 
@@ -54,7 +53,7 @@ def _probe(name: str, device: str, cache: str) -> Start:
 
 def _first_step(name: str, device: str) -> Start:
     scene = bench_scenes().get(name)
-    if name in vehicle_names():
+    if name in vehicle_row_names():
         from simwarp.bench.vehicle_rows import VehicleRun
 
         start, cpu = time.perf_counter(), time.process_time()

@@ -8,10 +8,16 @@ from collections.abc import Callable
 
 from simwarp.bench.measure import Row, measure_scene
 from simwarp.bench.peers import peer_measures, peer_notes
-from simwarp.bench.workloads import SENSOR_SCENES, bench_scenes, task_of, unknown_name_message
+from simwarp.bench.workloads import (
+    ON_SOIL,
+    SENSOR_SCENES,
+    bench_scenes,
+    task_of,
+    unknown_name_message,
+    vehicle_row_names,
+)
 from simwarp.cli import UsageError
 from simwarp.cli.options import check_obs
-from simwarp.vehicle.spec.vehicle_files import vehicle_names
 
 Measure = Callable[[int, str, float | None, float], Row]
 """From worlds, device, dt and seconds."""
@@ -36,26 +42,37 @@ class Subject:
     cold_name: str | None = None
 
 
-def find_subject(name: str, tasks: Callable[[], list[str]], obs: str | None = None) -> Subject:
-    """Subject called `name`; the names of tasks, which take long to find, come last. `obs`: a task's observations.
+def find_subject(
+    name: str, tasks: Callable[[], list[str]], obs: str | None = None, spacing: float | None = None
+) -> Subject:
+    """Subject called `name`; the names of tasks, which take long to find, come last.
+
+    Args:
+        name: on the command line.
+        tasks: returns names.
+        obs: observations of a task.
+        spacing: of the soil's nodes, where it drives on soil [m].
 
     Raises:
         UsageError: nothing has that name.
     """
-    if obs is not None and (name in bench_scenes() or name in vehicle_names() or name in SENSOR_SCENES):
+    if obs is not None and (name in bench_scenes() or name in vehicle_row_names() or name in SENSOR_SCENES):
         raise UsageError(
             f"--obs is of tasks, and '{name}' is none: leave it away, or write {name}-task where there is one"
         )
+    if spacing is not None and name not in ON_SOIL:
+        raise UsageError(f"--spacing is of what drives on soil ({', '.join(ON_SOIL)}), and '{name}' does not")
     scene = bench_scenes().get(name)
     if scene is not None:
         peers = tuple(functools.partial(_beside, measure, name) for measure in peer_measures(name))
         return Subject(
             "scene", (functools.partial(measure_scene, scene),), peers, tuple(peer_notes(name)), cold_name=name
         )
-    if name in vehicle_names():
+    if name in vehicle_row_names():
         from simwarp.bench.vehicle_rows import measure_vehicle
 
-        return Subject("vehicle", (functools.partial(measure_vehicle, name),), notes=tuple(peer_notes(name)),
+        measured = functools.partial(measure_vehicle, name, spacing=0.05 if spacing is None else spacing)
+        return Subject("vehicle", (measured,), notes=tuple(peer_notes(name)),
                        cold_name=name)  # fmt: skip
     if name in SENSOR_SCENES:
         return _sensor(name)

@@ -157,6 +157,15 @@ def bench_scenes() -> dict[str, BenchScene]:
     return found
 
 
+ON_SOIL: Final = {"hmmwv-soil": "hmmwv"}
+"""Rows of vehicles on mid soil, and the vehicle's own name."""
+
+
+def vehicle_row_names() -> list[str]:
+    """Names of the rows: vehicles on tires of their own, then on soil."""
+    return [*vehicle_names(), *ON_SOIL]
+
+
 def task_of(name: str, tasks: Iterable[str]) -> str | None:
     """The task that a name means, if it means one: its own name, or with `-task` behind."""
     known = set(tasks)
@@ -166,7 +175,7 @@ def task_of(name: str, tasks: Iterable[str]) -> str | None:
 
 def display_names(tasks: Iterable[str]) -> list[str]:
     """All names: scenes, vehicles, sensors, and tasks, with `-task` behind where another has the name already."""
-    scene_names = [*bench_scenes(), *vehicle_names(), *SENSOR_SCENES]
+    scene_names = [*bench_scenes(), *vehicle_row_names(), *SENSOR_SCENES]
     return scene_names + [task + TASK_SUFFIX if task in scene_names else task for task in sorted(tasks)]
 
 

@@ -57,6 +57,8 @@ class BenchOptions(CommonOptions):
     """Time to step for, per row [s], in five parts."""
     obs: str | None = None
     """Observations of a task that has a choice: state or camera."""
+    spacing: Annotated[float | None, tyro.conf.arg(metavar="m")] = None
+    """Of the soil's nodes, of what drives on soil; by default 0.05."""
     compile: Flag = False
     """Also measure a cold start: a new process with an empty kernel cache, then one with a filled one (slow)."""
     threads: Annotated[str | None, tyro.conf.arg(metavar="N,N,...")] = None
@@ -69,7 +71,8 @@ def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
     word, rest = _take_scene(arguments)
     name = _task_in_file(word) if TASK_FILE in word else word
-    subject = find_subject(name, _task_names, option_value(rest, "--obs"))
+    spacing = _number(option_value(rest, "--spacing"))
+    subject = find_subject(name, _task_names, option_value(rest, "--obs"), spacing)
     options = parse_options(BenchOptions, rest, f"simwarp bench {word}")
     options.check()
     worlds = _counts("worlds", options.worlds, LARGEST_COUNT)
@@ -105,6 +108,14 @@ def run(arguments: list[str]) -> int:
         }
     )
     return DONE if all(row.valid for row in rows + peers) else FELL_SHORT
+
+
+def _number(word: str | None) -> float | None:
+    """The number that a word is; None where it is none, which the parser of the options tells."""
+    try:
+        return None if word is None else float(word)
+    except ValueError:
+        return None
 
 
 def _task_names() -> list[str]:

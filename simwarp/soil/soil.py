@@ -13,9 +13,9 @@ import warp as wp
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, Row, plural
 from simwarp.core.types import ModelError, Vec3, shown
-from simwarp.kernels.soil.contact import clear_soil, press_wheels, report_wheels, take_pages
-from simwarp.kernels.soil.tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
-from simwarp.kernels.soil.tables import SoilWheels as WheelTables
+from simwarp.kernels.soil.pressing import clear_soil, press_wheels, report_wheels, take_pages
+from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
+from simwarp.kernels.soil.soil_tables import SoilWheels as WheelTables
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
@@ -106,16 +106,18 @@ class Soil(Readable):
         rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
         self.parameter = writable_from(rows, wp.float32, device)
         assert rows.shape[2] == PARAMETERS
-        self._tables: Any = SoilTables()
-        self._tables.spacing = self.spacing
-        self._tables.weighted = int(weighted)
-        self._tables.scalar_shear = int(ShearMemory(shear_memory) is ShearMemory.SCALAR)
-        self._tables.length, self._tables.rest_time = DIRECTION_LENGTH, REST_TIME
-        self._tables.rest_speed = REST_SPEED
-        self._tables.parameter = self.parameter
-        self._tables.soil_map = wp.array(_checked_map(soil_map, len(self.soils), worlds), dtype=int, device=device)
-        self._tables.map_origin, self._tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
-        self._tables.terrain = plane(device) if ground is None else ground
+        tables: Any = SoilTables()
+        self._tables = tables
+        tables.spacing = self.spacing
+        tables.weighted = int(weighted)
+        tables.scalar_shear = int(ShearMemory(shear_memory) is ShearMemory.SCALAR)
+        tables.length, tables.rest_time = DIRECTION_LENGTH, REST_TIME
+        tables.rest_speed = REST_SPEED
+        tables.parameter = self.parameter
+        places: Any = _checked_map(soil_map, len(self.soils), worlds)
+        tables.soil_map = wp.array(places, dtype=int, device=device)
+        tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
+        tables.terrain = plane(device) if ground is None else ground
         self._wheels = _wheel_tables(model, self.wheels)
         self._nodes = _nodes(worlds, self.pages, device)
         self._reports = _reports((worlds, len(self.wheels)), device)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.soil.tables import NODE_VALUES, PAGE_NODES, SoilNodes
+from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, SoilNodes
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 

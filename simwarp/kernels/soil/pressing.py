@@ -13,7 +13,7 @@ from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.soil.law import Law, law_of, press
 from simwarp.kernels.soil.pages import find_page, take_page
-from simwarp.kernels.soil.tables import (
+from simwarp.kernels.soil.soil_tables import (
     K_C,
     LEAN_X,
     LEAN_Y,
