@@ -34,6 +34,8 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 SLACK = wp.constant(0.02)
 """Of the ground's height below a wheel, taken into its footprint where the ground is no plane [radii]."""
+TILTED = wp.constant(0.2)
+"""Vertical part of an axis above which a wheel's whole outline counts."""
 STILL = wp.constant(1.0e-9)
 """Way within a step below which shear has no direction [m]."""
 
@@ -110,6 +112,9 @@ def footprint_of(world: int, p: Pose, soil: SoilTables, assets: Assets) -> Footp
     step = 1.0 / soil.spacing
     reach_x = along * ay + across * ax + wp.abs(p.moved[0])
     reach_y = along * ax + across * ay + wp.abs(p.moved[1])
+    if wp.abs(p.axis[2]) > TILTED:  # it may lie on its side
+        reach_x = wp.length(wp.vec2(p.radius, p.half_width)) + wp.abs(p.moved[0])
+        reach_y = reach_x - wp.abs(p.moved[0]) + wp.abs(p.moved[1])
     x = float(p.x[0])
     y = float(p.x[1])
     foot.x0 = int(wp.ceil((x - reach_x) * step))
