@@ -206,7 +206,7 @@ def test_soil_gives_no_energy(seed):
         (lambda m: SoilSpec(k_phi=1e6, cohesion=-1.0), "cohesion must be zero or positive, got -1.0; drop the sign"),
         (lambda m: SoilSpec(k_phi=1e9), "elastic must be at least k_phi n z"),
         (lambda m: SoilSpec(k_phi=math.nan), "k_phi must be a finite number, got nan"),
-        (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], spacing=0.11), "spacing must be positive and at"),
+        (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], spacing=0.11), "spacing must be positive"),
         (lambda m: Soil(m, [], "mid"), "wheels must be at least one"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], "sand"), "preset must be soft, mid, hard"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], pages=1), "pages"),

@@ -1,0 +1,76 @@
+"""A HMMWV on rigid wheels over mid soil, against a recorded run of Chrono's SCM and against itself at longer steps."""
+
+from __future__ import annotations
+
+import csv
+import functools
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simwarp.soil import soil_under
+from simwarp.vehicle import load_vehicle, with_options
+from simwarp.vehicle.driving.maneuvers import maneuver
+from simwarp.vehicle.results.channels import Run
+from simwarp.vehicle.results.runs import Drive, set_up
+
+RECORD = Path(__file__).parents[3] / "shared" / "reference" / "chrono" / "g_full_RIGID_scm.csv.gz"
+WHEELS = ("FL", "FR", "RL", "RR")
+STEADY = 2.5
+"""From then on the speed changes by 3 % [s]."""
+
+
+@functools.cache
+def driven(dt: float) -> Run:
+    spec = with_options(load_vehicle("hmmwv"), tire="soil-rigid")
+    setup = set_up(
+        spec, maneuver("reference-soil", spec), device="cpu", dt=dt, elements=lambda car: [soil_under(car, "mid")]
+    )
+    return Drive(setup).run()
+
+
+@pytest.fixture(scope="module")
+def recorded() -> dict[str, np.ndarray]:
+    if not RECORD.exists():
+        pytest.skip("the recorded runs are not here")
+    with gzip.open(RECORD, "rt") as file:
+        rows = list(csv.DictReader(file))
+    return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+@pytest.fixture(scope="module")
+def ours(recorded) -> dict[str, np.ndarray]:
+    columns = driven(1e-3).columns
+    return {name: np.interp(recorded["t_s"], columns["t_s"], values) for name, values in columns.items()}
+
+
+def steady(run: dict[str, np.ndarray], name: str) -> float:
+    return float(run[name][run["t_s"] > STEADY].mean())
+
+
+def test_speed_and_way(recorded, ours):
+    assert ours["speed_mps"][-1] == pytest.approx(recorded["speed_mps"][-1], rel=0.03)
+    ways = [run["x_m"] + 15.0 for run in (recorded, ours)]
+    late = recorded["t_s"] > 1.0  # before it has gone half a metre
+    assert np.abs(ways[1][late] / ways[0][late] - 1.0).max() < 0.03
+
+
+def test_wheels(recorded, ours):
+    for wheel in WHEELS:
+        assert steady(ours, f"omega_{wheel}_radps") == pytest.approx(steady(recorded, f"omega_{wheel}_radps"), rel=0.03)
+        assert steady(ours, f"Fz_{wheel}_N") == pytest.approx(steady(recorded, f"Fz_{wheel}_N"), rel=0.04)
+
+
+def test_ruts_and_pitch(recorded, ours):
+    for wheel in WHEELS:
+        assert steady(ours, f"sink_{wheel}_m") == pytest.approx(steady(recorded, f"sink_{wheel}_m"), rel=0.12)
+    assert steady(ours, "pitch_rad") == pytest.approx(steady(recorded, "pitch_rad"), abs=0.003)
+
+
+def test_longer_steps_drive_as_fast():
+    speeds = [float(driven(dt)["speed_mps"][-100:].mean()) for dt in (1e-3, 2e-3, 3e-3)]
+    assert speeds[1] == pytest.approx(speeds[0], rel=0.01)
+    # 1.3 % are measured, where 1 % is wished for (docs/soil.md)
+    assert speeds[2] == pytest.approx(speeds[0], rel=0.015)
