@@ -10,7 +10,7 @@ import warp as wp
 
 import simwarp as sw
 from simwarp.soil import PRESETS, ShearMemory, Soil, SoilSpec, SoilWheel
-from tests.unit.soil.soil_checks import GRAVITY, RADIUS, WIDTH, pressed, rolling, sinkage
+from tests.unit.soil.soil_wheels import GRAVITY, RADIUS, WIDTH, pressed, rolling, sinkage
 
 AREA = 0.1
 DISC = math.sqrt(AREA / math.pi)

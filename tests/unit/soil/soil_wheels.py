@@ -19,7 +19,8 @@ ON_ITS_SIDE = (math.sin(0.25 * math.pi), 0.0, 0.0, math.cos(0.25 * math.pi))
 
 def pressed(
     soil: SoilSpec | str, *, load: float, worlds: int = 1, spacing: float = 0.05, dt: float = 1e-3,
-    seconds: float = 6.0, radius: float = RADIUS, width: float = WIDTH, disc: bool = False, place: tuple[float, float] = (0.003, 0.001),
+    seconds: float = 6.0, radius: float = RADIUS, width: float = WIDTH, disc: bool = False,
+    place: tuple[float, float] = (0.003, 0.001),
 ) -> tuple[sw.Simulation, Soil]:  # fmt: skip
     """A wheel (or a disc) that slides along the vertical, its weight put on slowly, at rest."""
     builder = sw.ModelBuilder()
