@@ -80,7 +80,7 @@ class DriveOptions(CommonOptions):
     """Another engine with its transmission, likewise. For a Chrono vehicle its two files, with a comma between."""
     driveline: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint=OWN)] = None
     """Another driveline, likewise."""
-    soil: Annotated[str | None, tyro.conf.arg(metavar="soft|mid|hard", help_behavior_hint=SOIL_HINT)] = None
+    soil: Annotated[str | None, tyro.conf.arg(metavar="soft|mid|hard|clay|snow", help_behavior_hint=SOIL_HINT)] = None
     """Deformable ground below `--tire soil-rigid`."""
     spacing: Annotated[float, tyro.conf.arg(metavar="m")] = 0.05
     """Of the soil's nodes."""

@@ -68,7 +68,7 @@ class Soil(Readable):
     Args:
         model: of the worlds.
         wheels: rigid wheels; nothing else sinks in.
-        soil: a `SoilSpec`, the name of a preset (soft, mid, hard), or several of them for `soil_map`.
+        soil: a `SoilSpec`, the name of a preset (soft, mid, hard, clay, snow), or several of them for `soil_map`.
         ground: the undeformed ground (`simwarp.vehicle.tires.ground`); the plane z = 0 when None.
         spacing: of the nodes [m].
         pages: of each world, 8 x 8 nodes (1.3 KiB) each.

@@ -79,8 +79,17 @@ PRESETS: Final = {
         k_phi=5.301e6, k_c=1.02e5, exponent=0.793, cohesion=1300.0, friction_angle=math.radians(31.1),
         shear_length=0.012, elastic=4.0e8,
     ),
+    "clay": SoilSpec(
+        k_phi=692.15e3, k_c=13.19e3, exponent=0.5, cohesion=4140.0, friction_angle=math.radians(13.0), elastic=1.0e8,
+    ),
+    "snow": SoilSpec(
+        k_phi=196.72e3, k_c=4.37e3, exponent=1.6, cohesion=1030.0, friction_angle=math.radians(19.7),
+        shear_length=0.03, elastic=4.0e7,
+    ),
 }  # fmt: skip
-"""Soft and mid soil of Chrono's demonstrations, and hard: LETE sand (Wong 2008, table 2.3)."""
+"""Soft and mid soil of Chrono's demonstrations; hard: LETE sand; clay: clayey soil of Thailand at 38 % moisture; snow:
+of the United States (Wong 2008, Theory of Ground Vehicles, table 2.3, which does not have the shear length and
+elasticity of clay and snow: these are of the usual size)."""
 
 
 def soil_preset(name: str) -> SoilSpec:

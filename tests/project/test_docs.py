@@ -33,6 +33,7 @@ WITH_CODE = [
             "import.md",
             "scenery.md",
             "sensors.md",
+            "soil.md",
             "training.md",
             "vehicles.md",
             "viewer.md",

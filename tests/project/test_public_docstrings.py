@@ -23,7 +23,7 @@ PACKAGES = (
 )  # fmt: skip
 
 INTERFACES = {
-    sw.ForceElement: {"memory", "record", "record_after", "record_outputs"},
+    sw.ForceElement: {"memory", "record", "record_after", "record_outputs", "record_reset"},
     sw.Sensor: {"memory", "record", "begin", "check"},
     gymnasium.Env: {"step", "reset"},
     gymnasium.vector.VectorEnv: {"step", "reset"},

@@ -208,7 +208,7 @@ def test_soil_gives_no_energy(seed):
         (lambda m: SoilSpec(k_phi=math.nan), "k_phi must be a finite number, got nan"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], spacing=0.11), "spacing must be positive"),
         (lambda m: Soil(m, [], "mid"), "wheels must be at least one"),
-        (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], "sand"), "preset must be soft, mid, hard"),
+        (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], "sand"), "preset must be soft, mid, hard, clay"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], pages=1), "pages"),
         (lambda m: Soil(m, [SoilWheel(body="x", radius=0.4, width=0.2)]), "'x'"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=WIDTH)] * 2), "wheels must be on different bodies"),
