@@ -388,6 +388,13 @@ class GridSoil:
             sides.append(min(side, most) if self.hull == "cells" else side)
         return rectangle_inverse_b(*sides)
 
+    def stored(self, body: Body) -> float:
+        """Elastic energy of the nodes under a body [J]."""
+        touch = self.touch(body, 0.0)
+        node, inverse_b = self.gather(touch.keys), self.inverse_b(body, touch)
+        sigma = pressure(node, touch.sinkage, self.parameters, inverse_b)
+        return float((touch.area * sigma**2).sum() / (2.0 * self.parameters.elastic))
+
     def react(self, bodies: Sequence[Body], dt: float, implicit: bool = False) -> list[Reaction]:
         """Advances all memory; forces at the present pose with D = 0, or the linearly implicit F_0 and D."""
         touches = self.owned([self.touch(body, dt) for body in bodies], bodies)
