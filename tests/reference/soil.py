@@ -349,13 +349,18 @@ class GridSoil:
         return Columns(found.height + body.position[2], found.share)
 
     def touch(self, body: Body, dt: float) -> Touch:
-        """Nodes that the present pose covers and that the present or the predicted pose sinks into."""
+        """Nodes that the present pose covers and that the present or the predicted pose sinks into.
+
+        A node below a leaning flat side, which the tread only comes to sideways, waits for the next step: its present
+        height is that of the side, as far as a wheel is high.
+        """
         keys = self.candidates(body)
         base = np.array([self.frame(key) for key in keys]).reshape(-1, 10)
         now = self.heights(body, keys)
         later = self.heights(body.moved(dt), keys)
         s, predicted = (base[:, 3] * (base[:, 0] - height) for height in (now.height, later.height))
-        use = np.isfinite(now.height) & (now.share > 0.0) & ((s > 0.0) | (predicted > 0.0))
+        near = s > -3.0 * dt * float(np.linalg.norm(body.velocity)) - 1e-9
+        use = np.isfinite(now.height) & (now.share > 0.0) & ((s > 0.0) | ((predicted > 0.0) & near))
         xy = np.array(keys, dtype=float).reshape(-1, 2) * self.spacing
         arm = np.column_stack([xy, now.height])[use] - body.position
         area = float(np.prod(self.spacing)) * now.share[use]

@@ -27,7 +27,7 @@ from simwarp.kernels.soil.soil_tables import (
     SoilTables,
     SoilWheels,
 )
-from simwarp.kernels.soil.wheel_surface import NOTHING, lowest_point, share_inside
+from simwarp.kernels.soil.wheel_surface import NOTHING, column_above
 from simwarp.kernels.vehicle.tires.ground import ground_below
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -108,7 +108,7 @@ def footprint_of(world: int, p: Pose, soil: SoilTables, assets: Assets) -> Footp
     flat = wp.max(wp.sqrt(p.axis[0] * p.axis[0] + p.axis[1] * p.axis[1]), 1.0e-6)
     ax = wp.abs(p.axis[0]) / flat
     ay = wp.abs(p.axis[1]) / flat
-    across = p.half_width + p.radius * wp.abs(p.axis[2])
+    across = p.half_width + p.radius * wp.abs(p.axis[2]) + soil.spacing * float(soil.weighted)
     step = 1.0 / soil.spacing
     reach_x = along * ay + across * ax + wp.abs(p.moved[0])
     reach_y = along * ax + across * ay + wp.abs(p.moved[1])
@@ -147,6 +147,8 @@ class Below:
     height: float
     normal: wp.vec3
     sinkage: float  # of the wheel's surface along the normal [m]; negative where there is none
+    share: float  # of its cell that the wheel covers
+    low: float  # the wheel's surface, from its centre [m]
 
 
 @wp.func
@@ -160,7 +162,10 @@ def node_below(world: int, column: int, row: int, p: Pose, soil: SoilTables, ass
     b.found = g.found
     b.height = g.arm[2]
     b.normal = g.normal
-    b.sinkage = g.normal[2] * (b.height - lowest_point(b.x, b.y, p.axis, p.radius, p.half_width, p.crown))
+    above = column_above(b.x, b.y, p.axis, p.radius, p.half_width, p.crown, soil.spacing * float(soil.weighted))
+    b.sinkage = g.normal[2] * (b.height - above.height)
+    b.share = above.share
+    b.low = above.height
     return b
 
 
@@ -186,8 +191,9 @@ def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, a
                 right = wp.min(right, across)
     if high < low:
         return 0.0
-    length = high - low + soil.spacing
-    width = wp.min(left - right + soil.spacing, 2.0 * p.half_width)
+    cell = soil.spacing * (wp.abs(ax) + wp.abs(ay))
+    length = wp.min(high - low + cell, 2.0 * p.radius)
+    width = wp.min(left - right + cell, 2.0 * p.half_width)
     return (length + width) / (length * width)
 
 
@@ -229,6 +235,28 @@ def add_elastic_block(total: WheelSum, weight: float, arm: wp.vec3, direction: w
 
 
 @wp.func
+def lean_of(slot: int, world: int, n: wp.vec3, nodes: SoilNodes) -> wp.vec3:
+    """Direction of a node's shear, in the plane of the ground."""
+    lean = wp.vec3(nodes.node[world, slot, LEAN_X], nodes.node[world, slot, LEAN_Y], 0.0)
+    lean[2] = -(n[0] * lean[0] + n[1] * lean[1]) / n[2]
+    return lean
+
+
+@wp.func
+def remember_shear(
+    slot: int, world: int, dt: float, slide: wp.vec3, n: wp.vec3, soil: SoilTables, nodes: SoilNodes
+):  # fmt: skip
+    """Moves the way that a node was sheared on, and its direction towards that of the slip."""
+    speed = wp.length(slide)
+    nodes.node[world, slot, SHEAR] = nodes.node[world, slot, SHEAR] + speed * dt
+    if soil.scalar_shear == 0 and speed > 0.0:
+        ahead = slide / speed
+        lean = ahead + wp.exp(-speed * dt / soil.length) * (lean_of(slot, world, n, nodes) - ahead)
+        nodes.node[world, slot, LEAN_X] = lean[0]
+        nodes.node[world, slot, LEAN_Y] = lean[1]
+
+
+@wp.func
 def press_node(
     total: WheelSum, slot: int, world: int, area: float, dt: float, b: Below, p: Pose, law: Law, soil: SoilTables,
     nodes: SoilNodes,
@@ -239,25 +267,32 @@ def press_node(
     before = press(b.sinkage, nodes.node[world, slot, SINKAGE], nodes.node[world, slot, YIELD], law)
     nodes.node[world, slot, SINKAGE] = before.plastic
     nodes.node[world, slot, YIELD] = before.limit
-    low = lowest_point(b.x - p.moved[0], b.y - p.moved[1], p.moved_axis, p.radius, p.half_width, p.crown)
-    after = n[2] * (b.height - p.moved[2] - low)
-    pressed = press(after, before.plastic, before.limit, law)
-    if pressed.pressure <= 0.0 or low == NOTHING:
-        return s
-    arm = p.centre + wp.vec3(b.x, b.y, b.height - wp.max(b.sinkage, 0.0) / n[2])
+    touched = before.pressure > 0.0
+    arm = p.centre + wp.vec3(b.x, b.y, wp.where(b.low == NOTHING, b.height, b.low))
     v = p.v + wp.cross(p.omega, arm)
     rising = wp.dot(v, n)
-    pressure = pressed.pressure - law.damping * rising
-    if pressure <= 0.0:
+    slide = v - rising * n
+    if touched:
+        remember_shear(slot, world, dt, slide, n, soil, nodes)
+    cell = soil.spacing * float(soil.weighted)
+    moved = column_above(
+        b.x - p.moved[0], b.y - p.moved[1], p.moved_axis, p.radius, p.half_width, p.crown, cell
+    )  # fmt: skip
+    after = n[2] * (b.height - p.moved[2] - moved.height)
+    pressed = press(after, before.plastic, before.limit, law)
+    if pressed.pressure <= 0.0 or moved.height == NOTHING or b.low == NOTHING:
         return s
+    damping = wp.where(touched, law.damping, 0.0)  # of a node reached within the step it comes with the next one
+    pressure = pressed.pressure - damping * rising
+    if pressure < 0.0:  # soil does not pull
+        pressure = 0.0
+        damping = 0.0
     way = after - b.sinkage
     stiffness = law.elastic
     if wp.abs(way) >= 1.0e-7:
         stiffness = wp.clamp((pressed.pressure - before.pressure) / way, 0.0, law.elastic)
-    slide = v - rising * n
     speed = wp.length(slide)
-    sheared = nodes.node[world, slot, SHEAR] + speed * dt
-    nodes.node[world, slot, SHEAR] = sheared
+    sheared = nodes.node[world, slot, SHEAR]
     most = (law.cohesion + pressure * law.tan_phi) * (1.0 - wp.exp(-sheared / law.shear_length))
     against = wp.vec3()
     drag = float(0.0)
@@ -266,25 +301,18 @@ def press_node(
         against = slide * (drag / dt)
     else:
         turned = speed * dt / soil.length
-        left = wp.exp(-turned)
-        lean = wp.vec3(nodes.node[world, slot, LEAN_X], nodes.node[world, slot, LEAN_Y], 0.0)
-        lean[2] = -(n[0] * lean[0] + n[1] * lean[1]) / n[2]
         taken = dt / soil.length  # (1 - e^-q) / (q l) h, its limit at rest
         if turned > 1.0e-4:
-            ahead = slide / speed
-            lean = ahead + left * (lean - ahead)
-            taken = (1.0 - left) / speed
-        nodes.node[world, slot, LEAN_X] = lean[0]
-        nodes.node[world, slot, LEAN_Y] = lean[1]
+            taken = (1.0 - wp.exp(-turned)) / speed
         held = soil.rest_time * wp.exp(-speed / soil.rest_speed) / soil.length
-        against = lean + held * slide
+        against = lean_of(slot, world, n, nodes) + held * slide
         against = most * against / wp.max(1.0, wp.length(against))
         drag = dt * most * (taken + held)
     force = area * (pressure * n - against)
     s.force += force
     s.moment += wp.cross(arm, force)
     s = add_elastic_block(s, area * dt * dt * stiffness, arm, n, p.axis)
-    s = add_block(s, area * dt * law.damping, arm, n)
+    s = add_block(s, area * dt * damping, arm, n)
     side = wp.normalize(wp.cross(n, wp.vec3(1.0, 0.0, 0.0)))
     s = add_block(s, area * drag, arm, side)
     s = add_block(s, area * drag, arm, wp.cross(side, n))
@@ -388,15 +416,13 @@ def press_wheels(
             for column in range(foot.x0, foot.x1 + 1):
                 b = node_below(world, column, row, p, soil, assets)
                 # a node that the wheel comes to within the step counts already
-                close = b.sinkage > -wp.abs(p.moved[2]) - 0.5 * wp.length(p.moved)
+                close = b.sinkage > -3.0 * wp.length(p.moved)
                 if b.found == 1 and close:
                     if column >> 3 != page_x or row >> 3 != page_y:
                         page_x = column >> 3
                         page_y = row >> 3
                         page = find_page(world, page_x, page_y, nodes)
-                    area = soil.spacing * soil.spacing
-                    if soil.weighted == 1:
-                        area *= share_inside(b.x, b.y, p.axis, p.half_width, soil.spacing)
+                    area = soil.spacing * soil.spacing * b.share
                     mine = bool(True)
                     if crowded:
                         mine = owns(world, wheel, column, row, b, dt, soil, wheels, state, assets)
