@@ -53,7 +53,7 @@ def steady(run: dict[str, np.ndarray], name: str) -> float:
 def test_speed_and_way(recorded, ours):
     assert ours["speed_mps"][-1] == pytest.approx(recorded["speed_mps"][-1], rel=0.03)
     ways = [run["x_m"] + 15.0 for run in (recorded, ours)]
-    late = recorded["t_s"] > 1.0  # before it has gone half a metre
+    late = ways[0] > 0.75  # 2 cm of the first half metre, from rest, are more than 3 %
     assert np.abs(ways[1][late] / ways[0][late] - 1.0).max() < 0.03
 
 
@@ -71,6 +71,4 @@ def test_ruts_and_pitch(recorded, ours):
 
 def test_longer_steps_drive_as_fast():
     speeds = [float(driven(dt)["speed_mps"][-100:].mean()) for dt in (1e-3, 2e-3, 3e-3)]
-    assert speeds[1] == pytest.approx(speeds[0], rel=0.01)
-    # 1.3 % are measured, where 1 % is wished for (docs/soil.md)
-    assert speeds[2] == pytest.approx(speeds[0], rel=0.015)
+    assert speeds == pytest.approx([speeds[0]] * 3, rel=0.01)
