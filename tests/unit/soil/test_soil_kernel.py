@@ -57,7 +57,7 @@ def test_a_wheel_feels_what_the_reference_says(soil, seed, memory):
         simulation.measure()
         simulation.step()
         [known] = theirs.react([Body(wheel, x, matrix_of(q), v, spin)], DT, implicit=True)
-        size = np.linalg.norm(known.force) + 10.0
+        size = float(np.linalg.norm(known.force)) + 10.0
         # 0.25 % at most are seen, where a node whose cell is hardly covered counts in one of the two; else 1e-4
         np.testing.assert_allclose(control.element_force.numpy()[0, 0], known.force, atol=4e-3 * size)
         np.testing.assert_allclose(control.element_torque.numpy()[0, 0], known.moment, atol=4e-3 * RADIUS * size)
