@@ -89,6 +89,7 @@ class Single:
             p.dense, p.tree_dof_count, p.loop_count = 0, int(slots.max()) + 1, w.shape[1]
             p.y, p.block_tree_dof, p.w, p.compliance = floats(y), ints(slots), floats(w), floats(compliance)
             p.block_entries = ints(np.full(len(blocks), slots.shape[1]))
+            p.block_loops = ints(np.tile([0, w.shape[1], 0, 0], (len(blocks), 1)))
             p.tree_dof_sum, p.loop_sum = floats(np.zeros(p.tree_dof_count)), floats(np.zeros(max(w.shape[1], 1)))
             p.s, p.factor = floats(np.zeros((1, 1))), floats(np.full((p.tree_dof_count, p.tree_dof_count), np.nan))
             p.spread = floats(np.full((p.tree_dof_count, GROUP), np.nan))
