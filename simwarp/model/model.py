@@ -400,10 +400,11 @@ def _row_topology(
 ) -> None:
     """Tables of the bilateral rows, group by group."""
     place, joint_rows, row_count = groups.place, tables.row_count, groups.row_start[-1]
-    first = [place[row] for row in tables.loop_row[:-1]]
-    lengths = np.diff(tables.loop_row)
-    t.loop_joint = ints(tables.loop_joint)
-    t.loop_row = ints(np.array([(row, row + n) for row, n in zip(first, lengths, strict=True)], np.int32).reshape(-1, 2))
+    first = np.array([place[row] for row in tables.loop_row[:-1]], np.int32)
+    t.loop_joint, t.loop_row = (
+        ints(tables.loop_joint),
+        ints(np.stack([first, first + np.diff(tables.loop_row)], axis=1)),
+    )
     ends = [max(row.axis1, row.axis0) if dof >= 0 else row.axis1
             for row, dof in zip(tables.rows, tables.row_dof, strict=True)]  # fmt: skip
     columns = ([row.kind for row in tables.rows], [row.axis0 for row in tables.rows], ends, tables.row_dof)

@@ -108,9 +108,7 @@ def group_rows(paths: list[list[int]], tables: Tables) -> RowGroups:
     )
 
 
-def groups_meet(
-    builder: Specification, tables: Tables, groups: RowGroups, pairs: npt.NDArray[np.int32]
-) -> bool:
+def groups_meet(builder: Specification, tables: Tables, groups: RowGroups, pairs: npt.NDArray[np.int32]) -> bool:
     """Whether a block of the cone problem can act on two groups: a contact, or the bounds of a loop joint.
 
     Args:

@@ -150,9 +150,7 @@ def factor(
         v[r] = total * inverse[r];
     }
 """)
-def forward(
-    first: int, count: int, start: int, n: wp.array[float], inverse_pivot: wp.array[float], x: wp.array[float]
-):
+def forward(first: int, count: int, start: int, n: wp.array[float], inverse_pivot: wp.array[float], x: wp.array[float]):
     """X <- L^-1 x of one group's rows."""
     ...
 

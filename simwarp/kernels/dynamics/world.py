@@ -64,8 +64,8 @@ class ScratchSizes:
 
     `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of what solvers factorise,
     `wide_vectors` and `wide_rows` their double vectors. `columns`, `response_room` and `factor_room` are those of rows
-    by group, `share_width` the loop rows that one block sees (`RowGroups`). `kept_rows` are all cone rows where another solver may follow
-    the first, whatever is dense: both solutions are compared.
+    by group, `share_width` the loop rows that one block sees (`RowGroups`). `kept_rows` are all cone rows where another
+    solver may follow the first, whatever is dense: both solutions are compared.
     """
 
     links: int
