@@ -174,18 +174,25 @@ def find_groups(block: int, topology: Topology, cone: ConeProblem):
 
 
 @wp.func
-def share_of_group(r: int, first: int, count: int, column: int, topology: Topology, work: Work, cone: ConeProblem):
-    """W's columns from `column` on: L^-1 Y_l y of the loop rows of one group; y of row r stands in `tree_dof_sum`."""
+def share_of_group(
+    r: int, before: float, first: int, count: int, column: int, topology: Topology, work: Work, cone: ConeProblem
+) -> float:
+    """W's columns from `column` on: w = L^-1 Y_l y of the loop rows of one group; y of row r stands in `tree_dof_sum`.
+    Returns `before` less their squares.
+    """
     for loop_row in range(first, first + count):
-        work.row_r[loop_row] = 0.0
+        total = float(0.0)
         for entry in range(topology.row_path[loop_row], topology.row_path[loop_row + 1]):
-            work.row_r[loop_row] = (
-                work.row_r[loop_row]
-                + work.y[loop_row, topology.path_column[entry]] * cone.tree_dof_sum[topology.path_tree_dof[entry]]
-            )
+            tree_dof = topology.path_tree_dof[entry]
+            total += work.y[loop_row, topology.path_column[entry]] * cone.tree_dof_sum[tree_dof]
+        work.row_r[loop_row] = total
     solve_group_forward(topology.row_group[first], topology, work)
+    diagonal = float(before)
     for k in range(count):
-        cone.w[r, column + k] = work.row_r[first + k]
+        share = work.row_r[first + k]
+        cone.w[r, column + k] = share
+        diagonal -= share * share
+    return diagonal
 
 
 @wp.func
@@ -207,12 +214,9 @@ def loop_share(block: int, row: int, count: int, topology: Topology, work: Work,
         if near > 0:
             for e in range(entries):
                 cone.tree_dof_sum[cone.block_tree_dof[block, e]] = cone.y[r, e]
-            share_of_group(r, cone.block_loops[block, 0], near, 0, topology, work, cone)
+            total = share_of_group(r, total, cone.block_loops[block, 0], near, 0, topology, work, cone)
             if far > 0:
-                share_of_group(r, cone.block_loops[block, 2], far, near, topology, work, cone)
-            for k in range(near + far):
-                share = cone.w[r, k]
-                total -= share * share
+                total = share_of_group(r, total, cone.block_loops[block, 2], far, near, topology, work, cone)
             for e in range(entries):
                 cone.tree_dof_sum[cone.block_tree_dof[block, e]] = 0.0
         cone.diagonal[r] = total
@@ -238,17 +242,18 @@ def call_on_groups(cone: ConeProblem, blocks: int, topology: Topology, work: Wor
     for block in range(blocks):
         near = cone.block_loops[block, 1]
         far = cone.block_loops[block, 3]
+        first = cone.block_loops[block, 0]
+        other = cone.block_loops[block, 2]
         if near > 0:
-            work.group_due[topology.row_group[cone.block_loops[block, 0]]] = 1
+            work.group_due[topology.row_group[first]] = 1
         if far > 0:
-            work.group_due[topology.row_group[cone.block_loops[block, 2]]] = 1
+            work.group_due[topology.row_group[other]] = 1
         for r in range(cone.block_row[block], cone.block_row[block + 1]):
+            impulse = cone.gamma[r]
             for k in range(near):
-                row = cone.block_loops[block, 0] + k
-                work.row_r[row] = work.row_r[row] + cone.w[r, k] * cone.gamma[r]
+                work.row_r[first + k] = work.row_r[first + k] + cone.w[r, k] * impulse
             for k in range(far):
-                row = cone.block_loops[block, 2] + k
-                work.row_r[row] = work.row_r[row] + cone.w[r, near + k] * cone.gamma[r]
+                work.row_r[other + k] = work.row_r[other + k] + cone.w[r, near + k] * impulse
 
 
 @wp.func

@@ -62,10 +62,10 @@ def test_machines_that_touch_against_the_reference(dense_rows: int) -> None:
     assert np.abs(sim.state.body_omega.numpy()[0] - reference.omega).max() < allowed / 0.05
 
 
-def run(builder: sw.ModelBuilder, steps: int, first: int = 0, **options: Any) -> sw.Simulation:
+def run(builder: sw.ModelBuilder, steps: int, first: int = 0, worlds: int = 2, **options: Any) -> sw.Simulation:
     """Steps machines on which efforts of their own act, those of the machine `first` and the next ones."""
     solver = sw.SolverOptions(position_projection=1, **options)
-    sim = sw.Simulation(builder.finalize(2, "cpu"), 2e-3, solver=solver, joint_reactions=True)
+    sim = sw.Simulation(builder.finalize(worlds, "cpu"), 2e-3, solver=solver, joint_reactions=True)
     force = sim.control.joint_force.numpy()
     places = force.shape[1] // JOINTS
     for index in range(places):
@@ -114,6 +114,14 @@ def test_a_machine_among_others_equals_itself_alone(shapes: bool) -> None:
         mine = content(together, index, len(APART))
         for name, values in content(alone, 0, 1).items():
             assert values.tobytes() == mine[name].tobytes(), (index, name)
+
+
+@pytest.mark.parametrize("places", [APART, NEAR])
+def test_the_number_of_worlds_changes_nothing(places: list[tuple[float, float, float]]) -> None:
+    few, many = (
+        run(machines(places, approach=1.0, shapes=True), 60, worlds=worlds).state.body_x.numpy() for worlds in (1, 17)
+    )
+    assert all(world.tobytes() == few[0].tobytes() for world in many)
 
 
 def test_scratch_grows_by_the_number_of_machines() -> None:
