@@ -21,11 +21,12 @@ from simwarp.geometry.assets import add_ground_assets, hull_assets
 from simwarp.kernels.core.fields import ParameterFields, Parameters
 from simwarp.kernels.core.tables import Topology
 from simwarp.model.checks import checked_member, checked_names, whole_number
-from simwarp.model.effort_routing import EffortModel, EffortRoute, drive_mode
+from simwarp.model.effort_routing import EffortModel, drive_mode
 from simwarp.model.identity import model_identity
 from simwarp.model.joint_types import ELEMENTS
 from simwarp.model.layouts import run_layouts
 from simwarp.model.parameters import PARAMETERS, parameter_domain, parameter_values
+from simwarp.model.row_groups import RowGroups, group_rows, groups_meet
 from simwarp.model.shapes import contact_limit, shape_pairs
 from simwarp.model.specifications import CouplingSpec, Specification, specification_rows
 from simwarp.model.topology import (
@@ -72,6 +73,8 @@ class Model(ParameterFields):
         path_length: most slots between a link and the root of its tree.
         coupling_count: couplings; what follows them in arrays of couplings are combinations.
         response_count: bilateral rows, and combinations without one.
+        row_groups: trees that bilateral rows tie together.
+        share_width: most bilateral rows that one block of the cone problem sees.
         entry_count: most entries of a row of the cone problem.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
         builder: that it was made of.
@@ -122,13 +125,15 @@ class Model(ParameterFields):
         self.coupling_count = len(builder.couplings)
         paths = row_paths(builder, tables)
         self.response_count = len(paths)
+        self.row_groups = group_rows(paths, tables)
+        self.share_width = self.row_groups.share_width(groups_meet(builder, tables, self.row_groups, pairs))
         bounded = {dof for dof, _ in tables.boxes}
         combined = [path for sum_, path in _sum_paths(builder, paths) if sum_.dof in bounded]
         self.entry_count = max(2 * self.path_length, *map(len, combined), 0)
         self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
         self.initial = _initial_state(builder)
-        self.topology = _device_topology(builder, tables, pairs, device)
+        self.topology = _device_topology(builder, tables, self.row_groups, pairs, device)
         self.parameters = Parameters()
         self.assets = hull_assets(builder.hulls, device)
         # the assets hold their ids only
@@ -393,7 +398,38 @@ def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
 
 
-def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[np.int32], device: Any) -> Topology:
+def _row_topology(
+    t: Topology, builder: Specification, tables: Tables, groups: RowGroups, ints: Callable[[Any], Any]
+) -> None:
+    """Tables of the bilateral rows, group by group."""
+    place, joint_rows, row_count = groups.place, tables.row_count, groups.row_start[-1]
+    first = np.array([place[row] for row in tables.loop_row[:-1]], np.int32)
+    t.loop_joint, t.loop_row = (
+        ints(tables.loop_joint),
+        ints(np.stack([first, first + np.diff(tables.loop_row)], axis=1)),
+    )
+    ends = [max(row.axis1, row.axis0) if dof >= 0 else row.axis1
+            for row, dof in zip(tables.rows, tables.row_dof, strict=True)]  # fmt: skip
+    columns = ([row.kind for row in tables.rows], [row.axis0 for row in tables.rows], ends, tables.row_dof)
+    table = np.full((4, row_count), -1, np.int32)
+    table[:, place[:joint_rows]] = np.array(columns, np.int32).reshape(4, joint_rows)
+    t.row_kind, t.row_axis0, t.row_axis1, t.row_dof = map(ints, table)
+    t.coupling_row = ints(place[joint_rows:])
+    paths: list[list[int]] = [[]] * len(place)
+    for row, path in enumerate(row_paths(builder, tables)):
+        paths[place[row]] = path
+    t.row_path, t.path_tree_dof = _csr(paths, ints)
+    column = [dof - groups.link_column[link] for dof, link in enumerate(tables.tree_dof_link)]
+    t.path_column = ints([column[dof] for path in paths for dof in path])
+    t.group_count, t.group_columns = len(groups.columns), ints(groups.columns)
+    t.group_row, t.group_factor = ints(groups.row_start), ints(groups.factor_start)
+    t.row_group = ints([group for group, count in enumerate(groups.row_counts) for _ in range(count)])
+    t.link_group, t.link_column = ints(groups.link_group), ints(groups.link_column)
+
+
+def _device_topology(
+    builder: Specification, tables: Tables, groups: RowGroups, pairs: npt.NDArray[np.int32], device: Any
+) -> Topology:
     def ints(values: Any) -> Any:
         data = np.asarray(values, np.int32)
         return wp.array(data if data.size else np.full((1, *data.shape[1:]), -1, np.int32), dtype=int, device=device)
@@ -412,8 +448,7 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
         coupling_dof[row, : len(coupling.terms)] = [dof for dof, _ in coupling.terms]
         if coupling.dof >= 0:
             dof_sum[coupling.dof] = row
-    silent = sum(path is EffortRoute.TERMS for path in tables.paths)
-    row_count = tables.row_count + len(sums) - silent
+    row_count = groups.row_start[-1]
     wrench = np.full_like(coupling_dof, -1)
     for entry, (row, term) in enumerate(relative_rotation_terms(builder)):
         wrench[row, term] = row_count + entry
@@ -421,7 +456,7 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t = Topology()
     t.link_count, t.tree_dof_count, t.dof_count = len(links), len(tables.tree_dof_to_dof), builder.dof_count
     t.joint_count, t.loop_joint_count = len(joints), len(tables.loop_joint)
-    t.joint_row_count, t.row_count, t.response_count = tables.row_count, row_count, row_count + silent
+    t.joint_row_count, t.row_count, t.response_count = tables.row_count, row_count, len(groups.place)
     t.box_count, t.loop_dof_count = len(tables.boxes), len(tables.loop_dof)
     t.distance_count = len(tables.distance_dof)
     t.link_body = ints([link.body for link in links])
@@ -454,16 +489,9 @@ def _device_topology(builder: Specification, tables: Tables, pairs: npt.NDArray[
     t.table_start, t.table_x, t.table_y = function_arrays(
         [zip(x, y, strict=True) for x, y in curves], wp.float64, device
     )
-    t.loop_joint, t.loop_row = ints(tables.loop_joint), ints(tables.loop_row)
-    t.row_kind = ints([row.kind for row in tables.rows])
-    t.row_axis0 = ints([row.axis0 for row in tables.rows])
-    t.row_axis1 = ints([max(row.axis1, row.axis0) if dof >= 0 else row.axis1
-                        for row, dof in zip(tables.rows, tables.row_dof, strict=True)])  # fmt: skip
-    t.row_dof = ints(tables.row_dof)
+    _row_topology(t, builder, tables, groups, ints)
     t.coupling_dof, t.coupling_wrench = ints(coupling_dof), ints(wrench)
     t.coupling_law, t.dof_sum = ints([each.dof for each in sums]), ints(dof_sum)
-    paths = row_paths(builder, tables)
-    t.row_path, t.path_tree_dof = _csr(paths, ints)
     t.loop_dof = ints(tables.loop_dof)
     t.distance_dof = ints(np.array(tables.distance_dof, np.int32).reshape(-1, 2))
     t.box_dof = ints([dof for dof, _ in tables.boxes])

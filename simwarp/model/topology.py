@@ -67,6 +67,11 @@ class Tables:
         """Rows of loop joints, compliant rows included, couplings not."""
         return len(self.rows)
 
+    @property
+    def silent_count(self) -> int:
+        """Combinations without a row."""
+        return sum(path is EffortRoute.TERMS for path in self.paths)
+
 
 def row_paths(builder: Specification, tables: Tables) -> list[list[int]]:
     """Tree degrees of freedom between each row's bodies (or coordinates) and the roots: loop rows, then sums."""

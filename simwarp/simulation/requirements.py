@@ -28,8 +28,11 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
     rows = model.box_count + (6 if model.has_rolling_friction else 3) * model.contact_capacity
     dense = min(rows, dense_rows)
     newton = newton_dofs(model)
+    groups = model.row_groups
     return ScratchSizes(
         links=topology.link_count, tree_dofs=topology.tree_dof_count, rows=topology.row_count,
+        groups=topology.group_count, columns=groups.most_columns, response_room=groups.response_room,
+        factor_room=groups.factor_start[-1], share_width=model.share_width,
         responses=model.response_count, relative_rotations=model.relative_rotation_count,
         blocks=model.box_count + model.contact_capacity,
         cone_rows=rows, dense_rows=dense, factor_rows=max(dense if all_solvers else 0, newton),

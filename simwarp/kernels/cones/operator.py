@@ -136,7 +136,10 @@ def multiply_free(problem: ConeProblem, source: int, target: int) -> float:
         problem.compliance, problem.tree_dof_sum, x, ax,
     )  # fmt: skip
     if problem.loop_count > 0:
-        dot -= subtract_loops(problem.row_count, problem.loop_count, problem.w, x, problem.loop_sum, ax)
+        dot -= subtract_loops(
+            problem.block_count, problem.loop_count, problem.block_row, problem.block_loops, problem.w, x,
+            problem.loop_sum, ax,
+        )  # fmt: skip
     return dot
 
 
@@ -145,8 +148,12 @@ def add_row(problem: ConeProblem, block: int, row: int, value: float):
     """tree_dof_sum, loop_sum <- with `value` more in one row: Y^T gamma and W^T gamma kept up to date."""
     for e in range(problem.block_entries[block]):
         problem.tree_dof_sum[problem.block_tree_dof[block, e]] += problem.y[row, e] * value
-    for k in range(problem.loop_count):
-        problem.loop_sum[k] += problem.w[row, k] * value
+    if problem.loop_count > 0:
+        near = problem.block_loops[block, 1]
+        for k in range(near):
+            problem.loop_sum[problem.block_loops[block, 0] + k] += problem.w[row, k] * value
+        for k in range(problem.block_loops[block, 3]):
+            problem.loop_sum[problem.block_loops[block, 2] + k] += problem.w[row, near + k] * value
 
 
 @wp.func
@@ -155,8 +162,12 @@ def row_sum(problem: ConeProblem, block: int, row: int) -> float:
     total = float(0.0)
     for e in range(problem.block_entries[block]):
         total += problem.y[row, e] * problem.tree_dof_sum[problem.block_tree_dof[block, e]]
-    for k in range(problem.loop_count):
-        total -= problem.w[row, k] * problem.loop_sum[k]
+    if problem.loop_count > 0:
+        near = problem.block_loops[block, 1]
+        for k in range(near):
+            total -= problem.w[row, k] * problem.loop_sum[problem.block_loops[block, 0] + k]
+        for k in range(problem.block_loops[block, 3]):
+            total -= problem.w[row, near + k] * problem.loop_sum[problem.block_loops[block, 2] + k]
     return total
 
 

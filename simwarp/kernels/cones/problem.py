@@ -37,7 +37,8 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
 
     S is either dense (`dense` = 1: array `s`) or applied through the degrees of freedom of the tree (`dense` = 0):
     S = Y Y^T - W W^T + diag(compliance), where row i of block b has the entries y[i, e] at the tree
-    degrees of freedom block_tree_dof[b, e], e < block_entries[b], and W has `loop_count` columns.
+    degrees of freedom block_tree_dof[b, e], e < block_entries[b]. A block sees the loop rows of one group or of two:
+    W's columns of its rows are those of the first, then those of the second (`block_loops`).
     """
 
     row_count = scratch_number(int)
@@ -66,7 +67,8 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     s = scratch_array(wp.float32, "dense_rows", "dense_rows")  # symmetric, compliance on its diagonal
     y = scratch_array(wp.float32, "cone_rows", "entries")
     block_tree_dof = scratch_array(wp.int32, "blocks", "entries")
-    w = scratch_array(wp.float32, "cone_rows", "rows")  # columns: loop rows
+    block_loops = scratch_array(wp.int32, "blocks", 4)  # first loop row of a group, how many; the same of another one
+    w = scratch_array(wp.float32, "cone_rows", "share_width")
 
     tree_dof_sum = scratch_array(wp.float32, "tree_dofs")
     loop_sum = scratch_array(wp.float32, "rows")

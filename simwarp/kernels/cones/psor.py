@@ -34,8 +34,9 @@ def coupling(problem: ConeProblem, block: int, i: int, j: int) -> float:
     total = float(0.0)
     for e in range(problem.block_entries[block]):
         total += problem.y[i, e] * problem.y[j, e]
-    for k in range(problem.loop_count):
-        total -= problem.w[i, k] * problem.w[j, k]
+    if problem.loop_count > 0:
+        for k in range(problem.block_loops[block, 1] + problem.block_loops[block, 3]):
+            total -= problem.w[i, k] * problem.w[j, k]
     return total
 
 

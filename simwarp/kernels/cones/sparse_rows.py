@@ -123,36 +123,61 @@ def sum_rows(
     ...
 
 
-@wp.func_native("""
-    const int width = w.strides[0] / (int)sizeof(float);
-    const float* __restrict__ v = x.data;
-    float* __restrict__ l = sums.data;
-    float* __restrict__ out = ax.data;
-    for (int k = 0; k < loops; ++k) l[k] = 0.0f;
-    for (int r = 0; r < rows; ++r) {
-        const float* __restrict__ row = w.data + (size_t)r * width;
-        const float f = v[r];
-        if (f == 0.0f) continue;
-#pragma clang loop vectorize_width(4) interleave_count(2)
-        for (int k = 0; k < loops; ++k) l[k] += row[k] * f;
-    }
-    float change = 0.0f;
-    for (int r = 0; r < rows; ++r) {
-        const float* __restrict__ row = w.data + (size_t)r * width;
+_DOT = """
+    auto dot = [](const float* __restrict__ a, const float* __restrict__ b, int n) {
         float part[4] = {0.0f, 0.0f, 0.0f, 0.0f};
         int k = 0;
-        for (; k + 4 <= loops; k += 4)
-            for (int j = 0; j < 4; ++j) part[j] += row[k + j] * l[k + j];
+        for (; k + 4 <= n; k += 4)
+            for (int j = 0; j < 4; ++j) part[j] += a[k + j] * b[k + j];
         float total = (part[0] + part[1]) + (part[2] + part[3]);
-        for (; k < loops; ++k) total += row[k] * l[k];
-        out[r] -= total;
-        change += total * v[r];
+        for (; k < n; ++k) total += a[k] * b[k];
+        return total;
+    };
+"""
+
+
+@wp.func_native(
+    _DOT
+    + """
+    const int width = w.strides[0] / (int)sizeof(float);
+    const float* __restrict__ v = x.data;
+    float* __restrict__ out = ax.data;
+    for (int k = 0; k < loops; ++k) sums.data[k] = 0.0f;
+    for (int b = 0; b < blocks; ++b) {
+        const int* __restrict__ seen = block_loops.data + (size_t)b * 4;
+        const int near = seen[1], far = seen[3];
+        float* __restrict__ l = sums.data + seen[0];
+        float* m = sums.data + seen[2];
+        if (near == 0) continue;
+        for (int r = block_row.data[b]; r < block_row.data[b + 1]; ++r) {
+            const float* __restrict__ row = w.data + (size_t)r * width;
+            const float f = v[r];
+            if (f == 0.0f) continue;
+#pragma clang loop vectorize_width(4) interleave_count(2)
+            for (int k = 0; k < near; ++k) l[k] += row[k] * f;
+            for (int k = 0; k < far; ++k) m[k] += row[near + k] * f;
+        }
+    }
+    float change = 0.0f;
+    for (int b = 0; b < blocks; ++b) {
+        const int* __restrict__ seen = block_loops.data + (size_t)b * 4;
+        const int near = seen[1], far = seen[3];
+        if (near == 0) continue;
+        for (int r = block_row.data[b]; r < block_row.data[b + 1]; ++r) {
+            const float* __restrict__ row = w.data + (size_t)r * width;
+            float total = dot(row, sums.data + seen[0], near);
+            if (far > 0) total += dot(row + near, sums.data + seen[2], far);
+            out[r] -= total;
+            change += total * v[r];
+        }
     }
     return change;
-""")
+"""
+)
 def subtract_loops(
-    rows: int, loops: int, w: wp.array2d[float], x: wp.array[float], sums: wp.array[float], ax: wp.array[float]
-) -> float:
+    blocks: int, loops: int, block_row: wp.array[int], block_loops: wp.array2d[int], w: wp.array2d[float],
+    x: wp.array[float], sums: wp.array[float], ax: wp.array[float],
+) -> float:  # fmt: skip
     """Takes W W^T x from ax, with W^T x left in `sums`; returns what x . ax loses."""
     ...
 
@@ -213,27 +238,44 @@ def form_gram(
     ...
 
 
-@wp.func_native("""
+@wp.func_native(
+    _DOT
+    + """
     const int width = w.strides[0] / (int)sizeof(float);
     const int pitch = s.strides[0] / (int)sizeof(float);
     float* __restrict__ out = s.data;
-    for (int r = 0; r < rows; ++r) {
-        const float* __restrict__ a = w.data + (size_t)r * width;
-        for (int c = 0; loops > 0 && c <= r; ++c) {
-            const float* __restrict__ b = w.data + (size_t)c * width;
-            float part[4] = {0.0f, 0.0f, 0.0f, 0.0f};
-            int k = 0;
-            for (; k + 4 <= loops; k += 4)
-                for (int j = 0; j < 4; ++j) part[j] += a[k + j] * b[k + j];
-            float total = (part[0] + part[1]) + (part[2] + part[3]);
-            for (; k < loops; ++k) total += a[k] * b[k];
-            total = out[(size_t)r * pitch + c] - total;
-            out[(size_t)r * pitch + c] = total;
-            out[(size_t)c * pitch + r] = total;
+    for (int b = 0; b < blocks; ++b) {
+        const int* __restrict__ mine = block_loops.data + (size_t)b * 4;
+        for (int other = 0; other <= b && mine[1] > 0; ++other) {
+            const int* __restrict__ seen = block_loops.data + (size_t)other * 4;
+            int from[2], to[2], length[2], shared = 0;  // columns of the loop rows that both see
+            for (int i = 0; i < 4; i += 2)
+                for (int j = 0; j < 4; j += 2)
+                    if (mine[i + 1] > 0 && seen[j + 1] > 0 && mine[i] == seen[j]) {
+                        from[shared] = i == 0 ? 0 : mine[1];
+                        to[shared] = j == 0 ? 0 : seen[1];
+                        length[shared++] = mine[i + 1];
+                    }
+            if (shared == 0) continue;
+            for (int r = block_row.data[b]; r < block_row.data[b + 1]; ++r) {
+                const float* __restrict__ a = w.data + (size_t)r * width;
+                for (int c = block_row.data[other]; c < block_row.data[other + 1] && c <= r; ++c) {
+                    const float* __restrict__ at = w.data + (size_t)c * width;
+                    float total = dot(a + from[0], at + to[0], length[0]);
+                    if (shared > 1) total += dot(a + from[1], at + to[1], length[1]);
+                    total = out[(size_t)r * pitch + c] - total;
+                    out[(size_t)r * pitch + c] = total;
+                    out[(size_t)c * pitch + r] = total;
+                }
+            }
         }
-        out[(size_t)r * pitch + r] += compliance.data[r];
     }
-""")
-def finish_gram(rows: int, loops: int, w: wp.array2d[float], compliance: wp.array[float], s: wp.array2d[float]):
+    for (int r = 0; r < block_row.data[blocks]; ++r) out[(size_t)r * pitch + r] += compliance.data[r];
+"""
+)
+def finish_gram(
+    blocks: int, block_row: wp.array[int], block_loops: wp.array2d[int], w: wp.array2d[float],
+    compliance: wp.array[float], s: wp.array2d[float],
+):  # fmt: skip
     """Takes W W^T from S and adds diag(compliance)."""
     ...

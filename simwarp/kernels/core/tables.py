@@ -24,9 +24,10 @@ class Topology:
     dof_count: int
     joint_count: int
     loop_joint_count: int
-    row_count: int  # rows of loop joints, then couplings, then combinations with a law
+    row_count: int  # group by group: rows of loop joints, then couplings, then combinations with a law
     response_count: int  # the same, then combinations without one
-    joint_row_count: int
+    joint_row_count: int  # rows of loop joints, in all groups
+    group_count: int  # trees that rows tie together, directly or by way of others
     box_count: int
     loop_dof_count: int
     distance_count: int
@@ -68,18 +69,26 @@ class Topology:
     table_y: wp.array[wp.float64]
 
     loop_joint: wp.array[int]
-    loop_row: wp.array[int]  # CSR over loop joints
-    row_kind: wp.array[int]
+    loop_row: wp.array2d[int]  # (loop joints, 2): first row, end
+    row_kind: wp.array[int]  # of rows of loop joints, as the next three
     row_axis0: wp.array[int]
     row_axis1: wp.array[int]
     row_dof: wp.array[int]  # -1: rigid; else the row carries that degree of freedom's law or prescribed motion
+    row_group: wp.array[int]
     coupling_dof: wp.array2d[int]  # (couplings and combinations, terms), -1: none
     coupling_law: wp.array[int]  # the combination whose law it has; -1: a coupling
+    coupling_row: wp.array[int]  # response of each
     coupling_wrench: wp.array2d[
         int
     ]  # (couplings, terms): where j0, j1 hold a RELATIVE_ROTATION term's wrenches, -1: a tree degree of freedom
     row_path: wp.array[int]  # CSR over responses: tree degrees of freedom that a row can move
     path_tree_dof: wp.array[int]
+    path_column: wp.array[int]  # the same, counted among those of the row's group: places in `Work.y`
+    group_row: wp.array[int]  # CSR over groups
+    group_factor: wp.array[int]  # CSR over groups: places in `Work.n`
+    group_columns: wp.array[int]  # tree degrees of freedom of each group
+    link_group: wp.array[int]  # -1: no row reaches the link
+    link_column: wp.array[int]  # a tree degree of freedom of the link, less this, is its column
 
     distance_dof: wp.array2d[
         int
@@ -190,10 +199,11 @@ class WorkScratch(ScratchGroup):
     row_r = scratch_array(wp.float32, "padded_rows")
     row_t = scratch_array(wp.float32, "padded_rows")
     row_scale = scratch_array(wp.float32, "padded_rows")
-    y = scratch_array(wp.float32, "responses", "tree_dofs")
-    y_t = scratch_array(wp.float32, "tree_dofs", "padded_rows")  # zero where a row does not reach
-    n = scratch_array(wp.float32, "rows", "padded_rows")
+    y = scratch_array(wp.float32, "responses", "columns")  # row by row, columns of the row's group
+    y_t = scratch_array(wp.float32, "response_room")  # of one group, column by column; zero where a row does not reach
+    n = scratch_array(wp.float32, "factor_room")  # group by group, each (rows, padded rows)
     inv_pivot = scratch_array(wp.float32, "padded_rows")
+    group_due = scratch_array(wp.int32, "groups")  # 1: impulses act on the group, which its rows have to answer
 
     active = scratch_array(wp.int32, "blocks")  # box constraint, or the number of box constraints plus the contact
     b_sign = scratch_array(wp.float32, "blocks")

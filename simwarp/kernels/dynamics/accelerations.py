@@ -12,7 +12,7 @@ import warp as wp
 from simwarp.kernels.core.fields import Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import Topology, Work
-from simwarp.kernels.dynamics.bilateral_rows import coefficient_of, link_of, rate_of, rows_residual
+from simwarp.kernels.dynamics.bilateral_rows import coefficient_of, link_of, rate_of, respond_to_row, rows_residual
 from simwarp.kernels.dynamics.dense_rows import solve_rows
 from simwarp.kernels.dynamics.joints import (
     ANGLE0,
@@ -95,11 +95,11 @@ def answer_couplings(world: int, topology: Topology, parameters: Parameters, wor
     Rigid sums change by nothing at all: what they have violated, by rounding too, is not part of an acceleration.
     """
     rows_residual(topology, parameters, world, work)
-    for row in range(topology.row_count):
+    for coupling in range(topology.row_count - topology.joint_row_count):
+        row = topology.coupling_row[coupling]
         step = work.row_b[row] + work.row_compliance[row] * work.row_impulse[row]
         work.row_r[row] = work.row_r[row] - step
         if work.row_compliance[row] == 0.0:
-            coupling = row - topology.joint_row_count
             work.row_r[row] = 0.0
             for term in range(topology.coupling_dof.shape[1]):
                 dof = topology.coupling_dof[coupling, term]
@@ -110,9 +110,7 @@ def answer_couplings(world: int, topology: Topology, parameters: Parameters, wor
     for tree_dof in range(topology.tree_dof_count):
         work.xi[tree_dof] = 0.0
     for row in range(topology.row_count):
-        for index in range(topology.row_path[row], topology.row_path[row + 1]):
-            tree_dof = topology.path_tree_dof[index]
-            work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
+        respond_to_row(row, work.row_r[row], topology, work)
     for link in range(topology.link_count):
         work.stabilisation_ang[link] = wp.vec3()
         work.stabilisation_lin[link] = wp.vec3()

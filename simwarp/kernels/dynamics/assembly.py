@@ -14,6 +14,7 @@ from simwarp.kernels.dynamics.bilateral_rows import (
     dof_rate,
     loop_joint_rows,
     loop_responses,
+    respond_to_row,
     rows_residual,
 )
 from simwarp.kernels.dynamics.bodies import load_bodies, load_poses, load_tree_dofs, publish_coordinates, publish_poses
@@ -197,9 +198,7 @@ def close_loops(
         error = wp.max(error, residual_rows(world, 1.0, topology, parameters, work))
         solve_rows(topology, work)
         for row in range(topology.row_count):
-            for index in range(topology.row_path[row], topology.row_path[row + 1]):
-                tree_dof = topology.path_tree_dof[index]
-                work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
+            respond_to_row(row, work.row_r[row], topology, work)
         forward_pass(topology, work)
         for link in range(topology.link_count):
             body = topology.link_body[link]
@@ -306,14 +305,14 @@ def assemble_velocities(
         rows_residual(topology, parameters, world, work)
         for row in range(topology.row_count):
             # efforts of springs and drives are no part of a set state; prescribed motions are
-            dof = -1
-            if row < topology.joint_row_count:
-                dof = topology.row_dof[row]
-            elif work.row_compliance[row] > 0.0 or topology.coupling_law[row - topology.joint_row_count] >= 0:
-                work.row_r[row] = 0.0  # a viscous coupling, or a combination
+            dof = topology.row_dof[row]
             if dof >= 0:
                 if topology.dof_drive[dof] < PRESCRIBED_POSITION:
                     work.row_r[row] = 0.0
+        for coupling in range(topology.row_count - topology.joint_row_count):
+            row = topology.coupling_row[coupling]
+            if work.row_compliance[row] > 0.0 or topology.coupling_law[coupling] >= 0:
+                work.row_r[row] = 0.0  # a viscous coupling, or a combination
         solve_rows(topology, work)
         apply_rows(topology, work)
         for link in range(topology.link_count):

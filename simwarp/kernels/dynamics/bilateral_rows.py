@@ -247,7 +247,7 @@ def loop_joint_rows(
     joint = topology.loop_joint[index]
     frames = joint_frames(joint, world, topology, parameters, work)
     violation = float(0.0)
-    for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+    for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
         value = loop_row_wrenches(row, joint, world, frames, topology, parameters, work)
         if topology.row_dof[row] < 0:
             violation = wp.max(violation, wp.abs(float(value)))
@@ -262,9 +262,9 @@ def loop_responses(topology: Topology, work: Work):
         joint = topology.loop_joint[index]
         link0 = link_of(topology.joint_body0[joint], topology)
         link1 = link_of(topology.joint_body1[joint], topology)
-        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
             for entry in range(topology.row_path[row], topology.row_path[row + 1]):
-                work.y[row, topology.path_tree_dof[entry]] = 0.0
+                work.y[row, topology.path_column[entry]] = 0.0
             w0 = Wrench()
             w0.ang = work.j0_ang[row]
             w0.lin = work.j0_lin[row]
@@ -308,9 +308,9 @@ def coupling_row(
     """Response and right-hand side of one coupling: sum of coefficient x rate = 0, with stabilisation. The right-hand
     side of a combination's law is there already (`combination_laws`).
     """
-    row = topology.joint_row_count + coupling
-    for tree_dof in range(topology.tree_dof_count):
-        work.y[row, tree_dof] = 0.0
+    row = topology.coupling_row[coupling]
+    for entry in range(topology.row_path[row], topology.row_path[row + 1]):
+        work.y[row, topology.path_column[entry]] = 0.0
     start = float(0.0)
     value = -parameters.coupling_offset[world_row(world, parameters.coupling_offset.shape[0]), coupling]
     limit = config.max_depenetration_rate
@@ -365,8 +365,8 @@ def combination_laws(
             if is_length(dof, topology):
                 limit = config.max_depenetration_velocity
             law = dof_law(dof, world, dt, time, limit, topology, parameters, state, control)
-            work.row_b[topology.joint_row_count + coupling] = law.bias
-            work.row_compliance[topology.joint_row_count + coupling] = law.compliance
+            work.row_b[topology.coupling_row[coupling]] = law.bias
+            work.row_compliance[topology.coupling_row[coupling]] = law.compliance
 
 
 @wp.func
@@ -418,8 +418,8 @@ def silent_responses(world: int, topology: Topology, parameters: Parameters, wor
     """Y of the combinations without a law: what their bounded impulses move."""
     for row in range(topology.row_count, topology.response_count):
         index = row - topology.joint_row_count
-        for tree_dof in range(topology.tree_dof_count):
-            work.y[row, tree_dof] = 0.0
+        for entry in range(topology.row_path[row], topology.row_path[row + 1]):
+            work.y[row, topology.path_column[entry]] = 0.0
         for term in range(topology.coupling_dof.shape[1]):
             part = topology.coupling_dof[index, term]
             if part >= 0:
@@ -435,11 +435,10 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
         joint = topology.loop_joint[index]
         link0 = link_of(topology.joint_body0[joint], topology)
         link1 = link_of(topology.joint_body1[joint], topology)
-        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
             work.row_r[row] = row_speed(row, topology, work, link0, link1)
     wc = world_row(world, parameters.coupling_coefficient.shape[0])
-    for row in range(topology.joint_row_count, topology.row_count):
-        coupling = row - topology.joint_row_count
+    for coupling in range(topology.row_count - topology.joint_row_count):
         speed = float(0.0)
         for term in range(topology.coupling_dof.shape[1]):
             dof = topology.coupling_dof[coupling, term]
@@ -453,7 +452,7 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
                         topology.coupling_wrench[coupling, term], topology, work,
                         link_of(topology.joint_body0[turn], topology), link_of(topology.joint_body1[turn], topology),
                     )  # fmt: skip
-        work.row_r[row] = speed
+        work.row_r[topology.coupling_row[coupling]] = speed
     for row in range(topology.row_count):
         work.row_r[row] = work.row_r[row] + work.row_b[row] + work.row_compliance[row] * work.row_impulse[row]
         if work.row_compliance[row] == 0.0 and work.inv_pivot[row] > 0.0:
@@ -462,11 +461,34 @@ def rows_residual(topology: Topology, parameters: Parameters, world: int, work: 
 
 
 @wp.func
-def apply_rows(topology: Topology, work: Work):
-    """Takes the correction in row_r: impulses, and their response in `xi`."""
-    for row in range(topology.row_count):
+def group_residual(group: int, topology: Topology, work: Work) -> float:
+    """The largest entry of row_r among a group's rigid rows that have a pivot [m/s or rad/s]."""
+    worst = float(0.0)
+    for row in range(topology.group_row[group], topology.group_row[group + 1]):
+        if work.row_compliance[row] == 0.0 and work.inv_pivot[row] > 0.0:
+            worst = wp.max(worst, wp.abs(work.row_r[row]))
+    return worst
+
+
+@wp.func
+def respond_to_row(row: int, change: float, topology: Topology, work: Work):
+    """Takes the response to an impulse of a row from `xi`."""
+    for index in range(topology.row_path[row], topology.row_path[row + 1]):
+        tree_dof = topology.path_tree_dof[index]
+        work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, topology.path_column[index]] * change
+
+
+@wp.func
+def apply_group(group: int, topology: Topology, work: Work):
+    """Takes the correction in row_r of a group's rows: impulses, and their response in `xi`."""
+    for row in range(topology.group_row[group], topology.group_row[group + 1]):
         change = work.row_r[row]
         work.row_impulse[row] = work.row_impulse[row] - change
-        for index in range(topology.row_path[row], topology.row_path[row + 1]):
-            tree_dof = topology.path_tree_dof[index]
-            work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * change
+        respond_to_row(row, change, topology, work)
+
+
+@wp.func
+def apply_rows(topology: Topology, work: Work):
+    """Takes the correction in row_r of all rows."""
+    for group in range(topology.group_count):
+        apply_group(group, topology, work)

@@ -107,7 +107,7 @@ def box_response(
     if tree_dof >= 0:
         walk_tree_dof(block, row, tree_dof, sign, topology, work, cone)
     elif topology.dof_sum[dof] >= 0:
-        put_response(block, row, topology.joint_row_count + topology.dof_sum[dof], sign, topology, work, cone)
+        put_response(block, row, topology.coupling_row[topology.dof_sum[dof]], sign, topology, work, cone)
     else:
         joint = topology.dof_joint[dof]
         frames = joint_frames(joint, world, topology, parameters, work)

@@ -7,8 +7,8 @@ import warp as wp
 from simwarp.kernels.cones.problem import ConeProblem
 from simwarp.kernels.cones.sparse_rows import add_rows, finish_gram, form_gram
 from simwarp.kernels.core.tables import Topology, Work
-from simwarp.kernels.dynamics.bilateral_rows import apply_rows
-from simwarp.kernels.dynamics.dense_rows import solve_rows_backward, solve_rows_forward
+from simwarp.kernels.dynamics.bilateral_rows import apply_group
+from simwarp.kernels.dynamics.dense_rows import solve_group_backward, solve_group_forward
 from simwarp.kernels.dynamics.joints import FREE
 
 wp.set_module_options({"enable_backward": False})
@@ -139,7 +139,7 @@ def put_response(
     for index in range(topology.row_path[source], topology.row_path[source + 1]):
         tree_dof = topology.path_tree_dof[index]
         cone.block_tree_dof[block, entries] = tree_dof
-        cone.y[row, entries] = sign * work.y[source, tree_dof]
+        cone.y[row, entries] = sign * work.y[source, topology.path_column[index]]
         entries += 1
     cone.block_entries[block] = entries
 
@@ -151,33 +151,72 @@ def one_row(v: wp.vec3) -> wp.mat33:
 
 
 @wp.func
+def find_groups(block: int, topology: Topology, cone: ConeProblem):
+    """The loop rows that a block sees: those of the groups of the trees that it moves, one or two, in order."""
+    low = int(-1)
+    high = int(-1)
+    for e in range(cone.block_entries[block]):
+        group = topology.link_group[topology.tree_dof_link[cone.block_tree_dof[block, e]]]
+        if group >= 0 and topology.group_row[group + 1] > topology.group_row[group]:
+            if low < 0:
+                low = group
+                high = group
+            low = wp.min(low, group)
+            high = wp.max(high, group)
+    for k in range(4):
+        cone.block_loops[block, k] = 0
+    if low >= 0:
+        cone.block_loops[block, 0] = topology.group_row[low]
+        cone.block_loops[block, 1] = topology.group_row[low + 1] - topology.group_row[low]
+        if high > low:
+            cone.block_loops[block, 2] = topology.group_row[high]
+            cone.block_loops[block, 3] = topology.group_row[high + 1] - topology.group_row[high]
+
+
+@wp.func
+def share_of_group(
+    r: int, before: float, first: int, count: int, column: int, topology: Topology, work: Work, cone: ConeProblem
+) -> float:
+    """W's columns from `column` on: w = L^-1 Y_l y of the loop rows of one group; y of row r stands in `tree_dof_sum`.
+    Returns `before` less their squares.
+    """
+    for loop_row in range(first, first + count):
+        total = float(0.0)
+        for entry in range(topology.row_path[loop_row], topology.row_path[loop_row + 1]):
+            tree_dof = topology.path_tree_dof[entry]
+            total += work.y[loop_row, topology.path_column[entry]] * cone.tree_dof_sum[tree_dof]
+        work.row_r[loop_row] = total
+    solve_group_forward(topology.row_group[first], topology, work)
+    diagonal = float(before)
+    for k in range(count):
+        share = work.row_r[first + k]
+        cone.w[r, column + k] = share
+        diagonal -= share * share
+    return diagonal
+
+
+@wp.func
 def loop_share(block: int, row: int, count: int, topology: Topology, work: Work, cone: ConeProblem):
     """The loop rows' share w = L^-1 Y_l y of the rows, and their diagonal of S without compliance.
 
     `tree_dof_sum` is zero before and after.
     """
+    find_groups(block, topology, cone)
     entries = cone.block_entries[block]
+    near = cone.block_loops[block, 1]
+    far = cone.block_loops[block, 3]
     for i in range(count):
         r = row + i
         total = float(0.0)
         for e in range(entries):
             value = cone.y[r, e]
             total += value * value
-        if topology.row_count > 0:
+        if near > 0:
             for e in range(entries):
                 cone.tree_dof_sum[cone.block_tree_dof[block, e]] = cone.y[r, e]
-            for loop_row in range(topology.row_count):
-                work.row_r[loop_row] = 0.0
-                for entry in range(topology.row_path[loop_row], topology.row_path[loop_row + 1]):
-                    tree_dof = topology.path_tree_dof[entry]
-                    work.row_r[loop_row] = (
-                        work.row_r[loop_row] + work.y[loop_row, tree_dof] * cone.tree_dof_sum[tree_dof]
-                    )
-            solve_rows_forward(topology, work)
-            for loop_row in range(topology.row_count):
-                share = work.row_r[loop_row]
-                cone.w[r, loop_row] = share
-                total -= share * share
+            total = share_of_group(r, total, cone.block_loops[block, 0], near, 0, topology, work, cone)
+            if far > 0:
+                total = share_of_group(r, total, cone.block_loops[block, 2], far, near, topology, work, cone)
             for e in range(entries):
                 cone.tree_dof_sum[cone.block_tree_dof[block, e]] = 0.0
         cone.diagonal[r] = total
@@ -190,7 +229,31 @@ def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
         blocks, topology.tree_dof_count, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.spread,
         cone.s,
     )  # fmt: skip
-    finish_gram(cone.block_row[blocks], topology.row_count, cone.w, cone.compliance, cone.s)
+    finish_gram(blocks, cone.block_row, cone.block_loops, cone.w, cone.compliance, cone.s)
+
+
+@wp.func
+def call_on_groups(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
+    """group_due <- 1 where impulses of the blocks act on a group, and row_r of it <- W^T gamma."""
+    for group in range(topology.group_count):
+        work.group_due[group] = wp.where(topology.group_count == 1, 1, 0)
+    for row in range(topology.row_count):
+        work.row_r[row] = 0.0
+    for block in range(blocks):
+        near = cone.block_loops[block, 1]
+        far = cone.block_loops[block, 3]
+        first = cone.block_loops[block, 0]
+        other = cone.block_loops[block, 2]
+        if near > 0:
+            work.group_due[topology.row_group[first]] = 1
+        if far > 0:
+            work.group_due[topology.row_group[other]] = 1
+        for r in range(cone.block_row[block], cone.block_row[block + 1]):
+            impulse = cone.gamma[r]
+            for k in range(near):
+                work.row_r[first + k] = work.row_r[first + k] + cone.w[r, k] * impulse
+            for k in range(far):
+                work.row_r[other + k] = work.row_r[other + k] + cone.w[r, near + k] * impulse
 
 
 @wp.func
@@ -198,10 +261,8 @@ def apply_cones(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
     """Impulses of the blocks and of the bilateral rows that answer them, into `xi` and `row_impulse`."""
     add_rows(blocks, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.gamma, work.xi)
     if topology.row_count > 0:
-        for row in range(topology.row_count):
-            total = float(0.0)
-            for r in range(cone.block_row[blocks]):
-                total += cone.w[r, row] * cone.gamma[r]
-            work.row_r[row] = total
-        solve_rows_backward(topology, work)
-        apply_rows(topology, work)
+        call_on_groups(cone, blocks, topology, work)
+        for group in range(topology.group_count):
+            if work.group_due[group] == 1:
+                solve_group_backward(group, topology, work)
+                apply_group(group, topology, work)

@@ -1,5 +1,8 @@
 """Dense linear algebra of the bilateral rows: N = Y Y^T + C, its Cholesky factor with guarded pivots, its solves.
 
+Rows of different groups have nothing in common (`simwarp/model/row_groups.py`): N is formed, factorised and kept group
+by group, each as a square of its own.
+
 Written natively, since the loops of a kernel index arrays element by element: here rows are contiguous, padded to whole
 blocks of `BLOCK` numbers, and compile to vector code (measured on 30 rows: 14 us for assembly and factor before, 3 us
 now). What lies right of a row's diagonal inside its last block is scratch.
@@ -29,24 +32,25 @@ _LANES = """
 @wp.func_native(
     _LANES
     + """
-    const int pitch = n.strides[0] / (int)sizeof(float);
-    const int tree_dofs_pitch = y.strides[0] / (int)sizeof(float);
-    float* __restrict__ a = n.data;
+    const int pitch = (count + 7) / 8 * 8;
+    const int columns_pitch = y.strides[0] / (int)sizeof(float);
+    const int* __restrict__ entries = path.data + first;
+    float* __restrict__ a = n.data + start;
     float* __restrict__ t = y_t.data;
-    for (int k = 0; k < tree_dofs * pitch; ++k)
+    for (int k = 0; k < columns * pitch; ++k)
         t[k] = 0.0f;
     for (int r = 0; r < count; ++r)
-        for (int e = path.data[r]; e < path.data[r + 1]; ++e)
-            t[tree_dof.data[e] * pitch + r] = y.data[r * tree_dofs_pitch + tree_dof.data[e]];
+        for (int e = entries[r]; e < entries[r + 1]; ++e)
+            t[column.data[e] * pitch + r] = y.data[(first + r) * columns_pitch + column.data[e]];
     for (int r = 0; r < count; ++r) {
         float* __restrict__ row = a + r * pitch;
-        const float* __restrict__ mine = y.data + r * tree_dofs_pitch;
+        const float* __restrict__ mine = y.data + (first + r) * columns_pitch;
 #ifndef __CUDA_ARCH__
         int k = 0;
         for (; k + 8 <= r; k += 16) {
             lanes8 low = 0.0f, high = 0.0f;
-            for (int e = path.data[r]; e < path.data[r + 1]; ++e) {
-                const int dof = tree_dof.data[e];
+            for (int e = entries[r]; e < entries[r + 1]; ++e) {
+                const int dof = column.data[e];
                 const float* __restrict__ other = t + dof * pitch + k;
                 low += *(const lanes8*)other * mine[dof];
                 high += *(const lanes8*)(other + 8) * mine[dof];
@@ -56,8 +60,8 @@ _LANES = """
         }
         if (k <= r) {
             lanes8 low = 0.0f;
-            for (int e = path.data[r]; e < path.data[r + 1]; ++e) {
-                const int dof = tree_dof.data[e];
+            for (int e = entries[r]; e < entries[r + 1]; ++e) {
+                const int dof = column.data[e];
                 low += *(const lanes8*)(t + dof * pitch + k) * mine[dof];
             }
             *(lanes8*)(row + k) = low;
@@ -65,37 +69,39 @@ _LANES = """
 #else
         for (int k = 0; k <= r; ++k) {
             float total = 0.0f;
-            for (int e = path.data[r]; e < path.data[r + 1]; ++e)
-                total += t[tree_dof.data[e] * pitch + k] * mine[tree_dof.data[e]];
+            for (int e = entries[r]; e < entries[r + 1]; ++e)
+                total += t[column.data[e] * pitch + k] * mine[column.data[e]];
             row[k] = total;
         }
 #endif
-        row[r] += compliance.data[r];
-        if (row[r] > scale.data[r])
-            scale.data[r] = row[r];
+        row[r] += compliance.data[first + r];
+        if (row[r] > scale.data[first + r])
+            scale.data[first + r] = row[r];
     }
 """
 )
 def assemble(
-    count: int, tree_dofs: int, path: wp.array[int], tree_dof: wp.array[int], y: wp.array2d[float],
-    compliance: wp.array[float], y_t: wp.array2d[float], n: wp.array2d[float], scale: wp.array[float],
+    first: int, count: int, start: int, columns: int, path: wp.array[int], column: wp.array[int], y: wp.array2d[float],
+    compliance: wp.array[float], y_t: wp.array[float], n: wp.array[float], scale: wp.array[float],
 ):  # fmt: skip
-    """N <- lower triangle of Y Y^T + C; `scale` grows to its diagonal at least. `y_t` keeps the columns of Y."""
+    """N <- lower triangle of Y Y^T + C of the `count` rows from `first` on, at place `start`; `scale` grows to its
+    diagonal at least. `y_t` keeps the columns of Y.
+    """
     ...
 
 
 @wp.func_native(
     _LANES
     + """
-    const int pitch = n.strides[0] / (int)sizeof(float);
-    float* __restrict__ a = n.data;
+    const int pitch = (count + 7) / 8 * 8;
+    float* __restrict__ a = n.data + start;
     float* __restrict__ t = work.data;
     for (int k = 0; k < pitch; ++k)
         t[k] = 0.0f;
     for (int c = 0; c < count; ++c) {
         const float pivot = a[c * pitch + c];
-        const float inverse = pivot > tolerance * scale.data[c] ? 1.0f / sqrtf(pivot) : 0.0f;
-        inverse_pivot.data[c] = inverse;
+        const float inverse = pivot > tolerance * scale.data[first + c] ? 1.0f / sqrtf(pivot) : 0.0f;
+        inverse_pivot.data[first + c] = inverse;
         t[c] = 0.0f;
         for (int r = c + 1; r < count; ++r) {
             const float f = a[r * pitch + c] * inverse;
@@ -119,18 +125,20 @@ def assemble(
 """
 )
 def factor(
-    count: int, tolerance: float, scale: wp.array[float], n: wp.array2d[float], inverse_pivot: wp.array[float],
-    work: wp.array[float],
+    first: int, count: int, start: int, tolerance: float, scale: wp.array[float], n: wp.array[float],
+    inverse_pivot: wp.array[float], work: wp.array[float],
 ):  # fmt: skip
     """N <- its Cholesky factor, column by column to the right; inverse pivots of redundant rows are zero."""
     ...
 
 
 @wp.func_native("""
-    const int pitch = n.strides[0] / (int)sizeof(float);
-    float* __restrict__ v = x.data;
+    const int pitch = (count + 7) / 8 * 8;
+    const float* __restrict__ a = n.data + start;
+    const float* __restrict__ inverse = inverse_pivot.data + first;
+    float* __restrict__ v = x.data + first;
     for (int r = 0; r < count; ++r) {
-        const float* __restrict__ row = n.data + r * pitch;
+        const float* __restrict__ row = a + r * pitch;
         float part[8] = {0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
         int k = 0;
         for (; k + 8 <= r; k += 8)
@@ -139,20 +147,22 @@ def factor(
         float total = v[r] - ((part[0] + part[4]) + (part[1] + part[5])) - ((part[2] + part[6]) + (part[3] + part[7]));
         for (; k < r; ++k)
             total -= row[k] * v[k];
-        v[r] = total * inverse_pivot.data[r];
+        v[r] = total * inverse[r];
     }
 """)
-def forward(count: int, n: wp.array2d[float], inverse_pivot: wp.array[float], x: wp.array[float]):
-    """X <- L^-1 x."""
+def forward(first: int, count: int, start: int, n: wp.array[float], inverse_pivot: wp.array[float], x: wp.array[float]):
+    """X <- L^-1 x of one group's rows."""
     ...
 
 
 @wp.func_native("""
-    const int pitch = n.strides[0] / (int)sizeof(float);
-    float* __restrict__ v = x.data;
+    const int pitch = (count + 7) / 8 * 8;
+    const float* __restrict__ a = n.data + start;
+    const float* __restrict__ inverse = inverse_pivot.data + first;
+    float* __restrict__ v = x.data + first;
     for (int r = count - 1; r >= 0; --r) {
-        const float* __restrict__ row = n.data + r * pitch;
-        const float value = v[r] * inverse_pivot.data[r];
+        const float* __restrict__ row = a + r * pitch;
+        const float value = v[r] * inverse[r];
         v[r] = value;
         int k = 0;
         for (; k + 8 <= r; k += 8)
@@ -162,38 +172,54 @@ def forward(count: int, n: wp.array2d[float], inverse_pivot: wp.array[float], x:
             v[k] -= row[k] * value;
     }
 """)
-def backward(count: int, n: wp.array2d[float], inverse_pivot: wp.array[float], x: wp.array[float]):
-    """X <- L^-T x."""
+def backward(
+    first: int, count: int, start: int, n: wp.array[float], inverse_pivot: wp.array[float], x: wp.array[float]
+):
+    """X <- L^-T x of one group's rows."""
     ...
 
 
 @wp.func
 def factor_rows(topology: Topology, pivot_tolerance: float, work: Work):
-    """N <- Cholesky factor of Y Y^T + C; a row whose pivot falls below the tolerance times its scale is set aside: it
-    takes no impulse (inverse pivot zero).
+    """N <- Cholesky factor of Y Y^T + C, group by group; a row whose pivot falls below the tolerance times its scale
+    is set aside: it takes no impulse (inverse pivot zero).
     """
-    count = topology.row_count
-    assemble(
-        count, topology.tree_dof_count, topology.row_path, topology.path_tree_dof, work.y, work.row_compliance,
-        work.y_t, work.n, work.row_scale,
-    )  # fmt: skip
-    factor(count, pivot_tolerance, work.row_scale, work.n, work.inv_pivot, work.row_t)
+    for group in range(topology.group_count):
+        first = topology.group_row[group]
+        count = topology.group_row[group + 1] - first
+        start = topology.group_factor[group]
+        assemble(
+            first, count, start, topology.group_columns[group], topology.row_path, topology.path_column, work.y,
+            work.row_compliance, work.y_t, work.n, work.row_scale,
+        )  # fmt: skip
+        factor(first, count, start, pivot_tolerance, work.row_scale, work.n, work.inv_pivot, work.row_t)
 
 
 @wp.func
-def solve_rows_forward(topology: Topology, work: Work):
-    """row_r <- L^-1 row_r, zero where a pivot was set aside."""
-    forward(topology.row_count, work.n, work.inv_pivot, work.row_r)
+def solve_group_forward(group: int, topology: Topology, work: Work):
+    """row_r <- L^-1 row_r of one group, zero where a pivot was set aside."""
+    first = topology.group_row[group]
+    count = topology.group_row[group + 1] - first
+    forward(first, count, topology.group_factor[group], work.n, work.inv_pivot, work.row_r)
 
 
 @wp.func
-def solve_rows_backward(topology: Topology, work: Work):
-    """row_r <- L^-T row_r."""
-    backward(topology.row_count, work.n, work.inv_pivot, work.row_r)
+def solve_group_backward(group: int, topology: Topology, work: Work):
+    """row_r <- L^-T row_r of one group."""
+    first = topology.group_row[group]
+    count = topology.group_row[group + 1] - first
+    backward(first, count, topology.group_factor[group], work.n, work.inv_pivot, work.row_r)
+
+
+@wp.func
+def solve_group(group: int, topology: Topology, work: Work):
+    """row_r <- (N + C)^-1 row_r of one group by the guarded factor."""
+    solve_group_forward(group, topology, work)
+    solve_group_backward(group, topology, work)
 
 
 @wp.func
 def solve_rows(topology: Topology, work: Work):
-    """row_r <- (N + C)^-1 row_r by the guarded factor."""
-    solve_rows_forward(topology, work)
-    solve_rows_backward(topology, work)
+    """row_r <- (N + C)^-1 row_r of all groups."""
+    for group in range(topology.group_count):
+        solve_group(group, topology, work)

@@ -6,7 +6,7 @@ from simwarp.kernels.core.fields import Parameters, Reports, StateArrays
 from simwarp.kernels.core.spatial import to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work
 from simwarp.kernels.dynamics.accelerations import add_changes
-from simwarp.kernels.dynamics.bilateral_rows import link_of, row_geometry, row_offset, row_speed
+from simwarp.kernels.dynamics.bilateral_rows import link_of, respond_to_row, row_geometry, row_offset, row_speed
 from simwarp.kernels.dynamics.bodies import advance_poses, total_velocities
 from simwarp.kernels.dynamics.dense_rows import solve_rows
 from simwarp.kernels.dynamics.joints import (
@@ -64,7 +64,7 @@ def residual_rows(world: int, inv_dt: float, topology: Topology, parameters: Par
         frames = joint_frames(joint, world, topology, parameters, work)
         link0 = link_of(topology.joint_body0[joint], topology)
         link1 = link_of(topology.joint_body1[joint], topology)
-        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
             if topology.row_dof[row] < 0:
                 kind = topology.row_kind[row]
                 offset = row_offset(kind, joint, world, parameters)
@@ -95,9 +95,7 @@ def correct_velocity(
         solve_rows(topology, work)
         for row in range(topology.row_count):
             work.row_impulse[row] = work.row_impulse[row] - work.row_r[row]
-            for index in range(topology.row_path[row], topology.row_path[row + 1]):
-                tree_dof = topology.path_tree_dof[index]
-                work.xi[tree_dof] = work.xi[tree_dof] - work.y[row, tree_dof] * work.row_r[row]
+            respond_to_row(row, work.row_r[row], topology, work)
         forward_pass(topology, work)
     if config.accelerations == 1 and topology.joint_row_count > 0:
         # without loops the changes have the velocity products already, which this motion makes up for

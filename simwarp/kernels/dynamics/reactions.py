@@ -36,14 +36,13 @@ def take_contact(contact: int, world: int, topology: Topology, contacts: Contact
 
 
 @wp.func
-def take_relative_rotations(row: int, topology: Topology, work: Work):
+def take_relative_rotations(coupling: int, topology: Topology, work: Work):
     """A coupling's impulses on the bodies that its RELATIVE_ROTATION terms name, off the account of their joints."""
-    coupling = row - topology.joint_row_count
     for term in range(topology.coupling_wrench.shape[1]):
         entry = topology.coupling_wrench[coupling, term]
         if entry >= 0:
             joint = topology.dof_joint[topology.coupling_dof[coupling, term]]
-            impulse = work.row_impulse[row]
+            impulse = work.row_impulse[topology.coupling_row[coupling]]
             link0 = link_of(topology.joint_body0[joint], topology)
             link1 = link_of(topology.joint_body1[joint], topology)
             take_wrench(link0, work.j0_ang[entry], work.j0_lin[entry], impulse, work)
@@ -137,7 +136,7 @@ def record_reactions(
         link1 = link_of(topology.joint_body1[joint], topology)
         force = wp.vec3()
         torque = wp.vec3()
-        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
             impulse = work.row_impulse[row]
             take_wrench(link0, work.j0_ang[row], work.j0_lin[row], impulse, work)
             take_wrench(link1, work.j1_ang[row], work.j1_lin[row], impulse, work)
@@ -146,8 +145,8 @@ def record_reactions(
         frames = joint_frames(joint, world, topology, parameters, work)
         reports.joint_reaction_force[world, joint] = force / dt
         reports.joint_reaction_torque[world, joint] = (torque - wp.cross(to_float(frames.r1), force)) / dt
-    for row in range(topology.joint_row_count, topology.row_count):
-        take_relative_rotations(row, topology, work)
+    for coupling in range(topology.row_count - topology.joint_row_count):
+        take_relative_rotations(coupling, topology, work)
     for index in range(topology.distance_count):
         take_distance(index, world, dt, topology, parameters, state, control, work, reports)
     for block in range(limits):

@@ -8,9 +8,10 @@ from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters
 from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
 from simwarp.kernels.dynamics.bilateral_rows import (
-    apply_rows,
+    apply_group,
     combination_laws,
     coupling_row,
+    group_residual,
     loop_joint_rows,
     loop_responses,
     rows_residual,
@@ -29,7 +30,7 @@ from simwarp.kernels.dynamics.bodies import (
 from simwarp.kernels.dynamics.box_constraints import collect_boxes
 from simwarp.kernels.dynamics.cone_rows import apply_cones, assemble_dense
 from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
-from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_rows
+from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_group
 from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
@@ -59,14 +60,18 @@ def enforce_rows(
     """Velocities that obey the bilateral rows, and the residual left [m/s or rad/s].
 
     Every pass is one solve on the true residual, as in iterative refinement; it stops when the rows hold to the
-    solver's tolerance.
+    solver's tolerance. That is asked group by group, of those that are due: a vehicle takes no notice of others.
     """
     residual = rows_residual(topology, parameters, world, work)
     done = int(0)
     # the first pass also serves the compliant rows, which the residual does not show
     while done < passes and (done == 0 or residual > config.row_tolerance):
-        solve_rows(topology, work)
-        apply_rows(topology, work)
+        for group in range(topology.group_count):
+            if work.group_due[group] == 1 and (
+                done == 0 or group_residual(group, topology, work) > config.row_tolerance
+            ):
+                solve_group(group, topology, work)
+                apply_group(group, topology, work)
         forward_pass(topology, work)
         residual = rows_residual(topology, parameters, world, work)
         done += 1
@@ -207,6 +212,8 @@ def answer_rows(
     for coupling in range(topology.row_count - topology.joint_row_count):
         coupling_row(coupling, world, config.dt, topology, parameters, state, config, work)
     factor_rows(topology, config.pivot_tolerance, work)
+    for group in range(topology.group_count):
+        work.group_due[group] = 1
 
 
 @wp.func(inline=True)

@@ -151,7 +151,7 @@ def form_worlds(
     for index in range(topology.loop_joint_count):
         joint = topology.loop_joint[index]
         frames = joint_frames(joint, world, topology, parameters, work)
-        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
             value = float(loop_row_wrenches(row, joint, world, frames, topology, parameters, work))
             work.row_b[row] = value
             if topology.row_dof[row] < 0:
@@ -178,7 +178,7 @@ def bias_worlds(
     work = pack(scratch, scratch_slot_of(world, worlds))
     for index in range(topology.loop_joint_count):
         joint = topology.loop_joint[index]
-        for row in range(topology.loop_row[index], topology.loop_row[index + 1]):
+        for row in range(topology.loop_row[index, 0], topology.loop_row[index, 1]):
             value = wp.float64(work.row_b[row])
             loop_row_law(
                 row, joint, world, config.dt, state.world_time[world], value, topology, parameters, state, control,

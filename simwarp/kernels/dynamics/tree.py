@@ -215,6 +215,7 @@ def walk_to_root(
 
     Links are numbered parents first, so the deeper of the two is always the larger; where the paths meet, the
     wrenches are added before they go on, which keeps the cancellation of a relative row exact. -1 is the world.
+    Columns of y are counted in the row's group.
     """
     a = link0
     b = link1
@@ -234,13 +235,15 @@ def walk_to_root(
             ang = b_ang
             lin = b_lin
         first = topology.link_tree_dof[link]
+        before = topology.link_column[link]
         parent = topology.link_parent[link]
         if topology.link_type[link] == FREE:
             y_lin = work.mass[link] * lin
             y_ang = work.inertia[link] * (ang - y_lin * work.coupling[link])
+            column = first - before
             for k in range(3):
-                y[row, first + k] = y[row, first + k] + y_lin[k]
-                y[row, first + 3 + k] = y[row, first + 3 + k] + y_ang[k]
+                y[row, column + k] = y[row, column + k] + y_lin[k]
+                y[row, column + 3 + k] = y[row, column + 3 + k] + y_ang[k]
         else:
             end = topology.link_tree_dof[link + 1]
             for index in range(end - first):
@@ -248,7 +251,7 @@ def walk_to_root(
                 value = (wp.dot(work.s_ang[tree_dof], ang) + wp.dot(work.s_lin[tree_dof], lin)) * work.inv_sqrt_d[
                     tree_dof
                 ]
-                y[row, tree_dof] = y[row, tree_dof] + value
+                y[row, tree_dof - before] = y[row, tree_dof - before] + value
                 ang -= work.u_ang[tree_dof] * value
                 lin -= work.u_lin[tree_dof] * value
             ang += wp.cross(work.shift[link], lin)
@@ -266,14 +269,15 @@ def walk_to_root(
 def project_tree_dof(row: int, tree_dof: int, coefficient: float, topology: Topology, work: Work, y: wp.array2d[float]):
     """Adds to y[row] the response of a generalised impulse of size `coefficient` on one tree degree of freedom."""
     link = topology.tree_dof_link[tree_dof]
+    before = topology.link_column[link]
     value = coefficient * work.inv_sqrt_d[tree_dof]
-    y[row, tree_dof] = y[row, tree_dof] + value
+    y[row, tree_dof - before] = y[row, tree_dof - before] + value
     ang = -work.u_ang[tree_dof] * value
     lin = -work.u_lin[tree_dof] * value
     for index in range(tree_dof - topology.link_tree_dof[link]):
         other = tree_dof - 1 - index
         value = (wp.dot(work.s_ang[other], ang) + wp.dot(work.s_lin[other], lin)) * work.inv_sqrt_d[other]
-        y[row, other] = y[row, other] + value
+        y[row, other - before] = y[row, other - before] + value
         ang -= work.u_ang[other] * value
         lin -= work.u_lin[other] * value
     w = Wrench()

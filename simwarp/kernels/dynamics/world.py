@@ -63,13 +63,19 @@ class ScratchSizes:
     """Workspace sizes of a model, per world.
 
     `dense_rows` is the size of the largest dense Schur complement, `factor_rows` that of what solvers factorise,
-    `wide_vectors` and `wide_rows` their double vectors. `kept_rows` are all cone rows where another solver may follow
-    the first, whatever is dense: both solutions are compared.
+    `wide_vectors` and `wide_rows` their double vectors. `columns`, `response_room` and `factor_room` are those of rows
+    by group, `share_width` the loop rows that one block sees (`RowGroups`). `kept_rows` are all cone rows where another
+    solver may follow the first, whatever is dense: both solutions are compared.
     """
 
     links: int
     tree_dofs: int
     rows: int
+    groups: int
+    columns: int
+    response_room: int
+    factor_room: int
+    share_width: int
     responses: int
     relative_rotations: int
     blocks: int

@@ -58,9 +58,12 @@ def run_problem(
 
 
 class Single:
-    """One problem on the device; dense unless `entries` (matrix-free: y, slots of each block, w, compliance)."""
+    """One problem on the device; dense unless `entries` (matrix-free: y, slots of each block, w, compliance).
 
-    def __init__(self, n, r, blocks, entries=None):
+    Blocks see all loop rows, or those of `block_loops`.
+    """
+
+    def __init__(self, n, r, blocks, entries=None, block_loops=None):
         def floats(values):
             return wp.array(np.ascontiguousarray(values, dtype=np.float32), dtype=float)
 
@@ -86,10 +89,14 @@ class Single:
         p.wide = wp.array(np.full((WIDE_VECTORS, rows), np.nan), dtype=wp.float64)
         if entries is not None:
             y, slots, w, compliance = entries
-            p.dense, p.tree_dof_count, p.loop_count = 0, int(slots.max()) + 1, w.shape[1]
+            table = np.tile([0, w.shape[1], 0, 0], (len(blocks), 1)) if block_loops is None else block_loops
+            loops = int((table[:, 0] + table[:, 1]).max(initial=0))
+            loops = max(loops, int((table[:, 2] + table[:, 3]).max(initial=0)))
+            p.dense, p.tree_dof_count, p.loop_count = 0, int(slots.max()) + 1, loops
             p.y, p.block_tree_dof, p.w, p.compliance = floats(y), ints(slots), floats(w), floats(compliance)
             p.block_entries = ints(np.full(len(blocks), slots.shape[1]))
-            p.tree_dof_sum, p.loop_sum = floats(np.zeros(p.tree_dof_count)), floats(np.zeros(max(w.shape[1], 1)))
+            p.block_loops = ints(table)
+            p.tree_dof_sum, p.loop_sum = floats(np.zeros(p.tree_dof_count)), floats(np.zeros(max(loops, 1)))
             p.s, p.factor = floats(np.zeros((1, 1))), floats(np.full((p.tree_dof_count, p.tree_dof_count), np.nan))
             p.spread = floats(np.full((p.tree_dof_count, GROUP), np.nan))
         self.problem = p

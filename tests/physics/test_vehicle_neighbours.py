@@ -1,0 +1,81 @@
+"""Several vehicles in one world that do not touch: each equals itself alone, and takes as much room as alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import simwarp as sw
+from simwarp.model.builder import ModelBuilder
+from simwarp.simulation.requirements import step_layouts, step_sizes
+from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
+from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
+from tests.physics.sample_vehicles import shipped
+
+STEPS = 450
+SCRIPTS = (
+    # at full throttle through a gear change, around both bends, then on the brakes
+    ScriptSpec(
+        steering=((0.0, 0.0), (0.2, 0.0), (0.4, 0.4), (0.7, -0.3)), throttle=((0.0, 0.6), (0.5, 0.9), (0.55, 0.0)),
+        braking=((0.0, 0.0), (0.6, 0.0), (0.65, 0.8)),
+    ),
+    ScriptSpec(steering=((0.0, 0.0), (0.2, -0.2)), throttle=((0.0, 0.3), (0.5, 0.9))),
+)  # fmt: skip
+SPEEDS = (9.0, 5.0)
+
+
+def run(name: str, numbers: tuple[int, ...]) -> dict[int, dict[str, np.ndarray]]:
+    """Vehicles of their numbers, 50 m apart, in one world: everything that there is of each after a run."""
+    builder, spec = ModelBuilder(), shipped(name)
+    places = {number: sw.pose((0.0, 50.0 * number, spec.start_height)) for number in numbers}
+    parts = [
+        add_vehicle(builder, spec, at=places[number], prefix=f"v{number}_", speed=SPEEDS[number]) for number in numbers
+    ]
+    model = builder.finalize(2, "cpu", per_world=per_world())
+    vehicles = [Vehicle(each, model, randomised=True) for each in parts]
+    drivers: list[Any] = [
+        ScriptedDriver(vehicle, SCRIPTS[number]) for number, vehicle in zip(numbers, vehicles, strict=True)
+    ]
+    sim = sw.Simulation(model, 2e-3, elements=[*drivers, *vehicles], solver=VEHICLE_SOLVER, joint_reactions=True)
+    sim.advance(STEPS)
+    found: dict[int, dict[str, np.ndarray]] = {}
+    for index, number in enumerate(numbers):
+        bodies = [k for k, body in enumerate(model.body_names) if body.startswith(f"v{number}_")]
+        joints = [k for k, joint in enumerate(model.joint_names) if joint.startswith(f"v{number}_")]
+        starts = model.joint_dof_start
+        dofs = [dof for joint in joints for dof in range(starts[joint], starts[joint + 1])]
+        mine = {
+            key: getattr(sim.state, key).numpy()[:, bodies] for key in ("body_x", "body_rot", "body_v", "body_omega")
+        }
+        mine |= {key: getattr(sim.state, key).numpy()[:, dofs] for key in ("joint_x", "joint_q", "joint_qd")}
+        for key in ("joint_reaction_force", "joint_reaction_torque"):
+            mine[key] = getattr(sim.diagnostics, key).numpy()[:, joints]
+        mine["load"] = vehicles[index].tires.load.numpy()
+        found[number] = mine
+    return found
+
+
+@pytest.mark.parametrize("name", ["hmmwv", "gator", "sedan", "artcar"])
+def test_a_vehicle_among_others_equals_itself_alone(name):
+    both = run(name, (0, 1))
+    for number in (0, 1):
+        for key, values in run(name, (number,))[number].items():
+            assert values.tobytes() == both[number][key].tobytes(), (number, key)
+
+
+def test_scratch_of_a_world_grows_by_the_number_of_vehicles():
+    room: dict[int, int] = {}
+    for count in (1, 2, 4, 8):
+        builder, spec = ModelBuilder(), shipped("hmmwv")
+        for number in range(count):
+            place = sw.pose((0.0, 50.0 * number, spec.start_height))
+            add_vehicle(builder, spec, at=place, prefix=f"v{number}_")
+        model = builder.finalize(1, "cpu", per_world=per_world())
+        assert model.row_groups.row_counts == [22] * count
+        layouts = step_layouts(model, step_sizes(model, VEHICLE_SOLVER.dense_rows, False), 1)
+        room[count] = sum(4 * int(np.prod(layout.shape)) for layout in layouts.values())
+    for count in (2, 4, 8):
+        assert room[count] <= 1.1 * count * room[1]
