@@ -56,6 +56,7 @@ class Field:
         domain: allowed values; None: anything.
         writable: True if users assign slices of it.
         of_kernels: True if kernels take it in the struct of its class.
+        transient: True if every step writes it before it reads it: snapshots and files do without.
     """
 
     dtype: Any
@@ -65,6 +66,7 @@ class Field:
     writable: bool = False
     of_kernels: bool = True
     source: str = ""
+    transient: bool = False
 
     @property
     def shape_text(self) -> str:
@@ -84,10 +86,11 @@ class Field:
 
 
 def field(
-    dtype: Any, *sizes: Size, text: str, domain: Domain | None = None, writable: bool = False, of_kernels: bool = True
-) -> Any:
+    dtype: Any, *sizes: Size, text: str, domain: Domain | None = None, writable: bool = False, of_kernels: bool = True,
+    transient: bool = False,
+) -> Any:  # fmt: skip
     """Declare an array as an attribute of a `FieldGroup`; see `Field`."""
-    return Field(dtype, sizes, text, domain, writable, of_kernels)
+    return Field(dtype, sizes, text, domain, writable, of_kernels, transient=transient)
 
 
 def parameter(dtype: Any, *sizes: Size, text: str, domain: Domain = ANY, source: str = "") -> Any:
@@ -100,7 +103,7 @@ class FieldGroup(Readable, FixedAttributes):
 
     Attributes:
         FIELDS: by name, in the order of declaration.
-        NAMES: of those that kernels take.
+        NAMES: of those that kernels take and snapshots hold.
         NAMES_IN_FILES: of arrays that snapshots and checkpoints know under their first name.
     """
 
@@ -112,7 +115,7 @@ class FieldGroup(Readable, FixedAttributes):
         super().__init_subclass__(**options)
         own = {name: value for name, value in vars(cls).items() if isinstance(value, Field)}
         cls.FIELDS = {**cls.FIELDS, **own}
-        cls.NAMES = tuple(name for name, value in cls.FIELDS.items() if value.of_kernels)
+        cls.NAMES = tuple(name for name, each in cls.FIELDS.items() if each.of_kernels and not each.transient)
         for name in own:
             delattr(cls, name)
         if cls.FIELDS:
@@ -130,6 +133,8 @@ class FieldGroup(Readable, FixedAttributes):
         """Names and types of the arrays of each shape."""
         rows: dict[str, list[str]] = {}
         for name, each in self.FIELDS.items():
+            if each.transient and not getattr(self, name).size:
+                continue
             lengths = [
                 f"{length} {size.noun(length)}"
                 for length, size in zip(getattr(self, name).shape, each.sizes, strict=True)

@@ -228,14 +228,16 @@ class ControlFields(FieldGroup):
         wp.float32, Size.ELEMENT_WORLDS, Size.DOFS, writable=True, text="the same along coordinates [N or N·m]"
     )
     element_mass: WritableArray = field(
-        wp.mat33, Size.IMPLICIT_WORLDS, Size.BODIES, writable=True,
+        wp.mat33, Size.IMPLICIT_WORLDS, Size.BODIES, writable=True, transient=True,
         text="of elements whose force falls with the change of velocity in the step: impulse per velocity [kg]",
     )
     element_coupling: WritableArray = field(
-        wp.mat33, Size.IMPLICIT_WORLDS, Size.BODIES, writable=True, text="moment's impulse per velocity [kg·m]"
+        wp.mat33, Size.IMPLICIT_WORLDS, Size.BODIES, writable=True, transient=True,
+        text="moment's impulse per velocity [kg·m]",
     )
     element_inertia: WritableArray = field(
-        wp.mat33, Size.IMPLICIT_WORLDS, Size.BODIES, writable=True, text="per angular velocity [kg·m²]"
+        wp.mat33, Size.IMPLICIT_WORLDS, Size.BODIES, writable=True, transient=True,
+        text="moment's impulse per angular velocity [kg·m²]",
     )
 
 
