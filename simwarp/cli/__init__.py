@@ -190,17 +190,19 @@ def check_words(arguments: Sequence[str]) -> None:
         UsageError: names the argument.
     """
     for index, word in enumerate(arguments):
-        option = arguments[index - 1] if index and arguments[index - 1].startswith("--") else f"argument {index + 1}"
+        before = arguments[index - 1] if index else ""
+        place = f"argument {index + 1}" + (f", after '{shortened(before)}'," if before else "")
+        option = shortened(before) if before.startswith("--") else place
         if word.startswith("--") and word.endswith("=") and word.count("=") == 1:
-            option, word = word[:-1], ""
+            option, word = shortened(word[:-1]), ""
         if not word:
-            raise UsageError(f"{shortened(option)} must not be empty; give a value, or leave it away")
+            raise UsageError(f"{option} must not be empty; give a value, or leave it away")
         if "\0" in word:
-            raise UsageError(f"{shortened(option)} must not hold a NUL byte, got {shortened(word)!r}")
+            raise UsageError(f"{option} must not hold a NUL byte, got {shortened(word)!r}")
         try:
             word.encode()
         except UnicodeEncodeError:
-            raise UsageError(f"{shortened(option)} must be UTF-8 text, got {shortened(word)!r}") from None
+            raise UsageError(f"{option} must be UTF-8 text, got {shortened(word)!r}") from None
 
 
 def main(argv: Sequence[str] | None = None) -> int:

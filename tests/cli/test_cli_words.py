@@ -160,12 +160,12 @@ def test_help_of_a_command_works_beside_anything(capfd, arguments):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["list", ""], "argument 2 must not be empty"),
+        (["list", ""], "argument 2, after 'list', must not be empty"),
         (["list", "--json", ""], "--json must not be empty"),
         (["list", "--json="], "--json must not be empty"),
         ([""], "argument 1 must not be empty"),
         (["list", "--json", "a\0b"], "--json must not hold a NUL byte"),
-        (["list", "\udcff"], "argument 2 must be UTF-8 text"),
+        (["list", "\udcff"], "argument 2, after 'list', must be UTF-8 text"),
         (["\udcff"], "argument 1 must be UTF-8 text"),
         (["x" * 100_000], "unknown command 'xxxxx"),
         (["list", *["x"] * 20_000], "unexpected argument 'x'"),
