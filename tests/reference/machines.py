@@ -28,7 +28,7 @@ PINS = {"crank": (-0.3, 0.0, 0.0), "pin": (-0.3, 0.0, 0.4), "rocker": (0.3, 0.0,
 
 
 def machines(
-    places: list[Vec3], *, speeds: Sequence[float] = (3.0, 2.4, 1.8), approach: float = 0.0, shapes: bool = False
+    places: Sequence[Vec3], *, speeds: Sequence[float] = (3.0, 2.4, 1.8), approach: float = 0.0, shapes: bool = False
 ) -> ModelBuilder:
     """Machines whose bodies and joints are added in turn, so that their rows stand side by side.
 

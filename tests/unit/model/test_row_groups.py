@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 import pytest
 
@@ -41,7 +43,7 @@ def check(model: Model) -> None:
     """Every table of the groups against its meaning."""
     groups, tables, t = model.row_groups, model.tables, model.topology
     paths = row_paths(model.builder, tables)
-    expected = connected(model.builder)
+    expected = connected(cast(sw.ModelBuilder, model.builder))
     assert sorted(groups.place) == list(range(len(paths)))
     assert t.row_count == groups.row_start[-1] == len(paths) - tables.silent_count
     assert groups.place[t.row_count :] == list(range(t.row_count, len(paths)))  # those without a row stay behind
