@@ -12,10 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Final, NoReturn
-
-if TYPE_CHECKING:
-    pass
+from typing import Any, Final, NoReturn
 
 ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 """Signals that end a command as Ctrl-C does: what it began is tidied up."""

@@ -119,7 +119,7 @@ class Simulation(Readable, Readings, FixedAttributes):
         element_memory = [
             reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
         ]
-        acting = {"elements": bool(self.elements), "implicit": any(hasattr(e, "implicit") for e in self.elements)}
+        acting = _acting(self.elements)
         layouts = run_layouts(model.sizes(**acting, **reports))
         self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
         """Records launches whose worlds are shared among threads."""
@@ -574,6 +574,11 @@ def _checked_elements(elements: Any) -> tuple[ForceElement, ...]:
                 "Vehicle(model, ...)"
             )
     return listed
+
+
+def _acting(elements: Sequence[ForceElement]) -> dict[str, bool]:
+    """Whether there are force elements, and implicit ones."""
+    return {"elements": bool(elements), "implicit": any(getattr(part, "implicit", False) for part in elements)}
 
 
 def _needs_all_solvers(model: Model, solver: SolverOptions) -> bool:

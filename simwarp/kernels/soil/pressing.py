@@ -34,6 +34,8 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 SLACK = wp.constant(0.02)
 """Of the ground's height below a wheel, taken into its footprint where the ground is no plane [radii]."""
+FARTHEST = wp.constant(wp.float64(1.0e9))
+"""Nodes from the origin beyond which there is no soil: their numbers are whole numbers of 32 bits."""
 TILTED = wp.constant(0.2)
 """Vertical part of an axis above which a wheel's whole outline counts."""
 STILL = wp.constant(1.0e-9)
@@ -78,7 +80,9 @@ def wheel_pose(world: int, wheel: int, dt: float, wheels: SoilWheels, state: Sta
     p.v = state.body_v[world, body]
     p.omega = state.body_omega[world, body]
     p.centre = to_float(offset)
-    p.moved = dt * (p.v + wp.cross(p.omega, p.centre))
+    moved = dt * (p.v + wp.cross(p.omega, p.centre))
+    # one that flies off at any speed looks no farther ahead than it is high
+    p.moved = moved * wp.min(1.0, wheels.radius[wheel] / wp.max(wp.length(moved), 1.0e-9))
     p.moved_axis = wp.normalize(p.axis + dt * wp.cross(p.omega, p.axis))
     p.radius = wheels.radius[wheel]
     p.half_width = wheels.half_width[wheel]
@@ -87,12 +91,20 @@ def wheel_pose(world: int, wheel: int, dt: float, wheels: SoilWheels, state: Sta
 
 
 @wp.func
+def node_number(x: wp.float64, offset: float, spacing: float) -> int:
+    """The last column or row of nodes up to x + offset; exact far from the origin too."""
+    return int(wp.floor((x + wp.float64(offset)) / wp.float64(spacing)))
+
+
+@wp.func
 def footprint_of(world: int, p: Pose, soil: SoilTables, assets: Assets) -> Footprint:
     """The nodes that a wheel may touch now or at the end of the step."""
     foot = Footprint()
     foot.x1 = -1
+    if not wp.isfinite(wp.length_sq(p.axis) + wp.length_sq(p.moved)):
+        return foot
     g = ground_below(world, p.x, wp.vec3(), p.radius, soil.terrain, assets)
-    if g.found == 0:
+    if g.found == 0 or wp.max(wp.abs(p.x[0]), wp.abs(p.x[1])) > FARTHEST * wp.float64(soil.spacing):
         return foot
     deep = g.arm[2] + p.radius + wp.abs(p.moved[2]) + p.half_width * wp.abs(p.axis[2])
     along = float(p.radius)
@@ -109,18 +121,15 @@ def footprint_of(world: int, p: Pose, soil: SoilTables, assets: Assets) -> Footp
     ax = wp.abs(p.axis[0]) / flat
     ay = wp.abs(p.axis[1]) / flat
     across = p.half_width + p.radius * wp.abs(p.axis[2]) + soil.spacing * float(soil.weighted)
-    step = 1.0 / soil.spacing
     reach_x = along * ay + across * ax + wp.abs(p.moved[0])
     reach_y = along * ax + across * ay + wp.abs(p.moved[1])
     if wp.abs(p.axis[2]) > TILTED:  # it may lie on its side
         reach_x = wp.length(wp.vec2(p.radius, p.half_width)) + wp.abs(p.moved[0])
         reach_y = reach_x - wp.abs(p.moved[0]) + wp.abs(p.moved[1])
-    x = float(p.x[0])
-    y = float(p.x[1])
-    foot.x0 = int(wp.ceil((x - reach_x) * step))
-    foot.x1 = int(wp.floor((x + reach_x) * step))
-    foot.y0 = int(wp.ceil((y - reach_y) * step))
-    foot.y1 = int(wp.floor((y + reach_y) * step))
+    foot.x0 = node_number(p.x[0], -reach_x, soil.spacing) + 1
+    foot.x1 = node_number(p.x[0], reach_x, soil.spacing)
+    foot.y0 = node_number(p.x[1], -reach_y, soil.spacing) + 1
+    foot.y1 = node_number(p.x[1], reach_y, soil.spacing)
     return foot
 
 
@@ -406,9 +415,8 @@ def press_wheels(
             inverse_b = inverse_half_width(world, p, foot, soil, assets)
         law = law_of(copy, kind, inverse_b, soil.parameter)
         crowded = meets_another(world, wheel, foot, dt, soil, wheels, state, assets)
-        step = 1.0 / soil.spacing
-        middle_x = int(wp.round(float(p.x[0]) * step))
-        middle_y = int(wp.round(float(p.x[1]) * step))
+        middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
+        middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
         page_x = int(0x7FFFFFFF)
         page_y = int(0)
         page = int(-1)

@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from simwarp.core.arrays import writable, writable_from
+from simwarp.core.arrays import writable_from
 from simwarp.core.types import Material, pose
 from simwarp.kernels.vehicle.tires.rigid_tires import limit_friction, measure_rigid_tires
 from simwarp.model.builder import ModelBuilder
@@ -16,6 +16,7 @@ from simwarp.simulation.protocols import StepContext
 from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.tire_parameters import RigidParameters
+from simwarp.vehicle.tires.wheel_reports import WheelReports
 
 TEMPLATE = "rigid"
 ACROSS = (0.7071067811865476, 0.0, 0.0, -0.7071067811865476)
@@ -47,7 +48,7 @@ def add_rigid_tire(builder: ModelBuilder, name: str, body: int, tire: Tire, key:
     )  # fmt: skip
 
 
-class RigidTires:
+class RigidTires(WheelReports):
     """The wheels of a vehicle on rigid tires: the outputs of `Tires`, as far as contact yields them.
 
     Args:
@@ -63,24 +64,13 @@ class RigidTires:
     """
 
     def __init__(self, shapes: Sequence[int], bodies: Sequence[int], model: Model) -> None:
+        super().__init__(len(shapes), model)
         device = model.device
-        self.shape = (model.world_count, len(shapes))
         self._shapes: wp.array = wp.array(list(shapes), dtype=int, device=device)
         self._bodies: wp.array = wp.array(list(bodies), dtype=int, device=device)
         frictions = model.shape_friction.numpy()
         self._own_friction: wp.array = wp.array(frictions[0, list(shapes)], dtype=float, device=device)
         self.ground_friction = writable_from([float(frictions.max())] * frictions.shape[0], wp.float32, device)
-        for name in ("load", "slip_ratio", "slip_angle", "camber", "deflection"):
-            setattr(self, name, writable(self.shape, wp.float32, device))
-        self.force_w = writable(self.shape, wp.vec3, device)
-        self.torque_w = writable(self.shape, wp.vec3, device)
-        self.state = writable((*self.shape, 1), wp.float32, device)
-
-    load: wp.array
-    slip_ratio: wp.array
-    slip_angle: wp.array
-    camber: wp.array
-    deflection: wp.array
 
     def record(self, simulation: StepContext) -> list[Any]:
         """The launch before a sub-step: the road's friction."""

@@ -7,13 +7,13 @@ from typing import Any
 
 import warp as wp
 
-from simwarp.core.arrays import writable, writable_from
-from simwarp.core.readable import Readable, plural
+from simwarp.core.arrays import writable_from
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.vehicle.spec.parts import SPECS, SpecError
 from simwarp.vehicle.spec.vehicle_parts import Tire
 from simwarp.vehicle.tires.tire_parameters import SoilRigidParameters
+from simwarp.vehicle.tires.wheel_reports import WheelReports
 
 TEMPLATE = "soil-rigid"
 
@@ -31,7 +31,7 @@ def soil_rigid_parameters(tire: Tire) -> SoilRigidParameters:
     return values
 
 
-class SoilTires(Readable):
+class SoilTires(WheelReports):
     """The wheels of a vehicle on soil: the outputs of `Tires`, written by the `Soil` that the wheels are given to.
 
     Args:
@@ -48,23 +48,8 @@ class SoilTires(Readable):
     """
 
     def __init__(self, count: int, model: Model) -> None:
-        self.shape = (model.world_count, count)
-        device = model.device
-        self.ground_friction = writable_from([1.0], wp.float32, device)
-        for name in ("load", "slip_ratio", "slip_angle", "camber", "deflection"):
-            setattr(self, name, writable(self.shape, wp.float32, device))
-        self.force_w = writable(self.shape, wp.vec3, device)
-        self.torque_w = writable(self.shape, wp.vec3, device)
-        self.state = writable((*self.shape, 1), wp.float32, device)
-
-    load: wp.array
-    slip_ratio: wp.array
-    slip_angle: wp.array
-    camber: wp.array
-    deflection: wp.array
-
-    def _printed_title(self) -> str:
-        return f": {self.shape[1]} in each of {plural(self.shape[0], 'world')}, on soil"
+        super().__init__(count, model)
+        self.ground_friction = writable_from([1.0], wp.float32, model.device)
 
     def show(self, soil: Any, first: int) -> None:
         """From now on tell what a soil reports of its wheels from number `first` on."""

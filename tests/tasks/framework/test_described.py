@@ -42,7 +42,9 @@ def test_a_right_description_passes(monkeypatch):
     monkeypatch.setattr(Counter, "observation_names", {"policy": ["steps"]})
     monkeypatch.setattr(Counter, "action_names", ("left", "right"))
     monkeypatch.setattr(Counter, "commands", lambda task: {"speed": Command(torch.zeros(2), 0.0, 1.0)})
-    Counter(SampleConfig(), 2)
+    task = Counter(SampleConfig(), 2)
+    assert task.observation_names == {"policy": ["steps"]}
+    assert task.commands()["speed"].high == 1.0
 
 
 TASK = """

@@ -1,0 +1,43 @@
+"""Outputs of tires whose forces are made elsewhere: by contact, or by soil."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from simwarp.core.arrays import writable
+from simwarp.core.readable import Readable, plural
+from simwarp.model.model import Model
+
+
+class WheelReports(Readable):
+    """The outputs of `Tires`, zero until somebody writes them.
+
+    Args:
+        count: of the wheels.
+        model: of the vehicle.
+
+    Attributes:
+        shape: worlds and wheels.
+        load: (W, wheels) vertical force [N].
+        slip_ratio, slip_angle, camber: (W, wheels) [1, rad, rad].
+        deflection: (W, wheels) [m].
+        force_w, torque_w: (W, wheels) vec3 on each wheel at its centre, world axes [N, N·m].
+        state: (W, wheels, 1).
+    """
+
+    load: wp.array
+    slip_ratio: wp.array
+    slip_angle: wp.array
+    camber: wp.array
+    deflection: wp.array
+
+    def __init__(self, count: int, model: Model) -> None:
+        self.shape = (model.world_count, count)
+        for name in ("load", "slip_ratio", "slip_angle", "camber", "deflection"):
+            setattr(self, name, writable(self.shape, wp.float32, model.device))
+        self.force_w = writable(self.shape, wp.vec3, model.device)
+        self.torque_w = writable(self.shape, wp.vec3, model.device)
+        self.state = writable((*self.shape, 1), wp.float32, model.device)
+
+    def _printed_title(self) -> str:
+        return f": {self.shape[1]} in each of {plural(self.shape[0], 'world')}"
