@@ -1,6 +1,8 @@
-"""Scratch that the steps of a model take: known before the first array is made."""
+"""What the steps of a model take: scratch known before the first array is made, and what force elements add."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.placement import CollisionSizes, collision_layouts
@@ -8,6 +10,7 @@ from simwarp.kernels.cones.problem import WIDE_VECTORS
 from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_VECTORS
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
 from simwarp.model.model import Model
+from simwarp.simulation.protocols import ForceElement
 from simwarp.simulation.world_launches import WorldShares
 
 
@@ -64,3 +67,8 @@ def step_layouts(model: Model, sizes: ScratchSizes, slots: int) -> dict[str, Arr
         "collision": collision_layouts(slots, collision_sizes(model)),
     }
     return {f"{group}.{name}": layout for group, part in groups.items() for name, layout in part.items()}
+
+
+def element_effects(elements: Sequence[ForceElement]) -> dict[str, bool]:
+    """Whether there are force elements, and implicit ones."""
+    return {"elements": bool(elements), "implicit": any(getattr(part, "implicit", False) for part in elements)}

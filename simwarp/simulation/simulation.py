@@ -37,7 +37,7 @@ from simwarp.simulation.contacts import Contacts
 from simwarp.simulation.diagnostics import Diagnostics, explain_worlds
 from simwarp.simulation.protocols import ForceElement, Sensor
 from simwarp.simulation.readings import Readings
-from simwarp.simulation.requirements import collision_sizes, scratch_slots_of, step_layouts, step_sizes
+from simwarp.simulation.requirements import collision_sizes, element_effects, scratch_slots_of, step_layouts, step_sizes
 from simwarp.simulation.sensor_rounds import SensorRounds, StepProgram
 from simwarp.simulation.snapshot import Snapshot
 from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOLVERS, SolverOptions
@@ -119,8 +119,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         element_memory = [
             reinterpret_int32(array, model.world_count) for part in self.elements for array in part.memory.values()
         ]
-        acting = _acting(self.elements)
-        layouts = run_layouts(model.sizes(**acting, **reports))
+        effects = element_effects(self.elements)
+        layouts = run_layouts(model.sizes(**effects, **reports))
         self.shares = WorldShares(model.world_count, thread_count(threads), model.device)
         """Records launches whose worlds are shared among threads."""
         self.rounds = SensorRounds(self.read_every * self.substeps, self.shares)
@@ -131,7 +131,7 @@ class Simulation(Readable, Readings, FixedAttributes):
             layouts |= parts_layouts(model)
         copies = sum(4 * array.size for array in element_memory)
         check_layouts(f"Simulation: {model.world_count} worlds", layouts, model.device, FEWER, copies)
-        self.control = Control(model, **acting)
+        self.control = Control(model, **effects)
         self.diagnostics = Diagnostics(model, **reports)
         self._config = self._step_config(**reports)
         for sensor in self.sensors:  # all of them before any belongs to this Simulation
@@ -574,11 +574,6 @@ def _checked_elements(elements: Any) -> tuple[ForceElement, ...]:
                 "Vehicle(model, ...)"
             )
     return listed
-
-
-def _acting(elements: Sequence[ForceElement]) -> dict[str, bool]:
-    """Whether there are force elements, and implicit ones."""
-    return {"elements": bool(elements), "implicit": any(getattr(part, "implicit", False) for part in elements)}
 
 
 def _needs_all_solvers(model: Model, solver: SolverOptions) -> bool:
