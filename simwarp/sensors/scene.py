@@ -19,7 +19,7 @@ from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.rays.instances import RayScene, SoilView, place_instances
+from simwarp.kernels.rays.instances import SOIL, RayScene, SoilView, place_instances
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
 from simwarp.model.model import Model
@@ -441,6 +441,9 @@ class Scene(Readable):
         instance = ground_instance(self, soil, ground)
         if self._view is not None:
             raise ModelError("scene: cover_with takes one soil, got a second; give both vehicles' wheels to one Soil")
+        kinds = self._constants["kind"].numpy()
+        kinds[instance] = int(SOIL)
+        self._constants["kind"].assign(kinds)
         view: Any = SoilView()
         view.instances, view.instance, view.cover, view.assets = 1, instance, soil.cover, self.model.assets
         for name in ("x", "rot", "size", "asset"):
