@@ -25,7 +25,7 @@ from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehic
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.tires.tires import Tires, ground
-from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
+from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 
 load = load_vehicle
 """`sw.vehicle.load(name_or_file)`: the same as `load_vehicle`."""
@@ -55,6 +55,7 @@ __all__ = [
     "Vehicle",
     "VehicleParts",
     "VehicleSpec",
+    "Vehicles",
     "add_payload",
     "add_vehicle",
     "bezier",
