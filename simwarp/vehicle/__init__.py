@@ -10,7 +10,7 @@ from __future__ import annotations
 from simwarp.core.renames import renamed_names
 from simwarp.kernels.vehicle.tires.parameter_vector import Common as CommonTire
 from simwarp.kernels.vehicle.tires.parameter_vector import Tmeasy as TmeasyTire
-from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
 from simwarp.vehicle.driving.path_tracking import InteractiveDriver, LookAhead, PathTracker, PathTrackingSpec, Stanley
@@ -56,6 +56,7 @@ __all__ = [
     "VehicleParts",
     "VehicleSpec",
     "Vehicles",
+    "add_chassis_box",
     "add_payload",
     "add_vehicle",
     "bezier",
