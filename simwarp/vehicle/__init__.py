@@ -18,6 +18,7 @@ from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
+from simwarp.vehicle.results.convoy import Convoy, set_up_convoy
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.variants import option_names, with_options
@@ -34,6 +35,7 @@ __all__ = [
     "PAYLOAD",
     "VEHICLE_SOLVER",
     "CommonTire",
+    "Convoy",
     "Drive",
     "InteractiveDriver",
     "LookAhead",
@@ -72,6 +74,7 @@ __all__ = [
     "save_vehicle",
     "set_payload",
     "set_up",
+    "set_up_convoy",
     "travel_table",
     "vehicle_names",
     "with_options",
