@@ -9,7 +9,7 @@ from simwarp.core.types import ModelError
 from simwarp.soil.soil import Soil, SoilWheel
 from simwarp.soil.soil_parameters import SoilSpec
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
-from simwarp.vehicle.vehicle import Vehicle
+from simwarp.vehicle.vehicle import Vehicle, Vehicles
 
 
 def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
@@ -35,7 +35,9 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
 
 
 def soil_under(
-    vehicles: Vehicle | Sequence[Vehicle], soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", **options: Any
+    vehicles: Vehicle | Vehicles | Sequence[Vehicle | Vehicles],
+    soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid",
+    **options: Any,
 ) -> Soil:
     """Soil under the wheels of vehicles of one model; their `tires` tell its loads, slips and sinkages.
 
@@ -47,12 +49,15 @@ def soil_under(
     Raises:
         ModelError: the tires of one make forces of their own, or a value breaks its rule.
     """
-    below = [vehicles] if isinstance(vehicles, Vehicle) else list(vehicles)
-    wheels = [wheels_of(vehicle) for vehicle in below]
-    made = Soil(below[0].model, [wheel for each in wheels for wheel in each], soil, **options)
+    given = [vehicles] if isinstance(vehicles, Vehicle | Vehicles) else list(vehicles)
+    below = [[each] if isinstance(each, Vehicle) else list(each) for each in given]
+    wheels = [wheels_of(vehicle) for each in below for vehicle in each]
+    made = Soil(given[0].model, [wheel for each in wheels for wheel in each], soil, **options)
     first = 0
-    for vehicle, each in zip(below, wheels, strict=True):
-        assert isinstance(vehicle.tires, SoilTires)
-        vehicle.tires.show(made, first)
-        first += len(each)
+    for whole, each in zip(given, below, strict=True):
+        count = len(each[0].parts.sides)
+        for number, shown in enumerate((whole, *each)):
+            assert isinstance(shown.tires, SoilTires)
+            shown.tires.show(made, first + count * max(number - 1, 0))
+        first += count * len(each)
     return made
