@@ -12,6 +12,7 @@ from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.soil.law import Law, law_of, press
+from simwarp.kernels.soil.level import FARTHEST, node_drop
 from simwarp.kernels.soil.pages import find_page, take_page
 from simwarp.kernels.soil.soil_tables import (
     K_C,
@@ -34,8 +35,6 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 SLACK = wp.constant(0.02)
 """Of the ground's height below a wheel, taken into its footprint where the ground is no plane [radii]."""
-FARTHEST = wp.constant(wp.float64(1.0e9))
-"""Nodes from the origin beyond which there is no soil: their numbers are whole numbers of 32 bits."""
 TILTED = wp.constant(0.2)
 """Vertical part of an axis above which a wheel's whole outline counts."""
 STILL = wp.constant(1.0e-9)
@@ -407,6 +406,7 @@ def press_wheels(
     foot = footprint_of(world, p, soil, assets)
     total = WheelSum()
     sunk = float(0.0)
+    deepest = nodes.deepest[world, wheel]
     if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
         copy = world_row(world, soil.parameter.shape[0])
         kind = soil_at(world, p.x, soil)
@@ -437,8 +437,10 @@ def press_wheels(
                     if page >= 0 and area > 0.0 and mine:
                         slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
+                        deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))
                         if column == middle_x and row == middle_y:
                             sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2]
+    nodes.deepest[world, wheel] = deepest
     control.element_force[world, body] = total.force
     control.element_torque[world, body] = total.moment
     control.element_mass[world, body] = total.mass
@@ -498,5 +500,7 @@ def clear_soil(
         nodes.count[world] = 0
         nodes.step[world] = 0
         nodes.recycled[world] = 0
+        for wheel in range(nodes.deepest.shape[1]):
+            nodes.deepest[world, wheel] = 0.0
         for at in range(nodes.entry.shape[1]):
             nodes.entry[world, at] = 0
