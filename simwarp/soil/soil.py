@@ -167,6 +167,15 @@ class Soil(Readable):
         """(W,) pages that were taken again since the last reset."""
         return self._nodes.recycled
 
+    def world_problems(self) -> dict[int, str]:
+        """Worlds that took pages again since their last reset, with the remedy. Waits for the device."""
+        again = self.recycled.numpy()
+        return {
+            int(world): f"soil: its {self.pages} pages ran out, {again[world]} were taken again and the ruts in them are "
+            f"gone; Soil(pages={min(self.pages + int(again[world]), MOST_PAGES)}) keeps them"
+            for world in np.nonzero(again > 0)[0]
+        }
+
     # ---- ForceElement ----------------------------------------------------------------------------------------------
 
     @property
