@@ -23,7 +23,7 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
         found = ", ".join(dict.fromkeys(axle.tire.template for axle in spec.axles))
         raise ModelError(
             f"soil: tires of vehicle '{spec.name}' must be {TEMPLATE}, got {found}, which do not deform it; "
-            f"with_options(spec, tire='{TEMPLATE}')"
+            f"with_options(spec, tire='{TEMPLATE}'), or --tire {TEMPLATE}"
         )
     tires = [spec.axles[side.axle].tire for side in vehicle.parts.sides]
     return [
@@ -42,13 +42,16 @@ def soil_under(
     Args:
         vehicles: on `soil-rigid` tires.
         soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
-        options: further arguments of `Soil`.
+        options: further arguments of `Soil`; the ground is that of the first vehicle if it is not among them.
 
     Raises:
         ModelError: the tires of one make forces of their own, or a value breaks its rule.
     """
     below = [vehicles] if isinstance(vehicles, Vehicle) else list(vehicles)
     wheels = [wheels_of(vehicle) for vehicle in below]
+    first_tires = below[0].tires
+    assert isinstance(first_tires, SoilTires)
+    options.setdefault("ground", first_tires.terrain)
     made = Soil(below[0].model, [wheel for each in wheels for wheel in each], soil, **options)
     first = 0
     for vehicle, each in zip(below, wheels, strict=True):

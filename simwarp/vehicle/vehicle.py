@@ -264,7 +264,7 @@ def _tires(
     """Force elements, shapes in contact, or wheels on soil; a vehicle has one kind of them."""
     on_soil = [axle.tire.template == SOIL_RIGID for axle in parts.spec.axles]
     if all(on_soil):
-        return SoilTires(len(parts.sides), model)
+        return SoilTires(len(parts.sides), model, terrain=ground)
     if any(on_soil):
         raise SpecError("axles: tires must be soil-rigid on all wheels or on none, got both; choose one kind")
     rigid = [side for side in parts.sides if side.shape >= 0]
