@@ -18,9 +18,9 @@ from simwarp.kernels.soil.pressing import clear_soil, press_wheels, report_wheel
 from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
 from simwarp.kernels.soil.soil_tables import SoilWheels as WheelTables
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
-from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
+from simwarp.soil.soil_checks import MOST_PAGES, check_ground, check_map, checked_pages
 from simwarp.soil.soil_parameters import SoilSpec, soil_preset
 from simwarp.vehicle.tires.tires import ground as plane
 
@@ -30,7 +30,6 @@ REST_TIME: Final = 10.0 * DIRECTION_LENGTH
 """Displacement that holds a node at rest, per speed [s]: ten lengths per 1 m/s."""
 REST_SPEED: Final = 0.02
 """Above which a node slides [m/s]."""
-MOST_PAGES: Final = 1 << 20
 
 
 class ShearMemory(enum.Enum):
@@ -102,7 +101,7 @@ class Soil(Readable):
         given = [soil] if isinstance(soil, SoilSpec | str) else list(soil)
         self.soils = tuple(soil_preset(each) if isinstance(each, str) else each for each in given)
         self.spacing = _checked_spacing(spacing, self.wheels)
-        self.pages = whole_number("soil", "pages", pages, 4 * len(self.wheels), MOST_PAGES, "2048 is the default")
+        self.pages = checked_pages(pages, self.spacing, [(wheel.radius, wheel.width) for wheel in self.wheels])
         worlds, device = model.world_count, model.device
         rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
         self.parameter = writable_from(rows, wp.float32, device)
@@ -117,8 +116,10 @@ class Soil(Readable):
         tables.parameter = self.parameter
         places: Any = _checked_map(soil_map, len(self.soils), worlds)
         tables.soil_map = wp.array(places, dtype=int, device=device)
-        tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         tables.terrain = plane(device) if ground is None else ground
+        check_ground(tables.terrain)
+        check_map(places.shape, map_origin, map_cell, tables.terrain, model)
+        tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         self._wheels = _wheel_tables(model, self.wheels)
         self._nodes = _nodes(worlds, self.pages, len(self.wheels), device)
         self._reports = _reports((worlds, len(self.wheels)), device)
@@ -207,6 +208,17 @@ class Soil(Readable):
         inputs = [self.cover, self.model.assets, place]
         wp.launch(find_heights, dim=shape, device=device, inputs=inputs, outputs=[height, normal])
         return height, normal
+
+    def world_problems(self) -> dict[int, str]:
+        """Worlds that took pages again since their last reset, with the remedy. Waits for the device."""
+        again = self.recycled.numpy()
+        return {
+            int(
+                world
+            ): f"soil: its {self.pages} pages ran out, {again[world]} were taken again and the ruts in them are "
+            f"gone; Soil(pages={min(self.pages + int(again[world]), MOST_PAGES)}) keeps them"
+            for world in np.nonzero(again > 0)[0]
+        }
 
     # ---- ForceElement ----------------------------------------------------------------------------------------------
 

@@ -23,7 +23,7 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
         found = ", ".join(dict.fromkeys(axle.tire.template for axle in spec.axles))
         raise ModelError(
             f"soil: tires of vehicle '{spec.name}' must be {TEMPLATE}, got {found}, which do not deform it; "
-            f"with_options(spec, tire='{TEMPLATE}')"
+            f"with_options(spec, tire='{TEMPLATE}'), or --tire {TEMPLATE}"
         )
     tires = [spec.axles[side.axle].tire for side in vehicle.parts.sides]
     return [
@@ -44,7 +44,7 @@ def soil_under(
     Args:
         vehicles: on `soil-rigid` tires.
         soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
-        options: further arguments of `Soil`.
+        options: further arguments of `Soil`; the ground is that of the first vehicle if it is not among them.
 
     Raises:
         ModelError: the tires of one make forces of their own, or a value breaks its rule.
@@ -52,6 +52,9 @@ def soil_under(
     given = [vehicles] if isinstance(vehicles, Vehicle | Vehicles) else list(vehicles)
     below = [[each] if isinstance(each, Vehicle) else list(each) for each in given]
     wheels = [wheels_of(vehicle) for each in below for vehicle in each]
+    first_tires = given[0].tires
+    assert isinstance(first_tires, SoilTires)
+    options.setdefault("ground", first_tires.terrain)
     made = Soil(given[0].model, [wheel for each in wheels for wheel in each], soil, **options)
     first = 0
     for whole, each in zip(given, below, strict=True):

@@ -432,7 +432,7 @@ def _tires(
     sides = [side for each in parts for side in each.sides]
     on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.axles]
     if all(on_soil):
-        return SoilTires(len(sides), model)
+        return SoilTires(len(sides), model, terrain=ground)
     if any(on_soil):
         raise SpecError("axles: tires must be soil-rigid on all wheels or on none, got both; choose one kind")
     rigid = [side for side in sides if side.shape >= 0]

@@ -180,9 +180,15 @@ def node_below(world: int, column: int, row: int, p: Pose, soil: SoilTables, ass
 @wp.func
 def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, assets: Assets) -> float:
     """Perimeter over twice the area of the touched rectangle in the wheel's axes [1/m]; 0 without one."""
-    flat = wp.max(wp.sqrt(p.axis[0] * p.axis[0] + p.axis[1] * p.axis[1]), 1.0e-6)
-    ax = p.axis[0] / flat
-    ay = p.axis[1] / flat
+    flat = wp.sqrt(p.axis[0] * p.axis[0] + p.axis[1] * p.axis[1])
+    ax = p.axis[0] / wp.max(flat, 1.0e-6)
+    ay = p.axis[1] / wp.max(flat, 1.0e-6)
+    widest = 2.0 * p.half_width
+    if wp.abs(p.axis[2]) > TILTED:  # it may lie on its side: a disc, whose axis has no direction in the ground
+        widest = 2.0 * (p.half_width * flat + p.radius * wp.abs(p.axis[2]))
+        if flat < 1.0e-3:
+            ax = 0.0
+            ay = 1.0
     low = float(1.0e9)
     high = float(-1.0e9)
     left = float(-1.0e9)
@@ -201,7 +207,7 @@ def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, a
         return 0.0
     cell = soil.spacing * (wp.abs(ax) + wp.abs(ay))
     length = wp.min(high - low + cell, 2.0 * p.radius)
-    width = wp.min(left - right + cell, 2.0 * p.half_width)
+    width = wp.min(left - right + cell, widest)
     return (length + width) / (length * width)
 
 
