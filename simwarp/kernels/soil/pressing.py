@@ -335,14 +335,30 @@ def press_node(
 
 
 @wp.func
+def reach_of(wheel: int, soil: SoilTables, wheels: SoilWheels) -> float:
+    """Farthest that a wheel's footprint can be from its centre, whatever it does [m]."""
+    return 3.0 * wheels.radius[wheel] + wheels.half_width[wheel] + soil.spacing
+
+
+@wp.func
+def far_apart(
+    world: int, wheel: int, other: int, p: Pose, soil: SoilTables, wheels: SoilWheels, state: StateArrays
+) -> bool:  # fmt: skip
+    """True where two wheels can have no node in common: most of those of several vehicles, told by their places."""
+    way = state.body_x[world, wheels.body[other]] - p.x
+    reach = reach_of(wheel, soil, wheels) + reach_of(other, soil, wheels) + wp.length(wheels.offset_b[other])
+    return wp.max(wp.abs(way[0]), wp.abs(way[1])) > wp.float64(reach)
+
+
+@wp.func
 def owns(
-    world: int, wheel: int, column: int, row: int, b: Below, dt: float, soil: SoilTables, wheels: SoilWheels,
+    world: int, wheel: int, column: int, row: int, b: Below, dt: float, at: Pose, soil: SoilTables, wheels: SoilWheels,
     state: StateArrays, assets: Assets,
 ) -> bool:  # fmt: skip
     """False where another wheel is deeper at a node, or as deep and of a smaller index."""
     mine = bool(True)
     for other in range(wheels.body.shape[0]):
-        if other != wheel:
+        if other != wheel and not far_apart(world, wheel, other, at, soil, wheels, state):
             p = wheel_pose(world, other, dt, wheels, state)
             theirs = node_below(world, column, row, p, soil, assets).sinkage
             if theirs > 0.0 and (theirs > b.sinkage or (theirs == b.sinkage and other < wheel)):
@@ -352,13 +368,13 @@ def owns(
 
 @wp.func
 def meets_another(
-    world: int, wheel: int, foot: Footprint, dt: float, soil: SoilTables, wheels: SoilWheels, state: StateArrays,
-    assets: Assets,
+    world: int, wheel: int, foot: Footprint, dt: float, at: Pose, soil: SoilTables, wheels: SoilWheels,
+    state: StateArrays, assets: Assets,
 ) -> bool:  # fmt: skip
     """True where the footprint of another wheel crosses this one's."""
     found = bool(False)
     for other in range(wheels.body.shape[0]):
-        if other != wheel:
+        if other != wheel and not far_apart(world, wheel, other, at, soil, wheels, state):
             f = footprint_of(world, wheel_pose(world, other, dt, wheels, state), soil, assets)
             if f.x0 <= foot.x1 and foot.x0 <= f.x1 and f.y0 <= foot.y1 and foot.y0 <= f.y1:
                 found = True
@@ -420,7 +436,7 @@ def press_wheels(
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(world, p, foot, soil, assets)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, wheel, foot, dt, soil, wheels, state, assets)
+        crowded = meets_another(world, wheel, foot, dt, p, soil, wheels, state, assets)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
         page_x = int(0x7FFFFFFF)
@@ -439,7 +455,7 @@ def press_wheels(
                     area = soil.spacing * soil.spacing * b.share
                     mine = bool(True)
                     if crowded:
-                        mine = owns(world, wheel, column, row, b, dt, soil, wheels, state, assets)
+                        mine = owns(world, wheel, column, row, b, dt, p, soil, wheels, state, assets)
                     if page >= 0 and area > 0.0 and mine:
                         slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
