@@ -71,10 +71,9 @@ def check_map(
     low, high = _field_bounds(ground, model)
     last = np.array(origin) + np.array(cell) * (shape[-1], shape[-2])
     if (low < np.array(origin) - 1e-6).any() or (high > last + 1e-6).any():
-        raise ModelError(
-            f"soil: soil_map must cover the ground, x {low[0]:.4g} to {high[0]:.4g}, y {low[1]:.4g} to {high[1]:.4g} m, "
-            f"got x {origin[0]:.4g} to {last[0]:.4g}, y {origin[1]:.4g} to {last[1]:.4g}; set map_origin and map_cell"
-        )
+        told = [f"x {a[0]:.4g} to {b[0]:.4g}, y {a[1]:.4g} to {b[1]:.4g}" for a, b in ((low, high), (origin, last))]
+        remedy = "set map_origin and map_cell"
+        raise ModelError(f"soil: soil_map must cover the ground, {told[0]} m, got {told[1]}; {remedy}")
 
 
 def _field_bounds(ground: TerrainTables, model: Model) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
