@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from simwarp.core.types import ModelError
-from simwarp.soil.soil import Soil, SoilWheel
+from simwarp.soil.soil import Soil
 from simwarp.soil.soil_parameters import SoilSpec
+from simwarp.soil.soil_shapes import SoilShape, SoilWheel
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
 from simwarp.vehicle.vehicle import Vehicle
 
@@ -35,13 +36,15 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
 
 
 def soil_under(
-    vehicles: Vehicle | Sequence[Vehicle], soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", **options: Any
-) -> Soil:
+    vehicles: Vehicle | Sequence[Vehicle], soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
+    shapes: Sequence[SoilShape] = (), **options: Any,
+) -> Soil:  # fmt: skip
     """Soil under the wheels of vehicles of one model; their `tires` tell its loads, slips and sinkages.
 
     Args:
         vehicles: on `soil-rigid` tires.
         soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
+        shapes: what sinks in beside the wheels, after which they come: bellies, rocks.
         options: further arguments of `Soil`.
 
     Raises:
@@ -49,7 +52,7 @@ def soil_under(
     """
     below = [vehicles] if isinstance(vehicles, Vehicle) else list(vehicles)
     wheels = [wheels_of(vehicle) for vehicle in below]
-    made = Soil(below[0].model, [wheel for each in wheels for wheel in each], soil, **options)
+    made = Soil(below[0].model, [*(wheel for each in wheels for wheel in each), *shapes], soil, **options)
     first = 0
     for vehicle, each in zip(below, wheels, strict=True):
         assert isinstance(vehicle.tires, SoilTires)

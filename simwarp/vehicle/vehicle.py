@@ -172,6 +172,12 @@ class Vehicle(Readable):
         }
         return {name: array for name, array in arrays.items() if array.size}
 
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Bodies whose forces it writes: the chassis, and the wheels where its tires make forces."""
+        spindles = [side.spindle for side in self.parts.sides] if isinstance(self.tires, Tires) else []
+        return (self.parts.chassis, *spindles)
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
         model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
