@@ -37,6 +37,7 @@ from ..framework.launching import TensorFunction, filled, launch_over, share_ove
 from ..framework.simulation_access import Attachments
 from ..framework.task import Task
 from .navigation import Navigation
+from .soil import DrivenSoil, SoilKind
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder, SolverOptions
@@ -96,6 +97,14 @@ class DrivingConfig(TaskConfig):
     """Drive the full vehicle model instead of the reduced one that policies are trained on."""
     friction: Positive = 0.9
     """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
+    soil: SoilKind = SoilKind.NONE
+    """Deformable ground below rigid wheels: a soil by name; random: between soft and hard, drawn for every episode, one
+    in five nearly rigid. none: rigid ground below the vehicle's own tires. On soil its own strength counts in place of
+    `friction`."""
+    soil_spacing: Positive = 0.1
+    """Of the soil's nodes [m]: at most half the width of a wheel."""
+    soil_pages: Annotated[int, Ge(16), Le(2**20)] | None = None
+    """8 x 8 nodes each, of every world; None: as many as the ruts of an episode take, or of its last 200 m."""
     camera_width: Pixels = 80
     """Of the image [pixels], 36 at least."""
     camera_height: Pixels = 45
@@ -152,6 +161,8 @@ class DrivingTask(Task[DrivingT]):
     """The vehicle at work: its inputs, tires, gear and motion; from `attach` on."""
     camera: Camera | None
     """The policy's camera; None with ``obs`` state. From `attach` on."""
+    soil: DrivenSoil | None
+    """The soil below the wheels; None on rigid ground. From `attach` on."""
     navigation: Navigation | None
     """Receiver and gyroscope where the task `navigates` and has a camera, else None; from `attach` on."""
     difficulty: torch.Tensor
@@ -275,7 +286,8 @@ class DrivingTask(Task[DrivingT]):
         from simwarp.vehicle import load_vehicle, with_options
 
         spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
-        return with_options(spec, tire=self.tire) if self.tire is not None else spec
+        tire = self.tire if self.config.soil is SoilKind.NONE else "soil-rigid"
+        return with_options(spec, tire=tire) if tire is not None else spec
 
     def attach(self, model: Model) -> Attachments:
         """Return the vehicle, and the camera where there is one.
@@ -287,8 +299,11 @@ class DrivingTask(Task[DrivingT]):
         from simwarp.vehicle import Vehicle
 
         config = self.config
-        self.vehicle = Vehicle(self.parts, model, ground=self.ground(model), randomised=True)
+        ground = self.ground(model)
+        self.vehicle = Vehicle(self.parts, model, ground=ground, randomised=True)
         self.vehicle.tires.ground_friction.fill_(config.friction)
+        self.soil = None if config.soil is SoilKind.NONE else DrivenSoil(self.vehicle, config, self.random, ground)
+        below = [] if self.soil is None else [self.soil.element]
         self.camera = self.navigation = None
         sensors: list[Any] = []
         if config.obs is Observing.CAMERA:
@@ -306,7 +321,7 @@ class DrivingTask(Task[DrivingT]):
             if self.navigates:
                 self.navigation = Navigation(model, self.parts, config.dt, config.decimation, self.random)
                 sensors += self.navigation.sensors
-        return Attachments(elements=[*self.more_elements(model), self.vehicle], sensors=sensors)
+        return Attachments(elements=[*self.more_elements(model), self.vehicle, *below], sensors=sensors)
 
     def scene(self) -> Scene:
         """Return the scene of the camera and of pictures."""
@@ -419,6 +434,8 @@ class DrivingTask(Task[DrivingT]):
     def reset(self, world_mask: torch.Tensor) -> None:
         """Draw a world and start in it where ``world_mask`` (W,) is true: subclasses write `draw_world` and `start`."""
         self._begin_drive_episode.on(world_mask)
+        if self.soil is not None:
+            self.soil.draw(world_mask)
         self.draw_world(world_mask)
         self.start(world_mask)
 
@@ -465,6 +482,8 @@ class DrivingTask(Task[DrivingT]):
         self.difficulty.copy_(state["difficulty"])
         if self.navigation is not None:
             self.navigation.heading.copy_(state["heading"])
+        if self.soil is not None:
+            self.soil.draw(self._every_world)
         self.draw_world(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
 
     # ---- where the vehicle is ------------------------------------------------------------------------------------
