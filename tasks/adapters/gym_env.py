@@ -15,8 +15,8 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from ..framework.agents import refuse_agents
 from ..framework.registry import make, task_names
+from ..framework.rows import refuse_agents
 from ..framework.task import StepResult, Task
 from .rendering import RENDER_MODES, RENDER_SIZE, Frames, TaskRenderer, check_rendering, metadata_of
 

@@ -9,8 +9,8 @@ from rsl_rl.env import VecEnv
 from tensordict import TensorDict
 
 from simwarp.tasks import InputError, Task
-from simwarp.tasks.framework.agents import Rows
 from simwarp.tasks.framework.interface_checks import check_observations
+from simwarp.tasks.framework.rows import Rows
 
 from ..config import CRITIC
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from simwarp.tasks import InputError, TaskError
-from simwarp.tasks.framework.agents import Rows
+from simwarp.tasks.framework.rows import Rows
 from simwarp.train import TrainConfig
 from simwarp.train.algorithm.acting_rows import ActingRows
 from simwarp.train.algorithm.trainer import Trainer
