@@ -392,6 +392,20 @@ def take_pages(
     world = worlds.first + wp.tid()
     step = nodes.step[world] + 1
     nodes.step[world] = step
+    missing = int(0)
+    for wheel in range(wheels.body.shape[0]):
+        foot = footprint_of(world, wheel_pose(world, wheel, dt, wheels, state), soil, assets)
+        if foot.x0 <= foot.x1:
+            for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
+                for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
+                    page = find_page(world, x, y, nodes)
+                    if page < 0:
+                        missing += 1
+                    else:
+                        nodes.used_at[world, page] = step
+    if missing == 0:
+        return
+    # none that a wheel stands on is given away, whatever the order of the wheels
     for wheel in range(wheels.body.shape[0]):
         foot = footprint_of(world, wheel_pose(world, wheel, dt, wheels, state), soil, assets)
         if foot.x0 <= foot.x1:
