@@ -8,7 +8,7 @@ from simwarp.scenery.vehicle_visuals import add_vehicle_visual
 from simwarp.sensors.scene import Visuals
 
 if TYPE_CHECKING:
-    from simwarp.vehicle.results.convoy import Convoy
+    from simwarp.vehicle.results.vehicle_row import Convoy
 
 
 def convoy_visuals(convoy: Convoy) -> Visuals:

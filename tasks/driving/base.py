@@ -355,12 +355,15 @@ class DrivingTask(Task[DrivingT]):
         self.input = to_torch(self.vehicle.input)
         self._settle()
         state = self.simulation.state
-        start_x, start_rot = wp.clone(state.body_x[0]), wp.clone(state.body_rot[0])
+        bodies = to_torch(self.vehicle.bodies).long()
+        start_x = wp.from_torch(to_torch(state.body_x)[0, bodies].contiguous(), dtype=wp.vec3d)
+        start_rot = wp.from_torch(to_torch(state.body_rot)[0, bodies].contiguous(), dtype=wp.quatd)
         self._car = filled(
             Car,
             chassis=self.parts.chassis,
             shape=self.chassis_shape,
             reference=wp.vec3d(*self.parts.reference),
+            bodies=self.vehicle.bodies,
             start_x=start_x,
             start_rot=start_rot,
             force=self.simulation.contacts.shape_contact_force,
