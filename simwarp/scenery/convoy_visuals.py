@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def convoy_visuals(convoy: Convoy) -> Visuals:
     """Visuals of a convoy's vehicles, without any ground: add one, then `finalize(convoy.simulation.model)`."""
-    visuals = Visuals(convoy.simulation.model.builder)
+    visuals = Visuals(convoy.builder)
     for box, parts in zip(convoy.boxes, convoy.vehicles.parts, strict=True):
         visuals.hide(box)
         add_vehicle_visual(visuals, parts)

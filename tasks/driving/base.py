@@ -356,8 +356,8 @@ class DrivingTask(Task[DrivingT]):
         self._settle()
         state = self.simulation.state
         bodies = to_torch(self.vehicle.bodies).long()
-        start_x = wp.from_torch(to_torch(state.body_x)[0, bodies].contiguous(), dtype=wp.vec3d)
-        start_rot = wp.from_torch(to_torch(state.body_rot)[0, bodies].contiguous(), dtype=wp.quatd)
+        places, turns = (to_torch(array)[0, bodies].contiguous() for array in (state.body_x, state.body_rot))
+        start_x, start_rot = wp.from_torch(places, dtype=wp.vec3d), wp.from_torch(turns, dtype=wp.quatd)
         self._car = filled(
             Car,
             chassis=self.parts.chassis,
@@ -376,7 +376,7 @@ class DrivingTask(Task[DrivingT]):
         """(W,) bool: the chassis touched something in this control step."""
         self._image = None if self.camera is None else to_torch(self.camera.data)
         self._record_vehicle()
-        to_torch(start_x)[:, :2] -= self.pose()[0][0, :2]
+        places[:, :2] -= self.pose()[0][0, :2]
         if self._scene is not None:
             self.bind_scene(self._scene)
 

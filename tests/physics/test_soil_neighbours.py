@@ -93,12 +93,12 @@ def test_order_does_not_matter(crossed):
 
 
 def test_order_does_not_matter_to_recycled_pages():
-    fields = [Field(names, pages=64) for names in (("first", "across"), ("across", "first"))]
-    for field in fields:
+    one, other = (Field(names, pages=64) for names in (("first", "across"), ("across", "first")))
+    for field in (one, other):
         field.sim.step(STEPS)
         assert (field.soil.recycled.numpy() > 0).all()
     for name in ("first", "across"):
-        assert difference(*fields, name) == []
+        assert difference(one, other, name) == []
 
 
 def test_a_vehicle_out_of_touch_equals_itself_alone(crossed):
