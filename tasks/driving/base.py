@@ -370,12 +370,15 @@ class DrivingTask(Task[DrivingT]):
         self.input = to_torch(self.vehicle.input)
         self._settle()
         state = self.simulation.state
-        start_x, start_rot = wp.clone(state.body_x[0]), wp.clone(state.body_rot[0])
+        bodies = to_torch(self.vehicle.bodies).long()
+        places, turns = (to_torch(array)[0, bodies].contiguous() for array in (state.body_x, state.body_rot))
+        start_x, start_rot = wp.from_torch(places, dtype=wp.vec3d), wp.from_torch(turns, dtype=wp.quatd)
         self._car = filled(
             Car,
             chassis=self.parts.chassis,
             shape=self.chassis_shape,
             reference=wp.vec3d(*self.parts.reference),
+            bodies=self.vehicle.bodies,
             start_x=start_x,
             start_rot=start_rot,
             force=self.simulation.contacts.shape_contact_force,
@@ -388,7 +391,7 @@ class DrivingTask(Task[DrivingT]):
         """(W,) bool: the chassis touched something in this control step."""
         self._image = None if self.camera is None else to_torch(self.camera.data)
         self._record_vehicle()
-        to_torch(start_x)[:, :2] -= self.pose()[0][0, :2]
+        places[:, :2] -= self.pose()[0][0, :2]
         if self._scene is not None:
             self.bind_scene(self._scene)
 
