@@ -48,7 +48,8 @@ class ForceElement(Protocol):
     publish what the present state tells. Their first input is the (W,) mask; they run at construction and wherever
     somebody set the state of worlds, as a sensor's `begin`. One that resets its memory itself has
     `record_reset(simulation, mask)` likewise. One with an attribute `implicit` writes `Control.element_mass`,
-    `element_coupling` and `element_inertia` of its bodies.
+    `element_coupling` and `element_inertia` of its bodies. One that may run short of something has `world_problems()`:
+    a line with the remedy by world, for `Simulation.problems`.
     """
 
     @property

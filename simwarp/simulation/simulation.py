@@ -267,7 +267,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     def problems(self) -> list[str]:
         """One line for each world that is in trouble: what it is, and what helps. Waits for the device."""
-        return explain_worlds(self.state, self.contacts, self.diagnostics, self.solver.tolerance)
+        return explain_worlds(self.state, self.contacts, self.diagnostics, self.solver.tolerance, self.elements)
 
     def snapshot(self) -> Snapshot:
         """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""

@@ -12,14 +12,15 @@ import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, Row, plural
-from simwarp.core.types import ModelError, Vec3, shown
+from simwarp.core.types import ModelError, ShapeType, Vec3, shown
+from simwarp.kernels.soil.level import SoilCover, find_heights
 from simwarp.kernels.soil.pressing import clear_soil, press_wheels, report_wheels, take_pages
 from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
 from simwarp.kernels.soil.soil_tables import SoilWheels as WheelTables
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
-from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
+from simwarp.soil.soil_checks import MOST_PAGES, check_ground, check_map, checked_pages
 from simwarp.soil.soil_parameters import SoilSpec, soil_preset
 from simwarp.vehicle.tires.tires import ground as plane
 
@@ -29,7 +30,6 @@ REST_TIME: Final = 10.0 * DIRECTION_LENGTH
 """Displacement that holds a node at rest, per speed [s]: ten lengths per 1 m/s."""
 REST_SPEED: Final = 0.02
 """Above which a node slides [m/s]."""
-MOST_PAGES: Final = 1 << 20
 
 
 class ShearMemory(enum.Enum):
@@ -101,7 +101,7 @@ class Soil(Readable):
         given = [soil] if isinstance(soil, SoilSpec | str) else list(soil)
         self.soils = tuple(soil_preset(each) if isinstance(each, str) else each for each in given)
         self.spacing = _checked_spacing(spacing, self.wheels)
-        self.pages = whole_number("soil", "pages", pages, 4 * len(self.wheels), MOST_PAGES, "2048 is the default")
+        self.pages = checked_pages(pages, self.spacing, [(wheel.radius, wheel.width) for wheel in self.wheels])
         worlds, device = model.world_count, model.device
         rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
         self.parameter = writable_from(rows, wp.float32, device)
@@ -116,10 +116,12 @@ class Soil(Readable):
         tables.parameter = self.parameter
         places: Any = _checked_map(soil_map, len(self.soils), worlds)
         tables.soil_map = wp.array(places, dtype=int, device=device)
-        tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         tables.terrain = plane(device) if ground is None else ground
+        check_ground(tables.terrain)
+        check_map(places.shape, map_origin, map_cell, tables.terrain, model)
+        tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         self._wheels = _wheel_tables(model, self.wheels)
-        self._nodes = _nodes(worlds, self.pages, device)
+        self._nodes = _nodes(worlds, self.pages, len(self.wheels), device)
         self._reports = _reports((worlds, len(self.wheels)), device)
 
     def _printed_title(self) -> str:
@@ -167,12 +169,63 @@ class Soil(Readable):
         """(W,) pages that were taken again since the last reset."""
         return self._nodes.recycled
 
+    @property
+    def cover(self) -> Any:
+        """The struct that rays and height queries read: `Scene.cover_with`."""
+        cover: Any = SoilCover()
+        cover.spacing, cover.terrain, cover.nodes = self.spacing, self._tables.terrain, self._nodes
+        return cover
+
+    def height(self, points: Any) -> wp.array:
+        """Heights of the deformed ground at points, launched on the soil's device.
+
+        Between the nodes the ground is made of triangles, as cameras and lidars see it; cells without any touched node
+        are undeformed. A node lies as far below as it stays pressed: what springs back under a wheel is left out.
+
+        Args:
+            points: (N, 2), (W, N, 2), or an array (1 or W, N) of vec2d on the device: x and y, world [m].
+
+        Returns:
+            (W, N) float64, world [m]; NaN where there is no ground.
+
+        Raises:
+            ModelError: the points have another shape, or the ground is a mesh.
+        """
+        return self.surface(points)[0]
+
+    def surface(self, points: Any) -> tuple[wp.array, wp.array]:
+        """`height`, and (W, N) vec3 unit upward normals of the deformed ground, world axes; zeros without ground.
+
+        Raises:
+            ModelError: see `height`.
+        """
+        place = _checked_points(points, self.model)
+        if self._tables.terrain.kind == ShapeType.MESH:
+            raise ModelError("soil: height needs a plane or a height field as ground, got a mesh; make a height field")
+        shape, device = (self.model.world_count, place.shape[1]), self.model.device
+        height: wp.array = wp.zeros(shape, dtype=wp.float64, device=device)
+        normal: wp.array = wp.zeros(shape, dtype=wp.vec3, device=device)
+        inputs = [self.cover, self.model.assets, place]
+        wp.launch(find_heights, dim=shape, device=device, inputs=inputs, outputs=[height, normal])
+        return height, normal
+
+    def world_problems(self) -> dict[int, str]:
+        """Worlds that took pages again since their last reset, with the remedy. Waits for the device."""
+        again = self.recycled.numpy()
+        return {
+            int(
+                world
+            ): f"soil: its {self.pages} pages ran out, {again[world]} were taken again and the ruts in them are "
+            f"gone; Soil(pages={min(self.pages + int(again[world]), MOST_PAGES)}) keeps them"
+            for world in np.nonzero(again > 0)[0]
+        }
+
     # ---- ForceElement ----------------------------------------------------------------------------------------------
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a snapshot keeps."""
-        names = ("node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled")
+        names = ("node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled", "deepest")
         return {name: getattr(self._nodes, name) for name in names}
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
@@ -239,7 +292,22 @@ def _wheel_tables(model: Model, wheels: Sequence[SoilWheel]) -> Any:
     return table
 
 
-def _nodes(worlds: int, pages: int, device: Any) -> Any:
+def _checked_points(points: Any, model: Model) -> wp.array:
+    """(1 or W, N) vec2d on the model's device."""
+    worlds = model.world_count
+    rule = f"soil: points must be (N, 2), ({worlds}, N, 2), or vec2d (1 or {worlds}, N) on {model.device}"
+    if isinstance(points, wp.array):
+        if points.dtype is not wp.vec2d or points.ndim != 2 or points.shape[0] not in (1, worlds):
+            raise ModelError(f"{rule}, got {shown(points)}; make a wp.array of dtype vec2d")
+        return points
+    values = np.asarray(points, np.float64)
+    values = values[None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[2] != 2 or values.shape[0] not in (1, worlds):
+        raise ModelError(f"{rule}, got {np.shape(points)}; give x and y of each")
+    return wp.array(values, dtype=wp.vec2d, ndim=2, device=model.device)
+
+
+def _nodes(worlds: int, pages: int, wheels: int, device: Any) -> Any:
     nodes: Any = SoilNodes()
     nodes.node = wp.zeros((worlds, pages * PAGE_NODES, NODE_VALUES), dtype=float, device=device)
     for name in ("place_x", "place_y", "used_at"):
@@ -247,6 +315,7 @@ def _nodes(worlds: int, pages: int, device: Any) -> Any:
     nodes.entry = wp.zeros((worlds, 1 << (2 * pages - 1).bit_length()), dtype=int, device=device)
     for name in ("count", "step", "recycled"):
         setattr(nodes, name, wp.zeros(worlds, dtype=int, device=device))
+    nodes.deepest = wp.zeros((worlds, wheels), dtype=float, device=device)
     return nodes
 
 

@@ -54,7 +54,7 @@ VEHICLE_ARRAYS = ("joint_friction", "coupling_coefficient")
 OWN_MEASURES = ("vehicle_name", "full_name", "chassis_half", "chassis_place", "camera_place")
 """What a class that drives another vehicle says together."""
 CHASSIS_GROUP = 2
-"""Bit of the collision group of the driven vehicle's chassis; obstacles meet nothing else."""
+"""Bit of the collision group of vehicles' chassis; obstacles meet nothing else. Chassis of two vehicles meet."""
 
 
 class Observing(enum.Enum):
@@ -251,17 +251,14 @@ class DrivingTask(Task[DrivingT]):
 
     def build(self, builder: ModelBuilder) -> None:
         """Add the vehicle at the origin, facing +X, then the world's shapes."""
-        import simwarp as sw
-        from simwarp.vehicle import add_vehicle
+        from simwarp.vehicle import add_chassis_box, add_vehicle
 
         self._check_vehicle()
         self.spec = self.make_spec()
         self.parts = add_vehicle(builder, self.spec)
-        place = np.asarray(self.chassis_place) + self.parts.reference
-        self.chassis_shape = builder.add_shape_box(
-            self.parts.chassis, half=self.chassis_half, pose=sw.pose(place), name="chassis_box", group=CHASSIS_GROUP,
-            mask=~CHASSIS_GROUP & 0x7FFFFFFF,
-        )  # fmt: skip
+        self.chassis_shape = add_chassis_box(
+            builder, self.parts, half=self.chassis_half, position=self.chassis_place, group=CHASSIS_GROUP
+        )
         self.build_world(builder)
         self._builder = builder
         self._scene: Scene | None = None

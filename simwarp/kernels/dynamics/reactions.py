@@ -117,6 +117,12 @@ def unexplained_impulses(
             work.f_ang[link] = rot * change - dt * applied_torque(world, body, control)
             force = applied_force(world, body, rot, control) + mass * gravity
             work.f_lin[link] = mass * work.v_lin[link] - dt * force
+            if control.element_mass.shape[0] > 0:  # an implicit element's force is F - D dv / h
+                dv = work.v_lin[link]
+                domega = work.v_ang[link]
+                block = control.element_coupling[world, body]
+                work.f_ang[link] = work.f_ang[link] + control.element_inertia[world, body] * domega + block * dv
+                work.f_lin[link] = work.f_lin[link] + control.element_mass[world, body] * dv + domega * block
 
 
 @wp.func

@@ -12,8 +12,9 @@ from simwarp.kernels.collision.shape import HEIGHT_FIELD, HULL, MESH, Assets
 from simwarp.kernels.collision.surfaces import SurfaceHit, height_field_ray
 from simwarp.kernels.core.spatial import to_double
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.rays.instances import RayScene, start_of_ray
+from simwarp.kernels.rays.instances import SOIL, RayScene, start_of_ray
 from simwarp.kernels.rays.primitives import primitive_ray
+from simwarp.kernels.rays.soil_rays import soil_ray
 from simwarp.kernels.rays.wide_tree import tree_ray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -32,6 +33,7 @@ class RayHit:
     triangle: int  # of a mesh, hull or height field; -1: a primitive
     bary: wp.vec2  # weights of the triangle's corners 1 and 2
     local: wp.vec3  # the point in the instance's own frame, before its scale
+    drop: float  # of soil: how far the point was pressed down [m]; else 0
 
 
 @wp.func_native("""
@@ -150,6 +152,13 @@ def instance_ray(
             hit.bary = found.bary
             hit.triangle = found.triangle
             hit.normal = wp.normalize(rot * wp.cross(wp.cw_mul(size, found.edge1), wp.cw_mul(size, found.edge2)))
+    elif kind == SOIL:
+        ground = soil_ray(world, instance, start, direction, reach, scene, assets)
+        if ground.t >= 0.0:
+            hit.t = ground.t
+            hit.triangle = ground.triangle
+            hit.normal = ground.normal
+            hit.drop = ground.drop
     else:
         surface = SurfaceHit()
         if kind == HEIGHT_FIELD:

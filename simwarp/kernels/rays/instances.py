@@ -24,10 +24,12 @@ from simwarp.kernels.core.spatial import matrix_to_float, to_double, to_float, t
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.wide_tree import Trees
+from simwarp.kernels.soil.level import SoilCover, level_range
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 ENDLESS = wp.constant(1.0e18)  # half size of a plane [m]
+SOIL = wp.constant(65)  # beside the kinds of `ShapeType`: a plane or height field with ruts in it
 
 
 @wp.struct
@@ -40,7 +42,7 @@ class RayScene:
     origin_body: int  # -1: the world's origin
     mask: int  # a ray meets instances whose group has one of these bits
 
-    kind: wp.array[int]  # ShapeType
+    kind: wp.array[int]  # ShapeType, or SOIL
     body: wp.array[int]  # -1: world
     shape: wp.array[int]  # the model's shape that it shows, -1: none, its placement is below
     tree: wp.array[int]  # of a hull or mesh: number of the first tree of its kind, to which its asset is added
@@ -66,8 +68,10 @@ class RayScene:
     order: wp.array2d[int]  # scratch
     code: wp.array2d[int]
     node: wp.array2d[float]  # (W, nodes x NODE_WORDS)
+    soil_range: wp.array[wp.vec2]  # (W,) greatest raise and greatest drop of the soil's nodes [m]
 
     trees: Trees
+    cover: SoilCover  # of the instance of kind SOIL; there is one at most
 
 
 @wp.func_native("""
@@ -181,6 +185,11 @@ def half_extent(kind: int, size: wp.vec3) -> wp.vec3:
 def instance_bounds(instance: int, world: int, scene: RayScene, assets: Assets):
     """Bounds of a placed instance, from its own box turned into the world."""
     kind = scene.kind[instance]
+    levels = wp.vec2()
+    if kind == SOIL:
+        kind = scene.cover.terrain.kind
+        levels = level_range(world, scene.cover.nodes)
+        scene.soil_range[world] = levels
     size = scene.place_size[world, instance]
     asset = scene.place_asset[world, instance]
     middle = wp.vec3()
@@ -207,8 +216,8 @@ def instance_bounds(instance: int, world: int, scene: RayScene, assets: Assets):
     reach = turned_extent(rot, half) * 1.000001
     for k in range(3):
         reach[k] += 1.0e-6 * wp.abs(centre[k]) + 1.0e-7
-    scene.lower[world, instance] = centre - reach
-    scene.upper[world, instance] = centre + reach
+    scene.lower[world, instance] = centre - reach - wp.vec3(0.0, 0.0, levels[1])
+    scene.upper[world, instance] = centre + reach + wp.vec3(0.0, 0.0, levels[0])
 
 
 @wp.kernel

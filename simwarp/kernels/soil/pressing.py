@@ -12,6 +12,7 @@ from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.soil.law import Law, law_of, press
+from simwarp.kernels.soil.level import FARTHEST, node_drop
 from simwarp.kernels.soil.pages import find_page, take_page
 from simwarp.kernels.soil.soil_tables import (
     K_C,
@@ -34,8 +35,6 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 SLACK = wp.constant(0.02)
 """Of the ground's height below a wheel, taken into its footprint where the ground is no plane [radii]."""
-FARTHEST = wp.constant(wp.float64(1.0e9))
-"""Nodes from the origin beyond which there is no soil: their numbers are whole numbers of 32 bits."""
 TILTED = wp.constant(0.2)
 """Vertical part of an axis above which a wheel's whole outline counts."""
 STILL = wp.constant(1.0e-9)
@@ -181,9 +180,15 @@ def node_below(world: int, column: int, row: int, p: Pose, soil: SoilTables, ass
 @wp.func
 def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, assets: Assets) -> float:
     """Perimeter over twice the area of the touched rectangle in the wheel's axes [1/m]; 0 without one."""
-    flat = wp.max(wp.sqrt(p.axis[0] * p.axis[0] + p.axis[1] * p.axis[1]), 1.0e-6)
-    ax = p.axis[0] / flat
-    ay = p.axis[1] / flat
+    flat = wp.sqrt(p.axis[0] * p.axis[0] + p.axis[1] * p.axis[1])
+    ax = p.axis[0] / wp.max(flat, 1.0e-6)
+    ay = p.axis[1] / wp.max(flat, 1.0e-6)
+    widest = 2.0 * p.half_width
+    if wp.abs(p.axis[2]) > TILTED:  # it may lie on its side: a disc, whose axis has no direction in the ground
+        widest = 2.0 * (p.half_width * flat + p.radius * wp.abs(p.axis[2]))
+        if flat < 1.0e-3:
+            ax = 0.0
+            ay = 1.0
     low = float(1.0e9)
     high = float(-1.0e9)
     left = float(-1.0e9)
@@ -202,7 +207,7 @@ def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, a
         return 0.0
     cell = soil.spacing * (wp.abs(ax) + wp.abs(ay))
     length = wp.min(high - low + cell, 2.0 * p.radius)
-    width = wp.min(left - right + cell, 2.0 * p.half_width)
+    width = wp.min(left - right + cell, widest)
     return (length + width) / (length * width)
 
 
@@ -330,14 +335,30 @@ def press_node(
 
 
 @wp.func
+def reach_of(wheel: int, soil: SoilTables, wheels: SoilWheels) -> float:
+    """Farthest that a wheel's footprint can be from its centre, whatever it does [m]."""
+    return 3.0 * wheels.radius[wheel] + wheels.half_width[wheel] + soil.spacing
+
+
+@wp.func
+def far_apart(
+    world: int, wheel: int, other: int, p: Pose, soil: SoilTables, wheels: SoilWheels, state: StateArrays
+) -> bool:  # fmt: skip
+    """True where two wheels can have no node in common: most of those of several vehicles, told by their places."""
+    way = state.body_x[world, wheels.body[other]] - p.x
+    reach = reach_of(wheel, soil, wheels) + reach_of(other, soil, wheels) + wp.length(wheels.offset_b[other])
+    return wp.max(wp.abs(way[0]), wp.abs(way[1])) > wp.float64(reach)
+
+
+@wp.func
 def owns(
-    world: int, wheel: int, column: int, row: int, b: Below, dt: float, soil: SoilTables, wheels: SoilWheels,
+    world: int, wheel: int, column: int, row: int, b: Below, dt: float, at: Pose, soil: SoilTables, wheels: SoilWheels,
     state: StateArrays, assets: Assets,
 ) -> bool:  # fmt: skip
     """False where another wheel is deeper at a node, or as deep and of a smaller index."""
     mine = bool(True)
     for other in range(wheels.body.shape[0]):
-        if other != wheel:
+        if other != wheel and not far_apart(world, wheel, other, at, soil, wheels, state):
             p = wheel_pose(world, other, dt, wheels, state)
             theirs = node_below(world, column, row, p, soil, assets).sinkage
             if theirs > 0.0 and (theirs > b.sinkage or (theirs == b.sinkage and other < wheel)):
@@ -347,13 +368,13 @@ def owns(
 
 @wp.func
 def meets_another(
-    world: int, wheel: int, foot: Footprint, dt: float, soil: SoilTables, wheels: SoilWheels, state: StateArrays,
-    assets: Assets,
+    world: int, wheel: int, foot: Footprint, dt: float, at: Pose, soil: SoilTables, wheels: SoilWheels,
+    state: StateArrays, assets: Assets,
 ) -> bool:  # fmt: skip
     """True where the footprint of another wheel crosses this one's."""
     found = bool(False)
     for other in range(wheels.body.shape[0]):
-        if other != wheel:
+        if other != wheel and not far_apart(world, wheel, other, at, soil, wheels, state):
             f = footprint_of(world, wheel_pose(world, other, dt, wheels, state), soil, assets)
             if f.x0 <= foot.x1 and foot.x0 <= f.x1 and f.y0 <= foot.y1 and foot.y0 <= f.y1:
                 found = True
@@ -407,6 +428,7 @@ def press_wheels(
     foot = footprint_of(world, p, soil, assets)
     total = WheelSum()
     sunk = float(0.0)
+    deepest = nodes.deepest[world, wheel]
     if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
         copy = world_row(world, soil.parameter.shape[0])
         kind = soil_at(world, p.x, soil)
@@ -414,7 +436,7 @@ def press_wheels(
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(world, p, foot, soil, assets)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, wheel, foot, dt, soil, wheels, state, assets)
+        crowded = meets_another(world, wheel, foot, dt, p, soil, wheels, state, assets)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
         page_x = int(0x7FFFFFFF)
@@ -433,12 +455,14 @@ def press_wheels(
                     area = soil.spacing * soil.spacing * b.share
                     mine = bool(True)
                     if crowded:
-                        mine = owns(world, wheel, column, row, b, dt, soil, wheels, state, assets)
+                        mine = owns(world, wheel, column, row, b, dt, p, soil, wheels, state, assets)
                     if page >= 0 and area > 0.0 and mine:
                         slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
+                        deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))
                         if column == middle_x and row == middle_y:
                             sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2]
+    nodes.deepest[world, wheel] = deepest
     control.element_force[world, body] = total.force
     control.element_torque[world, body] = total.moment
     control.element_mass[world, body] = total.mass
@@ -498,5 +522,7 @@ def clear_soil(
         nodes.count[world] = 0
         nodes.step[world] = 0
         nodes.recycled[world] = 0
+        for wheel in range(nodes.deepest.shape[1]):
+            nodes.deepest[world, wheel] = 0.0
         for at in range(nodes.entry.shape[1]):
             nodes.entry[world, at] = 0

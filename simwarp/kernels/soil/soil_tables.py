@@ -67,6 +67,7 @@ class SoilNodes:
     count: wp.array[int]  # (W,) pages in use
     step: wp.array[int]  # (W,) steps so far
     recycled: wp.array[int]  # (W,) pages that were taken again, with the ruts in them
+    deepest: wp.array2d[float]  # (W, wheels) greatest drop of a node that a wheel has left [m]
 
 
 @wp.struct

@@ -164,7 +164,7 @@ def test_a_quarter_turn_changes_nothing(direction):
 
 
 def test_used_up_pages_are_recycled_and_counted():
-    simulation, element = rolling(2, torque=900.0, pages=6)
+    simulation, element = rolling(2, torque=900.0, pages=8)
     many, _ = rolling(2, torque=900.0, pages=64)
     for each in (simulation, many):
         each.step(3000)
