@@ -359,6 +359,8 @@ class DrivingTask(Task[DrivingT]):
             self.visuals(visuals)
             paint(visuals)
             self._scene = visuals.finalize(model, per_world=self.seen_per_world(), origin_body=self.parts.chassis)
+            if self.soil is not None:
+                self.soil.show_in(self._scene)
         return self._scene
 
     def solver_options(self) -> SolverOptions:

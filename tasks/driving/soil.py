@@ -12,6 +12,7 @@ from simwarp import to_torch
 from simwarp.kernels.soil.soil_tables import COHESION, ELASTIC, EXPONENT, K_PHI, PARAMETERS, SIDE, TAN_PHI
 
 if TYPE_CHECKING:
+    from simwarp.sensors import Scene
     from simwarp.soil import SoilSpec
     from simwarp.vehicle import Vehicle
 
@@ -29,6 +30,8 @@ USUAL_SPEED: Final = 8.0
 """At which ruts of a whole episode find room [m/s]."""
 LONGEST_RUT: Final = 200.0
 """What is remembered at most behind a vehicle [m]."""
+GROUNDS: Final = ("hills", "ground")
+"""Names of the plane or height field in a scene that shows the ground."""
 DRAWS: Final = 4
 """Numbers that a soil is drawn with."""
 LOGARITHMIC: Final = [int(K_PHI), int(ELASTIC)]
@@ -131,6 +134,12 @@ class DrivenSoil:
         """
         rows = self._draw_rows() if self._preset is None else self._preset.expand(len(world_mask), -1)
         self.parameter.copy_(torch.where(world_mask.view(-1, 1, 1), rows.unsqueeze(1), self.parameter))
+
+    def show_in(self, scene: Scene) -> None:
+        """Let a scene show the ruts, if one of `GROUNDS` is in it: roads and floors of other kinds stay as they are."""
+        shown = [name for name in GROUNDS if name in scene.names]
+        if shown:
+            scene.cover_with(self.element, shown[0])
 
     def _draw_rows(self) -> torch.Tensor:
         """Return (W, 8): what the draws of the running episodes say."""
