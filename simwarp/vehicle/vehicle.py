@@ -319,6 +319,12 @@ class Vehicle(Readable):
         """State that a reset restores and a snapshot keeps."""
         return self._element().memory
 
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Bodies whose forces it writes: the chassis, and the wheels where its tires make forces."""
+        spindles = [side.spindle for side in self.parts.sides] if isinstance(self.tires, Tires) else []
+        return (self.parts.chassis, *spindles)
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
         return self._element().record(simulation, dt)

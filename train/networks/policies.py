@@ -219,10 +219,16 @@ def network_policy(content: dict[str, Any], task: Task[Any]) -> NetworkPolicy:
 
 def zero_policy(task: Task[Any]) -> Policy:
     """Return the policy that does nothing."""
-    nothing = torch.zeros(task.num_worlds, task.action_size, device=task.device)
+    nothing = torch.zeros(task.num_worlds * task.agents, task.action_size, device=task.device)
     return lambda observations: nothing
 
 
 def random_policy(task: Task[Any]) -> Policy:
     """Return the policy that draws every action uniformly from [-1, 1], reproducibly."""
-    return lambda observations: task.random.uniform("random policy", -1.0, 1.0, task.action_size, per_step=True)
+    size = task.action_size
+
+    def draw(observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        drawn = task.random.uniform("random policy", -1.0, 1.0, size * task.agents, per_step=True)
+        return drawn if task.agents == 1 else drawn.view(-1, size)
+
+    return draw
