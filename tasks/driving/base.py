@@ -299,7 +299,12 @@ class DrivingTask(Task[DrivingT]):
         ground = self.ground(model)
         self.vehicle = Vehicle(self.parts, model, ground=ground, randomised=True)
         self.vehicle.tires.ground_friction.fill_(config.friction)
-        self.soil = None if config.soil is SoilKind.NONE else DrivenSoil(self.vehicle, config, self.random, ground)
+        self.soil = None
+        if config.soil is not SoilKind.NONE:
+            self.soil = DrivenSoil(
+                self.vehicle, config.soil, self.random, ground=ground, friction=config.friction,
+                spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
+            )  # fmt: skip
         below = [] if self.soil is None else [self.soil.element]
         self.camera = self.navigation = None
         sensors: list[Any] = []
@@ -354,6 +359,8 @@ class DrivingTask(Task[DrivingT]):
             self.visuals(visuals)
             paint(visuals)
             self._scene = visuals.finalize(model, per_world=self.seen_per_world(), origin_body=self.parts.chassis)
+            if self.soil is not None:
+                self.soil.show_in(self._scene)
         return self._scene
 
     def solver_options(self) -> SolverOptions:
