@@ -13,7 +13,7 @@ from simwarp.kernels.soil.soil_tables import COHESION, ELASTIC, EXPONENT, K_PHI,
 
 if TYPE_CHECKING:
     from simwarp.soil import SoilSpec
-    from simwarp.vehicle import Vehicle
+    from simwarp.vehicle import Vehicle, Vehicles
 
     from ..randomisation.randomness import WorldRandom
     from .base import DrivingConfig
@@ -85,7 +85,7 @@ class DrivenSoil:
     length and the stiffness of unloading go with log k_phi. One in five episodes is nearly rigid (`RIGID_SHARE`).
 
     Args:
-        vehicle: on `soil-rigid` tires.
+        vehicle: on `soil-rigid` tires; or several, which meet each other's ruts.
         config: of the task.
         random: of the task.
         ground: the undeformed ground (`simwarp.vehicle.ground`); the plane z = 0 when None.
@@ -98,12 +98,14 @@ class DrivenSoil:
         ModelError: the spacing does not suit the wheels.
     """
 
-    def __init__(self, vehicle: Vehicle, config: DrivingConfig, random: WorldRandom, ground: Any) -> None:
+    def __init__(
+        self, vehicle: Vehicle | Vehicles, config: DrivingConfig, random: WorldRandom, ground: Any
+    ) -> None:  # fmt: skip
         from simwarp.soil import PRESETS, soil_under
 
-        tires = [axle.tire for axle in vehicle.parts.spec.axles]
-        widest = max(tire.width for tire in tires)
-        pages = config.soil_pages or pages_for(config, len(vehicle.parts.sides), widest)
+        parts = vehicle.parts if isinstance(vehicle.parts, tuple) else (vehicle.parts,)
+        widest = max(axle.tire.width for axle in parts[0].spec.axles)
+        pages = config.soil_pages or pages_for(config, sum(len(each.sides) for each in parts), widest)
         rigid = rigid_soil(config.friction)
         self.element = soil_under(
             vehicle, rigid, ground=ground, spacing=config.soil_spacing, pages=pages, per_world=True
