@@ -42,7 +42,7 @@ from .soil import DrivenSoil, SoilKind
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder, SolverOptions
     from simwarp.sensors import Camera, Scene, Visuals
-    from simwarp.vehicle import Vehicle, VehicleParts, VehicleSpec
+    from simwarp.vehicle import Vehicle, VehicleParts, Vehicles, VehicleSpec
     from simwarp.viewer import Shot
 
     from ..framework.launching import WorldLaunch
@@ -286,6 +286,18 @@ class DrivingTask(Task[DrivingT]):
         tire = self.tire if self.config.soil is SoilKind.NONE else "soil-rigid"
         return with_options(spec, tire=tire) if tire is not None else spec
 
+    def make_vehicle(self, model: Model, ground: Any) -> Vehicle | Vehicles:
+        """Make ``self.vehicle``, the one that is driven, and return the force element: itself, or all alike it.
+
+        Args:
+            model: finished.
+            ground: the tires' terrain; None is the plane z = 0.
+        """
+        from simwarp.vehicle import Vehicle
+
+        self.vehicle = Vehicle(self.parts, model, ground=ground, randomised=True)
+        return self.vehicle
+
     def attach(self, model: Model) -> Attachments:
         """Return the vehicle, and the camera where there is one.
 
@@ -293,16 +305,15 @@ class DrivingTask(Task[DrivingT]):
         """
         from simwarp import pose
         from simwarp.sensors import Camera, CameraConfig, Mount, Pinhole, Schedule
-        from simwarp.vehicle import Vehicle
 
         config = self.config
         ground = self.ground(model)
-        self.vehicle = Vehicle(self.parts, model, ground=ground, randomised=True)
-        self.vehicle.tires.ground_friction.fill_(config.friction)
+        self._driven = self.make_vehicle(model, ground)
+        self._driven.tires.ground_friction.fill_(config.friction)
         self.soil = None
         if config.soil is not SoilKind.NONE:
             self.soil = DrivenSoil(
-                self.vehicle, config.soil, self.random, ground=ground, friction=config.friction,
+                self._driven, config.soil, self.random, ground=ground, friction=config.friction,
                 spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
             )  # fmt: skip
         below = [] if self.soil is None else [self.soil.element]
@@ -323,7 +334,7 @@ class DrivingTask(Task[DrivingT]):
             if self.navigates:
                 self.navigation = Navigation(model, self.parts, config.dt, config.decimation, self.random)
                 sensors += self.navigation.sensors
-        return Attachments(elements=[*self.more_elements(model), self.vehicle, *below], sensors=sensors)
+        return Attachments(elements=[*self.more_elements(model), self._driven, *below], sensors=sensors)
 
     def scene(self) -> Scene:
         """Return the scene of the camera and of pictures."""
@@ -374,7 +385,7 @@ class DrivingTask(Task[DrivingT]):
 
         A subclass calls ``super()`` first, then makes its buffers.
         """
-        self.input = to_torch(self.vehicle.input)
+        self.input = to_torch(self._driven.input)
         self._settle()
         state = self.simulation.state
         bodies = to_torch(self.vehicle.bodies).long()
@@ -416,7 +427,7 @@ class DrivingTask(Task[DrivingT]):
         self._level_ground[:, 2] = 1.0
         self._begin_drive = launch_over(self, begin_drive, drive)
         self._begin_drive_episode = launch_over(self, begin_drive_episode, self._every_world, self.level, drive)
-        self._steer = launch_over(self, steer, self.action, car)
+        self._steer = launch_over(self, steer, self._actions, car)
         self._notice = launch_over(self, finish_physics, car, drive)
 
     def _physics_launches(self) -> Sequence[WorldLaunch]:
@@ -428,7 +439,7 @@ class DrivingTask(Task[DrivingT]):
 
     def _settle(self) -> None:
         self.input.zero_()
-        self.input[:, 2] = 1.0
+        self.input[..., 2] = 1.0
         for _ in range(round(SETTLING / self.config.dt)):
             self.simulation.step()
         self.input.zero_()

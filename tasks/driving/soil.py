@@ -14,7 +14,7 @@ from simwarp.kernels.soil.soil_tables import COHESION, ELASTIC, EXPONENT, K_PHI,
 if TYPE_CHECKING:
     from simwarp.sensors import Scene
     from simwarp.soil import SoilSpec
-    from simwarp.vehicle import Vehicle
+    from simwarp.vehicle import Vehicle, Vehicles
 
     from ..randomisation.randomness import WorldRandom
 
@@ -88,7 +88,7 @@ class DrivenSoil:
     length and the stiffness of unloading go with log k_phi. One in five episodes is nearly rigid (`RIGID_SHARE`).
 
     Args:
-        vehicle: on `soil-rigid` tires.
+        vehicle: on `soil-rigid` tires; or several, which meet each other's ruts.
         kind: not `SoilKind.NONE`.
         random: of the task.
         ground: the undeformed ground (`simwarp.vehicle.ground`); the plane z = 0 when None.
@@ -106,16 +106,18 @@ class DrivenSoil:
     """
 
     def __init__(
-        self, vehicle: Vehicle, kind: SoilKind, random: WorldRandom, *, ground: Any, friction: float, spacing: float,
-        pages: int | None, time: float,
+        self, vehicle: Vehicle | Vehicles, kind: SoilKind, random: WorldRandom, *, ground: Any, friction: float,
+        spacing: float, pages: int | None, time: float,
     ) -> None:  # fmt: skip
         from simwarp.soil import PRESETS, soil_under
 
-        widest = max(axle.tire.width for axle in vehicle.parts.spec.axles)
+        parts = vehicle.parts if isinstance(vehicle.parts, tuple) else (vehicle.parts,)
+        widest = max(axle.tire.width for axle in parts[0].spec.axles)
+        wheels = sum(len(each.sides) for each in parts)
         rigid = rigid_soil(friction)
         self.element = soil_under(
             vehicle, rigid, ground=ground, spacing=spacing, per_world=True,
-            pages=pages or pages_for(time, spacing, len(vehicle.parts.sides), widest),
+            pages=pages or pages_for(time, spacing, wheels, widest),
         )  # fmt: skip
         self.parameter = to_torch(self.element.parameter)
         self._random = random

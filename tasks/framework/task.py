@@ -132,6 +132,11 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
 
     # ---- what a task author writes -----------------------------------------------------------------------------
 
+    @classmethod
+    def played_by(cls, config: ConfigT) -> str | None:
+        """Return ``module:Class``, a subclass that plays this configuration; None: the class itself. Optional."""
+        return None
+
     def build(self, builder: ModelBuilder) -> ModelBuilder | None:
         """Add the bodies and joints of one world to ``builder``, or return a builder of your own."""
         raise NotImplementedError(f"{type(self).__name__} has no build(builder); set physics = False if it needs none")
