@@ -101,7 +101,7 @@ class Soil(Readable):
         self._tables = tables
         tables.spacing = self.spacing
         tables.weighted = int(weighted)
-        tables.scalar_shear = int(ShearMemory(shear_memory) is ShearMemory.SCALAR)
+        tables.scalar_shear = int(_checked_memory(shear_memory) is ShearMemory.SCALAR)
         tables.length, tables.rest_time = DIRECTION_LENGTH, REST_TIME
         tables.rest_speed = REST_SPEED
         tables.parameter = self.parameter
@@ -286,6 +286,14 @@ def _adds(soil: Soil, simulation: StepContext) -> np.ndarray[Any, np.dtype[np.in
                 "put the soil last"
             )
     return found
+
+
+def _checked_memory(memory: Any) -> ShearMemory:
+    try:
+        return ShearMemory(memory)
+    except ValueError:
+        names = " or ".join(each.value for each in ShearMemory)
+        raise ModelError(f"soil: shear_memory must be {names}, got {shown(memory)}; scalar is Chrono's") from None
 
 
 def _checked_map(soil_map: Any, soils: int, worlds: int) -> np.ndarray[Any, np.dtype[np.int32]]:
