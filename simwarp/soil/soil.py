@@ -12,12 +12,15 @@ import warp as wp
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, Row, plural
 from simwarp.core.types import ModelError, ShapeType, shown
+from simwarp.kernels.soil.imprint import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.kernels.soil.level import SoilCover, find_heights
 from simwarp.kernels.soil.pressing import clear_soil, press_shapes, report_shapes, take_pages
 from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.world_launches import WorldLaunch
+from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.soil.soil_checks import MOST_PAGES, check_ground, check_map, checked_pages
 from simwarp.soil.soil_parameters import SoilSpec, soil_preset
 from simwarp.soil.soil_shapes import (
@@ -48,10 +51,10 @@ class ShearMemory(enum.Enum):
 
 
 class Soil(Readable):
-    """Deformable ground under wheels, feet and bellies: pressure after Bekker, shear after Janosi, in nodes of a regular grid.
+    """Deformable ground: pressure after Bekker, shear after Janosi, in nodes of a regular grid.
 
-    Only nodes that something touched take memory, in pages of 8 x 8. When a world has used its pages up, the page that was
-    touched longest ago is taken again, and its ruts are gone (`recycled` counts).
+    Only nodes that something touched take memory, in pages of 8 x 8. When a world has used its pages up, the page that
+    was touched longest ago is taken again, and its ruts are gone (`recycled` counts).
 
     Args:
         model: of the worlds.
@@ -69,10 +72,13 @@ class Soil(Readable):
 
     Attributes:
         parameter: (1 or W, soils, 8) of `SoilSpec.values`; write it where worlds differ (`per_world`).
-        load, sinkage, slip_ratio: (W, shapes) vertical force [N], depth of the rut below the shape's centre [m], slip of wheels.
+        load, sinkage, slip_ratio: (W, shapes) vertical force [N], depth of the rut below the shape's centre [m], slip
+            of wheels.
         force_w, torque_w: (W, shapes) vec3 on the shape, at its centre, world axes [N, N·m].
         touched: (W, shapes) nodes with pressure.
         recycled: (W,) pages that were taken again.
+        rest_force_b, rest_torque_b: (W, shapes) vec3 that `imprint` makes the soil carry, at the shape's centre, axes
+            of its body [N, N·m]; no force: what fresh soil bears there. `keep_forces` writes them.
 
     Raises:
         ModelError: a value breaks its rule.
@@ -81,7 +87,8 @@ class Soil(Readable):
     implicit = True
 
     def __init__(
-        self, model: Model, shapes: Sequence[SoilShape] = (), soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
+        self, model: Model, shapes: Sequence[SoilShape] = (),
+        soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
         ground: TerrainTables | None = None, spacing: float = 0.05, pages: int = 2048,
         shear_memory: ShearMemory | str = ShearMemory.DIRECTION, weighted: bool = True, per_world: bool = False,
         soil_map: Any = None, map_origin: tuple[float, float] = (0.0, 0.0), map_cell: tuple[float, float] = (1.0, 1.0),
@@ -115,6 +122,12 @@ class Soil(Readable):
         self._carriers = carriers_of(model, self.shapes)
         self._nodes = _nodes(worlds, self.pages, len(self.shapes), device)
         self._reports = _reports((worlds, len(self.shapes)), device)
+        each = (worlds, len(self.shapes))
+        self.rest_force_b = writable(each, wp.vec3, device, label="soil.rest_force_b")
+        self.rest_torque_b = writable(each, wp.vec3, device, label="soil.rest_torque_b")
+        self._all_worlds = wp.full(worlds, True, dtype=wp.bool, device=device)
+        self._shift = wp.zeros(each, dtype=float, device=device)
+        self._imprinting: tuple[WorldLaunch, ...] = ()
 
     def _printed_title(self) -> str:
         kinds = plural(len(self.soils), "soil")
@@ -217,6 +230,79 @@ class Soil(Readable):
             for world in np.nonzero(again > 0)[0]
         }
 
+    def keep_forces(self, world_mask: Any = None) -> None:
+        """Makes the present forces on the shapes those that `imprint` puts back: for where all has come to rest.
+
+        Args:
+            world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads; all worlds when None.
+
+        Raises:
+            ModelError: the mask is not of bool, or the soil is in no Simulation yet.
+        """
+        self._launch_in("keep_forces", 0, world_mask)
+
+    def imprint(self, world_mask: Any = None) -> None:
+        """Makes the soil fresh in the worlds of a mask, and presses all shapes into it where they stand, as if they had
+        come to rest there: an episode starts without a fall.
+
+        Nodes below a shape get stresses that carry `rest_force_b` and `rest_torque_b`, whatever the soil; where these
+        are zero, the pressures of fresh soil at their depth. A shape above the ground leaves nothing. Poses must have
+        been set before; velocities do not count.
+
+        Args:
+            world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads; all worlds when None.
+
+        Raises:
+            ModelError: the mask is not of bool, or the soil is in no Simulation yet.
+        """
+        self._launch_in("imprint", 1, world_mask)
+
+    def resting_shifts(self, world_mask: Any = None) -> wp.array:
+        """How far up each shape would have to be for fresh soil to bear the vertical part of its `rest_force_b`: what
+        settled on one soil is moved by their mean before `imprint` where it stands on another. Each shape counts as if
+        it were alone.
+
+        Args:
+            world_mask: as in `imprint`; other worlds keep what they have.
+
+        Returns:
+            (W, shapes) [m], the same memory throughout; 0 for a shape without a force.
+
+        Raises:
+            ModelError: as `imprint`.
+        """
+        self._launch_in("resting_shifts", 2, world_mask)
+        return self._shift
+
+    def _launch_in(self, name: str, index: int, world_mask: Any) -> None:
+        if not self._imprinting:
+            raise ModelError(f"soil: {name} must follow sw.Simulation(..., elements=[soil]), got none; make it first")
+        mask = self._all_worlds if world_mask is None else mask_of_worlds(world_mask, self.model)
+        self._imprinting[index].use(0, mask)
+        self._imprinting[index].launch()
+
+    def record_imprint(self, simulation: StepContext, mask: wp.array) -> Sequence[WorldLaunch]:
+        """The launches of `imprint` for worlds of a mask that is read when they run, for a `Simulation.program`."""
+        inputs = [mask, self.rest_force_b, self.rest_torque_b, *self._placed(simulation)]
+        return [simulation.shares.record(imprint_worlds, inputs=inputs, outputs=[self._nodes])]
+
+    def _placed(self, simulation: StepContext) -> list[Any]:
+        """What tells where shapes stand on which soil."""
+        return [self._tables, self._shapes, simulation.model.assets, simulation.state.arrays]
+
+    def _record_imprinting(self, simulation: StepContext) -> tuple[WorldLaunch, ...]:
+        """Launches of `keep_forces`, `imprint` and `resting_shifts`."""
+        keep = simulation.shares.record(
+            keep_forces, len(self.shapes),
+            inputs=[self._all_worlds, self._shapes, simulation.state.arrays, self._reports],
+            outputs=[self.rest_force_b, self.rest_torque_b],
+        )  # fmt: skip
+        shifts = simulation.shares.record(
+            find_resting_shifts, len(self.shapes),
+            inputs=[self._all_worlds, self.rest_force_b, *self._placed(simulation)], outputs=[self._shift],
+        )  # fmt: skip
+        return (keep, *self.record_imprint(simulation, self._all_worlds), shifts)
+
     # ---- ForceElement ----------------------------------------------------------------------------------------------
 
     @property
@@ -237,6 +323,7 @@ class Soil(Readable):
             ModelError: an element that comes later writes the forces of one of these bodies.
         """
         self._shapes.adds.assign(_adds(self, simulation))
+        self._imprinting = self._record_imprinting(simulation)
         inputs = [dt, self._tables, self._shapes, simulation.model.assets, simulation.state.arrays]
         return [
             simulation.shares.record(take_pages, inputs=inputs, outputs=[self._nodes]),

@@ -213,9 +213,9 @@ class Box:
         return np.where(inside, z, np.inf)
 
     def columns(self, xy: Array, rotation: Array, spacing: Array | None) -> Columns:
-        """With a spacing, a cell that lies partly below the lowest face counts for that part, at the face's point nearest
-        to the node in the face's own coordinates. Edges beyond which a face of less than 78 degrees goes on cut off
-        nothing; nodes below such faces count in full, those below steeper ones not at all.
+        """With a spacing, a cell that lies partly below the lowest face counts for that part, at the face's point
+        nearest to the node in the face's own coordinates. Edges beyond which a face of less than 78 degrees goes on
+        cut off nothing; nodes below such faces count in full, those below steeper ones not at all.
         """
         height = np.min([self.face(xy, rotation, k, side) for k in range(3) for side in (-1.0, 1.0)], axis=0)
         share = np.ones(len(xy))
@@ -269,7 +269,7 @@ class Capsule:
         return np.eye(3) - np.outer(rotation[:, 2], rotation[:, 2])
 
     def columns(self, xy: Array, rotation: Array, spacing: Array | None) -> Columns:
-        """The lowest of the balls along the segment: they are so many that what is left out is far below a micrometre."""
+        """The lowest of the balls along the segment: so many that what is left out is far below a micrometre."""
         axis = rotation[:, 2]
         along = np.linspace(-self.half_length, self.half_length, 20001 if self.half_length else 1)
         height = np.empty(len(xy))

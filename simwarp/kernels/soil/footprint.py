@@ -147,7 +147,7 @@ def wheel_reach(p: Pose, g: GroundPoint, soil: SoilTables) -> wp.vec2:
 
 @wp.func
 def shape_reach(p: Pose, g: GroundPoint, soil: SoilTables) -> wp.vec2:
-    """The same of the other shapes: half of the box around each, less where a round one is not as deep as it is wide."""
+    """The same of the other shapes: half of the box around each, less where a round one is hardly in the ground."""
     extent = wp.vec3(p.radius, p.radius, p.radius)
     if p.kind == BOX:
         axes = box_axes(p.axis, p.side)

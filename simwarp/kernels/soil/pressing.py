@@ -362,6 +362,18 @@ def report_shapes(
         reports.slip_ratio[world, shape] = wp.where(fast > 1.0e-3, (rolled - v) / wp.max(fast, 1.0e-3), 0.0)
 
 
+@wp.func
+def clear_world(world: int, nodes: SoilNodes):
+    """Fresh soil in a world. Pages are emptied when they are taken."""
+    nodes.count[world] = 0
+    nodes.step[world] = 0
+    nodes.recycled[world] = 0
+    for shape in range(nodes.deepest.shape[1]):
+        nodes.deepest[world, shape] = 0.0
+    for at in range(nodes.entry.shape[1]):
+        nodes.entry[world, at] = 0
+
+
 @wp.kernel
 def clear_soil(
     # inputs
@@ -370,13 +382,7 @@ def clear_soil(
     # in and out
     nodes: SoilNodes,
 ):
-    """Fresh soil in the worlds of a mask; dim W. Pages are emptied when they are taken."""
+    """Fresh soil in the worlds of a mask; dim W."""
     world = worlds.first + wp.tid()
     if mask[world]:
-        nodes.count[world] = 0
-        nodes.step[world] = 0
-        nodes.recycled[world] = 0
-        for shape in range(nodes.deepest.shape[1]):
-            nodes.deepest[world, shape] = 0.0
-        for at in range(nodes.entry.shape[1]):
-            nodes.entry[world, at] = 0
+        clear_world(world, nodes)
