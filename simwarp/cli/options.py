@@ -80,7 +80,7 @@ class CommonOptions:
         """
         if self.json is None:
             return
-        text = json.dumps(_finite(content), indent=2) + "\n"
+        text = json.dumps(finite(content), indent=2) + "\n"
         if self.json != "-":
             write_file(self.json, text)
         elif sys.stdout is not None:
@@ -88,12 +88,12 @@ class CommonOptions:
             sys.stdout.flush()
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """Return ``value`` with NaN and infinity as null: JSON has no words for them."""
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
