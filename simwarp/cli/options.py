@@ -32,6 +32,8 @@ TASK_FILE = ".py:"
 RUN_CONFIG = "config.json"
 """File by which the folder of a run is known."""
 
+FLAT_PREFIX = "flat-"
+"""Beginning of the names of such fields, as tyro calls them."""
 FLAT = tyro.conf.arg(name="")
 """Marks a nested dataclass whose fields are options without a prefix."""
 
@@ -372,10 +374,12 @@ def _message(box: str) -> str:
 def _explain(message: str, kind: type[Any]) -> str:
     """Return tyro's message; our own for an unknown option, with the names that come near, and for no number."""
     head, _, rest = message.partition(":")
-    if head == "Error parsing task":
-        return f"--task.{rest.strip()}"
-    if head.startswith("Error parsing --"):
-        return f"{head.removeprefix('Error parsing ')}: {rest.strip()}"
+    where = head.removeprefix("Error parsing ")
+    if where != head:
+        if where.startswith("--"):
+            return f"{where}: {rest.strip()}"
+        owners = [owner for owner in where.split(".") if not owner.startswith(FLAT_PREFIX)]
+        return f"--{'.'.join([*owners, rest.strip()])}"
     if not head.lower().startswith("unrecognized"):
         return message
     words = [word.strip(",") for word in rest.split()]
