@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
+import math
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -449,25 +450,31 @@ class SweepReport:
         for name, word in ((CURVES, "curves"), (SEARCH, "search"), (RESULTS, "results")):
             if (folder / name).is_file() and (name != SEARCH or self._plan.space):
                 console.print(f"{word:<8}  {folder / name}", highlight=False, soft_wrap=True)
-        for result in self.results:
-            record = result.record
-            if record.state is RunState.FAILED:
-                print(f"simwarp: run {record.run.folder.path} failed: {record.reason}", file=sys.stderr)
+        failed = [result.record for result in self.results if result.record.state is RunState.FAILED]
+        for record in failed:
+            print(f"simwarp: run {record.run.folder.path} failed: {record.reason}", file=sys.stderr)
+        left = self._plan.total - len(self._ended)
+        if left:
+            words = f"{left} of {self._plan.total} runs are not finished: the same command goes on with them"
+            console.print(words, highlight=False, soft_wrap=True)
+        if any(record.kept for record in failed):
+            console.print("failed runs are tried again with --retry", highlight=False, soft_wrap=True)
 
     def _table(self) -> Table:
         table = Table(title=f"by {self._plan.options.rank_by}, median over seeds", box=None, title_justify="left")
         table.add_column("rank", justify="right")
-        table.add_column("point")
+        for key in self._keys() or ["point"]:
+            table.add_column(key, overflow="fold")
         for column in ("median", "interval", "worst", "best", "seeds", "failed"):
             table.add_column(column, justify="right")
         for index, point in enumerate(self.ranking()):
             known, scores = point.interval, point.scores
-            label = ", ".join(f"{key}={_short(value)}" for key, value in point.values.items()) or "all seeds"
+            values = [_short(value) for value in point.values.values()] or ["all seeds"]
             if known is None:
-                table.add_row("", label, *[""] * 4, str(point.done), "")
+                table.add_row("", *values, *[""] * 4, str(point.done), "")
                 continue
             table.add_row(
-                str(index + 1), label, _short(known.median), f"{_short(known.low)} .. {_short(known.high)}",
+                str(index + 1), *values, _short(known.median), f"{_short(known.low)} .. {_short(known.high)}",
                 _short(min(scores)), _short(max(scores)), str(point.done), str(point.failed or ""),
             )  # fmt: skip
         return table
@@ -488,5 +495,5 @@ def _why(record: RunRecord) -> dict[str, Any]:
 
 def _short(value: Any) -> str:
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return f"{value:.4g}" if math.isfinite(value) else "-"
     return "x".join(map(str, value)) if isinstance(value, list) else str(value)

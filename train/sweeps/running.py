@@ -29,7 +29,7 @@ from .run_state import (
     saved_iteration,
 )
 
-POLL: Final = 0.2
+POLL: Final = 0.3
 """Time between two looks at the processes [s]."""
 _INTERRUPTED = 130
 _PATIENCE: Final = 20.0

@@ -98,7 +98,7 @@ class SlurmLauncher:
     def __init__(self, task: str, folder: Path, parameters: Mapping[str, str]) -> None:
         self._task = task
         self._submitit = import_submitit()
-        given = {key: int(word) if word.isdigit() else word for key, word in parameters.items()}
+        given = {key: _typed(word) for key, word in parameters.items()}
         self._cluster = str(given.pop(CLUSTER, SLURM))
         try:
             self._executor = self._submitit.AutoExecutor(folder=folder / "jobs", cluster=self._cluster)
@@ -128,6 +128,14 @@ class SlurmLauncher:
             return None
         job = self._submitit.SlurmJob(folder=self._executor.folder, job_id=number)
         return None if job.done() else ClusterJob(job, run.folder.path / LOG)
+
+
+def _typed(word: str) -> int | float | str:
+    """Return a number where a word is one; `04:00:00` is none."""
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(word)
+    return word
 
 
 class ClusterJob:

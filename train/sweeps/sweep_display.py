@@ -81,7 +81,7 @@ class SweepDisplay:
     def table(self, records: list[RunRecord]) -> RenderableType:
         """Return the table: the runs under way first where there are more than lines."""
         table = Table(title=self._summary(records), title_justify="left", title_style="", box=None, pad_edge=False)
-        table.add_column("run")
+        table.add_column("run", overflow="fold")
         for column in ("state", "iteration", "reward", "left"):
             table.add_column(column, justify="right")
         room = max(3, self.console.height - _HEAD)
