@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,8 @@ class Row:
         problems: reasons why not.
         split: shares of the time of a task's step.
         threads: of a CPU that shared the worlds.
+        vehicles: in each world of a convoy; null of others.
+        cost_per_vehicle: of a step, as a share of the cost with one vehicle in each of as many worlds.
     """
 
     engine: str
@@ -81,6 +83,8 @@ class Row:
     problems: tuple[str, ...] = ()
     split: dict[str, float] | None = None
     threads: int = 1
+    vehicles: int | None = None
+    cost_per_vehicle: float | None = None
 
     def take_speed(self, speed: Any) -> None:
         """Fills the rates in."""
@@ -276,6 +280,15 @@ def measure_run(name: str, worlds: int, seconds: float, make: Callable[[int], Ti
         )
         row.take_speed(speed)
     return judge(row, verdicts)
+
+
+def enter_cost_per_vehicle(rows: Sequence[Row]) -> None:
+    """Compares rows of several vehicles in each world with that of one, of as many worlds and threads."""
+    single = {(row.worlds, row.threads): row for row in rows if row.vehicles == 1}
+    for row in rows:
+        one = single.get((row.worlds, row.threads))
+        if row.vehicles and one and one.steps_per_cpu_s and row.steps_per_cpu_s:
+            row.cost_per_vehicle = one.steps_per_cpu_s / (row.vehicles * row.steps_per_cpu_s)
 
 
 def _rehearse(run: TimedRun) -> Health:

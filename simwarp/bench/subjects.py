@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import Final
 
 from simwarp.bench.measure import Row, measure_scene
 from simwarp.bench.peers import peer_measures, peer_notes
 from simwarp.bench.workloads import (
+    CONVOYS,
     ON_SOIL,
     SENSOR_SCENES,
     bench_scenes,
@@ -42,26 +44,45 @@ class Subject:
     cold_name: str | None = None
 
 
-def find_subject(
-    name: str, tasks: Callable[[], list[str]], obs: str | None = None, spacing: float | None = None
-) -> Subject:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Choices:
+    """Options of some subjects alone, None where they are not given.
+
+    Attributes:
+        obs: observations of a task.
+        spacing: of the soil's nodes, where it drives on soil [m].
+        vehicles: in each world of a convoy.
+        soil: name of what a convoy drives on.
+    """
+
+    obs: str | None = None
+    spacing: float | None = None
+    vehicles: int | None = None
+    soil: str | None = None
+
+
+USUAL_SPACING: Final = 0.05
+USUAL_VEHICLES: Final = 4
+
+
+def find_subject(name: str, tasks: Callable[[], list[str]], choices: Choices | None = None) -> Subject:
     """Subject called `name`; the names of tasks, which take long to find, come last.
 
     Args:
         name: on the command line.
         tasks: returns names.
-        obs: observations of a task.
-        spacing: of the soil's nodes, where it drives on soil [m].
+        choices: what was chosen.
 
     Raises:
         UsageError: nothing has that name.
     """
+    chosen = choices or Choices()
+    obs = chosen.obs
     if obs is not None and (name in bench_scenes() or name in vehicle_row_names() or name in SENSOR_SCENES):
         raise UsageError(
             f"--obs is of tasks, and '{name}' is none: leave it away, or write {name}-task where there is one"
         )
-    if spacing is not None and name not in ON_SOIL:
-        raise UsageError(f"--spacing is of what drives on soil ({', '.join(ON_SOIL)}), and '{name}' does not")
+    _check_choices(name, chosen)
     scene = bench_scenes().get(name)
     if scene is not None:
         peers = tuple(functools.partial(_beside, measure, name) for measure in peer_measures(name))
@@ -69,11 +90,7 @@ def find_subject(
             "scene", (functools.partial(measure_scene, scene),), peers, tuple(peer_notes(name)), cold_name=name
         )
     if name in vehicle_row_names():
-        from simwarp.bench.vehicle_rows import measure_vehicle
-
-        measured = functools.partial(measure_vehicle, name, spacing=0.05 if spacing is None else spacing)
-        return Subject("vehicle", (measured,), notes=tuple(peer_notes(name)),
-                       cold_name=name)  # fmt: skip
+        return _vehicle(name, chosen)
     if name in SENSOR_SCENES:
         return _sensor(name)
     known = tasks()
@@ -97,6 +114,29 @@ def find_subject(
 def _beside(measure: Callable[..., Row], name: str, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
     """A peer's row; peers run where they can, whatever our device."""
     return measure(bench_scenes()[name], worlds, dt, seconds)
+
+
+def _check_choices(name: str, chosen: Choices) -> None:
+    """Refuses what is chosen for a subject that has no such choice."""
+    for option, given in (("--vehicles", chosen.vehicles), ("--soil", chosen.soil)):
+        if given is not None and name not in CONVOYS:
+            raise UsageError(f"{option} is of convoys ({', '.join(CONVOYS)}), and '{name}' is none; leave it away")
+    if chosen.spacing is not None and name not in ON_SOIL and (name not in CONVOYS or chosen.soil is None):
+        more = "; choose --soil mid" if name in CONVOYS else ""
+        raise UsageError(f"--spacing is of what drives on soil ({', '.join(ON_SOIL)}), and '{name}' does not{more}")
+
+
+def _vehicle(name: str, chosen: Choices) -> Subject:
+    """A vehicle; of a convoy a row with one vehicle in each world, then one with all of them."""
+    from simwarp.bench.vehicle_rows import VehicleScene, measure_vehicle
+
+    spacing = USUAL_SPACING if chosen.spacing is None else chosen.spacing
+    counts = [1]
+    if name in CONVOYS:
+        counts = sorted({1, USUAL_VEHICLES if chosen.vehicles is None else chosen.vehicles})
+    scenes = [VehicleScene(name=name, vehicles=count, soil=chosen.soil, spacing=spacing) for count in counts]
+    measures = tuple(functools.partial(measure_vehicle, scene) for scene in scenes)
+    return Subject("vehicle", measures, notes=tuple(peer_notes(name)), cold_name=name)
 
 
 def _sensor(name: str) -> Subject:

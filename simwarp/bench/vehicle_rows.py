@@ -1,7 +1,8 @@
-"""A vehicle's row: the moving part of `reference-steer`, worlds at sixteen places of it."""
+"""A vehicle's row: the moving part of `reference-steer`, worlds at sixteen places of it; and those of convoys."""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import Any, Final
 
@@ -9,14 +10,17 @@ import numpy as np
 
 from simwarp.bench.health import RESIDUAL_SHARE, Health
 from simwarp.bench.measure import Row, TimedRun, measure_run, steps_before
-from simwarp.bench.workloads import ON_SOIL
+from simwarp.bench.workloads import CONVOYS, ON_SOIL
 from simwarp.core.types import WorldStatus
+from simwarp.simulation.simulation import Simulation
 from simwarp.soil import soil_under
-from simwarp.vehicle.driving.maneuvers import maneuver
-from simwarp.vehicle.results.runs import REFERENCE_DT, Setup, set_up
+from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
+from simwarp.vehicle.results.runs import REFERENCE_DT, set_up
+from simwarp.vehicle.results.vehicle_row import set_up_convoy
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
-from simwarp.vehicle.tires.soil_tires import SoilTires
+from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires
+from simwarp.vehicle.vehicle import Vehicle, Vehicles
 
 HORIZON: Final = 1.5
 """Each world drives that long [s]: sixteen of them cover the 24 s that follow the settling."""
@@ -38,22 +42,66 @@ SOIL_SPEED: Final = 4.0
 """Held on soil [m/s]: with all of its engine a HMMWV comes to 4.6."""
 
 
-def _set_up(name: str, worlds: int, device: str, dt: float | None, spacing: float) -> Setup:
+CONVOY_SPEED: Final = 12.0
+"""Held by convoys on firm ground [m/s]."""
+PAGES: Final = 2048
+"""Of soil for each vehicle of a world."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VehicleScene:
+    """What drives, and on what.
+
+    Attributes:
+        name: of the row.
+        vehicles: in each world; more than one, or one as a part of a convoy, in a row.
+        soil: name of a preset; None: firm ground.
+        spacing: of its nodes [m].
+    """
+
+    name: str
+    vehicles: int = 1
+    soil: str | None = None
+    spacing: float = 0.05
+
+
+@dataclasses.dataclass(frozen=True)
+class Driven:
+    """A scene ready to run."""
+
+    simulation: Simulation
+    vehicle: Vehicle | Vehicles
+    maneuver: Maneuver
+
+
+def _set_up(scene: VehicleScene, worlds: int, device: str, dt: float | None) -> Driven:
     step = REFERENCE_DT if dt is None else dt
-    if name not in ON_SOIL:
-        spec = load_vehicle(name)
-        return set_up(spec, maneuver("reference-steer", spec), worlds=worlds, device=device, dt=step)
-    spec = with_options(load_vehicle(ON_SOIL[name]), tire="soil-rigid")
-    return set_up(
-        spec, maneuver("step-steer", spec, speed=SOIL_SPEED), worlds=worlds, device=device, dt=step,
-        elements=lambda vehicle: [soil_under(vehicle, "mid", spacing=spacing)],
-    )  # fmt: skip
+    spec = load_vehicle({**ON_SOIL, **CONVOYS}.get(scene.name, scene.name))
+    soil = "mid" if scene.name in ON_SOIL else scene.soil
+    speed = CONVOY_SPEED
+    if soil is not None:
+        spec, speed = with_options(spec, tire=TEMPLATE), SOIL_SPEED
+
+    def elements(vehicle: Vehicle | Vehicles) -> list[Any]:
+        if soil is None:
+            return []
+        return [soil_under(vehicle, soil, spacing=scene.spacing, pages=PAGES * scene.vehicles)]
+
+    if scene.name in CONVOYS:
+        straight = maneuver("step-steer", spec, speed=speed, steering=0.0)
+        row = set_up_convoy(
+            spec, straight, vehicles=scene.vehicles, worlds=worlds, device=device, dt=step, elements=elements
+        )  # fmt: skip
+        return Driven(row.simulation, row.vehicles, straight)
+    course = maneuver("reference-steer", spec) if soil is None else maneuver("step-steer", spec, speed=speed)
+    one = set_up(spec, course, worlds=worlds, device=device, dt=step, elements=elements)
+    return Driven(one.simulation, one.vehicle, course)
 
 
 class VehicleExaminer:
     """Judges vehicles under way: nothing creates energy by rule here, so that their motion itself is looked at."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Driven) -> None:
         self.setup = setup
         model = setup.simulation.model
         mass = np.asarray(model.body_mass.numpy(), float).sum(-1)
@@ -73,8 +121,7 @@ class VehicleExaminer:
         status = int(np.bitwise_or.reduce(state.world_status.numpy()))
         if status:
             problems.append(f"world status {WorldStatus(status)!r}")
-        chassis = vehicle.parts.chassis
-        speed = np.linalg.norm(arrays[2][:, chassis], axis=-1)
+        speed = np.linalg.norm(arrays[2][:, vehicle.chassis.numpy()], axis=-1)
         residual = max(_largest(reports.row_residual), _largest(reports.cone_residual))
         # wheels and shafts turn faster than the chassis drives; the rows are of their speeds too
         if not residual <= RESIDUAL_SHARE * max(self._target, 1.0):
@@ -109,14 +156,14 @@ class VehicleExaminer:
 class VehicleRun(TimedRun):
     """A vehicle in the moving part of `reference-steer`."""
 
-    def __init__(self, name: str, worlds: int, device: str, dt: float | None, spacing: float = 0.05) -> None:
-        self.name, self.spacing = name, spacing
-        self.setup = _set_up(name, worlds, device, dt, spacing)
+    def __init__(self, scene: VehicleScene | str, worlds: int, device: str, dt: float | None) -> None:
+        self.scene = VehicleScene(name=scene) if isinstance(scene, str) else scene
+        self.setup = _set_up(self.scene, worlds, device, dt)
         super().__init__(self.setup.simulation, HORIZON)
 
     def set_motion(self) -> None:
         """World k starts at the same place whatever the number of worlds."""
-        self._take(_places(self.name, str(self.sim.model.device), self.dt, self.spacing))
+        self._take(_places(self.scene, str(self.sim.model.device), self.dt))
         self._start_here(VehicleExaminer(self.setup))
 
     def places(self) -> dict[str, Any]:
@@ -136,21 +183,20 @@ class VehicleRun(TimedRun):
 
 
 @functools.lru_cache(maxsize=2)
-def _places(name: str, device: str, dt: float, spacing: float) -> dict[str, Any]:
+def _places(scene: VehicleScene, device: str, dt: float) -> dict[str, Any]:
     """The same for every number of worlds."""
-    return VehicleRun(name, 1, device, dt, spacing).places()
+    return VehicleRun(scene, 1, device, dt).places()
 
 
-def measure_vehicle(
-    name: str, worlds: int, device: str, dt: float | None, seconds: float, *, spacing: float = 0.05
-) -> Row:
-    """Times a vehicle; `spacing` is of the soil's nodes [m], where it drives on soil.
+def measure_vehicle(scene: VehicleScene, worlds: int, device: str, dt: float | None, seconds: float) -> Row:
+    """Times a vehicle, or several in each world.
 
     Raises:
         SpecError: there is no such vehicle.
         ModelError: the worlds do not fit into memory.
     """
-    return measure_run(name, worlds, seconds, lambda count: VehicleRun(name, count, device, dt, spacing))
+    row = measure_run(scene.name, worlds, seconds, lambda count: VehicleRun(scene, count, device, dt))
+    return dataclasses.replace(row, vehicles=scene.vehicles if scene.name in CONVOYS else None)
 
 
 def _largest(array: Any) -> float:

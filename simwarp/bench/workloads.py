@@ -160,10 +160,13 @@ def bench_scenes() -> dict[str, BenchScene]:
 ON_SOIL: Final = {"hmmwv-soil": "hmmwv"}
 """Rows of vehicles on mid soil, and the vehicle's own name."""
 
+CONVOYS: Final = {"hmmwv-convoy": "hmmwv"}
+"""Rows of several vehicles in each world, and the vehicle's own name."""
+
 
 def vehicle_row_names() -> list[str]:
-    """Names of the rows: vehicles on tires of their own, then on soil."""
-    return [*vehicle_names(), *ON_SOIL]
+    """Names of the rows: vehicles on tires of their own, then on soil, then several in a world."""
+    return [*vehicle_names(), *ON_SOIL, *CONVOYS]
 
 
 def task_of(name: str, tasks: Iterable[str]) -> str | None:

@@ -15,14 +15,16 @@ from rich.table import Table
 
 from simwarp.bench.compiling import cold_and_warm
 from simwarp.bench.machine import describe
-from simwarp.bench.measure import Row
-from simwarp.bench.subjects import Measure, find_subject
+from simwarp.bench.measure import Row, enter_cost_per_vehicle
+from simwarp.bench.subjects import Choices, Measure, find_subject
 from simwarp.bench.workloads import SENSOR_SCENES, TASK_SUFFIX, display_names
 from simwarp.cli import DONE, FELL_SHORT, UsageError, shortened
 from simwarp.cli.options import TASK_FILE, CommonOptions, option_value, parse_options
 from simwarp.cli.values import LARGEST_COUNT
 from simwarp.core.threads import MOST_THREADS, default_threads, thread_count
 from simwarp.model.model import resolve_device
+from simwarp.soil.soil_parameters import soil_preset
+from simwarp.vehicle.results.vehicle_row import MOST_VEHICLES
 
 _SOURCES = {"this process": "this process", "cold process": "a new process with an empty kernel cache"}
 
@@ -59,6 +61,10 @@ class BenchOptions(CommonOptions):
     """Observations of a task that has a choice: state or camera."""
     spacing: Annotated[float | None, tyro.conf.arg(metavar="m")] = None
     """Of the soil's nodes, of what drives on soil; by default 0.05."""
+    vehicles: int | None = None
+    """In each world of a convoy (hmmwv-convoy); by default 4. A row with one vehicle stands before."""
+    soil: str | None = None
+    """Preset that a convoy drives on, such as mid; by default firm ground."""
     compile: Flag = False
     """Also measure a cold start: a new process with an empty kernel cache, then one with a filled one (slow)."""
     threads: Annotated[str | None, tyro.conf.arg(metavar="N,N,...")] = None
@@ -71,8 +77,7 @@ def run(arguments: list[str]) -> int:
     """Measure as the arguments say; 1 where a state was refused."""
     word, rest = _take_scene(arguments)
     name = _task_in_file(word) if TASK_FILE in word else word
-    spacing = _number(option_value(rest, "--spacing"))
-    subject = find_subject(name, _task_names, option_value(rest, "--obs"), spacing)
+    subject = find_subject(name, _task_names, _choices(rest))
     options = parse_options(BenchOptions, rest, f"simwarp bench {word}")
     options.check()
     worlds = _counts("worlds", options.worlds, LARGEST_COUNT)
@@ -89,6 +94,7 @@ def run(arguments: list[str]) -> int:
 
     numbers = str(device), options.dt, options.seconds
     rows = _rows(subject.measures, worlds, threads, numbers)
+    enter_cost_per_vehicle(rows)
     if options.compile and subject.cold_name is not None:
         _enter_cold_start(rows, subject.cold_name, str(device))
     peers: list[Row] = []
@@ -108,6 +114,19 @@ def run(arguments: list[str]) -> int:
         }
     )
     return DONE if all(row.valid for row in rows + peers) else FELL_SHORT
+
+
+def _choices(words: list[str]) -> Choices:
+    """What is chosen for some subjects alone: looked at before anything that takes long."""
+    vehicles, soil = _number(option_value(words, "--vehicles")), option_value(words, "--soil")
+    if vehicles is not None and not (vehicles == int(vehicles) and 1 <= vehicles <= MOST_VEHICLES):
+        raise UsageError(f"vehicles must be a whole number from 1 to {MOST_VEHICLES}, got {vehicles:g}")
+    if soil is not None:
+        soil_preset(soil)
+    return Choices(
+        obs=option_value(words, "--obs"), spacing=_number(option_value(words, "--spacing")),
+        vehicles=None if vehicles is None else int(vehicles), soil=soil,
+    )  # fmt: skip
 
 
 def _number(word: str | None) -> float | None:
@@ -211,6 +230,9 @@ def _print(
     touching = any(row.contacts is not None for row in rows + peers)
     if touching:
         headings[5:] = ["contacts", "iter."]
+    convoy = any(row.vehicles is not None for row in rows)
+    if convoy:
+        headings[5:] = ["vehicles", "cost of each"]
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows + peers:
@@ -222,6 +244,8 @@ def _print(
             _small(row.residual),
         ]
         cells += [_mean(row.contacts), _mean(row.iterations)] if touching else [_small(row.position_error)]
+        if convoy:
+            cells[5:] = [str(row.vehicles or ""), "" if row.cost_per_vehicle is None else f"{row.cost_per_vehicle:.2f}"]
         table.add_row(row.engine if row.scene == name else f"{row.engine} {row.scene}", *cells[: len(headings)])
     console.print(table)
     for row in rows + peers:

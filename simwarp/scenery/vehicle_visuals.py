@@ -85,8 +85,8 @@ def vehicle_visual(name: str, *, color: Vec3 | None = None) -> Visual:
 
 
 def add_vehicle_visual(
-    visuals: Visuals, parts: VehicleParts, *, like: str | None = None, color: Vec3 | None = None, prefix: str = "",
-    **appearance: Unpack[PlainAppearanceOptions],
+    visuals: Visuals, parts: VehicleParts, *, like: str | None = None, color: Vec3 | None = None,
+    prefix: str | None = None, **appearance: Unpack[PlainAppearanceOptions],
 ) -> list[int]:  # fmt: skip
     """The body on the chassis and a wheel on every spindle, so that wheels spin and steer; returns the instances.
 
@@ -95,10 +95,11 @@ def add_vehicle_visual(
         parts: from `simwarp.vehicle.construction.add_vehicle`.
         like: name of the body; None: that of the vehicle's description.
         color: of the paint, linear; None: the body's own.
-        prefix: of the names of the instances, "body" and "wheel_0" to "wheel_3".
+        prefix: of the names of the instances, "body" and "wheel_0" to "wheel_3"; the vehicle's own when None.
         appearance: fields of `Appearance`; label and reflectance are those of vehicles unless given.
     """
     name = parts.spec.name if like is None else like
+    prefix = parts.prefix if prefix is None else prefix
     own: PlainAppearanceOptions = {"label": int(Label.VEHICLE), "reflectance": 0.6}
     appearance = own | appearance
     body = vehicle_visuals_of(name, color=color).body

@@ -10,7 +10,7 @@ from __future__ import annotations
 from simwarp.core.renames import renamed_names
 from simwarp.kernels.vehicle.tires.parameter_vector import Common as CommonTire
 from simwarp.kernels.vehicle.tires.parameter_vector import Tmeasy as TmeasyTire
-from simwarp.vehicle.construction import VehicleParts, add_vehicle
+from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
 from simwarp.vehicle.driving.path_tracking import InteractiveDriver, LookAhead, PathTracker, PathTrackingSpec, Stanley
@@ -19,13 +19,14 @@ from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
 from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.results.vehicle_row import Convoy, set_up_convoy
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names
 from simwarp.vehicle.spec.vehicle_spec import Tire, VehicleSpec
 from simwarp.vehicle.suspensions.kinematics import TravelTable, travel_table
 from simwarp.vehicle.tires.tires import Tires, ground
-from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
+from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 
 load = load_vehicle
 """`sw.vehicle.load(name_or_file)`: the same as `load_vehicle`."""
@@ -34,6 +35,7 @@ __all__ = [
     "PAYLOAD",
     "VEHICLE_SOLVER",
     "CommonTire",
+    "Convoy",
     "Drive",
     "InteractiveDriver",
     "LookAhead",
@@ -55,6 +57,8 @@ __all__ = [
     "Vehicle",
     "VehicleParts",
     "VehicleSpec",
+    "Vehicles",
+    "add_chassis_box",
     "add_payload",
     "add_vehicle",
     "bezier",
@@ -70,6 +74,7 @@ __all__ = [
     "save_vehicle",
     "set_payload",
     "set_up",
+    "set_up_convoy",
     "travel_table",
     "vehicle_names",
     "with_options",

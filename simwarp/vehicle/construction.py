@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
+from typing import Unpack
 
 import numpy as np
 
 from simwarp.core.readable import Readable, plural
 from simwarp.core.rotation import quat_multiply, rotate
-from simwarp.core.types import Pose, pose
+from simwarp.core.types import Pose, Vec3, finite_vector, pose
 from simwarp.model.builder import ModelBuilder
+from simwarp.model.keyword_options import SurfaceOptions
 from simwarp.vehicle.drivetrain.drivelines import DrivelineParts, add_clutch, add_driveline
 from simwarp.vehicle.initial_velocity import Rolling, gear_ratio, roll_bodies, roll_driveline, start_of, turn_shaft
 from simwarp.vehicle.spec.parts import merged
@@ -43,6 +45,10 @@ class VehicleParts(Readable):
     """Slip of a manual clutch: a coordinate whose dry friction is the clutch's torque; -1 without one."""
     start: Rolling
     """Speed, gear and shaft speeds at the start."""
+    bodies: range
+    """All that `add_vehicle` made."""
+    prefix: str = ""
+    """Of the names of its bodies and joints, and of what is added to it without a name of its own."""
 
     def _printed_title(self) -> str:
         wheels = plural(len(self.sides), "wheel")
@@ -57,14 +63,18 @@ def add_vehicle(
 
     Args:
         at: pose of its frame of reference in the world; `spec.start_height` above the origin when None.
-        prefix: of the names of its bodies and joints.
+        prefix: of the names of its bodies and joints; vehicles of one builder need different ones.
         speed: forwards [m/s]. Wheels roll on their unloaded radius; driveline, transmission and engine turn with them.
         gear: -1 reverse, 0 neutral, 1 and up forward; None: the one that an automatic takes at that speed, of a
             manual one the lowest in which the engine does not race.
 
     Raises:
-        SpecError: parts do not fit together, or there is no such gear.
+        SpecError: parts do not fit together, there is no such gear, or a vehicle has that prefix already.
     """
+    if any(body.name == f"{prefix}chassis" for body in builder.bodies):
+        raise SpecError(
+            f"prefix: must be one that no other vehicle has, got {prefix!r} again; number them, such as 'v1_'"
+        )
     if isinstance(speed, bool) or not isinstance(speed, numbers.Real) or not math.isfinite(speed):
         raise SpecError(f"speed: must be a finite number, got {speed!r}")
     first_body = len(builder.bodies)
@@ -99,7 +109,37 @@ def add_vehicle(
     drive_speed = roll_driveline(builder, driveline, couplings, sides, spec, speed)
     start = start_of(spec.transmission, speed, drive_speed, gear)
     shafts = _add_transmission(builder, prefix, spec, driveline, start)
-    return VehicleParts(spec, chassis, -com, sides, steerings, driveline, *shafts, start)
+    bodies = range(first_body, len(builder.bodies))
+    return VehicleParts(spec, chassis, -com, sides, steerings, driveline, *shafts, start, bodies, prefix)
+
+
+def add_chassis_box(
+    builder: ModelBuilder, parts: VehicleParts, *, half: Vec3, position: Vec3 = (0.0, 0.0, 0.0),
+    name: str | None = None, **options: Unpack[SurfaceOptions],
+) -> int:  # fmt: skip
+    """A box in contacts that stands for a vehicle: it meets other vehicles' and the world's shapes, its own never.
+
+    Args:
+        builder: that `parts` was added to.
+        parts: from `add_vehicle`.
+        half: half lengths along x (ahead), y (to the left) and z [m].
+        position: of its middle in the vehicle's frame of reference [m].
+        name: of the shape; `chassis_box` behind the vehicle's prefix when None.
+        options: `material`, `margin`, `group`, `mask` of the shape.
+
+    Returns:
+        The index of the shape.
+
+    Raises:
+        ModelError: a value is not usable, or the name is taken.
+    """
+    called = f"{parts.prefix}chassis_box" if name is None else name
+    place = pose(parts.reference + finite_vector(called, "position", position, 3))
+    shape = builder.add_shape_box(parts.chassis, half=half, pose=place, name=called, **options)
+    for body in parts.bodies:
+        if body != parts.chassis:
+            builder.exclude_collision(parts.chassis, body)
+    return shape
 
 
 EXCHANGE_TIME = 1.0e-3

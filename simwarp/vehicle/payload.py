@@ -53,7 +53,7 @@ def box_inertia(mass: npt.ArrayLike, size: Vec3) -> npt.NDArray[np.float64]:
 
 def add_payload(
     builder: ModelBuilder, parts: VehicleParts, *, mass: float, position: Vec3 = (0.0, 0.0, 0.5), size: Vec3 = SIZE,
-    name: str = "payload",
+    name: str | None = None,
 ) -> Payload:  # fmt: skip
     """Fixes a box to a vehicle's chassis; call it after `add_vehicle`.
 
@@ -61,12 +61,13 @@ def add_payload(
         mass: [kg], above 0.
         position: of its centre in the vehicle's frame of reference [m].
         size: of the box that its inertia is that of [m].
-        name: of the body.
+        name: of the body; `payload` behind the vehicle's prefix when None.
 
     Raises:
         SpecError: a length of `size` is negative, or more than one is 0.
         ModelError: another value is not usable, or the name is taken.
     """
+    name = f"{parts.prefix}payload" if name is None else name
     if not all(side >= 0.0 for side in finite_vector(name, "size", size, 3)) or not np.count_nonzero(size) > 1:
         raise SpecError(f"size: must be three lengths that are not negative, one of them 0 at most, got {size!r}")
     chassis = builder.bodies[parts.chassis]

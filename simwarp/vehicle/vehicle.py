@@ -1,8 +1,8 @@
-"""A vehicle at work: the room that turns a driver's inputs into forces, in every world of a model."""
+"""Vehicles at work: the room that turns drivers' inputs into forces, in every world of a model."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import warp as wp
@@ -40,10 +40,200 @@ cost a fifth of the step.
 """
 
 
+class Vehicles(Readable):
+    """Tires, powertrain, brakes and steering of alike vehicles of one world, in every world: one `ForceElement`.
+
+    Pass it to the Simulation: `Simulation(model, dt, elements=[vehicles], solver=VEHICLE_SOLVER)`. `vehicles[k]` is a
+    `Vehicle` with the arrays of one of them, which are views of the same memory.
+
+    Args:
+        parts: from `add_vehicle`, of V vehicles of one description.
+        model: made with `per_world=PER_WORLD` at least.
+        ground: surface under the tires (`tires.ground`); the plane z = 0 when None.
+        point: whose motion `position` to `acceleration_b` tell, in the vehicles' frames of reference [m].
+        randomised: True if every world has rows of its own in `tires.parameter` and an entry of its own in
+            `tires.ground_friction`; otherwise all share one.
+
+    Attributes:
+        parts: of the vehicles.
+        chassis: (V,) int32, their bodies in the model.
+        input: (W, V, 4) steering -1..1 (positive to the left), throttle, braking and clutch 0..1.
+        lock: (W, V, locks) 0..1, closes the clutches of differentials that are `lockable`: central, front, rear.
+        tires: forces, loads, slips and parameters of all tires, (W, V · wheels), vehicle after vehicle.
+        position: (W, V) vec3d of the points, world [m].
+        angles, velocity_b, omega_b, acceleration_b: (W, V) vec3, as those of `Vehicle`.
+        gear, engine_speed, engine_torque, drive_torque: (W, V), as those of `Vehicle`.
+
+    Raises:
+        ModelError: there is no vehicle, they are not alike, or the model shares an array that each world's vehicles
+            have to write.
+    """
+
+    def __init__(
+        self, parts: Sequence[VehicleParts], model: Model, *, ground: TerrainTables | None = None,
+        point: Vec3 = (0.0, 0.0, 0.0), randomised: bool = False,
+    ) -> None:  # fmt: skip
+        for name in PER_WORLD:
+            array = getattr(model, name)
+            if array.size and array.shape[0] != model.world_count:
+                raise ModelError(
+                    f"Vehicle: every world needs its own {name}, but the model shares it; "
+                    f"finalize(..., per_world={list(PER_WORLD)})"
+                )
+        self.parts = tuple(parts)
+        self.model = model
+        shifts = _shifts(self.parts, model)
+        first, shape = self.parts[0], (model.world_count, len(self.parts))
+        self.chassis: wp.array = wp.array([each.chassis for each in self.parts], dtype=int, device=model.device)
+        self.input = writable((*shape, 4), wp.float32, model.device)
+        self.lock = writable((*shape, len(first.driveline.locks)), wp.float32, model.device)
+        self._tables = _tables(first, model)
+        for name, values in shifts.items():
+            setattr(self._tables, name, wp.array(values, dtype=int, device=model.device))
+        self._tables.point = wp.vec3(*(first.reference + finite_vector("Vehicle", "point", point, 3)))
+        self._motion: Any = _motion(shape, model)
+        self._powertrain = powertrain_tables(first, model)
+        self._powertrain_state: Any = powertrain_state(self.parts, model)
+        self.tires = _tires(self.parts, model, ground, randomised)
+        self._each = tuple(_member(self, number) for number in range(len(self.parts)))
+
+    def _printed_title(self) -> str:
+        count, model = len(self.parts), self.model
+        return (
+            f": {count} '{self.parts[0].spec.name}' in each of {plural(model.world_count, 'world')} on {model.device}"
+        )
+
+    def _printed_rows(self) -> dict[str, Row]:
+        return {
+            "chassis": Names(len(self.parts), (self.model.body_names[each.chassis] for each in self.parts)),
+            "input": f"{array_text(self.input)}: steering, throttle, braking, clutch",
+        }
+
+    def __len__(self) -> int:
+        return len(self._each)
+
+    def __getitem__(self, number: int) -> Vehicle:
+        return self._each[number]
+
+    def __iter__(self) -> Iterator[Vehicle]:
+        return iter(self._each)
+
+    # ---- outputs ---------------------------------------------------------------------------------------------------
+
+    @property
+    def position(self) -> wp.array:
+        """(W, V) vec3d of the points, world [m]."""
+        return self._motion.position
+
+    @property
+    def angles(self) -> wp.array:
+        """(W, V) vec3: roll, pitch (positive nose down), yaw [rad]."""
+        return self._motion.angles
+
+    @property
+    def velocity_b(self) -> wp.array:
+        """(W, V) vec3 of the points in axes of their chassis [m/s]."""
+        return self._motion.velocity_b
+
+    @property
+    def omega_b(self) -> wp.array:
+        """(W, V) vec3 of the chassis in their axes [rad/s]; the third entry is the yaw rate."""
+        return self._motion.omega_b
+
+    @property
+    def acceleration_b(self) -> wp.array:
+        """(W, V) vec3 of the points over the last step, in axes of their chassis, without gravity [m/s²]."""
+        return self._motion.acceleration_b
+
+    @property
+    def gear(self) -> wp.array:
+        """(W, V) int32: -1 reverse, 0 neutral, forward gears from 1. Writable: a manual gearbox takes it as it is."""
+        return self._powertrain_state.gear
+
+    @property
+    def engine_speed(self) -> wp.array:
+        """(W, V) float32, speeds of the engines' shafts [rad/s]."""
+        return self._powertrain_state.engine_speed
+
+    @property
+    def engine_torque(self) -> wp.array:
+        """(W, V) float32, torques of the engines alone [N·m]."""
+        return self._powertrain_state.engine_torque
+
+    @property
+    def drive_torque(self) -> wp.array:
+        """(W, V) float32, torques of the transmissions on the drive shafts [N·m]."""
+        return self._powertrain_state.drive_torque
+
+    @property
+    def input_rows(self) -> wp.array:
+        """(W, V, 4), the inputs, as drivers' kernels take them."""
+        return self.input
+
+    # ---- ForceElement ----------------------------------------------------------------------------------------------
+
+    @property
+    def memory(self) -> Mapping[str, wp.array]:
+        """State that a reset restores and a snapshot keeps. The couplings of the gears follow from the gears."""
+        state = self._powertrain_state
+        arrays = {
+            "input": self.input,
+            "lock": self.lock,
+            "tire_state": self.tires.state,
+            "gear": state.gear,
+            "shift_time": state.shift_time,
+            "engine_speed": state.engine_speed,
+            "last_input": state.last_input,
+            "last_drive": state.last_drive,
+        }
+        return {name: array for name, array in arrays.items() if array.size}
+
+    def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
+        """Launches of one sub-step: inputs and powertrains, then tires."""
+        model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
+        inputs = simulation.shares.record(
+            run_vehicle, len(self.parts),
+            inputs=[dt, self._tables, self._powertrain, self.input, self.lock, model.parameters, state],
+            outputs=[self._powertrain_state, self._motion, control],
+        )  # fmt: skip
+        if not isinstance(self.tires, Tires):
+            return [inputs, *self.tires.record(simulation)]
+        tires = simulation.shares.record(
+            apply_tires, self.tires.shape[1],
+            inputs=[
+                dt, self.tires.tables, self.tires.parameter, self.tires.ground_friction, self.tires.terrain,
+                model.assets, state, self.tires.state, self.tires.reports,
+            ],
+            outputs=[control.element_force, control.element_torque],
+        )  # fmt: skip
+        return [inputs, tires]
+
+    def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
+        """The launch that measures the motions after a sub-step."""
+        loads = [] if isinstance(self.tires, Tires) else self.tires.record_after(simulation)
+        return [
+            *loads,
+            simulation.shares.record(
+                measure_vehicle, len(self.parts),
+                inputs=[dt, self._tables, simulation.state.arrays], outputs=[self._motion],
+            ),
+        ]  # fmt: skip
+
+    def record_outputs(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
+        """The launch that measures the motions in worlds whose state was set."""
+        return [
+            simulation.shares.record(
+                measure_set_vehicle, len(self.parts),
+                inputs=[mask, self._tables, simulation.state.arrays], outputs=[self._motion],
+            )
+        ]  # fmt: skip
+
+
 class Vehicle(Readable):
     """Tires, powertrain, brakes and steering of one vehicle, in every world: a `ForceElement`.
 
-    Pass it to the Simulation: `Simulation(model, dt, elements=[vehicle], solver=VEHICLE_SOLVER)`.
+    Pass it to the Simulation: `Simulation(model, dt, elements=[vehicle], solver=VEHICLE_SOLVER)`. One of `Vehicles` has
+    the same arrays, and is no element of its own.
 
     Args:
         parts: from `add_vehicle`.
@@ -64,8 +254,9 @@ class Vehicle(Readable):
         velocity_b, acceleration_b: (W,) vec3 of the point in axes of the chassis [m/s, m/s²]; the acceleration is that
             of the last step, without gravity, and zero where the state was set since.
         omega_b: (W,) vec3 of the chassis in its axes [rad/s]; the third entry is the yaw rate.
-        gear: (W,) -1 reverse, 0 neutral, 1 and up forward.
-        engine_speed, engine_torque, drive_speed, drive_torque: (W,) [rad/s, N·m].
+        gear: (W,) -1 reverse, 0 neutral, 1 and up forward. Writable: a manual gearbox takes it as it is.
+        engine_speed, engine_torque, drive_torque: (W,) of the engine's shaft [rad/s], of the engine alone, and of the
+            transmission on the drive shaft [N·m].
 
     Raises:
         ModelError: the model shares an array that each world's vehicle has to write.
@@ -75,24 +266,29 @@ class Vehicle(Readable):
         self, parts: VehicleParts, model: Model, *, ground: TerrainTables | None = None,
         point: Vec3 = (0.0, 0.0, 0.0), randomised: bool = False,
     ) -> None:  # fmt: skip
-        for name in PER_WORLD:
-            array = getattr(model, name)
-            if array.size and array.shape[0] != model.world_count:
-                raise ModelError(
-                    f"Vehicle: every world needs its own {name}, but the model shares it; "
-                    f"finalize(..., per_world={list(PER_WORLD)})"
-                )
-        self.parts = parts
-        self.model = model
-        self.bodies: wp.array = wp.array(_bodies(parts, model), dtype=int, device=model.device)
-        self.input = writable((model.world_count, 4), wp.float32, model.device)
-        self.lock = writable((model.world_count, len(parts.driveline.locks)), wp.float32, model.device)
-        self._tables = _tables(parts, model)
-        self._tables.point = wp.vec3(*(parts.reference + finite_vector("Vehicle", "point", point, 3)))
-        self._motion = _motion(model)
-        self._powertrain = powertrain_tables(parts, model)
-        self._powertrain_state = powertrain_state(parts, model)
-        self.tires = _tires(parts, model, ground, randomised)
+        self._show(Vehicles([parts], model, ground=ground, point=point, randomised=randomised), 0)
+
+    def _show(self, vehicles: Vehicles, number: int) -> None:
+        """Takes the arrays of one of some vehicles."""
+        self._vehicles, self._number = vehicles, number
+        self.parts, self.model = vehicles.parts[number], vehicles.model
+        self.bodies: wp.array = wp.array(_bodies(self.parts, self.model), dtype=int, device=self.model.device)
+        self.input = vehicles.input[:, number]
+        # no view can be made of nothing
+        none = writable((self.model.world_count, 0), wp.float32, self.model.device)
+        self.lock = vehicles.lock[:, number] if vehicles.lock.size else none
+        wheels = len(self.parts.sides)
+        alone = len(vehicles.parts) == 1
+        self.tires = vehicles.tires if alone else vehicles.tires.of(number * wheels, wheels)
+        self.position: wp.array = vehicles.position[:, number]
+        self.angles: wp.array = vehicles.angles[:, number]
+        self.velocity_b: wp.array = vehicles.velocity_b[:, number]
+        self.omega_b: wp.array = vehicles.omega_b[:, number]
+        self.acceleration_b: wp.array = vehicles.acceleration_b[:, number]
+        self.gear: wp.array = vehicles.gear[:, number]
+        self.engine_speed: wp.array = vehicles.engine_speed[:, number]
+        self.engine_torque: wp.array = vehicles.engine_torque[:, number]
+        self.drive_torque: wp.array = vehicles.drive_torque[:, number]
 
     def _printed_title(self) -> str:
         model = self.model
@@ -106,110 +302,87 @@ class Vehicle(Readable):
             "tires": ", ".join(dict.fromkeys(axle.tire.template for axle in self.parts.spec.axles)),
         }
 
-    # ---- outputs ---------------------------------------------------------------------------------------------------
+    @property
+    def chassis(self) -> wp.array:
+        """(1,) int32, the body in the model."""
+        return self._vehicles.chassis[self._number : self._number + 1]
 
     @property
-    def position(self) -> wp.array:
-        """(W,) vec3d of the point, world [m]."""
-        return self._motion.position
-
-    @property
-    def angles(self) -> wp.array:
-        """(W,) vec3: roll, pitch (positive nose down), yaw [rad]."""
-        return self._motion.angles
-
-    @property
-    def velocity_b(self) -> wp.array:
-        """(W,) vec3 of the point in axes of the chassis [m/s]."""
-        return self._motion.velocity_b
-
-    @property
-    def omega_b(self) -> wp.array:
-        """(W,) vec3 of the chassis in its axes [rad/s]; the third entry is the yaw rate."""
-        return self._motion.omega_b
-
-    @property
-    def acceleration_b(self) -> wp.array:
-        """(W,) vec3 of the point over the last step, in axes of the chassis, without gravity [m/s²]."""
-        return self._motion.acceleration_b
-
-    @property
-    def gear(self) -> wp.array:
-        """(W,) int32: -1 reverse, 0 neutral, forward gears from 1. Writable: a manual gearbox takes it as it is."""
-        return self._powertrain_state.gear
-
-    @property
-    def engine_speed(self) -> wp.array:
-        """(W,) float32, speed of the engine's shaft [rad/s]."""
-        return self._powertrain_state.engine_speed
-
-    @property
-    def engine_torque(self) -> wp.array:
-        """(W,) float32, torque of the engine alone [N·m]."""
-        return self._powertrain_state.engine_torque
-
-    @property
-    def drive_torque(self) -> wp.array:
-        """(W,) float32, torque of the transmission on the drive shaft [N·m]."""
-        return self._powertrain_state.drive_torque
+    def input_rows(self) -> wp.array:
+        """(W, 1, 4), the inputs with an axis of vehicles, as drivers' kernels take them."""
+        return self._vehicles.input[:, self._number : self._number + 1]
 
     # ---- ForceElement ----------------------------------------------------------------------------------------------
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a reset restores and a snapshot keeps."""
-        state = self._powertrain_state
-        arrays = {
-            "input": self.input,
-            "lock": self.lock,
-            "tire_state": self.tires.state,
-            "gear": state.gear,
-            "shift_time": state.shift_time,
-            "engine_speed": state.engine_speed,
-            "last_input": state.last_input,
-            "last_drive": state.last_drive,
-            "coupling_coefficient": self.model.coupling_coefficient,
-        }
-        return {name: array for name, array in arrays.items() if array.size}
+        return self._element().memory
+
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Bodies whose forces it writes: the chassis, and the wheels where its tires make forces."""
+        spindles = [side.spindle for side in self.parts.sides] if isinstance(self.tires, Tires) else []
+        return (self.parts.chassis, *spindles)
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
-        model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
-        inputs = simulation.shares.record(
-            run_vehicle,
-            inputs=[dt, self._tables, self._powertrain, self.input, self.lock, model.parameters, state],
-            outputs=[self._powertrain_state, self._motion, control],
-        )  # fmt: skip
-        if not isinstance(self.tires, Tires):
-            return [inputs, *self.tires.record(simulation)]
-        tires = simulation.shares.record(
-            apply_tires, self.tires.shape[1],
-            inputs=[
-                dt, self.tires.tables, self.tires.parameter, self.tires.ground_friction, self.tires.terrain,
-                model.assets, state, self.tires.state, self.tires.reports,
-            ],
-            outputs=[control.element_force, control.element_torque],
-        )  # fmt: skip
-        return [inputs, tires]
+        return self._element().record(simulation, dt)
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that measures the motion after a sub-step."""
-        loads = [] if isinstance(self.tires, Tires) else self.tires.record_after(simulation)
-        return [
-            *loads,
-            simulation.shares.record(
-                measure_vehicle,
-                inputs=[dt, self._tables, simulation.state.arrays], outputs=[self._motion],
-            ),
-        ]  # fmt: skip
+        return self._element().record_after(simulation, dt)
 
     def record_outputs(self, simulation: StepContext, mask: wp.array) -> Sequence[Any]:
         """The launch that measures the motion in worlds whose state was set."""
-        return [
-            simulation.shares.record(
-                measure_set_vehicle, inputs=[mask, self._tables, simulation.state.arrays], outputs=[self._motion]
+        return self._element().record_outputs(simulation, mask)
+
+    def _element(self) -> Vehicles:
+        """What acts in the simulation: this vehicle alone."""
+        count = len(self._vehicles)
+        if count > 1:
+            raise ModelError(
+                f"Simulation: elements: vehicle {self._number} is one of {count} `Vehicles`, which act together; pass "
+                "those in its place"
             )
-        ]
+        return self._vehicles
+
+
+def _member(vehicles: Vehicles, number: int) -> Vehicle:
+    """One of the vehicles."""
+    vehicle = Vehicle.__new__(Vehicle)
+    vehicle._show(vehicles, number)
+    return vehicle
+
+
+def _shifts(parts: Sequence[VehicleParts], model: Model) -> dict[str, list[int]]:
+    """How far the indices of each vehicle's bodies, degrees of freedom and couplings are from the first one's."""
+    if not parts:
+        raise ModelError("Vehicles: parts must be of at least one vehicle, got none; call add_vehicle")
+    first, joints = parts[0], [_joints(each) for each in parts]
+    starts = model.joint_dof_start
+    shifts: dict[str, list[int]] = {"body_shift": [], "dof_shift": [], "coupling_shift": []}
+    for each, mine in zip(parts, joints, strict=True):
+        body, coupling = each.chassis - first.chassis, each.gear_coupling - first.gear_coupling
+        dofs = {starts[a] - starts[b] for a, b in zip(mine, joints[0], strict=False)}
+        spindles = {a.spindle - b.spindle for a, b in zip(each.sides, first.sides, strict=False)}
+        if each.spec != first.spec or len(dofs) > 1 or spindles != {body}:
+            raise ModelError(
+                f"Vehicles: vehicles must be alike, got '{first.spec.name}' and '{each.spec.name}' of another "
+                "description; make one `Vehicles` for each"
+            )
+        for name, shift in zip(shifts, (body, dofs.pop() if dofs else 0, coupling), strict=True):
+            shifts[name].append(shift)
+    return shifts
+
+
+def _joints(parts: VehicleParts) -> list[int]:
+    """All joints and shafts that a vehicle's inputs and powertrain act on."""
+    line = parts.driveline
+    split = [joint for left, right, *_ in line.split for joint in (left, right)]
+    found = [*(s.joint for s in parts.steerings), *(s.spin for s in parts.sides), *(lock.slip for lock in line.locks)]
+    return [joint for joint in (*found, *split, line.shaft, parts.motor_shaft, parts.input_shaft, parts.clutch_shaft)
+            if joint >= 0]  # fmt: skip
 
 
 def per_world(others: Iterable[str] = ()) -> list[str]:
@@ -250,28 +423,30 @@ def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     return table
 
 
-def _motion(model: Model) -> VehicleMotion:
-    motion = VehicleMotion()
-    motion.position = wp.zeros(model.world_count, dtype=wp.vec3d, device=model.device)
+def _motion(shape: tuple[int, int], model: Model) -> Any:
+    motion: Any = VehicleMotion()
+    motion.position = wp.zeros(shape, dtype=wp.vec3d, device=model.device)
     for name in ("angles", "velocity_b", "omega_b", "acceleration_b", "last_v"):
-        setattr(motion, name, wp.zeros(model.world_count, dtype=wp.vec3, device=model.device))
+        setattr(motion, name, wp.zeros(shape, dtype=wp.vec3, device=model.device))
     return motion
 
 
 def _tires(
-    parts: VehicleParts, model: Model, ground: TerrainTables | None, randomised: bool
+    parts: Sequence[VehicleParts], model: Model, ground: TerrainTables | None, randomised: bool
 ) -> Tires | RigidTires | SoilTires:
     """Force elements, shapes in contact, or wheels on soil; a vehicle has one kind of them."""
-    on_soil = [axle.tire.template == SOIL_RIGID for axle in parts.spec.axles]
+    sides = [side for each in parts for side in each.sides]
+    on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.axles]
     if all(on_soil):
-        return SoilTires(len(parts.sides), model)
+        return SoilTires(len(sides), model, terrain=ground)
     if any(on_soil):
         raise SpecError("axles: tires must be soil-rigid on all wheels or on none, got both; choose one kind")
-    rigid = [side for side in parts.sides if side.shape >= 0]
+    rigid = [side for side in sides if side.shape >= 0]
     if not rigid:
+        mounts = [mount for each in parts for mount in _mounts(each)]
         worlds, bodies = model.world_count, model.body_count
-        return Tires(_mounts(parts), worlds, bodies, model.device, terrain=ground, randomised=randomised)
-    if len(rigid) < len(parts.sides):
+        return Tires(mounts, worlds, bodies, model.device, terrain=ground, randomised=randomised)
+    if len(rigid) < len(sides):
         raise SpecError("axles: tires must be rigid on all wheels or on none, got both; choose one kind")
     return RigidTires([side.shape for side in rigid], [side.spindle for side in rigid], model)
 

@@ -12,7 +12,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.requirements import step_layouts, step_sizes
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
-from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, per_world
+from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 from tests.physics.sample_vehicles import shipped
 
 STEPS = 450
@@ -27,19 +27,30 @@ SCRIPTS = (
 SPEEDS = (9.0, 5.0)
 
 
-def run(name: str, numbers: tuple[int, ...]) -> dict[int, dict[str, np.ndarray]]:
-    """Vehicles of their numbers, 50 m apart, in one world: everything that there is of each after a run."""
+def run(name: str, numbers: tuple[int, ...], *, as_one: bool = False) -> dict[int, dict[str, np.ndarray]]:
+    """Vehicles of their numbers, 50 m apart, in one world: everything that there is of each after a run.
+
+    `as_one`: one force element acts for all of them.
+    """
     builder, spec = ModelBuilder(), shipped(name)
     places = {number: sw.pose((0.0, 50.0 * number, spec.start_height)) for number in numbers}
     parts = [
         add_vehicle(builder, spec, at=places[number], prefix=f"v{number}_", speed=SPEEDS[number]) for number in numbers
     ]
     model = builder.finalize(2, "cpu", per_world=per_world())
-    vehicles = [Vehicle(each, model, randomised=True) for each in parts]
+    vehicles: Any = [Vehicle(each, model, randomised=True) for each in parts]
+    if as_one:
+        vehicles = Vehicles(parts, model, randomised=True)
     drivers: list[Any] = [
         ScriptedDriver(vehicle, SCRIPTS[number]) for number, vehicle in zip(numbers, vehicles, strict=True)
     ]
-    sim = sw.Simulation(model, 2e-3, elements=[*drivers, *vehicles], solver=VEHICLE_SOLVER, joint_reactions=True)
+    sim = sw.Simulation(
+        model,
+        2e-3,
+        elements=[*drivers, *([vehicles] if as_one else vehicles)],
+        solver=VEHICLE_SOLVER,
+        joint_reactions=True,
+    )
     sim.advance(STEPS)
     found: dict[int, dict[str, np.ndarray]] = {}
     for index, number in enumerate(numbers):
@@ -53,6 +64,8 @@ def run(name: str, numbers: tuple[int, ...]) -> dict[int, dict[str, np.ndarray]]
         mine |= {key: getattr(sim.state, key).numpy()[:, dofs] for key in ("joint_x", "joint_q", "joint_qd")}
         for key in ("joint_reaction_force", "joint_reaction_torque"):
             mine[key] = getattr(sim.diagnostics, key).numpy()[:, joints]
+        told = ("position", "angles", "velocity_b", "omega_b", "acceleration_b", "gear", "engine_speed", "drive_torque")
+        mine |= {key: getattr(vehicles[index], key).numpy() for key in told}
         mine["load"] = vehicles[index].tires.load.numpy()
         found[number] = mine
     return found
@@ -60,10 +73,11 @@ def run(name: str, numbers: tuple[int, ...]) -> dict[int, dict[str, np.ndarray]]
 
 @pytest.mark.parametrize("name", ["hmmwv", "gator", "sedan", "artcar"])
 def test_a_vehicle_among_others_equals_itself_alone(name):
-    both = run(name, (0, 1))
+    both, as_one = run(name, (0, 1)), run(name, (0, 1), as_one=True)
     for number in (0, 1):
         for key, values in run(name, (number,))[number].items():
             assert values.tobytes() == both[number][key].tobytes(), (number, key)
+            assert values.tobytes() == as_one[number][key].tobytes(), (number, key)
 
 
 def test_scratch_of_a_world_grows_by_the_number_of_vehicles():

@@ -44,25 +44,28 @@ def run_script(
     worlds: WorldRange,
     dt: float,
     script: Script,
-    chassis: int,
+    chassis: wp.array[int],  # (V,) of the vehicles that follow it
     reference: wp.vec3,
     state: StateArrays,
     # outputs
-    error_sum: wp.array[float],  # (W,) integral of the speed error [m]
-    vehicle_input: wp.array2d[float],
+    error_sum: wp.array2d[float],  # (W, V) integral of the speed error [m]
+    vehicle_input: wp.array3d[float],  # (W, V, 4)
 ):
-    """A script's inputs at this time; the speed controller is a PI whose integral rests while a pedal is at its end."""
-    world = worlds.first + wp.tid()
+    """A script's inputs at this time; dim (W, V). The speed controller is a PI whose integral rests while a pedal is at
+    its end.
+    """
+    index, number = wp.tid()
+    world = worlds.first + index
     time = float(state.world_time[world])
-    vehicle_input[world, 0] = bounded_value(STEERING, time, script.start, script.time, script.value)
+    vehicle_input[world, number, 0] = bounded_value(STEERING, time, script.start, script.time, script.value)
     target = bounded_value(SPEED, time, script.start, script.time, script.value)
     if target < 0.0:
-        vehicle_input[world, 1] = bounded_value(THROTTLE, time, script.start, script.time, script.value)
-        vehicle_input[world, 2] = bounded_value(BRAKING, time, script.start, script.time, script.value)
+        vehicle_input[world, number, 1] = bounded_value(THROTTLE, time, script.start, script.time, script.value)
+        vehicle_input[world, number, 2] = bounded_value(BRAKING, time, script.start, script.time, script.value)
         return
-    error = target - forward_speed(world, chassis, reference, state)
-    pedal = script.proportional * error + script.integral * error_sum[world]
+    error = target - forward_speed(world, chassis[number], reference, state)
+    pedal = script.proportional * error + script.integral * error_sum[world, number]
     if wp.abs(pedal) < 1.0:
-        error_sum[world] = error_sum[world] + dt * error
-    vehicle_input[world, 1] = wp.clamp(pedal, 0.0, 1.0)
-    vehicle_input[world, 2] = wp.clamp(-script.brake_share * pedal, 0.0, 1.0)
+        error_sum[world, number] = error_sum[world, number] + dt * error
+    vehicle_input[world, number, 1] = wp.clamp(pedal, 0.0, 1.0)
+    vehicle_input[world, number, 2] = wp.clamp(-script.brake_share * pedal, 0.0, 1.0)

@@ -44,9 +44,20 @@ CURVE_RATIO = wp.constant(3)
 
 
 @wp.struct
+class Member:
+    """One of a world's alike vehicles: its indices in the model are those of the first one, shifted."""
+
+    world: int
+    vehicle: int  # number in the world
+    body: int  # shift of its bodies
+    dof: int  # shift of its degrees of freedom
+    coupling: int  # shift of its couplings
+
+
+@wp.struct
 class Powertrain:
-    """Constant data, shared by all worlds. Curves: full throttle (or torque), zero throttle (or losses), capacity
-    factor and torque ratio of the converter.
+    """Constant data, shared by all worlds; indices are those of the first vehicle. Curves: full throttle (or torque),
+    zero throttle (or losses), capacity factor and torque ratio of the converter.
     """
 
     engine: int  # EngineKind
@@ -88,16 +99,16 @@ class Powertrain:
 
 @wp.struct
 class PowertrainState:
-    """State and outputs of a powertrain, per world."""
+    """State and outputs of powertrains, (W, V) of V vehicles in each world."""
 
-    gear: wp.array[int]  # -1 reverse, 0 neutral
-    shift_time: wp.array[wp.float64]  # of the last gear change [s]
-    engine_speed: wp.array[float]
-    engine_torque: wp.array[float]
-    drive_speed: wp.array[float]
-    drive_torque: wp.array[float]
-    last_input: wp.array[float]  # speeds one step ago [rad/s]
-    last_drive: wp.array[float]
+    gear: wp.array2d[int]  # -1 reverse, 0 neutral
+    shift_time: wp.array2d[wp.float64]  # of the last gear change [s]
+    engine_speed: wp.array2d[float]
+    engine_torque: wp.array2d[float]
+    drive_speed: wp.array2d[float]
+    drive_torque: wp.array2d[float]
+    last_input: wp.array2d[float]  # speeds one step ago [rad/s]
+    last_drive: wp.array2d[float]
 
 
 @wp.func
@@ -159,19 +170,19 @@ def next_gear(gear: int, speed: float, elapsed: float, powertrain: Powertrain) -
 
 
 @wp.func
-def engage(world: int, ratio: float, powertrain: Powertrain, coefficient: wp.array3d[float]):
+def engage(of: Member, ratio: float, powertrain: Powertrain, coefficient: wp.array3d[float]):
     """Sets the gears' viscous coupling to a ratio; neutral (0) couples nothing."""
-    row = powertrain.gear_coupling
-    if coefficient[world, row, 0] == ratio:
+    row = of.coupling + powertrain.gear_coupling
+    if coefficient[of.world, row, 0] == ratio:
         return
     engaged = wp.where(ratio == 0.0, 0.0, -1.0)
-    coefficient[world, row, 0] = ratio
+    coefficient[of.world, row, 0] = ratio
     if powertrain.drive_dof >= 0:
-        coefficient[world, row, 1] = engaged
+        coefficient[of.world, row, 1] = engaged
     for axle in range(powertrain.split_count):
         part = 0.5 * powertrain.split_share[axle] / powertrain.split_ratio[axle]
-        coefficient[world, row, 1 + 2 * axle] = engaged * part
-        coefficient[world, row, 2 + 2 * axle] = engaged * part
+        coefficient[of.world, row, 1 + 2 * axle] = engaged * part
+        coefficient[of.world, row, 2 + 2 * axle] = engaged * part
 
 
 @wp.func
@@ -183,84 +194,84 @@ def differential_share(slower: float, faster: float, max_bias: float) -> float:
 
 
 @wp.func
-def split_speed(world: int, powertrain: Powertrain, state: StateArrays) -> float:
+def split_speed(of: Member, powertrain: Powertrain, state: StateArrays) -> float:
     """Speed of the drive shaft of a simple driveline [rad/s]."""
     speed = float(0.0)
     for axle in range(powertrain.split_count):
-        left = state.joint_qd[world, powertrain.split_dof[axle, 0]]
-        right = state.joint_qd[world, powertrain.split_dof[axle, 1]]
+        left = state.joint_qd[of.world, of.dof + powertrain.split_dof[axle, 0]]
+        right = state.joint_qd[of.world, of.dof + powertrain.split_dof[axle, 1]]
         speed += powertrain.split_share[axle] * 0.5 * (left + right) / powertrain.split_ratio[axle]
     return speed
 
 
 @wp.func
 def split_torque(
-    world: int, torque: float, even: float, powertrain: Powertrain, state: StateArrays, joint_force: wp.array2d[float]
+    of: Member, torque: float, even: float, powertrain: Powertrain, state: StateArrays, joint_force: wp.array2d[float]
 ):  # fmt: skip
     """The drive shaft's torque on the wheels of a simple driveline; `even`: each wheel's share of its axle's torque
     that the gears' coupling brings already, 0 or one half.
     """
     for axle in range(powertrain.split_count):
-        left = powertrain.split_dof[axle, 0]
-        right = powertrain.split_dof[axle, 1]
+        left = of.dof + powertrain.split_dof[axle, 0]
+        right = of.dof + powertrain.split_dof[axle, 1]
         part = torque * powertrain.split_share[axle] / powertrain.split_ratio[axle]
-        w_left = state.joint_qd[world, left]
-        w_right = state.joint_qd[world, right]
+        w_left = state.joint_qd[of.world, left]
+        w_right = state.joint_qd[of.world, right]
         slow = differential_share(w_left, w_right, powertrain.split_bias[axle])
         if wp.abs(w_left) < wp.abs(w_right):
-            joint_force[world, left] = (slow - even) * part
-            joint_force[world, right] = (1.0 - slow - even) * part
+            joint_force[of.world, left] = (slow - even) * part
+            joint_force[of.world, right] = (1.0 - slow - even) * part
         else:
-            joint_force[world, left] = (1.0 - slow - even) * part
-            joint_force[world, right] = (slow - even) * part
+            joint_force[of.world, left] = (1.0 - slow - even) * part
+            joint_force[of.world, right] = (slow - even) * part
 
 
 @wp.func
 def drive_shafts(
-    world: int, dt: float, throttle: float, clutch: float, time: wp.float64, powertrain: Powertrain,
+    of: Member, dt: float, throttle: float, clutch: float, time: wp.float64, powertrain: Powertrain,
     memory: PowertrainState, parameters: Parameters, state: StateArrays, joint_force: wp.array2d[float],
 ):  # fmt: skip
     """Transmissions with shafts of their own: torques on motor and input shaft, gears as a coupling."""
-    motor_speed = state.joint_qd[world, powertrain.motor_dof]
-    input_speed = state.joint_qd[world, powertrain.input_dof]
+    motor_speed = state.joint_qd[of.world, of.dof + powertrain.motor_dof]
+    input_speed = state.joint_qd[of.world, of.dof + powertrain.input_dof]
     torque = engine_torque(throttle, motor_speed, powertrain)
     drive_torque = float(0.0)
     if powertrain.transmission == AUTOMATIC_SHAFTS:
         pair = converter_torques(motor_speed, input_speed, powertrain)
-        joint_force[world, powertrain.motor_dof] = torque + pair[0]
-        joint_force[world, powertrain.input_dof] = pair[1]
+        joint_force[of.world, of.dof + powertrain.motor_dof] = torque + pair[0]
+        joint_force[of.world, of.dof + powertrain.input_dof] = pair[1]
         drive_torque = pair[1]
-        elapsed = float(time - memory.shift_time[world])
-        gear = next_gear(memory.gear[world], input_speed, elapsed, powertrain)
-        if gear != memory.gear[world]:
-            memory.gear[world] = gear
-            memory.shift_time[world] = time
+        elapsed = float(time - memory.shift_time[of.world, of.vehicle])
+        gear = next_gear(memory.gear[of.world, of.vehicle], input_speed, elapsed, powertrain)
+        if gear != memory.gear[of.world, of.vehicle]:
+            memory.gear[of.world, of.vehicle] = gear
+            memory.shift_time[of.world, of.vehicle] = time
     else:
-        joint_force[world, powertrain.motor_dof] = torque
+        joint_force[of.world, of.dof + powertrain.motor_dof] = torque
         limit = powertrain.clutch_limit * (1.0 - clutch)
-        parameters.joint_friction[world, powertrain.slip_dof] = limit
+        parameters.joint_friction[of.world, of.dof + powertrain.slip_dof] = limit
         drive_torque = wp.min(torque, limit)
-    ratio = powertrain.ratio[memory.gear[world] + 1]
-    engage(world, ratio, powertrain, parameters.coupling_coefficient)
+    ratio = powertrain.ratio[memory.gear[of.world, of.vehicle] + 1]
+    engage(of, ratio, powertrain, parameters.coupling_coefficient)
     if ratio != 0.0:
         # what accelerates the input shaft does not reach the drive shaft
-        change = powertrain.input_inertia * (input_speed - memory.last_input[world]) / dt
+        change = powertrain.input_inertia * (input_speed - memory.last_input[of.world, of.vehicle]) / dt
         drive_torque = (drive_torque - change) / ratio
-    split_torque(world, drive_torque, 0.5, powertrain, state, joint_force)
-    memory.last_input[world] = input_speed
-    memory.engine_speed[world] = motor_speed
-    memory.engine_torque[world] = torque
-    memory.drive_torque[world] = drive_torque
+    split_torque(of, drive_torque, 0.5, powertrain, state, joint_force)
+    memory.last_input[of.world, of.vehicle] = input_speed
+    memory.engine_speed[of.world, of.vehicle] = motor_speed
+    memory.engine_torque[of.world, of.vehicle] = torque
+    memory.drive_torque[of.world, of.vehicle] = drive_torque
 
 
 @wp.func
 def drive_directly(
-    world: int, throttle: float, time: wp.float64, powertrain: Powertrain, memory: PowertrainState, state: StateArrays,
+    of: Member, throttle: float, time: wp.float64, powertrain: Powertrain, memory: PowertrainState, state: StateArrays,
     joint_force: wp.array2d[float],
 ):  # fmt: skip
     """Transmissions whose engine turns with the drive shaft."""
-    speed = memory.drive_speed[world]
-    gear = memory.gear[world]
+    speed = memory.drive_speed[of.world, of.vehicle]
+    gear = memory.gear[of.world, of.vehicle]
     ratio = powertrain.ratio[gear + 1]
     efficiency = float(1.0)
     if powertrain.transmission == CVT:
@@ -276,19 +287,19 @@ def drive_directly(
         torque = engine_torque(throttle, motor_speed, powertrain)
         drive_torque = efficiency * torque / ratio
     if powertrain.transmission == AUTOMATIC_MAP:
-        memory.gear[world] = next_gear(gear, motor_speed, float(time), powertrain)
-    memory.engine_speed[world] = motor_speed
-    memory.engine_torque[world] = torque
-    memory.drive_torque[world] = drive_torque
+        memory.gear[of.world, of.vehicle] = next_gear(gear, motor_speed, float(time), powertrain)
+    memory.engine_speed[of.world, of.vehicle] = motor_speed
+    memory.engine_torque[of.world, of.vehicle] = torque
+    memory.drive_torque[of.world, of.vehicle] = drive_torque
     if powertrain.drive_dof >= 0:
-        joint_force[world, powertrain.drive_dof] = drive_torque
+        joint_force[of.world, of.dof + powertrain.drive_dof] = drive_torque
     else:
-        split_torque(world, drive_torque, 0.0, powertrain, state, joint_force)
+        split_torque(of, drive_torque, 0.0, powertrain, state, joint_force)
 
 
 @wp.func
 def run_powertrain(
-    world: int, dt: float, throttle: float, clutch: float, powertrain: Powertrain, memory: PowertrainState,
+    of: Member, dt: float, throttle: float, clutch: float, powertrain: Powertrain, memory: PowertrainState,
     parameters: Parameters, control: ControlArrays, state: StateArrays,
 ) -> wp.vec3:  # fmt: skip
     """Torques of this step into `element_joint_force`, and the gear for it; returns a torque on the chassis in its own
@@ -299,22 +310,20 @@ def run_powertrain(
     by no body of their own, such as a counter-rotating driveline.
     """
     if powertrain.drive_dof >= 0:
-        memory.drive_speed[world] = state.joint_qd[world, powertrain.drive_dof]
+        memory.drive_speed[of.world, of.vehicle] = state.joint_qd[of.world, of.dof + powertrain.drive_dof]
     else:
-        memory.drive_speed[world] = split_speed(world, powertrain, state)
+        memory.drive_speed[of.world, of.vehicle] = split_speed(of, powertrain, state)
     if powertrain.engine == 0:
         return wp.vec3()
-    time = state.world_time[world]
+    time = state.world_time[of.world]
     if powertrain.motor_dof >= 0:
-        drive_shafts(
-            world, dt, throttle, clutch, time, powertrain, memory, parameters, state, control.element_joint_force
-        )
+        drive_shafts(of, dt, throttle, clutch, time, powertrain, memory, parameters, state, control.element_joint_force)
     else:
-        drive_directly(world, throttle, time, powertrain, memory, state, control.element_joint_force)
-    torque = memory.drive_torque[world]
-    speed = memory.drive_speed[world]
-    onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[world]) / dt
-    memory.last_drive[world] = speed
+        drive_directly(of, throttle, time, powertrain, memory, state, control.element_joint_force)
+    torque = memory.drive_torque[of.world, of.vehicle]
+    speed = memory.drive_speed[of.world, of.vehicle]
+    onward = torque - powertrain.drive_inertia * (speed - memory.last_drive[of.world, of.vehicle]) / dt
+    memory.last_drive[of.world, of.vehicle] = speed
     rolling = powertrain.gear_reaction * torque + powertrain.shaft_reaction * onward
     pitching = float(0.0)
     for axle in range(powertrain.split_count):

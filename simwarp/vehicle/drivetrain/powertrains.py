@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -56,15 +57,20 @@ def powertrain_tables(parts: VehicleParts, model: Model) -> Powertrain:
     return table
 
 
-def powertrain_state(parts: VehicleParts, model: Model) -> PowertrainState:
-    """The state of all worlds: the gear and the speeds that the vehicle starts with, no shift yet."""
-    state = PowertrainState()
-    count, start = model.world_count, parts.start
-    state.gear = wp.full(count, start.gear, dtype=int, device=model.device)
-    state.shift_time = wp.full(count, -1.0e9, dtype=wp.float64, device=model.device)
-    speeds = {"engine_speed": abs(start.motor_speed), "last_input": start.motor_speed, "last_drive": start.drive_speed}
+def powertrain_state(parts: Sequence[VehicleParts], model: Model) -> Any:
+    """The state of all worlds: the gears and the speeds that the vehicles start with, no shift yet."""
+    state: Any = PowertrainState()
+    shape, starts = (model.world_count, len(parts)), [each.start for each in parts]
+
+    def rows(values: Any, dtype: type) -> Any:
+        return _array(np.broadcast_to(values, shape), dtype, model)
+
+    state.gear = rows([start.gear for start in starts], int)
+    state.shift_time = wp.full(shape, -1.0e9, dtype=wp.float64, device=model.device)
+    motor, drive = [start.motor_speed for start in starts], [start.drive_speed for start in starts]
+    speeds = {"engine_speed": np.abs(motor), "last_input": motor, "last_drive": drive}
     for name in ("engine_speed", "engine_torque", "drive_speed", "drive_torque", "last_input", "last_drive"):
-        setattr(state, name, wp.full(count, speeds.get(name, 0.0), dtype=float, device=model.device))
+        setattr(state, name, rows(speeds.get(name, 0.0), float))
     return state
 
 

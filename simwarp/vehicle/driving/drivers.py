@@ -19,7 +19,7 @@ from simwarp.kernels.vehicle.drivers import Script, run_script
 from simwarp.vehicle.results.channels import COLUMNS, Run
 from simwarp.vehicle.spec.parts import LARGEST
 from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
-from simwarp.vehicle.vehicle import Vehicle
+from simwarp.vehicle.vehicle import Vehicle, Vehicles
 
 if TYPE_CHECKING:
     from simwarp.simulation.protocols import StepContext
@@ -134,11 +134,11 @@ class ScriptedDriver(Readable):
     """Drives all worlds by one script: a `ForceElement` that comes before its vehicle.
 
     Args:
-        vehicle: whose `input` it writes.
+        vehicle: whose `input` it writes; `Vehicles` follow the script all together, each with a controller of its own.
         script: inputs over time.
     """
 
-    def __init__(self, vehicle: Vehicle, script: ScriptSpec) -> None:
+    def __init__(self, vehicle: Vehicle | Vehicles, script: ScriptSpec) -> None:
         device = vehicle.model.device
         self.vehicle = vehicle
         self.script = script
@@ -148,10 +148,11 @@ class ScriptedDriver(Readable):
         self._script.proportional = script.proportional
         self._script.integral = script.integral
         self._script.brake_share = script.brake_share
-        self.error_sum = wp.zeros(vehicle.model.world_count, dtype=float, device=device)
+        self._parts = vehicle.parts if isinstance(vehicle, Vehicle) else vehicle.parts[0]
+        self.error_sum = wp.zeros(vehicle.input_rows.shape[:2], dtype=float, device=device)
 
     def _printed_title(self) -> str:
-        return f" of vehicle '{self.vehicle.parts.spec.name}', by a script"
+        return f" of vehicle '{self._parts.spec.name}', by a script"
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
@@ -160,11 +161,11 @@ class ScriptedDriver(Readable):
 
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch that writes the inputs."""
-        parts = self.vehicle.parts
+        vehicle, reference = self.vehicle, wp.vec3(*self._parts.reference)
         return [
             simulation.shares.record(
-                run_script,
-                inputs=[dt, self._script, parts.chassis, wp.vec3(*parts.reference), simulation.state.arrays],
-                outputs=[self.error_sum, self.vehicle.input],
+                run_script, self.error_sum.shape[1],
+                inputs=[dt, self._script, vehicle.chassis, reference, simulation.state.arrays],
+                outputs=[self.error_sum, vehicle.input_rows],
             )
         ]  # fmt: skip

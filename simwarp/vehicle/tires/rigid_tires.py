@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import warp as wp
 
@@ -71,6 +71,13 @@ class RigidTires(WheelReports):
         frictions = model.shape_friction.numpy()
         self._own_friction: wp.array = wp.array(frictions[0, list(shapes)], dtype=float, device=device)
         self.ground_friction = writable_from([float(frictions.max())] * frictions.shape[0], wp.float32, device)
+
+    def of(self, first: int, count: int) -> Self:
+        """`count` wheels of these from number `first` on: views of the same memory."""
+        part, wheels = super().of(first, count), slice(first, first + count)
+        for name in ("_shapes", "_bodies", "_own_friction"):
+            setattr(part, name, getattr(self, name)[wheels])
+        return part
 
     def record(self, simulation: StepContext) -> list[Any]:
         """The launch before a sub-step: the road's friction."""

@@ -13,6 +13,7 @@ mass.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -30,6 +31,7 @@ from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.kernels.vehicle.tires.tires import TireReports, TireTables, apply_tires, reset_tires
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.parameter_vector import ParameterVector, tire_vector
+from simwarp.vehicle.tires.wheel_reports import REPORTED
 
 __all__ = ["Mount", "ParameterVector", "Tires", "ground", "tire_vector"]
 
@@ -146,9 +148,7 @@ class Tires(Readable):
         self.deflection = self._report(wp.float32)
         self.force_w = self._report(wp.vec3)
         self.torque_w = self._report(wp.vec3)
-        self.reports = TireReports()
-        for name in ("load", "slip_ratio", "slip_angle", "camber", "deflection", "force_w", "torque_w"):
-            setattr(self.reports, name, getattr(self, name))
+        self.reports = self._make_reports()
         self.force = writable((world_count, body_count), wp.vec3, self.device)
         self.torque = writable((world_count, body_count), wp.vec3, self.device)
 
@@ -157,6 +157,21 @@ class Tires(Readable):
 
     def _report(self, dtype: type) -> WritableArray:
         return writable(self.shape, dtype, self.device)
+
+    def of(self, first: int, count: int) -> Tires:
+        """`count` wheels of these from number `first` on: views of the same memory."""
+        part, wheels = copy.copy(self), slice(first, first + count)
+        part.mounts, part.shape = self.mounts[wheels], (self.shape[0], count)
+        for name in ("parameter", "state", *REPORTED):
+            setattr(part, name, getattr(self, name)[:, wheels])
+        part.tables, part.reports = part._make_tables(), part._make_reports()
+        return part
+
+    def _make_reports(self) -> TireReports:
+        reports = TireReports()
+        for name in REPORTED:
+            setattr(reports, name, getattr(self, name))
+        return reports
 
     def _make_tables(self) -> TireTables:
         mounts = self.mounts

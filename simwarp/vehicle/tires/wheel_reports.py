@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import copy
+from typing import Final, Self
+
 import warp as wp
 
 from simwarp.core.arrays import writable
 from simwarp.core.readable import Readable, plural
 from simwarp.model.model import Model
+
+REPORTED: Final = ("load", "slip_ratio", "slip_angle", "camber", "deflection", "force_w", "torque_w")
+"""What is told of every wheel."""
 
 
 class WheelReports(Readable):
@@ -38,6 +44,14 @@ class WheelReports(Readable):
         self.force_w = writable(self.shape, wp.vec3, model.device)
         self.torque_w = writable(self.shape, wp.vec3, model.device)
         self.state = writable((*self.shape, 1), wp.float32, model.device)
+
+    def of(self, first: int, count: int) -> Self:
+        """`count` wheels of these from number `first` on: views of the same memory."""
+        part, wheels = copy.copy(self), slice(first, first + count)
+        part.shape = (self.shape[0], count)
+        for name in (*REPORTED, "state"):
+            setattr(part, name, getattr(self, name)[:, wheels])
+        return part
 
     def _printed_title(self) -> str:
         return f": {self.shape[1]} in each of {plural(self.shape[0], 'world')}"
