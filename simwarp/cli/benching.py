@@ -119,7 +119,7 @@ def run(arguments: list[str]) -> int:
 def _choices(words: list[str]) -> Choices:
     """What is chosen for some subjects alone: looked at before anything that takes long."""
     vehicles, soil = _number(option_value(words, "--vehicles")), option_value(words, "--soil")
-    if vehicles is not None and not (vehicles == int(vehicles) and 1 <= vehicles <= MOST_VEHICLES):
+    if vehicles is not None and not (1 <= vehicles <= MOST_VEHICLES and vehicles == int(vehicles)):
         raise UsageError(f"vehicles must be a whole number from 1 to {MOST_VEHICLES}, got {vehicles:g}")
     if soil is not None:
         soil_preset(soil)
