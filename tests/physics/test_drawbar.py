@@ -34,7 +34,10 @@ def pulled(vehicle: str, soil: str) -> Run:
     return Run({name: values[run["t_s"] > 5.0] for name, values in run.columns.items()})
 
 
-@pytest.mark.parametrize("soil", [pytest.param("soft", marks=pytest.mark.slow), "mid", "hard"])
+SOFT = pytest.param("soft", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("soil", [SOFT, "mid", "hard"])
 def test_pull_rises_with_slip_up_to_friction(soil):
     run = pulled("hmmwv", soil)
     pull = [pull_at(run, slip, 0.03) for slip in SLIPS]
@@ -50,7 +53,7 @@ def test_pull_rises_with_slip_up_to_friction(soil):
 
 
 def test_two_axles_pull_as_single_wheels_by_quadrature_once_all_soil_is_sheared():
-    """Above slip 0.3 pull is friction; below, the rear wheels pull more: their ground is firmer than the quadrature's."""
+    """Above slip 0.3 pull is friction; below, the rear wheels pull more, in the firm ruts of the front ones."""
     run = pulled("hmmwv", "mid")
     parameters = dataclasses.replace(reference.PRESETS["mid"])
     wheel = Wheel(0.467, 0.254)
