@@ -110,7 +110,9 @@ class PlatoonTask(ConvoyTask):
         from simwarp.vehicle.driving.path_tracking import look_ahead_for
 
         # Until it has settled a vehicle stands on its brakes
-        spec = PathTrackingSpec(paths=tuple(self.ways()[0]), speed=0.0, steering=look_ahead_for(self.spec), start=SETTLING)
+        spec = PathTrackingSpec(
+            paths=tuple(self.ways()[0]), speed=0.0, steering=look_ahead_for(self.spec), start=SETTLING
+        )
         self._drivers: list[PathTracker] = [
             PathTracker(self.vehicles[index], spec) for index in range(self.config.leading)
         ]

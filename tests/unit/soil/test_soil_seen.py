@@ -54,16 +54,22 @@ def rays_at_the_rut(count: int, seed: int, *, kind: str) -> tuple[np.ndarray, np
     rng = np.random.default_rng(seed)
     aim = np.stack([rng.uniform(-0.3, 1.6, count), rng.uniform(-0.4, 0.4, count), rng.uniform(-0.08, 0.0, count)], 1)
     if kind == "high":
-        start = np.stack([rng.uniform(-1.0, 2.0, count), rng.uniform(-1.0, 1.0, count), rng.uniform(0.4, 3.0, count)], 1)
+        start = np.stack(
+            [rng.uniform(-1.0, 2.0, count), rng.uniform(-1.0, 1.0, count), rng.uniform(0.4, 3.0, count)], 1
+        )
     elif kind == "oblique":
         angle = rng.uniform(0.0, 2.0 * np.pi, count)
-        start = aim + rng.uniform(0.3, 0.9, count)[:, None] * np.stack([np.cos(angle), np.sin(angle), 0.1 + 0 * angle], 1)
+        start = aim + rng.uniform(0.3, 0.9, count)[:, None] * np.stack(
+            [np.cos(angle), np.sin(angle), 0.1 + 0 * angle], 1
+        )
         start[:, 2] = np.maximum(start[:, 2], 0.3 * (start[:, 2] - aim[:, 2]))
     elif kind == "inside":
         start = aim + np.array((0.0, 0.0, 0.06)) * rng.uniform(0.0, 1.0, (count, 1))
         aim = start + rng.standard_normal((count, 3)) * (1.0, 1.0, 0.4)
     else:
-        start = np.stack([rng.uniform(-0.3, 1.6, count), rng.uniform(-0.5, 0.5, count), rng.uniform(-1.0, -0.3, count)], 1)
+        start = np.stack(
+            [rng.uniform(-0.3, 1.6, count), rng.uniform(-0.5, 0.5, count), rng.uniform(-1.0, -0.3, count)], 1
+        )
     way = aim - start
     return start, way / np.linalg.norm(way, axis=1, keepdims=True)
 
