@@ -15,8 +15,8 @@ from simwarp.core.types import WorldStatus
 from simwarp.simulation.simulation import Simulation
 from simwarp.soil import soil_under
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
-from simwarp.vehicle.results.convoy import set_up_convoy
 from simwarp.vehicle.results.runs import REFERENCE_DT, set_up
+from simwarp.vehicle.results.vehicle_row import set_up_convoy
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires

@@ -20,21 +20,18 @@ STEEPEST: Final = math.radians(45.0)
 """Of a plane: nodes lie in columns seen from above, fewer and fewer on what leans more."""
 
 
-def checked_pages(pages: Any, spacing: float, sizes: list[tuple[float, float]]) -> int:
-    """Pages of a world: at least those below all wheels at once, upright and sunk to their axles.
+def checked_pages(pages: Any, spacing: float, least: int) -> int:
+    """Pages of a world: at least those below all shapes at once.
 
     Args:
         pages: as given.
         spacing: of the nodes [m].
-        sizes: (radius, width) of the wheels [m].
+        least: pages that all shapes may lie on together (`pages_at_a_time`).
 
     Raises:
         ModelError: they are too few or no whole number.
     """
-    side = spacing * SIDE
-    # an interval meets one page more than it holds at most, and one of rounding
-    least = sum((int(2.0 * r / side) + 2) * (int((width + 2.0 * spacing) / side) + 2) for r, width in sizes)
-    remedy = f"so many of {side:.3g} m may lie below the wheels; raise it, or the spacing"
+    remedy = f"so many of {spacing * SIDE:.3g} m may lie below the shapes; raise it, or the spacing"
     return whole_number("soil", "pages", pages, least, MOST_PAGES, remedy)
 
 

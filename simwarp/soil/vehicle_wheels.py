@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from simwarp.core.types import ModelError
-from simwarp.soil.soil import Soil, SoilWheel
+from simwarp.soil.soil import Soil
 from simwarp.soil.soil_parameters import SoilSpec
+from simwarp.soil.soil_shapes import SoilShape, SoilWheel
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
 
@@ -36,14 +37,15 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
 
 def soil_under(
     vehicles: Vehicle | Vehicles | Sequence[Vehicle | Vehicles],
-    soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid",
-    **options: Any,
-) -> Soil:
+    soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
+    shapes: Sequence[SoilShape] = (), **options: Any,
+) -> Soil:  # fmt: skip
     """Soil under the wheels of vehicles of one model; their `tires` tell its loads, slips and sinkages.
 
     Args:
         vehicles: on `soil-rigid` tires.
         soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
+        shapes: what sinks in beside the wheels, after which they come: bellies, rocks.
         options: further arguments of `Soil`; the ground is that of the first vehicle if it is not among them.
 
     Raises:
@@ -55,7 +57,7 @@ def soil_under(
     first_tires = given[0].tires
     assert isinstance(first_tires, SoilTires)
     options.setdefault("ground", first_tires.terrain)
-    made = Soil(given[0].model, [wheel for each in wheels for wheel in each], soil, **options)
+    made = Soil(given[0].model, [*(wheel for each in wheels for wheel in each), *shapes], soil, **options)
     first = 0
     for whole, each in zip(given, below, strict=True):
         count = len(each[0].parts.sides)

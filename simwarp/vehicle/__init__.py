@@ -18,8 +18,8 @@ from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
 from simwarp.vehicle.results.channels import Recorder, Run
-from simwarp.vehicle.results.convoy import Convoy, set_up_convoy
 from simwarp.vehicle.results.runs import Drive, set_up
+from simwarp.vehicle.results.vehicle_row import Convoy, set_up_convoy
 from simwarp.vehicle.spec.parts import SpecError
 from simwarp.vehicle.spec.variants import option_names, with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle, save_vehicle, vehicle_names

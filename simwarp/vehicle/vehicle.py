@@ -91,9 +91,9 @@ class Vehicles(Readable):
         for name, values in shifts.items():
             setattr(self._tables, name, wp.array(values, dtype=int, device=model.device))
         self._tables.point = wp.vec3(*(first.reference + finite_vector("Vehicle", "point", point, 3)))
-        self._motion = _motion(shape, model)
+        self._motion: Any = _motion(shape, model)
         self._powertrain = powertrain_tables(first, model)
-        self._powertrain_state = powertrain_state(self.parts, model)
+        self._powertrain_state: Any = powertrain_state(self.parts, model)
         self.tires = _tires(self.parts, model, ground, randomised)
         self._each = tuple(_member(self, number) for number in range(len(self.parts)))
 
@@ -319,6 +319,12 @@ class Vehicle(Readable):
         """State that a reset restores and a snapshot keeps."""
         return self._element().memory
 
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Bodies whose forces it writes: the chassis, and the wheels where its tires make forces."""
+        spindles = [side.spindle for side in self.parts.sides] if isinstance(self.tires, Tires) else []
+        return (self.parts.chassis, *spindles)
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
         return self._element().record(simulation, dt)
@@ -417,8 +423,8 @@ def _tables(parts: VehicleParts, model: Model) -> VehicleTables:
     return table
 
 
-def _motion(shape: tuple[int, int], model: Model) -> VehicleMotion:
-    motion = VehicleMotion()
+def _motion(shape: tuple[int, int], model: Model) -> Any:
+    motion: Any = VehicleMotion()
     motion.position = wp.zeros(shape, dtype=wp.vec3d, device=model.device)
     for name in ("angles", "velocity_b", "omega_b", "acceleration_b", "last_v"):
         setattr(motion, name, wp.zeros(shape, dtype=wp.vec3, device=model.device))

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import WORLD, VelocityMotor, pose
-from simwarp.kernels.soil.soil_tables import PAGE_NODES, SIDE, SINKAGE
+from simwarp.kernels.soil.soil_tables import PAGE_NODES, SIDE, SINKAGE, YIELD
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.soil import ShearMemory, Soil, SoilSpec, SoilWheel
@@ -262,20 +262,26 @@ def plate_on_slope(soil: SoilSpec, slope: float, seconds: float, device: str, me
     return float(np.linalg.norm(plate.place - start))
 
 
+def yielded_nodes(soil: Soil, world: int = 0) -> tuple[npt.NDArray[np.int64], Array]:
+    """Columns and rows (n, 2) of a world's nodes that yielded, and their memory (n, values), row by row of the grid."""
+    memory = {name: array.numpy()[world] for name, array in soil.memory.items()}
+    count = int(memory["count"])
+    values = memory["node"][: count * PAGE_NODES]
+    inside = np.arange(PAGE_NODES)
+    column = (SIDE * memory["place_x"][:count, None] + inside % SIDE).ravel()
+    row = (SIDE * memory["place_y"][:count, None] + inside // SIDE).ravel()
+    order = np.lexsort((column, row))
+    order = order[values[order, YIELD] > 0.0]
+    return np.stack([column, row], axis=1)[order].astype(np.int64), values[order].astype(float)
+
+
 def ruts(soil: Soil, world: int = 0) -> tuple[Array, Array]:
     """Places (n, 2) of all nodes that yielded in a world, and how deep each stays when nothing presses on it (n,) [m].
 
     Along the normal of the undeformed ground. In the order of the grid: row by row.
     """
-    memory = {name: array.numpy()[world] for name, array in soil.memory.items()}
-    count = int(memory["count"])
-    depth = memory["node"][: count * PAGE_NODES, SINKAGE].astype(float)
-    inside = np.arange(PAGE_NODES)
-    column = (SIDE * memory["place_x"][:count, None] + inside % SIDE).ravel()
-    row = (SIDE * memory["place_y"][:count, None] + inside // SIDE).ravel()
-    order = np.lexsort((column, row))
-    order = order[depth[order] > 0.0]
-    return soil.spacing * np.stack([column, row], axis=1)[order].astype(float), depth[order]
+    nodes, values = yielded_nodes(soil, world)
+    return soil.spacing * nodes.astype(float), values[:, SINKAGE]
 
 
 def rut_profile(soil: Soil, start: float, end: float, world: int = 0) -> tuple[Array, Array]:

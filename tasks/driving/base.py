@@ -310,7 +310,12 @@ class DrivingTask(Task[DrivingT]):
         ground = self.ground(model)
         self._driven = self.make_vehicle(model, ground)
         self._driven.tires.ground_friction.fill_(config.friction)
-        self.soil = None if config.soil is SoilKind.NONE else DrivenSoil(self._driven, config, self.random, ground)
+        self.soil = None
+        if config.soil is not SoilKind.NONE:
+            self.soil = DrivenSoil(
+                self._driven, config.soil, self.random, ground=ground, friction=config.friction,
+                spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
+            )  # fmt: skip
         below = [] if self.soil is None else [self.soil.element]
         self.camera = self.navigation = None
         sensors: list[Any] = []
@@ -365,6 +370,8 @@ class DrivingTask(Task[DrivingT]):
             self.visuals(visuals)
             paint(visuals)
             self._scene = visuals.finalize(model, per_world=self.seen_per_world(), origin_body=self.parts.chassis)
+            if self.soil is not None:
+                self.soil.show_in(self._scene)
         return self._scene
 
     def solver_options(self) -> SolverOptions:
@@ -381,12 +388,15 @@ class DrivingTask(Task[DrivingT]):
         self.input = to_torch(self._driven.input)
         self._settle()
         state = self.simulation.state
-        start_x, start_rot = wp.clone(state.body_x[0]), wp.clone(state.body_rot[0])
+        bodies = to_torch(self.vehicle.bodies).long()
+        places, turns = (to_torch(array)[0, bodies].contiguous() for array in (state.body_x, state.body_rot))
+        start_x, start_rot = wp.from_torch(places, dtype=wp.vec3d), wp.from_torch(turns, dtype=wp.quatd)
         self._car = filled(
             Car,
             chassis=self.parts.chassis,
             shape=self.chassis_shape,
             reference=wp.vec3d(*self.parts.reference),
+            bodies=self.vehicle.bodies,
             start_x=start_x,
             start_rot=start_rot,
             force=self.simulation.contacts.shape_contact_force,
@@ -399,7 +409,7 @@ class DrivingTask(Task[DrivingT]):
         """(W,) bool: the chassis touched something in this control step."""
         self._image = None if self.camera is None else to_torch(self.camera.data)
         self._record_vehicle()
-        to_torch(start_x)[:, :2] -= self.pose()[0][0, :2]
+        places[:, :2] -= self.pose()[0][0, :2]
         if self._scene is not None:
             self.bind_scene(self._scene)
 

@@ -12,11 +12,11 @@ from simwarp import to_torch
 from simwarp.kernels.soil.soil_tables import COHESION, ELASTIC, EXPONENT, K_PHI, PARAMETERS, SIDE, TAN_PHI
 
 if TYPE_CHECKING:
+    from simwarp.sensors import Scene
     from simwarp.soil import SoilSpec
     from simwarp.vehicle import Vehicle, Vehicles
 
     from ..randomisation.randomness import WorldRandom
-    from .base import DrivingConfig
 
 RIGID_SHARE: Final = 0.2
 """Of the episodes with drawn soil: in them the ground is nearly rigid."""
@@ -30,6 +30,8 @@ USUAL_SPEED: Final = 8.0
 """At which ruts of a whole episode find room [m/s]."""
 LONGEST_RUT: Final = 200.0
 """What is remembered at most behind a vehicle [m]."""
+GROUNDS: Final = ("hills", "ground")
+"""Names of the plane or height field in a scene that shows the ground."""
 DRAWS: Final = 4
 """Numbers that a soil is drawn with."""
 LOGARITHMIC: Final = [int(K_PHI), int(ELASTIC)]
@@ -52,19 +54,20 @@ class SoilKind(enum.Enum):
     RANDOM = "random"
 
 
-def pages_for(config: DrivingConfig, wheels: int, width: float) -> int:
+def pages_for(time: float, spacing: float, wheels: int, width: float) -> int:
     """Pages of 8 x 8 nodes that hold the ruts of an episode at `USUAL_SPEED`, or the last `LONGEST_RUT` of them.
 
     A track of one width in all directions crosses (4 / pi) (1 + width / side) / side pages of that side per metre.
     Rear wheels follow the front wheels, so that half of the wheels have tracks of their own.
 
     Args:
-        config: of the task.
+        time: that an episode lasts at most [s].
+        spacing: of the nodes [m].
         wheels: number of them.
         width: of the widest wheel [m].
     """
-    side = int(SIDE) * config.soil_spacing
-    way = min(USUAL_SPEED * config.control_dt * config.max_episode_steps, LONGEST_RUT)
+    side = int(SIDE) * spacing
+    way = min(USUAL_SPEED * time, LONGEST_RUT)
     tracks = 0.5 * wheels * (4.0 / math.pi) * (1.0 + width / side) / side
     return math.ceil(tracks * way) + 4 * wheels
 
@@ -86,9 +89,13 @@ class DrivenSoil:
 
     Args:
         vehicle: on `soil-rigid` tires; or several, which meet each other's ruts.
-        config: of the task.
+        kind: not `SoilKind.NONE`.
         random: of the task.
         ground: the undeformed ground (`simwarp.vehicle.ground`); the plane z = 0 when None.
+        friction: of nearly rigid ground.
+        spacing: of the nodes [m].
+        pages: of each world; None: those that `pages_for` an episode.
+        time: that an episode lasts at most [s].
 
     Attributes:
         element: the force element (`simwarp.soil.Soil`); it comes after the vehicle.
@@ -99,21 +106,23 @@ class DrivenSoil:
     """
 
     def __init__(
-        self, vehicle: Vehicle | Vehicles, config: DrivingConfig, random: WorldRandom, ground: Any
+        self, vehicle: Vehicle | Vehicles, kind: SoilKind, random: WorldRandom, *, ground: Any, friction: float,
+        spacing: float, pages: int | None, time: float,
     ) -> None:  # fmt: skip
         from simwarp.soil import PRESETS, soil_under
 
         parts = vehicle.parts if isinstance(vehicle.parts, tuple) else (vehicle.parts,)
         widest = max(axle.tire.width for axle in parts[0].spec.axles)
-        pages = config.soil_pages or pages_for(config, sum(len(each.sides) for each in parts), widest)
-        rigid = rigid_soil(config.friction)
+        wheels = sum(len(each.sides) for each in parts)
+        rigid = rigid_soil(friction)
         self.element = soil_under(
-            vehicle, rigid, ground=ground, spacing=config.soil_spacing, pages=pages, per_world=True
+            vehicle, rigid, ground=ground, spacing=spacing, per_world=True,
+            pages=pages or pages_for(time, spacing, wheels, widest),
         )  # fmt: skip
         self.parameter = to_torch(self.element.parameter)
         self._random = random
         self._rigid = self._row(rigid)
-        self._preset = None if config.soil is SoilKind.RANDOM else self._row(PRESETS[config.soil.value])
+        self._preset = None if kind is SoilKind.RANDOM else self._row(PRESETS[kind.value])
         self._low, self._high = (_spread(self._row(PRESETS[name])) for name in ("soft", "hard"))
         self._draw_of = torch.tensor(DRAW_OF, device=self.parameter.device)
 
@@ -127,6 +136,12 @@ class DrivenSoil:
         """
         rows = self._draw_rows() if self._preset is None else self._preset.expand(len(world_mask), -1)
         self.parameter.copy_(torch.where(world_mask.view(-1, 1, 1), rows.unsqueeze(1), self.parameter))
+
+    def show_in(self, scene: Scene) -> None:
+        """Let a scene show the ruts, if one of `GROUNDS` is in it: roads and floors of other kinds stay as they are."""
+        shown = [name for name in GROUNDS if name in scene.names]
+        if shown:
+            scene.cover_with(self.element, shown[0])
 
     def _draw_rows(self) -> torch.Tensor:
         """Return (W, 8): what the draws of the running episodes say."""

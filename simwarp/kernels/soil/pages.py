@@ -47,6 +47,17 @@ def forget(world: int, page: int, nodes: SoilNodes):
 
 
 @wp.func
+def forgotten_before(world: int, page: int, other: int, nodes: SoilNodes) -> bool:
+    """Which of two pages goes first: the one used longer ago, then by its place, whatever the order of wheels was."""
+    older = nodes.used_at[world, page] - nodes.used_at[world, other]
+    if older == 0:
+        older = nodes.place_y[world, page] - nodes.place_y[world, other]
+    if older == 0:
+        older = nodes.place_x[world, page] - nodes.place_x[world, other]
+    return older < 0
+
+
+@wp.func
 def take_page(world: int, x: int, y: int, step: int, nodes: SoilNodes):
     """Marks the page at a place as used in this step; takes one that is free, or else the one used longest ago.
 
@@ -60,11 +71,9 @@ def take_page(world: int, x: int, y: int, step: int, nodes: SoilNodes):
         if page < pages:
             nodes.count[world] = page + 1
         else:
-            oldest = int(step)
             page = int(-1)
             for other in range(pages):
-                if nodes.used_at[world, other] < oldest:
-                    oldest = nodes.used_at[world, other]
+                if nodes.used_at[world, other] < step and (page < 0 or forgotten_before(world, other, page, nodes)):
                     page = other
             nodes.recycled[world] = nodes.recycled[world] + 1
             if page < 0:

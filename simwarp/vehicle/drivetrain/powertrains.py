@@ -57,9 +57,9 @@ def powertrain_tables(parts: VehicleParts, model: Model) -> Powertrain:
     return table
 
 
-def powertrain_state(parts: Sequence[VehicleParts], model: Model) -> PowertrainState:
+def powertrain_state(parts: Sequence[VehicleParts], model: Model) -> Any:
     """The state of all worlds: the gears and the speeds that the vehicles start with, no shift yet."""
-    state = PowertrainState()
+    state: Any = PowertrainState()
     shape, starts = (model.world_count, len(parts)), [each.start for each in parts]
 
     def rows(values: Any, dtype: type) -> Any:

@@ -7,8 +7,11 @@ import pytest
 import torch
 
 from simwarp.core.interop import to_torch
+from simwarp.sensors import CameraConfig, Pinhole
+from simwarp.sensors.cameras.camera import look_at
 from simwarp.soil import PRESETS
 from simwarp.tasks.driving.soil import RIGID_MODULUS, RIGID_SHARE, SoilKind
+from simwarp.viewer.free_camera import FreeCamera
 from tests.tasks.driving.driving_checks import NAMES, driving, held, wheels
 
 SOFT, HARD = PRESETS["soft"], PRESETS["hard"]
@@ -168,6 +171,28 @@ def test_soil_lies_on_hills():
     assert ground.abs().max() > 0.5
     assert (below > 0.0).all()
     assert (below < 0.12).all()  # twice what mid soil gives way on the flat; hills lean
+
+
+@pytest.mark.parametrize("hills", [0.0, 1.0])
+def test_ruts_are_seen(hills):
+    """From straight above where a wheel stood, and where nothing ever was."""
+    task = driving("off-road", 1, soil="soft", hills=hills, obstacles=0)
+    sight = FreeCamera(
+        task.scene(), [0, 0], CameraConfig(width=3, height=3, lens=Pinhole(fov=0.01), outputs=("depth",))
+    )
+    drive(task, 6)
+    below = wheels(task)[0][0, 0, :2].numpy()
+    places = [below, below + 8.0]
+    drive(task, 25)
+    poses = [look_at((*place, 20.0), (*place, 0.0), up=(1.0, 0.0, 0.0)) for place in places]
+    seen = 20.0 - sight.take(task.simulation.state, poses)[:, 1, 1, 0]
+    plain = [0.0, 0.0]
+    if hills:
+        plain = task.hills.height(torch.tensor(np.array(places))[None])[0].tolist()
+    told = task.soil.element.height(np.array(places)).numpy()[0]
+    assert seen.tolist() == pytest.approx(told.tolist(), abs=1e-4)  # float32 at 20 m, of 2e-6 each
+    assert seen[0] < plain[0] - 0.05
+    assert seen[1] == pytest.approx(plain[1], abs=1e-4)
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "off-road"])

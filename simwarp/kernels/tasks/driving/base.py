@@ -29,8 +29,9 @@ class Car:
     chassis: int  # body
     shape: int  # of its box in contacts
     reference: wp.vec3d  # its point, in axes of the chassis [m]
-    start_x: wp.array[wp.vec3d]  # (B,) of its bodies, settled, the reference point above the origin [m]
-    start_rot: wp.array[wp.quatd]  # (B,)
+    bodies: wp.array[int]  # (N,) all that it consists of
+    start_x: wp.array[wp.vec3d]  # (N,) of its bodies, settled, the reference point above the origin [m]
+    start_rot: wp.array[wp.quatd]  # (N,)
     force: wp.array2d[wp.vec3]  # (W, S) contact forces on shapes [N]
     input: wp.array2d[float]  # (W, 4) steering, throttle, brake, clutch
 
@@ -128,9 +129,10 @@ def place_car(
     world: int, place: wp.vec3d, heading: float, turn: wp.quatd, car: Car, navigator: Navigator, state: StateArrays
 ):  # fmt: skip
     """Put the settled vehicle, at rest, on the ground below its point of reference; its heading is known then."""
-    for body in range(car.start_x.shape[0]):
-        state.body_x[world, body] = place + rotate(turn, car.start_x[body])
-        state.body_rot[world, body] = quat_product(turn, car.start_rot[body])
+    for index in range(car.bodies.shape[0]):
+        body = car.bodies[index]
+        state.body_x[world, body] = place + rotate(turn, car.start_x[index])
+        state.body_rot[world, body] = quat_product(turn, car.start_rot[index])
         state.body_v[world, body] = wp.vec3()
         state.body_omega[world, body] = wp.vec3()
     if navigator.heading.shape[0] > 0:

@@ -33,13 +33,15 @@ class Convoy:
     """Vehicles in a row, ready to run.
 
     Attributes:
-        simulation: of them all; `simulation.model.builder` made their model.
+        builder: of their model.
+        simulation: of them all.
         vehicles: the first one leads, along +X.
         driver: of them all.
         maneuver: whose script it follows.
         boxes: shapes of their chassis.
     """
 
+    builder: ModelBuilder
     simulation: Simulation
     vehicles: Vehicles
     driver: ScriptedDriver
@@ -83,4 +85,4 @@ def set_up_convoy(
     acting.tires.ground_friction.fill_(friction)
     driver = ScriptedDriver(acting, maneuver.script)
     simulation = Simulation(model, dt, elements=[driver, acting, *elements(acting)], solver=VEHICLE_SOLVER)
-    return Convoy(simulation, acting, driver, maneuver, boxes)
+    return Convoy(builder, simulation, acting, driver, maneuver, boxes)
