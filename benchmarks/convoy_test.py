@@ -107,7 +107,8 @@ class Runs:
     def _row(self, world: int, vehicle: int, reason: str, steps: int, distance: float) -> Row:
         values = (
             self.first + world, vehicle, reason, round(steps * self.task.config.control_dt, 3),
-            round(float(self.deviation[world, vehicle]), 4), round(distance, 3), round(float(self.way[world, vehicle]), 2),
+            round(float(self.deviation[world, vehicle]), 4), round(distance, 3),
+            round(float(self.way[world, vehicle]), 2),
         )  # fmt: skip
         return dict(zip(COLUMNS, values, strict=True))
 
@@ -229,7 +230,7 @@ def draw(numbers: dict[str, Any], picture: Path) -> None:
                 at = np.array([index for index, _ in shown]) + 0.26 * (place - 1)
                 middle = np.array([each.get("mean", each.get("share")) for _, each in shown])
                 off = [middle - [each["low"] for _, each in shown], [each["high"] for _, each in shown] - middle]
-                axes.bar(at, middle, 0.24, yerr=off, capsize=2.0, color=COLOURS[ground], label=ground)
+                axes.bar(at, middle, 0.24, yerr=np.maximum(off, 0.0), capsize=2.0, color=COLOURS[ground], label=ground)
                 axes.set_xticks(range(FOLLOWERS + 1), ["leader", *map(str, range(1, FOLLOWERS + 1))])
                 axes.grid(alpha=0.3)
         line[0].set_ylabel(f"{model}: off the path [m]")
