@@ -1,12 +1,12 @@
-"""The convoy test of the thesis: one simulated leader on the path, three followers with the policy trained on ghosts.
+"""The convoy test of the thesis: one simulated leader on the path, three followers, whose policy was trained on ghosts.
 
-    python benchmarks/convoy_test.py                                  # 200 runs of each model on each ground, then tables
+    python benchmarks/convoy_test.py                                # 200 runs of each model on each ground, then tables
     python benchmarks/convoy_test.py --models reduced --grounds rigid soft --runs 50
-    python benchmarks/convoy_test.py --runs 0                         # table and picture again, from the rows
+    python benchmarks/convoy_test.py --runs 0                       # table and picture again, from the rows
 
-Four vehicles in each world, four large obstacles on the way, rigid, hard and soft ground. Rows of benchmarks/results/convoy
-are written as runs finish, and what is there is not run again. Run k has the same path, obstacles and places on every ground
-and with both models.
+Four vehicles in each world, four large obstacles on the way, rigid, hard and soft ground. Rows are written to
+benchmarks/results/convoy as runs finish, and what is there is not run again. Run k has the same path, obstacles and
+places on every ground and with both models.
 
 A follower that touches something or loses the one ahead is done: it brakes, and the others go on.
 """
@@ -47,8 +47,8 @@ SEED: Final = 1_000_003
 BATCH: Final = 50
 TOUCHES: Final = ("collision", "bumped")
 COLUMNS: Final = ("run", "vehicle", "reason", "seconds", "deviation", "distance", "way")
-"""Of a row: run, vehicle from the head, why and when its part was over, mean distance from the path [m], distance to the
-one ahead at the end [m], way along the path at the end [m]."""
+"""Of a row: run, vehicle from the head, why and when its part was over, mean distance from the path [m], distance to
+the one ahead at the end [m], way along the path at the end [m]."""
 
 Row = dict[str, Any]
 
