@@ -1,8 +1,8 @@
 """Convoy of simulated vehicles: a driver takes those at the head along the path, policies drive those that follow.
 
 All are in one world: they push each other, and followers drive in their leaders' ruts. Each follower sees what the
-policy of `convoy` saw of its ghosts: places of the three vehicles ahead. Where there are fewer, the schedule of the path
-stands for those ahead of the first.
+policy of `convoy` saw of its ghosts: places of the three vehicles ahead. Where there are fewer, the schedule of the
+path stands for those ahead of the first.
 """
 
 from __future__ import annotations
@@ -244,7 +244,7 @@ class PlatoonTask(ConvoyTask):
             driver.memory["segment"].assign(segment)
 
     def metrics(self) -> dict[str, torch.Tensor]:
-        """Return of each follower the ``distance`` to its leader, the mean ``path_deviation`` [m], ``obstacle_hits``."""
+        """Return of each follower ``distance`` to its leader, mean ``path_deviation`` [m] and ``obstacle_hits``."""
         told = super().metrics()
         return told | {"path_deviation": self._followers_deviation.view(self._distance.shape)}
 

@@ -32,7 +32,7 @@ from simwarp.kernels.tasks.driving.convoy import (
 )
 from simwarp.kernels.tasks.driving.navigation import Navigator
 from simwarp.kernels.tasks.driving.obstacles import Slots
-from simwarp.kernels.tasks.driving.routes import RouteTables, locate, route_at, route_distance
+from simwarp.kernels.tasks.driving.routes import RouteTables, locate, route_at
 from simwarp.kernels.tasks.frames import heading_quaternion, quat_product, rotate, to_heading
 from simwarp.kernels.tasks.framework.control_step import follow as follow_request
 
@@ -58,7 +58,7 @@ class Platoon:
     force: wp.array2d[wp.vec3]  # (W, S) contact forces on shapes [N]
     input: wp.array3d[float]  # (W, V, 4) steering, throttle, brake, clutch
     hit: wp.array2d[wp.bool]  # (W, V) the chassis touched something in this control step
-    deviation: wp.array2d[float]  # (W, V) mean distance from the path [m]
+    deviation: wp.array2d[float]  # (W, V) mean distance from the path, sideways [m]
 
 
 @wp.func
@@ -196,7 +196,8 @@ def finish_platoon(
     notice_touches(world, platoon)
     for vehicle in range(platoon.chassis.shape[0]):
         place = plane(point_of(world, car_at(vehicle, platoon), state))
-        distance = route_distance(int(follow.route[world]), place, routes)
+        # Beside it: those at the head go on straight beyond its end
+        distance = wp.abs(locate(int(follow.route[world]), place, routes)[1])
         mean = platoon.deviation[world, vehicle]
         steps = float(follow.steps[world] + wp.int64(1))
         platoon.deviation[world, vehicle] = mean + (distance - mean) / steps
