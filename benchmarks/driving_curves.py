@@ -19,7 +19,7 @@ from matplotlib.ticker import EngFormatter, PercentFormatter
 from simwarp.tasks import task_class
 from simwarp.train.evaluation.figure_style import new_figure, save_figure
 from simwarp.train.runs.progress_table import read_progress
-from simwarp.train.runs.run_folder import open_run
+from simwarp.train.runs.run_folder import RunFolder, open_run
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = ROOT / "benchmarks" / "results" / "driving"
@@ -34,9 +34,14 @@ def write_table(run: Path) -> Path:
     """Write what a run's progress says, shortened, and return where."""
     folder = open_run(run)
     saved = folder.load_config()
-    name, obs = saved["task"], saved["task_config"]["obs"]
-    reasons = task_class(name).success_reasons
-    path = TABLES / f"{name}.{obs}.csv"
+    path = TABLES / f"{saved['task']}.{saved['task_config']['obs']}.csv"
+    write_progress(folder, path)
+    return path
+
+
+def write_progress(folder: RunFolder, path: Path) -> None:
+    """Write the progress of a run, shortened."""
+    reasons = task_class(folder.load_config()["task"]).success_reasons
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
@@ -47,7 +52,6 @@ def write_table(run: Path) -> Path:
             table.writerow(
                 {key: row[key] for key in ("iteration", "env_steps", "episodes")} | numbers | {"successes": successes}
             )
-    return path
 
 
 def success(rows: list[dict[str, str]]) -> tuple[np.ndarray, np.ndarray]:

@@ -62,6 +62,8 @@ bench ant ant 1024,4096,8192,16384,32768,65536
 bench hmmwv hmmwv 1024,4096,8192,32768
 bench camera camera 64,256,1024
 bench stack stack 256,1024,4096
+bench hmmwv_soil hmmwv-soil 256,1024,4096
+bench hmmwv_soil_10cm hmmwv-soil 1024,4096 --spacing 0.1
 for size in 64 128 256; do
     export SIMWARP_BLOCK_DIM=$size
     bench "ant_blocks_$size" ant 8192,32768

@@ -32,6 +32,7 @@ SETS = {
     "state": "simwarp.kernels.dynamics.world",
     "tires": "simwarp.kernels.vehicle.tires.tires",
     "camera": "simwarp.kernels.sensors.cameras.image",
+    "soil": "simwarp.kernels.soil.pressing",
 }  # fmt: skip
 
 

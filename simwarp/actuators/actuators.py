@@ -212,7 +212,7 @@ class Actuators(Readable, FixedAttributes):
                 f"Actuators: delays were laid out for sub-steps of {self._dt:g} s, the Simulation has {dt:g} s; "
                 f"pass Actuators(dt={dt:g})"
             )
-        for other in getattr(simulation, "elements", ()):
+        for other in simulation.elements:
             if isinstance(other, Actuators) and other is not self and self._shares_entries(other):
                 raise ModelError(
                     "Actuators: two of them write the same coordinates or bodies; pass all specs to one Actuators"
@@ -222,6 +222,11 @@ class Actuators(Readable, FixedAttributes):
         model, control, state = simulation.model, simulation.control.arrays, simulation.state.arrays
         inputs = [dt, self._tables, self._parameters, model.parameters, state, self._state]
         return [simulation.shares.record(drive_actuators, inputs=inputs, outputs=[control])]
+
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Bodies whose forces they write."""
+        return tuple(sorted(_entries(self.specs)[1]))
 
     def _shares_entries(self, other: Actuators) -> bool:
         """True where two of them write the same entries of `Control`."""

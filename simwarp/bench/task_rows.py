@@ -33,7 +33,7 @@ class TaskRun:
         self.task = make(name, worlds, device=device, config=config)
         self.task.keep_final_observations = False
         generator = torch.Generator().manual_seed(0)
-        shape = (_ACTIONS, worlds, self.task.action_size)
+        shape = (_ACTIONS, *self.task.action.shape)
         self._actions = (2.0 * torch.rand(shape, generator=generator) - 1.0).to(self.task.device)
         self._turn = 0
 

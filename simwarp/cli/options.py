@@ -32,6 +32,8 @@ TASK_FILE = ".py:"
 RUN_CONFIG = "config.json"
 """File by which the folder of a run is known."""
 
+FLAT_PREFIX = "flat-"
+"""Beginning of the names of such fields, as tyro calls them."""
 FLAT = tyro.conf.arg(name="")
 """Marks a nested dataclass whose fields are options without a prefix."""
 
@@ -80,7 +82,7 @@ class CommonOptions:
         """
         if self.json is None:
             return
-        text = json.dumps(_finite(content), indent=2) + "\n"
+        text = json.dumps(finite(content), indent=2) + "\n"
         if self.json != "-":
             write_file(self.json, text)
         elif sys.stdout is not None:
@@ -88,12 +90,12 @@ class CommonOptions:
             sys.stdout.flush()
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """Return ``value`` with NaN and infinity as null: JSON has no words for them."""
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -374,10 +376,12 @@ def _message(box: str) -> str:
 def _explain(message: str, kind: type[Any]) -> str:
     """Return tyro's message; our own for an unknown option, with the names that come near, and for no number."""
     head, _, rest = message.partition(":")
-    if head == "Error parsing task":
-        return f"--task.{rest.strip()}"
-    if head.startswith("Error parsing --"):
-        return f"{head.removeprefix('Error parsing ')}: {rest.strip()}"
+    where = head.removeprefix("Error parsing ")
+    if where != head:
+        if where.startswith("--"):
+            return f"{where}: {rest.strip()}"
+        owners = [owner for owner in where.split(".") if not owner.startswith(FLAT_PREFIX)]
+        return f"--{'.'.join([*owners, rest.strip()])}"
     if not head.lower().startswith("unrecognized"):
         return message
     words = [word.strip(",") for word in rest.split()]

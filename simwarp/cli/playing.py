@@ -31,7 +31,8 @@ class PlayOptions(CommonOptions):
     html: Path | None = None
     """File to write in place of a picture or video: .html, a recording that opens in a browser, or .viser."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder, or `shipped`, `zero`, `random`; by default the newest run, else the shipped."""
+    """Checkpoint file or run folder, or `shipped`, the name of a shipped one, `zero`, `random`; by default the newest
+    run, else the shipped."""
     num_envs: int = 1
     """Worlds that are played, at most 64."""
     worlds: tuple[int, ...] = ()

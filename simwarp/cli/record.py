@@ -20,7 +20,8 @@ class RecordOptions(CommonOptions):
     output: Path | None = None
     """File to write, .npz; by default TASK.npz in the working folder."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder, or `shipped`, `zero`, `random`; by default the newest run, else the shipped."""
+    """Checkpoint file or run folder, or `shipped`, the name of a shipped one, `zero`, `random`; by default the newest
+    run, else the shipped."""
     num_envs: int | None = None
     """Worlds stepped together; by default one per episode, at most 256."""
     seed: int = 2_000_003

@@ -26,13 +26,19 @@ from simwarp.tasks import task_class, task_names
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainOptions(CommonOptions):
+class StartOptions(CommonOptions):
+    """What new runs start from."""
+
+    warm_start: Path | None = None
+    """Checkpoint or run whose policy a new run starts from; its networks are the default of the network options."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainOptions(StartOptions):
     """Train a policy. The run folder gets checkpoints, TensorBoard events, progress.csv and a learning curve."""
 
     resume: Path | None = None
     """Run folder to go on with; its configuration is the default of all other options."""
-    warm_start: Path | None = None
-    """Checkpoint or run whose policy a new run starts from; its networks are the default of the network options."""
     take_over: tyro.conf.FlagCreatePairsOff[bool] = False
     """Resume a run that a process on another machine has locked, and that you know to be written no more."""
     film: int | None = None
@@ -41,36 +47,55 @@ class TrainOptions(CommonOptions):
     """Folder in which run folders are made, as TASK/TIME."""
 
 
-def run(arguments: list[str]) -> int:
-    """Train as the arguments say; 130 after an interruption."""
-    resume = option_value(arguments, "--resume")
-    word, arguments = take_task(arguments, "train", task_names(), run=resume)
+def read_options(word: str, arguments: list[str], command: str, base: type[StartOptions]) -> Any:
+    """Return the options of a command that trains: those of `base`, of the training and of the task.
+
+    Their defaults are the task's, those of the run that is resumed, or of the policy that is started from.
+
+    Args:
+        word: the task.
+        arguments: the words after it.
+        command: its name.
+        base: of its options.
+
+    Raises:
+        UsageError: an option is wrong.
+        InputError: a run or policy that is named cannot be read.
+    """
     cls = task_class(word)
     name = cls.name
     arguments = expand_shorthands(arguments, name, cls.config_type())
     # Only now what takes seconds to import: an unknown task is known at once
-    from simwarp.train.algorithm.distributed import processes
     from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
     from simwarp.train.runs.run_folder import CONFIG, open_run, read_policy
-    from simwarp.train.runs.training import train
 
     task_config = with_chosen_obs(arguments, cls.config_type())
     config = default_config(cls, task_config)
+    resume, start = option_value(arguments, "--resume"), option_value(arguments, "--warm-start")
     if resume is not None:
         saved = open_run(Path(resume)).load_config()
         if saved["task"] == name:
             where = str(Path(resume) / CONFIG)
             config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
             task_config = task_config_from_plain(cls, saved["task_config"], f"{where}: task_config")
-    start = option_value(arguments, "--warm-start")
     if start is not None:
         path, content = read_policy(Path(start))
         if content["task"] == name:
             network = train_config_from_plain(content["train_config"], f"checkpoint {path}: train_config").network
             config = dataclasses.replace(config, network=network)
-    kind = task_options("TrainCommand", TrainOptions, flat_train=config, task=task_config)
-    options: Any = parse_options(kind, arguments, f"simwarp train {word}")
+    kind = task_options(f"{command.capitalize()}Command", base, flat_train=config, task=task_config)
+    return parse_options(kind, arguments, f"simwarp {command} {word}")
+
+
+def run(arguments: list[str]) -> int:
+    """Train as the arguments say; 130 after an interruption."""
+    word, arguments = take_task(arguments, "train", task_names(), run=option_value(arguments, "--resume"))
+    name = task_class(word).name
+    options = read_options(word, arguments, "train", TrainOptions)
     options.check(options.warm_start)
+    from simwarp.train.algorithm.distributed import processes
+    from simwarp.train.runs.training import train
+
     films = None
     if options.film is not None:
         from simwarp.cli.view.films import TrainingFilms

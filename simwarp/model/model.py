@@ -36,7 +36,7 @@ from simwarp.model.topology import (
     collect_tables,
     coupling_width,
     dof_joints,
-    longest_path,
+    path_lengths,
     row_paths,
 )
 
@@ -70,11 +70,13 @@ class Model(ParameterFields):
         has_mass: (bodies,) False for the frames between joints that `add_massless_body` made.
         contact_capacity: contact slots of every world.
         has_rolling_friction: True if contacts carry rolling and spinning friction.
+        every_contact_rolls: True if all of them do.
         path_length: most slots between a link and the root of its tree.
         coupling_count: couplings; what follows them in arrays of couplings are combinations.
         response_count: bilateral rows, and combinations without one.
         row_groups: trees that bilateral rows tie together.
         share_width: most bilateral rows that one block of the cone problem sees.
+        unit_entries: most entries of a row of the cone problem that moves a unit and its like.
         entry_count: most entries of a row of the cone problem.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
         builder: that it was made of.
@@ -111,6 +113,9 @@ class Model(ParameterFields):
         self.has_rolling_friction = any(
             surface.rolling_friction > 0.0 or surface.spinning_friction > 0.0 for surface in surfaces
         )
+        self.every_contact_rolls = bool(surfaces) and all(
+            surface.rolling_friction > 0.0 or surface.spinning_friction > 0.0 for surface in surfaces
+        )
         candidates = self.shape_count * (self.shape_count - 1) // 2
         what = f"finalize: the {candidates} pairs of {self.shape_count} shapes"
         check_fits(what, BYTES_PER_PAIR * candidates, wp.get_device("cpu"), "use fewer shapes")
@@ -121,15 +126,14 @@ class Model(ParameterFields):
         self.joint_types = tuple(joint.type for joint in builder.joints)
         dofs = [dof for joint in builder.joints for dof in joint.dofs]
         self.effort_models = tuple(map(EffortModel.of, dofs, tables.paths))
-        self.path_length = longest_path(tables)
+        self.path_length = max(path_lengths(tables), default=0)
         self.coupling_count = len(builder.couplings)
         paths = row_paths(builder, tables)
         self.response_count = len(paths)
         self.row_groups = group_rows(paths, tables)
         self.share_width = self.row_groups.share_width(groups_meet(builder, tables, self.row_groups, pairs))
-        bounded = {dof for dof, _ in tables.boxes}
-        combined = [path for sum_, path in _sum_paths(builder, paths) if sum_.dof in bounded]
-        self.entry_count = max(2 * self.path_length, *map(len, combined), 0)
+        self.unit_entries = _unit_entries(builder, tables, self.row_groups)
+        self.entry_count = max(self.unit_entries, default=0)
         self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
         self.initial = _initial_state(builder)
@@ -393,6 +397,20 @@ def _sum_paths(builder: Specification, paths: list[list[int]]) -> list[tuple[Cou
     return list(zip(sums, paths[len(paths) - len(sums) :], strict=True))
 
 
+def _unit_entries(builder: Specification, tables: Tables, groups: RowGroups) -> list[int]:
+    """Most entries of a row of the cone problem that moves a unit and its like."""
+    entries = [0] * groups.unit_count
+    for unit, length in zip(groups.link_unit, path_lengths(tables), strict=True):
+        if unit >= 0:
+            entries[unit] = max(entries[unit], 2 * length)
+    bounded = {dof for dof, _ in tables.boxes}
+    for combination, path in _sum_paths(builder, row_paths(builder, tables)):
+        if combination.dof in bounded and path:
+            unit = groups.link_unit[tables.tree_dof_link[path[0]]]  # sums tie all that they move
+            entries[unit] = max(entries[unit], len(path))
+    return entries
+
+
 def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     """Start indices and concatenated entries."""
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
@@ -425,6 +443,8 @@ def _row_topology(
     t.group_row, t.group_factor = ints(groups.row_start), ints(groups.factor_start)
     t.row_group = ints([group for group, count in enumerate(groups.row_counts) for _ in range(count)])
     t.link_group, t.link_column = ints(groups.link_group), ints(groups.link_column)
+    t.unit_count, t.unit_entries = groups.unit_count, ints(_unit_entries(builder, tables, groups))
+    t.tree_dof_unit = ints([groups.link_unit[link] for link in tables.tree_dof_link])
 
 
 def _device_topology(

@@ -1,7 +1,8 @@
 """Groups of trees that bilateral rows tie together: each is a system of equations of its own.
 
 Vehicles that stand in one world share no joint. Their rows are ordered group by group, so that kernels factorise and
-solve one block after the other, and everything grows by the number of vehicles instead of its square or cube.
+solve one block after the other, and everything grows by the number of vehicles instead of its square or cube. Groups,
+and trees that no row reaches, are the units that contacts join to islands (`simwarp/kernels/dynamics/islands.py`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ class RowGroups:
         columns: tree degrees of freedom of each group.
         link_group: group of each link, -1 where no row reaches.
         link_column: of each link, its first tree degree of freedom minus that among those of its group.
+        link_unit: of each link, the trees that rows tie to its own, in the order of their first links; a tree that no
+            row reaches is a unit of its own. -1: it cannot move.
     """
 
     place: list[int]
@@ -39,6 +42,12 @@ class RowGroups:
     columns: list[int]
     link_group: list[int]
     link_column: list[int]
+    link_unit: list[int]
+
+    @property
+    def unit_count(self) -> int:
+        """Parts of a world that move on their own until a contact joins them."""
+        return max(self.link_unit, default=-1) + 1
 
     @property
     def row_counts(self) -> list[int]:
@@ -103,9 +112,10 @@ def group_rows(paths: list[list[int]], tables: Tables) -> RowGroups:
             first, end = tables.link_tree_dof[link], tables.link_tree_dof[link + 1]
             link_column[link] = first - columns[group]
             columns[group] += end - first
-    return RowGroups(
-        place, _sums(sizes), _sums([size * padded(size) for size in sizes]), columns, link_group, link_column
-    )
+    unit: dict[int, int] = {}
+    link_unit = [unit.setdefault(find(root), len(unit)) if root >= 0 else -1 for root in roots]
+    factor_start = _sums([size * padded(size) for size in sizes])
+    return RowGroups(place, _sums(sizes), factor_start, columns, link_group, link_column, link_unit)
 
 
 def groups_meet(builder: Specification, tables: Tables, groups: RowGroups, pairs: npt.NDArray[np.int32]) -> bool:

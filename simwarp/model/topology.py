@@ -107,13 +107,13 @@ def dof_joints(builder: Specification) -> list[int]:
     return [joint for joint, spec in enumerate(builder.joints) for _ in spec.dofs]
 
 
-def longest_path(tables: Tables) -> int:
-    """Most tree degrees of freedom between any link and the root of its tree."""
+def path_lengths(tables: Tables) -> list[int]:
+    """Tree degrees of freedom between each link and the root of its tree."""
     lengths: list[int] = []
     for index, link in enumerate(tables.links):
         above = lengths[link.parent] if link.parent >= 0 else 0
         lengths.append(above + tables.link_tree_dof[index + 1] - tables.link_tree_dof[index])
-    return max(lengths, default=0)
+    return lengths
 
 
 def coupling_width(builder: Specification) -> int:

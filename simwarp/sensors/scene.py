@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.rays.instances import RayScene, place_instances
+from simwarp.kernels.rays.instances import SOIL, RayScene, SoilView, place_instances
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
 from simwarp.model.model import Model
@@ -28,6 +28,9 @@ from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.interface import wanted_arrays
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.state import State
+
+if TYPE_CHECKING:
+    from simwarp.soil.soil import Soil
 
 ALL_GROUPS: Final = 0x7FFFFFFF
 GroupBits: TypeAlias = Annotated[int, Ge(0), Le(ALL_GROUPS), Meaning("bits of groups below 2^31")]
@@ -400,6 +403,7 @@ class Scene(Readable):
         first = 0 if model.body_count else WORLD
         self.origin_body = first if origin_body is None else origin_body
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
+        self._view: Any = None
 
     def _printed_title(self) -> str:
         model = self.model
@@ -418,6 +422,37 @@ class Scene(Readable):
         if name not in self.names:
             raise ModelError(f"scene: there is no instance '{name}'; known: {', '.join(self.names[:20])}")
         return self.names.index(name)
+
+    def cover_with(self, soil: Soil, ground: int | str | None = None) -> None:
+        """From now on the ground is seen with the ruts in a soil, and darker where it was pressed down.
+
+        It may come at any time, after the sensors and the Simulation too; those see it from their next frame on.
+
+        Args:
+            soil: of the same model, on a plane or height field that the scene shows in the same place.
+            ground: instance that shows the soil's undeformed ground; None: the only one of its kind on WORLD.
+
+        Raises:
+            ModelError: the soil is of another model or on a mesh; no or several instances are its ground; or a soil
+                covers the scene already.
+        """
+        from simwarp.sensors.soil_ground import ground_instance
+
+        instance = ground_instance(self, soil, ground)
+        if self._view is not None:
+            raise ModelError("scene: cover_with takes one soil, got a second; give both vehicles' wheels to one Soil")
+        kinds = self._constants["kind"].numpy()
+        kinds[instance] = int(SOIL)
+        self._constants["kind"].assign(kinds)
+        view: Any = SoilView()
+        view.instances, view.instance, view.cover, view.assets = 1, instance, soil.cover, self.model.assets
+        for name in ("x", "rot", "size", "asset"):
+            setattr(view, name, self._placed[f"place_{name}"])
+        view.origin, view.lower, view.upper, view.levels = (
+            self._placed[name] for name in ("origin", "lower", "upper", "soil_range")
+        )
+        self._view = view  # of whose arrays the struct on the device has the addresses alone
+        wp.copy(self._placed["soil"], wp.array([view], dtype=SoilView, device=self.model.device))
 
     def tables(self, mask: int = ALL_GROUPS) -> RayScene:
         """The arrays as a struct for kernels; `mask`: bits of the groups that its rays meet."""
@@ -502,6 +537,8 @@ def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
         }.items()
     }  # fmt: skip
     arrays["origin"] = writable((world_count,), wp.vec3d, device)
+    arrays["soil"] = wp.array([SoilView()], dtype=SoilView, device=device)
+    arrays["soil_range"] = writable((world_count,), wp.vec2, device)
     arrays["node"] = writable((world_count, nodes * NODE_WORDS), wp.float32, device)
     return arrays
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,14 +30,19 @@ class Diagnostics(ReportFields):
         self.allocate(sizes, model.device, "diagnostics", self.arrays)
 
 
-def explain_worlds(state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float) -> list[str]:
+def explain_worlds(
+    state: State, contacts: Contacts, diagnostics: Diagnostics, tolerance: float, elements: Sequence[Any] = ()
+) -> list[str]:
     """See `Simulation.problems`."""
     lines = []
+    told = [part.world_problems() for part in elements if hasattr(part, "world_problems")]
+    own = np.zeros(state.world_status.shape, dtype=bool)
+    own[[world for each in told for world in each]] = True
     status = state.world_status.numpy()
     overflow = contacts.contact_overflow.numpy()
     capacity = contacts.contact_gap.shape[1]
     residual = diagnostics.cone_residual.numpy()
-    for world in np.nonzero((status != 0) | (overflow > 0) | ~(residual <= SUSPICIOUS * tolerance))[0]:
+    for world in np.nonzero((status != 0) | (overflow > 0) | ~(residual <= SUSPICIOUS * tolerance) | own)[0]:
         found = []
         if status[world] & WorldStatus.NON_FINITE:
             found.append("NON_FINITE: a value overflowed; frozen until Simulation.reset")
@@ -52,5 +58,6 @@ def explain_worlds(state: State, contacts: Contacts, diagnostics: Diagnostics, t
                 f"not converged: residual {residual[world]:.2g} m/s after {diagnostics.iterations.numpy()[world]} "
                 "iterations; raise SolverOptions.max_iterations, or look for bodies that joints press into each other"
             )
+        found += [each[world] for each in told if world in each]
         lines.append(f"world {world}: " + "; ".join(found))
     return lines

@@ -1,7 +1,8 @@
 """Interfaces of force elements, which act before a step, of sensors, which follow it, and their view of the Simulation.
 
 Force elements, such as tires and engines, act on bodies and joints every step, with states of their own: they read the
-state and write `Control.element_force`, `element_torque` and `element_joint_force`, each its own entries. Their states
+state and write `Control.element_force`, `element_torque` and `element_joint_force`, each its own entries; one that adds
+to those of elements before it, as soil does, finds theirs in `assigned_bodies`. Their states
 are part of resets and snapshots. Sensors measure; they are in `simwarp.sensors`.
 """
 
@@ -27,6 +28,7 @@ class StepContext(Protocol):
         model, state, control, contacts, diagnostics: those of the Simulation.
         shares: records launches whose worlds are shared among threads.
         rounds: where the sensors' clocks stand between two looks.
+        elements: all force elements, in the order of their launches.
         substeps: sub-steps of one step.
         read_every: steps between two looks at the sensors' data.
     """
@@ -38,6 +40,7 @@ class StepContext(Protocol):
     diagnostics: Diagnostics
     shares: WorldShares
     rounds: SensorRounds
+    elements: tuple[ForceElement, ...]
     substeps: int
     read_every: int
 
@@ -48,7 +51,9 @@ class ForceElement(Protocol):
     publish what the present state tells. Their first input is the (W,) mask; they run at construction and wherever
     somebody set the state of worlds, as a sensor's `begin`. One that resets its memory itself has
     `record_reset(simulation, mask)` likewise. One with an attribute `implicit` writes `Control.element_mass`,
-    `element_coupling` and `element_inertia` of its bodies.
+    `element_coupling` and `element_inertia` of its bodies. `assigned_bodies`: indices of the bodies whose
+    `element_force` and `element_torque` it writes anew in every sub-step. One that may run short of something has
+    `world_problems()`: a line with the remedy by world, for `Simulation.problems`.
     """
 
     @property

@@ -33,24 +33,35 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
     newton = newton_dofs(model)
     groups = model.row_groups
     return ScratchSizes(
-        links=topology.link_count, tree_dofs=topology.tree_dof_count, rows=topology.row_count,
-        groups=topology.group_count, columns=groups.most_columns, response_room=groups.response_room,
-        factor_room=groups.factor_start[-1], share_width=model.share_width,
+        links=topology.link_count, tree_dofs=topology.tree_dof_count, units=topology.unit_count,
+        rows=topology.row_count, groups=topology.group_count, columns=groups.most_columns,
+        response_room=groups.response_room, factor_room=groups.factor_start[-1], share_width=model.share_width,
         responses=model.response_count, relative_rotations=model.relative_rotation_count,
         blocks=model.box_count + model.contact_capacity,
         cone_rows=rows, dense_rows=dense, factor_rows=max(dense if all_solvers else 0, newton),
         # proximal Newton steps keep vectors of the tree beside those of rows
-        wide_rows=max(dense if all_solvers else 0, max(rows, topology.tree_dof_count) if newton else 0),
+        wide_rows=max(dense if all_solvers else 0, max(rows, newton) if newton else 0),
         wide_vectors=WIDE_VECTORS if all_solvers else NEWTON_VECTORS,
         kept_rows=rows if all_solvers else 0, entries=model.entry_count,
     )  # fmt: skip
 
 
 def newton_dofs(model: Model) -> int:
-    """Degrees of freedom for which Newton steps of the contacts have room; 0: none are tried."""
-    topology = model.topology
-    possible = model.contact_capacity > 0 and topology.row_count == 0 and not model.has_rolling_friction
-    return topology.tree_dof_count if possible and topology.tree_dof_count <= MOST_DOFS else 0
+    """Degrees of freedom for which Newton steps of the contacts have room; 0: none are tried.
+
+    An island takes them if no bilateral row ties its units. There is room for all such units of a world together, but
+    for no more than one island may have.
+    """
+    if model.contact_capacity == 0 or model.every_contact_rolls:
+        return 0
+    groups = model.row_groups
+    counts = groups.row_counts
+    links = zip(groups.link_unit, groups.link_group, strict=True)
+    tied = {unit for unit, group in links if group >= 0 and counts[group] > 0}
+    free = sum(groups.link_unit[link] not in tied for link in model.tables.tree_dof_link)
+    if groups.unit_count < 2 and free > MOST_DOFS:
+        return 0
+    return min(free, MOST_DOFS)
 
 
 def collision_sizes(model: Model) -> CollisionSizes:

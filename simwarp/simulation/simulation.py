@@ -44,6 +44,7 @@ from simwarp.simulation.solver_options import CONTACT_MODELS, FRICTION_LAWS, SOL
 from simwarp.simulation.state import Control, State, initial_arrays
 from simwarp.simulation.step_recording import StepArrays, record_step
 from simwarp.simulation.world_launches import WorldLaunch, WorldShares, unshared
+from simwarp.simulation.world_masks import mask_of_worlds
 
 __all__ = ["Simulation", "Snapshot", "SolverOptions"]
 
@@ -267,7 +268,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     def problems(self) -> list[str]:
         """One line for each world that is in trouble: what it is, and what helps. Waits for the device."""
-        return explain_worlds(self.state, self.contacts, self.diagnostics, self.solver.tolerance)
+        return explain_worlds(self.state, self.contacts, self.diagnostics, self.solver.tolerance, self.elements)
 
     def snapshot(self) -> Snapshot:
         """A copy of the state and the control; restoring it and stepping repeats the run bit by bit."""
@@ -459,29 +460,7 @@ class Simulation(Readable, Readings, FixedAttributes):
 
     def _mask(self, world_mask: Any) -> wp.array:
         """The mask as a Warp array of bool on the model's device."""
-        if world_mask is None:
-            return self._all_worlds
-        shape = (self.model.world_count,)
-        kind = str(getattr(world_mask, "dtype", "")).lower()
-        if isinstance(world_mask, wp.array):
-            if world_mask.dtype != wp.bool:
-                raise ModelError(f"world_mask must be of bool, got a Warp array of {world_mask.dtype.__name__}")
-            mask = world_mask
-        elif hasattr(world_mask, "data_ptr"):
-            if "bool" not in kind:
-                raise ModelError(f"world_mask must be of bool, got a tensor of {kind}; compare it first")
-            mask = cast(wp.array, wp.from_torch(world_mask.contiguous(), dtype=wp.bool))
-        else:
-            try:
-                values = np.asarray(world_mask)
-            except ValueError:
-                raise ModelError(f"world_mask must have shape {shape} (worlds), got {shown(world_mask)}") from None
-            if values.dtype != np.bool_:
-                raise ModelError(f"world_mask must be of bool, got {values.dtype}; it is no list of indices")
-            mask = wp.array(values, dtype=wp.bool, device=self.model.device)
-        if tuple(mask.shape) != shape:
-            raise ModelError(f"world_mask must have shape {shape} (worlds), got {tuple(mask.shape)}")
-        return mask
+        return self._all_worlds if world_mask is None else mask_of_worlds(world_mask, self.model)
 
     def _values(self, name: str, values: Any, shape: tuple[int, int], mask: wp.array) -> wp.array:
         """Coordinates or rates as a Warp array of float32 on the model's device; host values may broadcast."""

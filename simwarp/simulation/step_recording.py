@@ -29,6 +29,7 @@ from simwarp.kernels.dynamics.step_parts import (
     load_worlds,
     meet_worlds,
     move_worlds,
+    part_worlds,
     project_worlds,
     publish_worlds,
     push_worlds,
@@ -138,6 +139,8 @@ def _record_parts(shares: WorldShares, arrays: StepArrays) -> list[WorldLaunch]:
                 part(respond_worlds, config, topology, scratch, state, contacts, step),
                 part(settle_worlds, config, topology, scratch, state, step),
             ]
+        if topology.unit_count > 1:
+            commands.append(part(part_worlds, topology, scratch, state, step))
         commands += [
             *(part(kernel, *inputs, scratch, state, step) for kernel, *inputs in _solves(arrays)),
             part(push_worlds, *model, scratch, state, contacts, step),

@@ -1,8 +1,7 @@
-"""Deformable ground as a force element: wheels leave ruts in it, which later wheels meet."""
+"""Deformable ground as a force element: wheels and other shapes leave ruts in it, which later ones meet."""
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -12,15 +11,26 @@ import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, Row, plural
-from simwarp.core.types import ModelError, Vec3, shown
-from simwarp.kernels.soil.pressing import clear_soil, press_wheels, report_wheels, take_pages
+from simwarp.core.types import ModelError, ShapeType, shown
+from simwarp.kernels.soil.imprint import find_resting_shifts, imprint_worlds, keep_forces
+from simwarp.kernels.soil.level import SoilCover, find_heights
+from simwarp.kernels.soil.pressing import clear_soil, press_shapes, report_shapes, take_pages
 from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
-from simwarp.kernels.soil.soil_tables import SoilWheels as WheelTables
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
-from simwarp.model.checks import whole_number
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
+from simwarp.simulation.world_launches import WorldLaunch
+from simwarp.simulation.world_masks import mask_of_worlds
+from simwarp.soil.soil_checks import MOST_PAGES, check_ground, check_map, checked_pages
 from simwarp.soil.soil_parameters import SoilSpec, soil_preset
+from simwarp.soil.soil_shapes import (
+    SoilShape,
+    SoilWheel,
+    carriers_of,
+    narrowest_width,
+    pages_at_a_time,
+    shape_tables,
+)
 from simwarp.vehicle.tires.tires import ground as plane
 
 DIRECTION_LENGTH: Final = 1.0e-3
@@ -29,7 +39,6 @@ REST_TIME: Final = 10.0 * DIRECTION_LENGTH
 """Displacement that holds a node at rest, per speed [s]: ten lengths per 1 m/s."""
 REST_SPEED: Final = 0.02
 """Above which a node slides [m/s]."""
-MOST_PAGES: Final = 1 << 20
 
 
 class ShearMemory(enum.Enum):
@@ -41,48 +50,35 @@ class ShearMemory(enum.Enum):
     """How far alone, as in Chrono: the force is against the slip of the moment."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SoilWheel:
-    """A rigid wheel on soil: the y axis of its body is its axis.
-
-    Attributes:
-        body: index or name of the spindle.
-        radius, width: [m].
-        crown: radius of the tread across [m]; 0: it is flat.
-        offset: of the wheel's centre from the body's centre of mass, body axes [m].
-    """
-
-    body: int | str
-    radius: float
-    width: float
-    crown: float = 0.0
-    offset: Vec3 = (0.0, 0.0, 0.0)
-
-
 class Soil(Readable):
-    """Deformable ground under wheels: pressure after Bekker, shear after Janosi, in nodes of a regular grid.
+    """Deformable ground: pressure after Bekker, shear after Janosi, in nodes of a regular grid.
 
-    Only nodes that wheels touched take memory, in pages of 8 x 8. When a world has used its pages up, the page that was
-    touched longest ago is taken again, and its ruts are gone (`recycled` counts).
+    Only nodes that something touched take memory, in pages of 8 x 8. When a world has used its pages up, the page that
+    was touched longest ago is taken again, and its ruts are gone (`recycled` counts).
 
     Args:
         model: of the worlds.
-        wheels: rigid wheels; nothing else sinks in.
+        shapes: what sinks in: `SoilWheel`, `SoilBox`, `SoilSphere`, `SoilCapsule`, `SoilCylinder`, several on one body
+            too; see `soil_shapes`.
         soil: a `SoilSpec`, the name of a preset (soft, mid, hard, clay, snow), or several of them for `soil_map`.
         ground: the undeformed ground (`simwarp.vehicle.tires.ground`); the plane z = 0 when None.
         spacing: of the nodes [m].
         pages: of each world, 8 x 8 nodes (1.3 KiB) each.
         shear_memory: what nodes remember of shear.
-        weighted: nodes count by the share of their cell that lies inside a wheel's width.
+        weighted: nodes count by the share of their cell that lies inside a wheel's width, or below a box.
         soil_map: (rows along y, columns along x) indices of soils, or (W, rows, columns); None: the first everywhere.
         map_origin, map_cell: corner of its first cell, and its cells' size [m].
+        wheels: further shapes, after `shapes`.
 
     Attributes:
         parameter: (1 or W, soils, 8) of `SoilSpec.values`; write it where worlds differ (`per_world`).
-        load, sinkage, slip_ratio: (W, wheels) vertical force [N], depth of the rut below the wheel's centre [m], slip.
-        force_w, torque_w: (W, wheels) vec3 on the wheel, at its centre, world axes [N, N·m].
-        touched: (W, wheels) nodes with pressure.
+        load, sinkage, slip_ratio: (W, shapes) vertical force [N], depth of the rut below the shape's centre [m], slip
+            of wheels.
+        force_w, torque_w: (W, shapes) vec3 on the shape, at its centre, world axes [N, N·m].
+        touched: (W, shapes) nodes with pressure.
         recycled: (W,) pages that were taken again.
+        rest_force_b, rest_torque_b: (W, shapes) vec3 that `imprint` makes the soil carry, at the shape's centre, axes
+            of its body [N, N·m]; no force: what fresh soil bears there. `keep_forces` writes them.
 
     Raises:
         ModelError: a value breaks its rule.
@@ -91,17 +87,19 @@ class Soil(Readable):
     implicit = True
 
     def __init__(
-        self, model: Model, wheels: Sequence[SoilWheel], soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
+        self, model: Model, shapes: Sequence[SoilShape] = (),
+        soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
         ground: TerrainTables | None = None, spacing: float = 0.05, pages: int = 2048,
         shear_memory: ShearMemory | str = ShearMemory.DIRECTION, weighted: bool = True, per_world: bool = False,
         soil_map: Any = None, map_origin: tuple[float, float] = (0.0, 0.0), map_cell: tuple[float, float] = (1.0, 1.0),
+        wheels: Sequence[SoilShape] = (),
     ) -> None:  # fmt: skip
         self.model = model
-        self.wheels = tuple(wheels)
+        self.shapes = (*shapes, *wheels)
         given = [soil] if isinstance(soil, SoilSpec | str) else list(soil)
         self.soils = tuple(soil_preset(each) if isinstance(each, str) else each for each in given)
-        self.spacing = _checked_spacing(spacing, self.wheels)
-        self.pages = whole_number("soil", "pages", pages, 4 * len(self.wheels), MOST_PAGES, "2048 is the default")
+        self.spacing = _checked_spacing(spacing, self.shapes)
+        self.pages = checked_pages(pages, self.spacing, pages_at_a_time(self.shapes, self.spacing))
         worlds, device = model.world_count, model.device
         rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
         self.parameter = writable_from(rows, wp.float32, device)
@@ -110,21 +108,30 @@ class Soil(Readable):
         self._tables = tables
         tables.spacing = self.spacing
         tables.weighted = int(weighted)
-        tables.scalar_shear = int(ShearMemory(shear_memory) is ShearMemory.SCALAR)
+        tables.scalar_shear = int(_checked_memory(shear_memory) is ShearMemory.SCALAR)
         tables.length, tables.rest_time = DIRECTION_LENGTH, REST_TIME
         tables.rest_speed = REST_SPEED
         tables.parameter = self.parameter
         places: Any = _checked_map(soil_map, len(self.soils), worlds)
         tables.soil_map = wp.array(places, dtype=int, device=device)
-        tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         tables.terrain = plane(device) if ground is None else ground
-        self._wheels = _wheel_tables(model, self.wheels)
-        self._nodes = _nodes(worlds, self.pages, device)
-        self._reports = _reports((worlds, len(self.wheels)), device)
+        check_ground(tables.terrain)
+        check_map(places.shape, map_origin, map_cell, tables.terrain, model)
+        tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
+        self._shapes = shape_tables(model, self.shapes)
+        self._carriers = carriers_of(model, self.shapes)
+        self._nodes = _nodes(worlds, self.pages, len(self.shapes), device)
+        self._reports = _reports((worlds, len(self.shapes)), device)
+        each = (worlds, len(self.shapes))
+        self.rest_force_b = writable(each, wp.vec3, device, label="soil.rest_force_b")
+        self.rest_torque_b = writable(each, wp.vec3, device, label="soil.rest_torque_b")
+        self._all_worlds = wp.full(worlds, True, dtype=wp.bool, device=device)
+        self._shift = wp.zeros(each, dtype=float, device=device)
+        self._imprinting: tuple[WorldLaunch, ...] = ()
 
     def _printed_title(self) -> str:
         kinds = plural(len(self.soils), "soil")
-        return f": {kinds}, {plural(len(self.wheels), 'wheel')} in each of {plural(self.model.world_count, 'world')}"
+        return f": {kinds}, {plural(len(self.shapes), 'shape')} in each of {plural(self.model.world_count, 'world')}"
 
     def _printed_rows(self) -> Mapping[str, Row]:
         each = PAGE_NODES * NODE_VALUES * 4
@@ -133,33 +140,38 @@ class Soil(Readable):
         }
 
     @property
+    def wheels(self) -> tuple[SoilWheel, ...]:
+        """Those of its shapes that are wheels."""
+        return tuple(shape for shape in self.shapes if isinstance(shape, SoilWheel))
+
+    @property
     def load(self) -> wp.array:
-        """(W, wheels) vertical force on each wheel [N]."""
+        """(W, shapes) vertical force on each shape [N]."""
         return self._reports.load
 
     @property
     def sinkage(self) -> wp.array:
-        """(W, wheels) depth of the soil below each wheel's centre [m]."""
+        """(W, shapes) depth of the soil below each shape's centre [m]."""
         return self._reports.sinkage
 
     @property
     def slip_ratio(self) -> wp.array:
-        """(W, wheels), positive when driving."""
+        """(W, shapes) of wheels, positive when driving; 0 for others."""
         return self._reports.slip_ratio
 
     @property
     def touched(self) -> wp.array:
-        """(W, wheels) nodes with pressure."""
+        """(W, shapes) nodes with pressure."""
         return self._reports.touched
 
     @property
     def force_w(self) -> wp.array:
-        """(W, wheels) vec3 on each wheel at its centre, world axes [N]."""
+        """(W, shapes) vec3 on each shape at its centre, world axes [N]."""
         return self._reports.force_w
 
     @property
     def torque_w(self) -> wp.array:
-        """(W, wheels) vec3 about each wheel's centre, world axes [N·m]."""
+        """(W, shapes) vec3 about each shape's centre, world axes [N·m]."""
         return self._reports.torque_w
 
     @property
@@ -167,21 +179,156 @@ class Soil(Readable):
         """(W,) pages that were taken again since the last reset."""
         return self._nodes.recycled
 
+    @property
+    def cover(self) -> Any:
+        """The struct that rays and height queries read: `Scene.cover_with`."""
+        cover: Any = SoilCover()
+        cover.spacing, cover.terrain, cover.nodes = self.spacing, self._tables.terrain, self._nodes
+        return cover
+
+    def height(self, points: Any) -> wp.array:
+        """Heights of the deformed ground at points, launched on the soil's device.
+
+        Between the nodes the ground is made of triangles, as cameras and lidars see it; cells without any touched node
+        are undeformed. A node lies as far below as it stays pressed: what springs back under a wheel is left out.
+
+        Args:
+            points: (N, 2), (W, N, 2), or an array (1 or W, N) of vec2d on the device: x and y, world [m].
+
+        Returns:
+            (W, N) float64, world [m]; NaN where there is no ground.
+
+        Raises:
+            ModelError: the points have another shape, or the ground is a mesh.
+        """
+        return self.surface(points)[0]
+
+    def surface(self, points: Any) -> tuple[wp.array, wp.array]:
+        """`height`, and (W, N) vec3 unit upward normals of the deformed ground, world axes; zeros without ground.
+
+        Raises:
+            ModelError: see `height`.
+        """
+        place = _checked_points(points, self.model)
+        if self._tables.terrain.kind == ShapeType.MESH:
+            raise ModelError("soil: height needs a plane or a height field as ground, got a mesh; make a height field")
+        shape, device = (self.model.world_count, place.shape[1]), self.model.device
+        height: wp.array = wp.zeros(shape, dtype=wp.float64, device=device)
+        normal: wp.array = wp.zeros(shape, dtype=wp.vec3, device=device)
+        inputs = [self.cover, self.model.assets, place]
+        wp.launch(find_heights, dim=shape, device=device, inputs=inputs, outputs=[height, normal])
+        return height, normal
+
+    def world_problems(self) -> dict[int, str]:
+        """Worlds that took pages again since their last reset, with the remedy. Waits for the device."""
+        again = self.recycled.numpy()
+        return {
+            int(
+                world
+            ): f"soil: its {self.pages} pages ran out, {again[world]} were taken again and the ruts in them are "
+            f"gone; Soil(pages={min(self.pages + int(again[world]), MOST_PAGES)}) keeps them"
+            for world in np.nonzero(again > 0)[0]
+        }
+
+    def keep_forces(self, world_mask: Any = None) -> None:
+        """Makes the present forces on the shapes those that `imprint` puts back: for where all has come to rest.
+
+        Args:
+            world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads; all worlds when None.
+
+        Raises:
+            ModelError: the mask is not of bool, or the soil is in no Simulation yet.
+        """
+        self._launch_in("keep_forces", 0, world_mask)
+
+    def imprint(self, world_mask: Any = None) -> None:
+        """Makes the soil fresh in the worlds of a mask, and presses all shapes into it where they stand, as if they had
+        come to rest there: an episode starts without a fall.
+
+        Nodes below a shape get stresses that carry `rest_force_b` and `rest_torque_b`, whatever the soil; where these
+        are zero, the pressures of fresh soil at their depth. A shape above the ground leaves nothing. Poses must have
+        been set before; velocities do not count.
+
+        Args:
+            world_mask: (W,) bool, a Warp array, a torch tensor or anything NumPy reads; all worlds when None.
+
+        Raises:
+            ModelError: the mask is not of bool, or the soil is in no Simulation yet.
+        """
+        self._launch_in("imprint", 1, world_mask)
+
+    def resting_shifts(self, world_mask: Any = None) -> wp.array:
+        """How far up each shape would have to be for fresh soil to bear the vertical part of its `rest_force_b`: what
+        settled on one soil is moved by their mean before `imprint` where it stands on another. Each shape counts as if
+        it were alone.
+
+        Args:
+            world_mask: as in `imprint`; other worlds keep what they have.
+
+        Returns:
+            (W, shapes) [m], the same memory throughout; 0 for a shape without a force.
+
+        Raises:
+            ModelError: as `imprint`.
+        """
+        self._launch_in("resting_shifts", 2, world_mask)
+        return self._shift
+
+    def _launch_in(self, name: str, index: int, world_mask: Any) -> None:
+        if not self._imprinting:
+            raise ModelError(f"soil: {name} must follow sw.Simulation(..., elements=[soil]), got none; make it first")
+        mask = self._all_worlds if world_mask is None else mask_of_worlds(world_mask, self.model)
+        self._imprinting[index].use(0, mask)
+        self._imprinting[index].launch()
+
+    def record_imprint(self, simulation: StepContext, mask: wp.array) -> Sequence[WorldLaunch]:
+        """The launches of `imprint` for worlds of a mask that is read when they run, for a `Simulation.program`."""
+        inputs = [mask, self.rest_force_b, self.rest_torque_b, *self._placed(simulation)]
+        return [simulation.shares.record(imprint_worlds, inputs=inputs, outputs=[self._nodes])]
+
+    def _placed(self, simulation: StepContext) -> list[Any]:
+        """What tells where shapes stand on which soil."""
+        return [self._tables, self._shapes, simulation.model.assets, simulation.state.arrays]
+
+    def _record_imprinting(self, simulation: StepContext) -> tuple[WorldLaunch, ...]:
+        """Launches of `keep_forces`, `imprint` and `resting_shifts`."""
+        keep = simulation.shares.record(
+            keep_forces, len(self.shapes),
+            inputs=[self._all_worlds, self._shapes, simulation.state.arrays, self._reports],
+            outputs=[self.rest_force_b, self.rest_torque_b],
+        )  # fmt: skip
+        shifts = simulation.shares.record(
+            find_resting_shifts, len(self.shapes),
+            inputs=[self._all_worlds, self.rest_force_b, *self._placed(simulation)], outputs=[self._shift],
+        )  # fmt: skip
+        return (keep, *self.record_imprint(simulation, self._all_worlds), shifts)
+
     # ---- ForceElement ----------------------------------------------------------------------------------------------
 
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a snapshot keeps."""
-        names = ("node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled")
+        names = ("node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled", "deepest")
         return {name: getattr(self._nodes, name) for name in names}
 
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Bodies whose forces and blocks it writes."""
+        return self._carriers
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
-        """Launches before a sub-step: pages below the wheels, then their forces."""
-        inputs = [dt, self._tables, self._wheels, simulation.model.assets, simulation.state.arrays]
+        """Launches before a sub-step: pages below the shapes, then the forces of all bodies that have some.
+
+        Raises:
+            ModelError: an element that comes later writes the forces of one of these bodies.
+        """
+        self._shapes.adds.assign(_adds(self, simulation))
+        self._imprinting = self._record_imprinting(simulation)
+        inputs = [dt, self._tables, self._shapes, simulation.model.assets, simulation.state.arrays]
         return [
             simulation.shares.record(take_pages, inputs=inputs, outputs=[self._nodes]),
             simulation.shares.record(
-                press_wheels, len(self.wheels), inputs=inputs,
+                press_shapes, len(self._carriers), inputs=inputs,
                 outputs=[self._nodes, self._reports, simulation.control.arrays],
             ),
         ]  # fmt: skip
@@ -190,8 +337,8 @@ class Soil(Readable):
         """The launch after a sub-step: what acted in it."""
         return [
             simulation.shares.record(
-                report_wheels, len(self.wheels),
-                inputs=[dt, self._wheels, simulation.control.arrays, simulation.state.arrays], outputs=[self._reports],
+                report_shapes, len(self.shapes),
+                inputs=[dt, self._shapes, simulation.state.arrays], outputs=[self._reports],
             )
         ]  # fmt: skip
 
@@ -200,14 +347,40 @@ class Soil(Readable):
         return [simulation.shares.record(clear_soil, inputs=[mask], outputs=[self._nodes])]
 
 
-def _checked_spacing(spacing: float, wheels: Sequence[SoilWheel]) -> float:
-    if not wheels:
-        raise ModelError("soil: wheels must be at least one, got none; name those that sink in")
-    narrowest = min(wheel.width for wheel in wheels)
+def _checked_spacing(spacing: float, shapes: Sequence[SoilShape]) -> float:
+    if not shapes:
+        raise ModelError("soil: shapes must be at least one, got none; name those that sink in")
+    narrowest = narrowest_width(shapes)
     if not 0.0 < spacing <= 0.5 * narrowest:
-        rule = f"positive and at most half the narrowest wheel's width, {0.5 * narrowest:.4g} m"
+        rule = f"positive and at most half the narrowest shape's width, {0.5 * narrowest:.4g} m"
         raise ModelError(f"soil: spacing must be {rule}, got {shown(spacing)}; 0.05 suits cars")
     return float(spacing)
+
+
+def _adds(soil: Soil, simulation: StepContext) -> np.ndarray[Any, np.dtype[np.int32]]:
+    """For each body with shapes: 0 the soil writes its entries first, 1 it adds to forces, 2 to blocks too."""
+    place = next(k for k, part in enumerate(simulation.elements) if part is soil)
+    bodies = soil.assigned_bodies
+    found = np.zeros(len(bodies), np.int32)
+    for k, part in enumerate(simulation.elements):
+        shared = [at for at, body in enumerate(bodies) if body in getattr(part, "assigned_bodies", ())]
+        if k < place:
+            found[shared] = np.maximum(found[shared], 2 if getattr(part, "implicit", False) else 1)
+        elif k > place and shared and not isinstance(part, Soil):
+            body = soil.model.body_names[bodies[shared[0]]]
+            raise ModelError(
+                f"soil: elements that act on body '{body}' must come before the soil, got {type(part).__name__} after; "
+                "put the soil last"
+            )
+    return found
+
+
+def _checked_memory(memory: Any) -> ShearMemory:
+    try:
+        return ShearMemory(memory)
+    except ValueError:
+        names = " or ".join(each.value for each in ShearMemory)
+        raise ModelError(f"soil: shear_memory must be {names}, got {shown(memory)}; scalar is Chrono's") from None
 
 
 def _checked_map(soil_map: Any, soils: int, worlds: int) -> np.ndarray[Any, np.dtype[np.int32]]:
@@ -222,24 +395,22 @@ def _checked_map(soil_map: Any, soils: int, worlds: int) -> np.ndarray[Any, np.d
     return values.astype(np.int32)
 
 
-def _wheel_tables(model: Model, wheels: Sequence[SoilWheel]) -> Any:
-    device = model.device
-    bodies = [model.body(wheel.body) if isinstance(wheel.body, str) else int(wheel.body) for wheel in wheels]
-    if len(set(bodies)) < len(bodies):
-        raise ModelError(f"soil: wheels must be on different bodies, got {bodies}; leave one of them out")
-    table: Any = WheelTables()
-    table.body = wp.array(bodies, dtype=int, device=device)
-    table.offset_b = wp.array(np.array([wheel.offset for wheel in wheels]), dtype=wp.vec3, device=device)
-    for name, values in (
-        ("radius", [wheel.radius for wheel in wheels]),
-        ("half_width", [0.5 * wheel.width for wheel in wheels]),
-        ("crown", [wheel.crown for wheel in wheels]),
-    ):
-        setattr(table, name, wp.array(values, dtype=float, device=device))
-    return table
+def _checked_points(points: Any, model: Model) -> wp.array:
+    """(1 or W, N) vec2d on the model's device."""
+    worlds = model.world_count
+    rule = f"soil: points must be (N, 2), ({worlds}, N, 2), or vec2d (1 or {worlds}, N) on {model.device}"
+    if isinstance(points, wp.array):
+        if points.dtype is not wp.vec2d or points.ndim != 2 or points.shape[0] not in (1, worlds):
+            raise ModelError(f"{rule}, got {shown(points)}; make a wp.array of dtype vec2d")
+        return points
+    values = np.asarray(points, np.float64)
+    values = values[None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[2] != 2 or values.shape[0] not in (1, worlds):
+        raise ModelError(f"{rule}, got {np.shape(points)}; give x and y of each")
+    return wp.array(values, dtype=wp.vec2d, ndim=2, device=model.device)
 
 
-def _nodes(worlds: int, pages: int, device: Any) -> Any:
+def _nodes(worlds: int, pages: int, shapes: int, device: Any) -> Any:
     nodes: Any = SoilNodes()
     nodes.node = wp.zeros((worlds, pages * PAGE_NODES, NODE_VALUES), dtype=float, device=device)
     for name in ("place_x", "place_y", "used_at"):
@@ -247,6 +418,7 @@ def _nodes(worlds: int, pages: int, device: Any) -> Any:
     nodes.entry = wp.zeros((worlds, 1 << (2 * pages - 1).bit_length()), dtype=int, device=device)
     for name in ("count", "step", "recycled"):
         setattr(nodes, name, wp.zeros(worlds, dtype=int, device=device))
+    nodes.deepest = wp.zeros((worlds, shapes), dtype=float, device=device)
     return nodes
 
 
@@ -255,6 +427,8 @@ def _reports(shape: tuple[int, int], device: Any) -> Any:
     for name in ("load", "sinkage", "slip_ratio"):
         setattr(reports, name, writable(shape, wp.float32, device))
     reports.touched = wp.zeros(shape, dtype=int, device=device)
-    for name in ("force_w", "torque_w", "before_v", "before_omega"):
+    for name in ("force_w", "torque_w", "before_v", "before_omega", "pushed", "turned"):
         setattr(reports, name, writable(shape, wp.vec3, device))
+    for name in ("mass", "coupling", "inertia"):
+        setattr(reports, name, writable(shape, wp.mat33, device))
     return reports

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from simwarp.core.types import ModelError
-from simwarp.soil.soil import Soil, SoilWheel
+from simwarp.soil.soil import Soil
 from simwarp.soil.soil_parameters import SoilSpec
+from simwarp.soil.soil_shapes import SoilShape, SoilWheel
 from simwarp.vehicle.tires.soil_tires import TEMPLATE, SoilTires, soil_rigid_parameters
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
 
@@ -23,7 +24,7 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
         found = ", ".join(dict.fromkeys(axle.tire.template for axle in spec.axles))
         raise ModelError(
             f"soil: tires of vehicle '{spec.name}' must be {TEMPLATE}, got {found}, which do not deform it; "
-            f"with_options(spec, tire='{TEMPLATE}')"
+            f"with_options(spec, tire='{TEMPLATE}'), or --tire {TEMPLATE}"
         )
     tires = [spec.axles[side.axle].tire for side in vehicle.parts.sides]
     return [
@@ -36,15 +37,16 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
 
 def soil_under(
     vehicles: Vehicle | Vehicles | Sequence[Vehicle | Vehicles],
-    soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid",
-    **options: Any,
-) -> Soil:
+    soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
+    shapes: Sequence[SoilShape] = (), **options: Any,
+) -> Soil:  # fmt: skip
     """Soil under the wheels of vehicles of one model; their `tires` tell its loads, slips and sinkages.
 
     Args:
         vehicles: on `soil-rigid` tires.
         soil: a `SoilSpec` or the name of a preset, or several for `soil_map`.
-        options: further arguments of `Soil`.
+        shapes: what sinks in beside the wheels, after which they come: bellies, rocks.
+        options: further arguments of `Soil`; the ground is that of the first vehicle if it is not among them.
 
     Raises:
         ModelError: the tires of one make forces of their own, or a value breaks its rule.
@@ -52,7 +54,10 @@ def soil_under(
     given = [vehicles] if isinstance(vehicles, Vehicle | Vehicles) else list(vehicles)
     below = [[each] if isinstance(each, Vehicle) else list(each) for each in given]
     wheels = [wheels_of(vehicle) for each in below for vehicle in each]
-    made = Soil(given[0].model, [wheel for each in wheels for wheel in each], soil, **options)
+    first_tires = given[0].tires
+    assert isinstance(first_tires, SoilTires)
+    options.setdefault("ground", first_tires.terrain)
+    made = Soil(given[0].model, [*(wheel for each in wheels for wheel in each), *shapes], soil, **options)
     first = 0
     for whole, each in zip(given, below, strict=True):
         count = len(each[0].parts.sides)

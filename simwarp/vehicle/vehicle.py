@@ -319,6 +319,12 @@ class Vehicle(Readable):
         """State that a reset restores and a snapshot keeps."""
         return self._element().memory
 
+    @property
+    def assigned_bodies(self) -> tuple[int, ...]:
+        """Bodies whose forces it writes: the chassis, and the wheels where its tires make forces."""
+        spindles = [side.spindle for side in self.parts.sides] if isinstance(self.tires, Tires) else []
+        return (self.parts.chassis, *spindles)
+
     def record(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """Launches of one sub-step: inputs and powertrain, then tires."""
         return self._element().record(simulation, dt)
@@ -432,7 +438,7 @@ def _tires(
     sides = [side for each in parts for side in each.sides]
     on_soil = [axle.tire.template == SOIL_RIGID for axle in parts[0].spec.axles]
     if all(on_soil):
-        return SoilTires(len(sides), model)
+        return SoilTires(len(sides), model, terrain=ground)
     if any(on_soil):
         raise SpecError("axles: tires must be soil-rigid on all wheels or on none, got both; choose one kind")
     rigid = [side for side in sides if side.shape >= 0]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import warp as wp
 
-from simwarp.core.types import WORLD, VelocityMotor, pose
+from simwarp.core.types import WORLD, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.simulation import Simulation
 from simwarp.soil import PRESETS, ShearMemory, Soil, SoilSpec, SoilWheel, soil_under
@@ -17,13 +17,22 @@ from simwarp.vehicle.driving.maneuvers import maneuver
 from simwarp.vehicle.results.runs import Drive, set_up
 from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.spec.vehicle_files import load_vehicle
-from simwarp.verify.check_result import CheckResult, near
+from simwarp.verify.check_result import CheckResult, below, near
+from simwarp.verify.soil_rigs import (
+    GRAVITY,
+    LOAD,
+    PLATE_AREA,
+    PLATE_RADIUS,
+    RADIUS,
+    WIDTH,
+    DrivenWheel,
+    dragged_plate,
+    driven_wheels,
+    plate_on_slope,
+    pressed_plate,
+    repeated_passes,
+)
 
-RADIUS: Final = 0.467
-WIDTH: Final = 0.254
-LOAD: Final = 6300.0
-"""Of the wheels [N]: a quarter of a HMMWV."""
-GRAVITY: Final = 9.81
 RECORDED: Final = {
     "omega_FL_radps": -10.0354, "omega_FR_radps": -10.0606, "omega_RL_radps": -9.9966, "omega_RR_radps": -10.0206,
     "Fz_FL_N": 6425.7, "Fz_FR_N": 5783.6, "Fz_RL_N": 6895.3, "Fz_RR_N": 6205.9,
@@ -37,14 +46,15 @@ SHARES: Final = {"omega": 0.03, "Fz": 0.04, "sink": 0.12}
 
 
 def soil(device: str = "cpu") -> list[CheckResult]:
-    """Plates, standing and driven wheels, a HMMWV.
+    """Plates, standing and driven wheels, passes, a HMMWV.
 
     A plate is a wheel on its side: its nodes cover a circle to 1 %, and weight put on in 5 s swings 0.5 % past the
     balance. Driven wheels are held at a slip, without damping: their nodes of 1 cm agree with quadrature to 2 %, those
     of 5 cm to 5 %; a standing wheel on hard soil touches 0.2 m of ground. The scalar shear memory is that of the
     quadrature.
     """
-    return [*_plates(device), *_standing(device), *_driven(device), *_vehicle(device)]
+    parts = (_plates, _law, _standing, _driven, _pull, _passes, _vehicle)
+    return [row for part in parts for row in part(device)]
 
 
 def _plates(device: str) -> list[CheckResult]:
@@ -87,52 +97,77 @@ def _sunk(
     return low - float(simulation.state.body_x.numpy()[0, 0, 2])
 
 
-def _driven(device: str) -> list[CheckResult]:
+def _law(device: str) -> list[CheckResult]:
+    """A plate's way down, up and down again, and along the ground: the law itself, node by node."""
     rows = []
-    known = {0.1: (0.31, 0.50), 0.4: (0.57, 0.74)}
-    for spacing, share in ((0.01, 0.02), (0.05, 0.05)):
-        for slip, (pull, torque) in known.items():
-            found = driven_wheel(slip, dataclasses.replace(PRESETS["mid"], damping=0.0), spacing, device)
-            name = f"driven wheel, slip {slip:g}, mid, nodes every {100 * spacing:g} cm"
-            rows.append(near("soil", f"{name}: pull / load", pull, found["pull"], share * pull))
-            rows.append(near("soil", f"{name}: torque / (load radius)", torque, found["torque"], share * torque))
+    for name in ("mid", "hard"):
+        spec = dataclasses.replace(PRESETS[name], damping=0.0)
+        sinkage, pressure = pressed_plate(spec, (0.03, 0.05), device)
+        curve = (spec.k_c / PLATE_RADIUS + spec.k_phi) * sinkage**spec.exponent
+        turn = int(np.argmax(sinkage >= 0.03))
+        origin = sinkage[turn] - curve[turn] / spec.elastic
+        line = np.clip(spec.elastic * (sinkage - origin), 0.0, curve)
+        off = np.where(np.arange(len(line)) <= turn, pressure - curve, pressure - line) / curve[turn]
+        known = sinkage <= 0.03 + 1e-6
+        what = f"plate, {name}: off the curve and the elastic line, of the pressure at 3 cm"
+        # single precision: half a unit in the last place of 3 cm, 2 nm, along the elastic line, and rounding of powers
+        rows.append(below("soil", what, float(np.abs(off[known]).max()), 1e-3))
+        for memory in ShearMemory:
+            drag = dragged_plate(spec, 0.7, device, memory)
+            friction = math.tan(spec.friction_angle)
+            full = (PLATE_AREA * spec.cohesion + drag.load * friction) * -np.expm1(-drag.way / spec.shear_length)
+            late = drag.way > 0.006  # the direction's millimetre is over
+            what = f"plate, {name}, {memory.value} shear: off Janosi's curve from 6 to 18 mm"
+            rows.append(below("soil", what, float(np.abs(drag.force / full - 1.0)[late].max()), 0.01))
+            crept = plate_on_slope(spec, 0.2, 60.0, device, memory)
+            rows.append(below("soil", f"plate, {name}, {memory.value} shear: creep on 20 % in 60 s [m]", crept, 1e-3))
     return rows
 
 
-def driven_wheel(
-    slip: float, spec: SoilSpec, spacing: float, device: str, memory: ShearMemory = ShearMemory.SCALAR,
-    load: float = LOAD,
-) -> dict[str, float]:  # fmt: skip
-    """A wheel that is held at a slip, at 0.5 m/s: pull and torque over its load, sinkage [m], means over 1 m."""
-    builder = ModelBuilder()
-    mass, speed = load / GRAVITY, 0.5
-    sled = builder.add_body("sled", mass=1.0, inertia=(1.0, 1.0, 1.0), pose=pose((0.0, 0.0, RADIUS)))
-    carrier = builder.add_body("carrier", mass=1.0, inertia=(1.0, 1.0, 1.0), pose=pose((0.0, 0.0, RADIUS)))
-    wheel = builder.add_body("wheel", mass=mass - 1.0, inertia=(20.0, 30.0, 20.0), pose=pose((0.0, 0.0, RADIUS)))
-    motor = VelocityMotor(effort_limit=1.0e6)
-    builder.add_joint_prismatic("along", WORLD, sled, axis=(1.0, 0.0, 0.0), drive=motor)
-    builder.add_joint_prismatic("up", sled, carrier, axis=(0.0, 0.0, 1.0), damping=2.0e4)
-    builder.add_joint_revolute("spin", carrier, wheel, axis=(0.0, 1.0, 0.0), drive=motor)
-    model = builder.finalize(1, device)
-    element = Soil(
-        model, [SoilWheel(body=wheel, radius=RADIUS, width=WIDTH)], spec, spacing=spacing, shear_memory=memory
-    )
-    simulation = Simulation(model, 1e-3, elements=[element])
-    for step in range(200):
-        simulation.control.body_force.fill_(wp.vec3(0.0, 0.0, load * max(0.0, 1.0 - step / 150.0)))
-        simulation.step(10)
-    rates: Any = simulation.control.joint_target_qd.numpy()
-    rates[0] = [speed, 0.0, speed / (1.0 - slip) / RADIUS]
-    simulation.control.joint_target_qd.assign(rates)
-    simulation.step(2000)
+def _driven(device: str) -> list[CheckResult]:
     rows = []
-    for _ in range(400):
-        simulation.step(5)
-        force, torque = element.force_w.numpy()[0, 0], element.torque_w.numpy()[0, 0]
-        deep = RADIUS - simulation.state.body_x.numpy()[0, wheel, 2]
-        rows.append((force[0] / load, -torque[1] / (load * RADIUS), deep))
-    pull, moment, sinkage = np.mean(rows, axis=0)
-    return {"pull": float(pull), "torque": float(moment), "sinkage": float(sinkage)}
+    known = {0.1: (0.31, 0.50), 0.4: (0.57, 0.74)}
+    quiet = dataclasses.replace(PRESETS["mid"], damping=0.0)
+    for spacing, share in ((0.01, 0.02), (0.05, 0.05)):
+        found = driven_wheels([DrivenWheel(slip=slip, soil=quiet) for slip in known], spacing, device)
+        for index, (slip, (pull, torque)) in enumerate(known.items()):
+            name = f"driven wheel, slip {slip:g}, mid, nodes every {100 * spacing:g} cm"
+            for quantity, expected, got in (
+                ("sinkage [m]", 0.0828, found.sinkage), ("pull / load", pull, found.pull),
+                ("torque / (load radius)", torque, found.torque),
+            ):  # fmt: skip
+                rows.append(near("soil", f"{name}: {quantity}", expected, got[index], share * expected))
+    return rows
+
+
+def _pull(device: str) -> list[CheckResult]:
+    """Pull over slip of three soils and loads, shear with a direction: it rises, and stays below friction."""
+    slips, names, loads = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6), ("soft", "mid", "hard"), (2000.0, 4000.0, LOAD)
+    cases = [
+        DrivenWheel(slip=slip, soil=dataclasses.replace(PRESETS[name], damping=0.0), load=load)
+        for name in names for load in loads for slip in slips
+    ]  # fmt: skip
+    pull = driven_wheels(cases, 0.05, device, ShearMemory.DIRECTION).pull.reshape(len(names), -1, len(slips))
+    rows = []
+    for name, each in zip(names, pull, strict=True):
+        fall = float(np.maximum(-np.diff(each, axis=1), 0.0).max())
+        rows.append(below("soil", f"pull over slip 0.02 to 0.6, {name}, 2 to 6.3 kN: greatest fall", fall, 0.0))
+        if PRESETS[name].cohesion == 0.0:
+            beyond = max(0.0, float(each.max()) - math.tan(PRESETS[name].friction_angle))
+            rows.append(below("soil", f"pull over slip, {name}: beyond tan phi", beyond, 0.0))
+    return rows
+
+
+def _passes(device: str) -> list[CheckResult]:
+    """Ten passes of a wheel: ruts deepen, by less and less."""
+    rows = []
+    for name in ("soft", "mid", "hard"):
+        depths = [float(depth.max()) for _, depth in repeated_passes(PRESETS[name], 10, 0.05, device)]
+        gains = np.diff([0.0, *depths])
+        wrong = int((gains <= 0.0).sum() + (np.diff(gains) >= 0.0).sum())
+        what = f"ten passes, {name}: passes that do not deepen the rut, or not by less"
+        rows.append(below("soil", what, wrong, 0.0))
+    return rows
 
 
 def _vehicle(device: str) -> list[CheckResult]:

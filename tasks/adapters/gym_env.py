@@ -16,11 +16,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from ..framework.registry import make, task_names
+from ..framework.rows import refuse_agents
 from ..framework.task import StepResult, Task
 from .rendering import RENDER_MODES, RENDER_SIZE, Frames, TaskRenderer, check_rendering, metadata_of
 
 Observation = Any
 """One array where the only group is ``policy``, else a dict of arrays."""
+
+
+_NO_AGENTS = "and Gymnasium knows none that is done and waits for others"
+_PARALLEL = "use simwarp.tasks.adapters.parallel_env.TaskParallelEnv"
 
 
 def _box(shape: tuple[int, ...], dtype: torch.dtype) -> gym.spaces.Box:
@@ -93,6 +98,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         if max_episode_steps is not None:
             overrides["max_episode_steps"] = max_episode_steps
         self.task = make(task, num_envs, device=device, seed=seed, **overrides) if isinstance(task, str) else task
+        refuse_agents(self.task, _NO_AGENTS, _PARALLEL)
         self.task.keep_final_observations = True
         self.metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, **metadata_of(self.task)}
         self.render_mode = render_mode
@@ -193,6 +199,7 @@ class TaskEnv(gym.Env[Any, Any]):
     ) -> None:
         check_rendering(render_mode, render_size)
         self.task = make(task, 1, device=device, seed=seed, **overrides)
+        refuse_agents(self.task, _NO_AGENTS, _PARALLEL)
         self.metadata = metadata_of(self.task)
         self.render_mode = render_mode
         self._renderer = TaskRenderer(self.task, render_mode, render_size)

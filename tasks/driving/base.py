@@ -37,11 +37,12 @@ from ..framework.launching import TensorFunction, filled, launch_over, share_ove
 from ..framework.simulation_access import Attachments
 from ..framework.task import Task
 from .navigation import Navigation
+from .soil import DrivenSoil, SoilKind
 
 if TYPE_CHECKING:
     from simwarp import Model, ModelBuilder, SolverOptions
     from simwarp.sensors import Camera, Scene, Visuals
-    from simwarp.vehicle import Vehicle, VehicleParts, VehicleSpec
+    from simwarp.vehicle import Vehicle, VehicleParts, Vehicles, VehicleSpec
     from simwarp.viewer import Shot
 
     from ..framework.launching import WorldLaunch
@@ -96,6 +97,14 @@ class DrivingConfig(TaskConfig):
     """Drive the full vehicle model instead of the reduced one that policies are trained on."""
     friction: Positive = 0.9
     """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
+    soil: SoilKind = SoilKind.NONE
+    """Deformable ground below rigid wheels: a soil by name; random: between soft and hard, drawn for every episode, one
+    in five nearly rigid. none: rigid ground below the vehicle's own tires. On soil its own strength counts in place of
+    `friction`."""
+    soil_spacing: Positive = 0.1
+    """Of the soil's nodes [m]: at most half the width of a wheel."""
+    soil_pages: Annotated[int, Ge(16), Le(2**20)] | None = None
+    """8 x 8 nodes each, of every world; None: as many as the ruts of an episode take, or of its last 200 m."""
     camera_width: Pixels = 80
     """Of the image [pixels], 36 at least."""
     camera_height: Pixels = 45
@@ -152,6 +161,8 @@ class DrivingTask(Task[DrivingT]):
     """The vehicle at work: its inputs, tires, gear and motion; from `attach` on."""
     camera: Camera | None
     """The policy's camera; None with ``obs`` state. From `attach` on."""
+    soil: DrivenSoil | None
+    """The soil below the wheels; None on rigid ground. From `attach` on."""
     navigation: Navigation | None
     """Receiver and gyroscope where the task `navigates` and has a camera, else None; from `attach` on."""
     difficulty: torch.Tensor
@@ -272,7 +283,20 @@ class DrivingTask(Task[DrivingT]):
         from simwarp.vehicle import load_vehicle, with_options
 
         spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
-        return with_options(spec, tire=self.tire) if self.tire is not None else spec
+        tire = self.tire if self.config.soil is SoilKind.NONE else "soil-rigid"
+        return with_options(spec, tire=tire) if tire is not None else spec
+
+    def make_vehicle(self, model: Model, ground: Any) -> Vehicle | Vehicles:
+        """Make ``self.vehicle``, the one that is driven, and return the force element: itself, or all alike it.
+
+        Args:
+            model: finished.
+            ground: the tires' terrain; None is the plane z = 0.
+        """
+        from simwarp.vehicle import Vehicle
+
+        self.vehicle = Vehicle(self.parts, model, ground=ground, randomised=True)
+        return self.vehicle
 
     def attach(self, model: Model) -> Attachments:
         """Return the vehicle, and the camera where there is one.
@@ -281,11 +305,18 @@ class DrivingTask(Task[DrivingT]):
         """
         from simwarp import pose
         from simwarp.sensors import Camera, CameraConfig, Mount, Pinhole, Schedule
-        from simwarp.vehicle import Vehicle
 
         config = self.config
-        self.vehicle = Vehicle(self.parts, model, ground=self.ground(model), randomised=True)
-        self.vehicle.tires.ground_friction.fill_(config.friction)
+        ground = self.ground(model)
+        self._driven = self.make_vehicle(model, ground)
+        self._driven.tires.ground_friction.fill_(config.friction)
+        self.soil = None
+        if config.soil is not SoilKind.NONE:
+            self.soil = DrivenSoil(
+                self._driven, config.soil, self.random, ground=ground, friction=config.friction,
+                spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
+            )  # fmt: skip
+        below = [] if self.soil is None else [self.soil.element]
         self.camera = self.navigation = None
         sensors: list[Any] = []
         if config.obs is Observing.CAMERA:
@@ -303,7 +334,7 @@ class DrivingTask(Task[DrivingT]):
             if self.navigates:
                 self.navigation = Navigation(model, self.parts, config.dt, config.decimation, self.random)
                 sensors += self.navigation.sensors
-        return Attachments(elements=[*self.more_elements(model), self.vehicle], sensors=sensors)
+        return Attachments(elements=[*self.more_elements(model), self._driven, *below], sensors=sensors)
 
     def scene(self) -> Scene:
         """Return the scene of the camera and of pictures."""
@@ -339,6 +370,8 @@ class DrivingTask(Task[DrivingT]):
             self.visuals(visuals)
             paint(visuals)
             self._scene = visuals.finalize(model, per_world=self.seen_per_world(), origin_body=self.parts.chassis)
+            if self.soil is not None:
+                self.soil.show_in(self._scene)
         return self._scene
 
     def solver_options(self) -> SolverOptions:
@@ -352,7 +385,7 @@ class DrivingTask(Task[DrivingT]):
 
         A subclass calls ``super()`` first, then makes its buffers.
         """
-        self.input = to_torch(self.vehicle.input)
+        self.input = to_torch(self._driven.input)
         self._settle()
         state = self.simulation.state
         bodies = to_torch(self.vehicle.bodies).long()
@@ -394,7 +427,7 @@ class DrivingTask(Task[DrivingT]):
         self._level_ground[:, 2] = 1.0
         self._begin_drive = launch_over(self, begin_drive, drive)
         self._begin_drive_episode = launch_over(self, begin_drive_episode, self._every_world, self.level, drive)
-        self._steer = launch_over(self, steer, self.action, car)
+        self._steer = launch_over(self, steer, self._actions, car)
         self._notice = launch_over(self, finish_physics, car, drive)
 
     def _physics_launches(self) -> Sequence[WorldLaunch]:
@@ -406,7 +439,7 @@ class DrivingTask(Task[DrivingT]):
 
     def _settle(self) -> None:
         self.input.zero_()
-        self.input[:, 2] = 1.0
+        self.input[..., 2] = 1.0
         for _ in range(round(SETTLING / self.config.dt)):
             self.simulation.step()
         self.input.zero_()
@@ -419,6 +452,8 @@ class DrivingTask(Task[DrivingT]):
     def reset(self, world_mask: torch.Tensor) -> None:
         """Draw a world and start in it where ``world_mask`` (W,) is true: subclasses write `draw_world` and `start`."""
         self._begin_drive_episode.on(world_mask)
+        if self.soil is not None:
+            self.soil.draw(world_mask)
         self.draw_world(world_mask)
         self.start(world_mask)
 
@@ -465,6 +500,8 @@ class DrivingTask(Task[DrivingT]):
         self.difficulty.copy_(state["difficulty"])
         if self.navigation is not None:
             self.navigation.heading.copy_(state["heading"])
+        if self.soil is not None:
+            self.soil.draw(self._every_world)
         self.draw_world(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))
 
     # ---- where the vehicle is ------------------------------------------------------------------------------------

@@ -1,12 +1,14 @@
 """Convoy: a truck follows the last of three leaders along winding paths, past rocks and trees, faster and faster.
 
 After ``convoy-v0`` of gym-chrono: paths, leaders, their speed and the reward's cone are the original's. Leaders are
-ghosts: they are seen, they move as the path says, and nothing moves them.
+ghosts: they are seen, they move as the path says, and nothing moves them; or they are vehicles like the truck
+(`simwarp.tasks.driving.platoon`).
 """
 
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -37,11 +39,12 @@ from simwarp.kernels.tasks.driving.convoy import (
 )
 from simwarp.tasks import Ge, Gt, Le, Positive
 
+from ..framework.agents import lead_of
 from ..framework.config import require
 from ..framework.drawing import Drawing, Line
 from ..framework.launching import TensorFunction, TensorLaunch, fill, filled, launch_over, share_over, zeros_of
 from ..framework.registry import register
-from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, outline
+from .base import CHASSIS_GROUP, VEHICLE_ARRAYS, DrivingConfig, DrivingTask, Frame, Observing, outline
 from .obstacles import Kind, Obstacles
 from .ranging import RangeFan
 from .routes import Routes
@@ -49,6 +52,7 @@ from .routes import Routes
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
     from simwarp.sensors import Scene, Visuals
+    from simwarp.vehicle import Path
 
     from ..framework.launching import WorldLaunch
 
@@ -56,6 +60,13 @@ LARGE = 4
 """Large obstacles that generated paths pass."""
 LEADER_HALF = (2.45, 1.1, 0.9)
 _REACH, _RAYS, _FAN = 20.0, 17, math.radians(200.0)
+
+
+class Leaders(enum.Enum):
+    """What goes ahead of the truck."""
+
+    GHOSTS = "ghosts"
+    SIMULATED = "simulated"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +83,14 @@ class ConvoyConfig(DrivingConfig):
     """The nearest leader starts between 0.05 and this more of its path, as shares."""
     generated: bool = False
     """Paths around four large obstacles, other than the sixteen of training."""
+    generated_paths: Annotated[int, Ge(1), Le(1000)] = 16
+    """Number of those paths."""
+    leaders: Leaders = Leaders.GHOSTS
+    """ghosts: pictures that move as the path says; simulated: vehicles as the truck is, in the same world."""
+    leading: Annotated[int, Ge(1), Le(8)] = 3
+    """Simulated vehicles at the head, which a driver takes along the path; ghosts are always three."""
+    followers: Annotated[int, Ge(1), Le(16)] = 1
+    """Simulated vehicles behind them, each an agent that follows the one ahead."""
     place_frame: Frame = Frame.VEHICLE
     """Axes in which the leader's place is observed with a camera."""
     cone: Annotated[float, Gt(0.0), Le(math.pi)] = math.pi / 4.0
@@ -93,6 +112,11 @@ class ConvoyConfig(DrivingConfig):
         """Check sizes."""
         super().validate()
         require(0.0 < self.near < self.lost_distance, self, "near", "in (0, lost_distance)")
+        if self.leaders is Leaders.GHOSTS:
+            require(self.leading == 3, self, "leading", "3 where leaders are ghosts")
+            require(self.followers == 1, self, "followers", "1 where leaders are ghosts")
+        if self.followers > 1:
+            require(self.obs is Observing.STATE, self, "obs", "state where there are several followers")
 
 
 @register("convoy")
@@ -118,6 +142,11 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
     navigates: ClassVar[bool] = True
     view_distance: ClassVar[float] = 15.0
 
+    @classmethod
+    def played_by(cls, config: ConvoyConfig) -> str | None:
+        """Return the task of simulated leaders where there are some."""
+        return "simwarp.tasks.driving.platoon:PlatoonTask" if config.leaders is Leaders.SIMULATED else None
+
     # ---- the world -----------------------------------------------------------------------------------------------
 
     def build_world(self, builder: ModelBuilder) -> None:
@@ -136,14 +165,20 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def visuals(self, visuals: Visuals) -> None:
         """Show truck, leaders, obstacles, and grass."""
-        import simwarp as sw
-        from simwarp.scenery import ground_texture, vehicle_visual
+        from simwarp.scenery import ground_texture
         from simwarp.sensors import ImageTexture
 
         super().visuals(visuals)
         self.obstacles.visuals(visuals)
         grass = visuals.texture(ImageTexture(image=ground_texture("grass"), metres=(8.0, 8.0)))
         visuals.add_plane(name="ground", texture=grass, color=(1.0, 1.0, 1.0), label=1)
+        self.show_leading(visuals)
+
+    def show_leading(self, visuals: Visuals) -> None:
+        """Add the leaders to what is seen."""
+        import simwarp as sw
+        from simwarp.scenery import vehicle_visual
+
         leader = vehicle_visual("hmmwv", color=(0.5, 0.05, 0.03))
         asset = visuals.add_mesh_asset(leader.mesh)
         self._ghosts = [
@@ -157,12 +192,9 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
 
     def setup(self) -> None:
         """Make paths, tables and buffers, and record what a step launches."""
-        from simwarp.scenery import CONVOY_PATHS, convoy_path, detour
-
-        detours = [detour(seed, count=LARGE) for seed in range(CONVOY_PATHS)] if self.config.generated else []
-        paths = [way.path for way in detours] or [convoy_path(index) for index in range(CONVOY_PATHS)]
+        paths, large = self.ways()
         self.routes = Routes(paths, 0.5, self.device)
-        self.column = self._make_column(np.array([way.obstacles for way in detours], np.float32))
+        self.column = self._make_column(large)
         self.follow = zeros_of(Follow, self)
         fill(self.follow, steps=self.episode_steps)
         self.route, self._begun = to_torch(self.follow.route), to_torch(self.follow.begun)
@@ -172,12 +204,21 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         if self.camera is not None:
             self.column.frame_steps = math.gcd(self.camera.frames.steps.period, self.config.decimation)
         self._names = ("following", "failure", "speed")[: 3 if self.config.speed_weight > 0.0 else 2]
-        worlds, device = self.num_worlds, self.device
-        self._policy, self._measured = (torch.zeros(worlds, size, device=device) for size in (17 + _RAYS, 6))
-        self._terms = torch.zeros(len(self._names), worlds, device=device)
-        self._ends = torch.zeros(5, worlds, dtype=torch.bool, device=device)
-        self._distance, self._hits = (torch.zeros(worlds, device=device) for _ in range(2))
+        lead, device = lead_of(self), self.device
+        self._policy, self._measured = (torch.zeros(*lead, size, device=device) for size in (17 + _RAYS, 6))
+        self._terms = torch.zeros(len(self._names), *lead, device=device)
+        self._ends = torch.zeros(5, *lead, dtype=torch.bool, device=device)
+        self._distance, self._hits = (torch.zeros(lead, device=device) for _ in range(2))
         self.record_world()
+
+    def ways(self) -> tuple[list[Path], np.ndarray[Any, np.dtype[np.float32]]]:
+        """Return K paths, and the obstacles that generated ones pass, (K, L, 3): x, y and radius [m]."""
+        from simwarp.scenery import CONVOY_PATHS, convoy_path, detour
+
+        if not self.config.generated:
+            return [convoy_path(index) for index in range(CONVOY_PATHS)], np.zeros((0, LARGE, 3), np.float32)
+        detours = [detour(seed, count=LARGE) for seed in range(self.config.generated_paths)]
+        return [way.path for way in detours], np.array([way.obstacles for way in detours], np.float32)
 
     def _make_column(self, large: np.ndarray[Any, np.dtype[np.float32]]) -> Column:
         """Return the numbers of the task, for kernels; ``large`` are the obstacles of generated paths (K, L, 3)."""
@@ -196,7 +237,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             in_world_axes=int(config.place_frame is Frame.WORLD),
             reach=_REACH,
             direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
-            large=wp.array(large.reshape(-1, LARGE, 3), dtype=wp.vec3, device=str(self.device)),
+            large=wp.array(large, dtype=wp.vec3, device=str(self.device)),
             **{name: getattr(config, name) for name in named},
             **{name: self.random.stream(purpose) for name, purpose in purposes.items()},
         )
@@ -217,9 +258,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
             self.random.draws,
         )
         where = [column, car, drive, state, routes, follow]
-        self._draw_path = launch_over(self, draw_path, every, column, draws, routes, follow)
-        arguments = [every, column, draws, routes, follow, slots, *self.obstacles.arrays]
-        self._draw_roadside = TensorLaunch(draw_roadside, self.obstacles.radius.shape, arguments, self.device)
+        self._record_draws()
         self._start = launch_over(self, start_following, every, column, car, self._navigator, state, routes, follow)
         self._aim_first, self._aim_next = (
             launch_over(self, aim_next, ahead, column, routes, follow, drive) for ahead in (0, 1)
@@ -234,6 +273,14 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         self._tell = launch_over(self, tell_column, *where, self._distance, self._hits)
         places = [(torch.float32, (LEADERS, 3))]
         self._leaders_at = TensorFunction(tell_leaders, [routes, follow], places, self.device)
+
+    def _record_draws(self) -> None:
+        """Record what draws paths and what stands beside them, and shows the leaders."""
+        column, routes, follow, every = self.column, self.routes.tables, self.follow, self._every_world
+        draws = self.random.draws
+        self._draw_path = launch_over(self, draw_path, every, column, draws, routes, follow)
+        arguments = [every, column, draws, routes, follow, self.obstacles.slots, *self.obstacles.arrays]
+        self._draw_roadside = TensorLaunch(draw_roadside, self.obstacles.radius.shape, arguments, self.device)
         self._show = TensorFunction(show_now, [column, routes, follow], [], self.device)
 
     # ---- an episode ----------------------------------------------------------------------------------------------
@@ -331,9 +378,13 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         share = torch.linspace(0.0, 1.0, 100, device=self.device).expand(worlds, -1)
         path = self.routes.at(self.route, share * self.routes.length[self.route].unsqueeze(1))
         lines = [Line(torch.nn.functional.pad(path[..., :2], (0, 1)), "0.7", 1.0), *self.obstacles.rings()]
+        return Drawing((*lines, *self.vehicle_lines()), ((-110.0, 110.0), (-110.0, 110.0)))
+
+    def vehicle_lines(self) -> list[Line]:
+        """Return the outlines of leaders and truck."""
+        lines = []
         for index in range(LEADERS):
             leader = self.leaders(self.time())[:, index]
             lines.append(Line(outline(leader.double(), leader[:, 2], LEADER_HALF), "tab:red", 1.5, only_maps=True))
         point, heading = self.pose()
-        lines.append(Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0, only_maps=True))
-        return Drawing(tuple(lines), ((-110.0, 110.0), (-110.0, 110.0)))
+        return [*lines, Line(outline(point, heading, self.chassis_half), "tab:orange", 2.0, only_maps=True)]

@@ -52,6 +52,8 @@ class HallwayConfig(LappingConfig):
     """Of the image [pixels]."""
     camera_fov: float = math.pi / 2.0
     """Horizontal field of view [rad]."""
+    soil_spacing: float = 0.02
+    """Of the soil's nodes [m]: the car's wheels are narrow."""
     pedals: bool = False
     """The policy works the pedals too; otherwise a controller holds the speed."""
     speed: float = 0.75

@@ -20,35 +20,38 @@ class ActionPath:
     """Actions of a batch of worlds.
 
     Args:
-        action: (W, A) float32, the action in force; written here.
+        action: (W, N * A) float32, the actions in force of N agents; written here.
         config: of the task: rise times, delay and times of the steps.
         owner: name of the task: the errors name it.
         in_physics: the task has physics, in every step of which a limited action moves.
+        agents: N, in each world.
 
     Attributes:
-        asked: (W, A) float32, what the policy asked for in this control step.
-        request: (W, A) float32, what the action moves towards; where nothing is delayed, the same memory.
+        asked: (W, N * A) float32, what the policy asked for in this control step.
+        request: (W, N * A) float32, what the action moves towards; where nothing is delayed, the same memory.
         limited: the action's rate is.
-        reach: (A,) how far it moves in one physics step; of no length where nothing limits it.
+        reach: (N * A,) how far it moves in one physics step; of no length where nothing limits it.
     """
 
-    def __init__(self, action: torch.Tensor, config: TaskConfig, owner: str, *, in_physics: bool) -> None:
+    def __init__(
+        self, action: torch.Tensor, config: TaskConfig, owner: str, *, in_physics: bool, agents: int = 1
+    ) -> None:  # fmt: skip
         self.action = action
-        self.reach = self._make_reach(config, owner)
+        self.reach = self._make_reach(config, owner, agents)
         self.limited = len(self.reach) > 0
         self.asked = torch.zeros_like(action)
         delayed = config.action_delay[1] > 0
-        self._line = DelayLine(action, config.action_delay, "delay of actions") if delayed else None
+        self._line = DelayLine(action, config.action_delay, "delay of actions", agents) if delayed else None
         self.request = torch.zeros_like(action) if delayed else self.asked
         steps = 1 if in_physics else config.decimation
         arguments = [float(steps), self.reach, self.request, action]
         self._move = TensorLaunch(move_actions, tuple(action.shape), arguments, action.device)
 
-    def _make_reach(self, config: TaskConfig, owner: str) -> torch.Tensor:
-        size, times = self.action.shape[1], config.action_rise_time
+    def _make_reach(self, config: TaskConfig, owner: str, agents: int) -> torch.Tensor:
+        size, times = self.action.shape[1] // agents, config.action_rise_time
         if isinstance(times, tuple) and len(times) != size:
             raise InputError(f"action-rise-time has {len(times)} values, task '{owner}' {size} actions")
-        rise = torch.tensor(times, dtype=torch.float32, device=self.action.device).expand(size)
+        rise = torch.tensor(times, dtype=torch.float32, device=self.action.device).expand(size).repeat(agents)
         reach = torch.where(rise > 0.0, config.dt / rise, 2.0)
         return reach if bool((rise > 0.0).any()) else reach[:0]
 

@@ -185,7 +185,7 @@ class Guard:
         self._steps = 2 * self._half
         views, worlds, device = task.views, task.num_worlds, task.device
 
-        widths = (task.action_size, views.joint_q.shape[1], views.joint_qd.shape[1])
+        widths = (task.action[0].numel(), views.joint_q.shape[1], views.joint_qd.shape[1])
         what = f"guard-steps: the last {self._steps} steps of {worlds} worlds"
         check_room(what, (self._steps, worlds, sum(widths)), torch.float32, device, "keep fewer steps, or none with 0")
 
@@ -288,7 +288,7 @@ class Guard:
             "actions": self._requests[rows, world].cpu().numpy(),
             "joint_q": self._joint_q[rows, world].cpu().numpy(),
             "joint_qd": self._joint_qd[rows, world].cpu().numpy(),
-            "start_action": keep.action[world].cpu().numpy(),
+            "start_action": keep.action[world].flatten().cpu().numpy(),
         }
         packed = _flat(pack_snapshot(keep.simulation))
         # A leading dimension of 1 is shared by all worlds

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import torch
 
+from .agents import lead_of
 from .errors import TaskError
 
 
@@ -33,13 +34,27 @@ class Worlds(Protocol):
         """Numbers of an action."""
         ...
 
+    @property
+    def agents(self) -> int:
+        """Of a world."""
+        ...
+
+
+def _named(task: Worlds, more: bool = False) -> str:
+    """Return the shape of a value, in letters."""
+    end = ", ..." if more else ","
+    return f"(W{end})" if task.agents == 1 else f"(W, N{end})".replace("N,)", "N)")
+
 
 def _check_batch(task: Worlds, what: str, value: object) -> torch.Tensor:
     if not isinstance(value, torch.Tensor):
         raise TaskError(f"task '{task.name}': {what} must be a torch tensor, got {type(value).__name__}")
-    if value.dim() == 0 or value.shape[0] != task.num_worlds:
+    lead = lead_of(task)
+    if tuple(value.shape[: len(lead)]) != lead:
+        agents = f" and {task.agents} agents" if len(lead) > 1 else ""
         raise TaskError(
-            f"task '{task.name}': {what} must have {task.num_worlds} worlds in front, got shape {tuple(value.shape)}"
+            f"task '{task.name}': {what} must have {task.num_worlds} worlds{agents} in front, got shape "
+            f"{tuple(value.shape)}"
         )
     if value.device != task.device:
         raise TaskError(f"task '{task.name}': {what} must be on {task.device}, got {value.device}")
@@ -59,8 +74,10 @@ def check_observations(task: Worlds, groups: object) -> Mapping[str, torch.Tenso
         raise TaskError(f"task '{task.name}': observations() returned no group")
     for name, group in checked.items():
         value = _check_batch(task, f"observation '{name}'", group)
-        if value.dim() < 2:
-            raise TaskError(f"task '{task.name}': observation '{name}' must be (W, ...), got {tuple(value.shape)}")
+        if value.dim() <= len(lead_of(task)):
+            raise TaskError(
+                f"task '{task.name}': observation '{name}' must be {_named(task, True)}, got {tuple(value.shape)}"
+            )
         if value.dtype == torch.float64:
             raise TaskError(f"task '{task.name}': observation '{name}' is float64; networks take float32")
     return checked
@@ -75,8 +92,8 @@ def check_terms(
         raise TaskError(f"task '{task.name}': rewards() returned no term")
     for name, term in checked.items():
         value = _check_batch(task, f"{kind} '{name}'", term)
-        if value.dim() != 1:
-            raise TaskError(f"task '{task.name}': {kind} '{name}' must be (W,), got {tuple(value.shape)}")
+        if value.dim() != len(lead_of(task)):
+            raise TaskError(f"task '{task.name}': {kind} '{name}' must be {_named(task)}, got {tuple(value.shape)}")
         if floating and value.dtype != torch.float32:
             raise TaskError(f"task '{task.name}': {kind} '{name}' must be float32, got {value.dtype}")
     return checked
@@ -87,16 +104,17 @@ def check_flags(task: Worlds, kind: str, flags: object) -> Mapping[str, torch.Te
     checked = _check_mapping(task, f"{kind}s()", flags)
     for name, flag in checked.items():
         value = _check_batch(task, f"{kind} '{name}'", flag)
-        if value.dim() != 1 or value.dtype != torch.bool:
+        if value.dim() != len(lead_of(task)) or value.dtype != torch.bool:
             raise TaskError(
-                f"task '{task.name}': {kind} '{name}' must be (W,) bool, got {tuple(value.shape)} {value.dtype}"
+                f"task '{task.name}': {kind} '{name}' must be {_named(task)} bool, got {tuple(value.shape)} "
+                f"{value.dtype}"
             )
     return checked
 
 
 def check_action(task: Worlds, action: torch.Tensor) -> None:
     """Check that an action is (W, A) floating point; costs no device read."""
-    wanted = (task.num_worlds, task.action_size)
+    wanted = (*lead_of(task), task.action_size)
     if tuple(action.shape) != wanted or not action.is_floating_point():
         raise TaskError(
             f"task '{task.name}': action must be {wanted} floating point, got {tuple(action.shape)} {action.dtype}"

@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 import torch
 
 from simwarp.core.interop import TensorLaunch
-from simwarp.kernels.tasks.framework.control_step import Clocks, Rules, Verdict, judge
+from simwarp.kernels.tasks.framework.control_step import Clocks, Rules, Verdict, judge, judge_agents
 
 from ..randomisation.uncertainty import Curriculum
+from .agents import Agents
 from .launching import filled
 from .statistics import EpisodeStatistics
 from .step_result import VerdictViews, block_size
@@ -46,6 +47,7 @@ class Judge:
         clocks: counters of the episodes.
         level: (W,) float32, the curriculum's; moved where it climbs.
         statistics: that are kept.
+        agents: of the worlds.
 
     Attributes:
         ended: (W,) bool, the worlds whose episode is over; the mask of a reset.
@@ -53,15 +55,18 @@ class Judge:
     """
 
     def __init__(
-        self, terms: Terms, status: torch.Tensor, clocks: Clocks, level: torch.Tensor, statistics: EpisodeStatistics
-    ) -> None:
+        self, terms: Terms, status: torch.Tensor, clocks: Clocks, level: torch.Tensor, statistics: EpisodeStatistics,
+        agents: Agents,
+    ) -> None:  # fmt: skip
         worlds, device, count = len(level), level.device, len(statistics.terms)
-        self._block = torch.zeros(block_size(worlds, count), dtype=torch.uint8, device=device)
-        self.views = VerdictViews.of(self._block, worlds, count)
+        self._lead = tuple(agents.done.shape) if agents.several else (worlds,)
+        rows = worlds * agents.count
+        self._block = torch.zeros(block_size(rows, count), dtype=torch.uint8, device=device)
+        self.views = VerdictViews.of(self._block, (rows,), count)
         self.ended = torch.zeros(worlds, dtype=torch.bool, device=device)
-        shape = (worlds, terms.terminations + terms.truncations)
+        shape = (rows, terms.terminations + terms.truncations)
         self._flags = torch.zeros(shape, dtype=torch.bool, device=device)
-        self._won = torch.zeros(worlds, dtype=torch.bool, device=device)
+        self._won = torch.zeros(rows, dtype=torch.bool, device=device)
         self._climbing = torch.zeros(1, dtype=torch.int32, device=device)
         named = {field.name: getattr(self.views, field.name) for field in dataclasses.fields(VerdictViews)}
         verdict = filled(Verdict, ended=self.ended, terms=named.pop("reward_terms"), **named)
@@ -76,7 +81,10 @@ class Judge:
             down=terms.curriculum.down,
         )
         arguments = [status, self._flags, self._won, rules, clocks, level, verdict, statistics.tally]
-        self._launch = TensorLaunch(judge, worlds, arguments, device)
+        if agents.several:
+            self._launch = TensorLaunch(judge_agents, worlds, [*arguments, agents.done, agents.acting], device)
+        else:
+            self._launch = TensorLaunch(judge, worlds, arguments, device)
 
     def climb(self, climbing: bool) -> None:
         """Let successes move the level, or not."""
@@ -88,18 +96,23 @@ class Judge:
         """Write the verdict on a step.
 
         Args:
-            rewards: terms by name, each (W,) float32.
+            rewards: terms by name, each (W,) float32; (W, N) of several agents, as all that follows.
             flags: reasons to end, then reasons to cut off, each (W,) bool.
             success: (W,) the metric that tells it, if there is one.
         """
-        torch.stack(list(rewards.values()), dim=1, out=self.views.reward_terms)
+        torch.stack([each.reshape(-1) for each in rewards.values()], dim=1, out=self.views.reward_terms)
         if flags:
-            torch.stack(list(flags), dim=1, out=self._flags)
+            torch.stack([each.reshape(-1) for each in flags], dim=1, out=self._flags)
         if success is not None:
-            self._won.copy_(success)
+            self._won.copy_(success.reshape(-1))
         self._launch.launch()
+
+    @property
+    def broken(self) -> torch.Tensor:
+        """(W,) bool, the worlds whose physics broke down in the last step."""
+        flags = self.views.non_finite
+        return flags if len(self._lead) == 1 else flags.view(self._lead).any(dim=1)
 
     def hand_out(self) -> VerdictViews:
         """Return a copy of the verdict, which no later step changes."""
-        worlds, terms = self.views.reward_terms.shape
-        return VerdictViews.of(self._block.clone(), worlds, terms)
+        return VerdictViews.of(self._block.clone(), self._lead, self.views.reward_terms.shape[1])

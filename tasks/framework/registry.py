@@ -215,6 +215,10 @@ def make(
     if not isinstance(chosen, cls.config_type):
         raise InputError(f"task '{name}' wants a {cls.config_type.__name__}, got {type(chosen).__name__}")
     chosen = replace_fields(chosen, overrides)
+    player = cls.played_by(chosen)
+    if player is not None:
+        module, _, kind = player.partition(":")
+        cls = getattr(importlib.import_module(module), kind)
     task = cls.__new__(cls)
     if elements is not None:
         task.further_elements = elements  # before it builds; tasks may have constructors of their own

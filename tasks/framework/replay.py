@@ -174,7 +174,7 @@ def _check_columns(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str
         InputError: a column is missing, too short, or of other actions or joints.
     """
     views = task.views
-    likes = {"actions": task.action, "joint_q": views.joint_q, "joint_qd": views.joint_qd}
+    likes = {"actions": task.action.view(1, -1), "joint_q": views.joint_q, "joint_qd": views.joint_qd}
     for name, like in likes.items():
         rows = len(arrays[name]) if name in arrays and arrays[name].ndim else 0
         if rows < about.replay_steps:
@@ -190,10 +190,10 @@ def _restore(task: Task[Any], arrays: Arrays, about: DumpAbout, where: str) -> N
     extra = {name: value.clone() for name, value in task.extra_state().items()}
     found = {name: _tensor(arrays[key]) for name in extra if (key := f"extra/{name}") in arrays}
     check_like(packed, saved, f"{where}: start")
-    check_like(task.action[0], start_action, f"{where}: start_action")
+    check_like(task.action[0].flatten(), start_action, f"{where}: start_action")
     check_like({name: extra[name][0] for name in found}, found, f"{where}: extra")
     task.simulation.restore(unpack_snapshot(saved, task.simulation.snapshot()))
-    task.action.copy_(start_action.to(task.device))
+    task.action.copy_(start_action.to(task.device).view_as(task.action))
     done = about.episode_steps - about.replay_steps
     task.episode_steps.fill_(done)
     task.episode_clock.fill_(done)

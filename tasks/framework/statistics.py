@@ -36,7 +36,7 @@ class EpisodeStatistics:
     """Accumulators of a batch of worlds; no method but :meth:`drain` reads the device.
 
     Args:
-        num_worlds: number of worlds W.
+        num_worlds: number of worlds W; of rows of agents, where a world has several.
         terms: names of the reward terms.
         reasons: names of the reasons an episode ends for.
         groups: names of the observation groups.

@@ -23,6 +23,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from simwarp.core import interop
 from simwarp.simulation.world_launches import WorldProgram, WorldShares
 
+from .agents import lead_of
 from .fixed_state import changed_state, state_of
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def check_step(task: Task[Any], *, steps: int = 2, warm: int = 3) -> StepReport:
         warm: steps before, in which what is made once is made.
     """
     generator = torch.Generator().manual_seed(0)
-    shape = (steps + warm, task.num_worlds, task.action_size)
+    shape = (steps + warm, *lead_of(task), task.action_size)
     actions = (2.0 * torch.rand(shape, generator=generator) - 1.0).to(task.device)
     for action in actions[:warm]:
         task.step(action)

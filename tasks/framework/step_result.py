@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import torch
 
@@ -25,6 +26,10 @@ class StepResult(Readable):
         reward_terms: (W, T) float32 in the order of ``Task.reward_terms``.
         metrics: name -> (W,), what ``Task.metrics`` said before the reset.
         final_observations: like ``observations``, before the reset; only where ``keep_final_observations``.
+        acting: (W, N) bool, of several agents those that were not done before this step; None of single ones.
+
+    Where a world has N > 1 agents, ``(W,)`` above is (W, N). An agent that is done is judged no more: nothing is paid,
+    and its ``end_reason`` is -1, until all of its world are done and the world begins anew.
     """
 
     observations: dict[str, torch.Tensor]
@@ -37,6 +42,7 @@ class StepResult(Readable):
     reward_terms: torch.Tensor
     metrics: dict[str, torch.Tensor]
     final_observations: dict[str, torch.Tensor] | None
+    acting: torch.Tensor | None = None
 
     def _printed_title(self) -> str:
         return f": {plural(len(self.rewards), 'world')} on {self.rewards.device}"
@@ -79,19 +85,20 @@ class VerdictViews:
     non_finite: torch.Tensor
 
     @classmethod
-    def of(cls, block: torch.Tensor, worlds: int, terms: int) -> VerdictViews:
-        """Return the views of a block of :func:`block_size` bytes."""
+    def of(cls, block: torch.Tensor, lead: tuple[int, ...], terms: int) -> VerdictViews:
+        """Return the views, of first dimensions ``lead``, of a block of :func:`block_size` bytes."""
+        worlds = math.prod(lead)
         kinds = [torch.int64, torch.float32, torch.float32] + [torch.bool] * 4
         counts = [worlds, worlds, worlds * terms] + [worlds] * 4
-        parts, start = [], 0
+        parts: list[torch.Tensor] = []
+        start = 0
         for kind, count in zip(kinds, counts, strict=True):
             after = start + count * kind.itemsize
-            parts.append(block[start:after].view(kind))
+            parts.append(block[start:after].view(kind).view(lead if len(parts) != 2 else (*lead, terms)))
             start = after
-        parts[2] = parts[2].view(worlds, terms)
         return cls(*parts)
 
 
 def block_size(worlds: int, terms: int) -> int:
-    """Return the bytes of the small results of all worlds."""
+    """Return the bytes of the small results of all worlds, or of all rows of agents."""
     return worlds * (torch.int64.itemsize + (1 + terms) * torch.float32.itemsize + 4 * torch.bool.itemsize)

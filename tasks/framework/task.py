@@ -24,20 +24,22 @@ from ..randomisation.randomness import WorldRandom
 from ..randomisation.sensing import Sensors
 from ..randomisation.uncertainty import Driver
 from .action_path import ActionPath
+from .agents import Agents, lead_of
 from .argument_checks import check_room, whole
 from .capture import StepCapture, recorder_of
 from .command import Command
 from .config import TaskConfig
 from .described import Described, check_described
 from .drawing import Drawing
-from .errors import InputError, TaskError
+from .errors import TaskError
 from .finite_observations import FiniteObservations
 from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
 from .judge import Judge, Terms
 from .launching import filled, launch_over
 from .printed_task import PrintedTask
-from .simulation_access import Attachments, PhysicsViews, pack_snapshot, physics_of, unpack_snapshot
+from .saved_task import SavedTask
+from .simulation_access import Attachments, PhysicsViews, physics_of
 from .statistics import EpisodeStatistics, EpisodeSummary
 from .step_result import StepResult
 
@@ -57,8 +59,12 @@ NON_FINITE = "non_finite"
 """End reason of an episode whose world became NaN or infinite."""
 
 
-class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
+class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
     """A batch of worlds with actions, observations, rewards and episodes.
+
+    Where ``agents`` N is more than 1, what is (W, ...) below is (W, N, ...): actions, observations, reward terms,
+    reasons to end and metrics. Masks and clocks are of worlds. An agent that is done asks for ``resting_action`` until
+    all of its world are, and the world begins anew. Draws of one episode differ by column: take N of them.
 
     Args:
         config: the task's configuration.
@@ -75,7 +81,11 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
     config_type: ClassVar[type[TaskConfig]] = TaskConfig
     """The frozen dataclass of this task's configuration."""
     action_size: int = 1
-    """Number of action components A."""
+    """Number of action components A, of each agent."""
+    agents: int = 1
+    """Number of agents N in each world."""
+    resting_action: float | Sequence[float] = 0.0
+    """What an agent that is done before others of its world asks for, such as to brake: for all components or each."""
     physics: ClassVar[bool] = True
     """False for a task without a simulation; then ``build`` is not called."""
     per_world: ClassVar[tuple[str, ...]] = ()
@@ -121,6 +131,11 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
             self.restart(seed=seed)
 
     # ---- what a task author writes -----------------------------------------------------------------------------
+
+    @classmethod
+    def played_by(cls, config: ConfigT) -> str | None:
+        """Return ``module:Class``, a subclass that plays this configuration; None: the class itself. Optional."""
+        return None
 
     def build(self, builder: ModelBuilder) -> ModelBuilder | None:
         """Add the bodies and joints of one world to ``builder``, or return a builder of your own."""
@@ -227,13 +242,6 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         """Return the lights that cameras and pictures see by; None: sun and sky."""
         return None
 
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return the task's own state, such as a curriculum level, that a checkpoint must keep: name -> (...)."""
-        return {}
-
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Take back what :meth:`extra_state` returned, name -> (...); write into existing buffers."""
-
     def commands(self) -> dict[str, Command]:
         """Return what a person may ask for while looking on, such as a speed: name -> `Command`. Optional."""
         return {}
@@ -294,19 +302,22 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
             return self.privileged()
 
     def step(self, action: torch.Tensor) -> StepResult:
-        """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1].
+        """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1]; (W, N, A) of agents.
 
         Raises:
             TaskError: the action has the wrong shape or dtype.
         """
         check_action(self, action)
         with self._acting():
-            self._path.asked.copy_(action)
+            self._path.asked.copy_(action.view_as(self._path.asked))
             if self.guard is not None:
                 self.guard.before_step()
             metrics, final, groups = self._control_step()
             verdict = self._judge.hand_out()
-        return StepResult(**vars(verdict), observations=groups, metrics=metrics, final_observations=final)
+            acting = self._agents.acting.clone() if self._agents.several else None
+        return StepResult(
+            **vars(verdict), observations=groups, metrics=metrics, final_observations=final, acting=acting
+        )
 
     def advance(self, request: torch.Tensor) -> None:
         """Take the physics through one control step towards ``request`` (W, A): no rewards, no reset.
@@ -314,7 +325,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         What :meth:`step` does after the action's delay, and what a replay repeats.
         """
         with self._acting():
-            self._path.request.copy_(request)
+            self._path.request.copy_(request.view_as(self._path.request))
             self._advance()
 
     def drain_statistics(self) -> EpisodeSummary:
@@ -367,54 +378,6 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         """Names of the reasons an episode ends for; ``StepResult.end_reason`` indexes them."""
         return self._statistics.reasons
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return everything that a later :meth:`load_state_dict` needs to go on exactly from here."""
-        state: dict[str, Any] = {
-            "seed": self.random.seed,
-            "iteration": self.iteration,
-            "episode_index": self.episode_index.clone(),
-            "episode_steps": self.episode_steps.clone(),
-            "episode_clock": self.episode_clock.clone(),
-            "action": self.action.clone(),
-            "running_terms": self._statistics.running.clone(),
-            "level": self.level.clone(),
-            "climbing": self._climbing,
-            "sensing": self._sensors.state() | self._path.state(),
-            "extra": {key: value.clone() for key, value in self.extra_state().items()},
-        }
-        if self.simulation is not None:
-            with self._acting():
-                state["simulation"] = pack_snapshot(self.simulation.snapshot())
-        return state
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take back what :meth:`state_dict` returned, for the same configuration and number of worlds.
-
-        Raises:
-            InputError: it is of another number of worlds, another simulation, or an older version of simwarp.
-        """
-        if state["episode_index"].shape != self.episode_index.shape:
-            raise InputError(f"saved state has {len(state['episode_index'])} worlds, the task has {self.num_worlds}")
-        with self._acting():
-            self.random.reseed(int(state["seed"]))
-            self.iteration = int(state["iteration"])
-            self.episode_index.copy_(state["episode_index"])
-            self.episode_steps.copy_(state["episode_steps"])
-            self.episode_clock.copy_(state["episode_clock"])
-            self.action.copy_(state["action"])
-            self._statistics.running.copy_(state["running_terms"])
-            if "level" not in state:
-                raise InputError("saved state of the task was made by an older version of simwarp: start a new run")
-            self.level.copy_(state["level"])
-            self._climb(bool(state["climbing"]))
-            self._sensors.load(state["sensing"])
-            self._path.load(state["sensing"])
-            if self._randomiser is not None:
-                self._randomiser.begin_episodes(self.random, self._every_world, self.level)
-            if self.simulation is not None:
-                self.simulation.restore(unpack_snapshot(state["simulation"], self.simulation.snapshot()))
-            self.load_extra_state(state["extra"])
-
     # ---- the loop ----------------------------------------------------------------------------------------------
 
     @contextlib.contextmanager
@@ -432,7 +395,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
 
     def _allocate(self, seed: int, first_world: int) -> None:
         worlds, device = self.num_worlds, self.device
-        words = 8 + 2 * self.action_size  # of what follows, at least
+        words = 8 + 2 * self.action_size * self.agents  # of what follows, at least
         check_room(f"task '{self.name}': {worlds} worlds", (worlds, words), torch.float32, device, "take fewer worlds")
         self.episode_index = torch.zeros(worlds, dtype=torch.int64, device=device)
         """(W,) int64: number of the running episode of each world."""
@@ -440,13 +403,18 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         """(W,) int64: control steps since the last reset."""
         self.episode_clock = torch.zeros(worlds, dtype=torch.int64, device=device)
         """(W,) int64: what the step limit looks at; a trainer may shift it to spread time-outs."""
-        self.action = torch.zeros(worlds, self.action_size, device=device)
+        self._agents = Agents(self, device)
+        self.action = torch.zeros(*lead_of(self), self.action_size, device=device)
         """(W, A) float32: the action in force, clipped and rate-limited."""
+        self._actions = self.action.view(worlds, -1)
         self._every_world = torch.ones(worlds, dtype=torch.bool, device=device)
         self.level = torch.ones(worlds, device=device)
         """(W,) float32: the curriculum's level in [0, 1]; 1 outside training."""
         self._climbing = False
-        self._path = ActionPath(self.action, self.config, self.name, in_physics=self.physics)
+        self._path = ActionPath(
+            self._actions, self.config, self.name, in_physics=self.physics, agents=self.agents
+        )  # fmt: skip
+        self._agents.bind(self._path.asked)
         self.random = WorldRandom(seed, self.episode_index, self.episode_steps, first_world)
         self._clocks = filled(
             Clocks, episode=self.episode_index, steps=self.episode_steps, limit=self.episode_clock
@@ -472,7 +440,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         recording = Recording() if self.guard is None else self.guard.recording
         counted = [self._status, self.level, self._path.request, *joints, self._clocks, recording]
         self._count = launch_over(self, count_step, *counted)
-        self._begin = launch_over(self, begin_episodes, self._every_world, self._clocks, self.action)
+        self._begin = launch_over(self, begin_episodes, self._every_world, self._clocks, self._actions)
 
     def _probe(self) -> None:
         """Call the author's methods once to learn their names and hold them to the contract."""
@@ -480,8 +448,9 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         self.begin_step()
         self.apply(self.action)
         groups = check_observations(self, self.observations())
-        self._sensors = Sensors(self.config.sensing, groups, self.random)
-        self.observation_shapes = {name: tuple(group.shape[1:]) for name, group in groups.items()}
+        self._sensors = Sensors(self.config.sensing, groups, self.random, self.agents)
+        lead = len(lead_of(self))
+        self.observation_shapes = {name: tuple(group.shape[lead:]) for name, group in groups.items()}
         self.observation_dtypes = {name: group.dtype for name, group in groups.items()}
         check_described(self)
         terms = list(check_terms(self, self.rewards()))
@@ -494,13 +463,13 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
         unknown = self.success_reasons - set(reasons)
         if unknown:
             raise TaskError(f"task '{self.name}': success_reasons names {sorted(unknown)}, not among {reasons}")
-        self._statistics = EpisodeStatistics(self.num_worlds, terms, reasons, list(groups), self.device)
+        self._statistics = EpisodeStatistics(self._agents.done.numel(), terms, reasons, list(groups), self.device)
         wins = [reason in self.success_reasons for reason in reasons]
         judged = Terms(
             len(terminations), len(truncations), wins, self.config.max_episode_steps, "success" in metrics,
             self.config.curriculum,
         )  # fmt: skip
-        self._judge = Judge(judged, self._status, self._clocks, self.level, self._statistics)
+        self._judge = Judge(judged, self._status, self._clocks, self.level, self._statistics, self._agents)
         self._finite = FiniteObservations(groups, self._statistics.bad_groups)
 
     def _control_step(self) -> tuple[Groups, Groups | None, Groups]:
@@ -565,6 +534,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
 
     def _until_reset(self) -> tuple[Groups, Groups | None]:
         """Take the physics through a control step, and judge the state reached."""
+        self._agents.rest()
         self._path.delay()
         self._advance()
         rewards = self.rewards()
@@ -575,7 +545,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
             self._sensors.push(self.observations())
         if not self.keep_final_observations:
             return metrics, None
-        return metrics, self._finite.kept(self.observe(), self._judge.views.non_finite)
+        return metrics, self._finite.kept(self.observe(), self._judge.broken)
 
     def _from_reset(self) -> Groups:
         """Reset the worlds that ended, and observe."""
@@ -588,6 +558,7 @@ class Task(PrintedTask, Described, ABC, Generic[ConfigT]):
     def _reset_worlds(self, mask: torch.Tensor, every: bool = False) -> None:
         """Begin an episode in the worlds of a mask (W,) bool; ``every``: it is known that these are all."""
         self._begin.on(mask)
+        self._agents.begin(mask)
         self._path.begin(mask, self.random)
         if self._randomiser is not None:
             self._randomiser.begin_episodes(self.random, mask, self.level)

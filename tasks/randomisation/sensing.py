@@ -22,12 +22,13 @@ class DelayLine:
         like: a tensor of that shape, dtype and device.
         bounds: least and largest delay [control steps].
         purpose: the name of its random draws.
+        agents: agents of a world, N; each has a delay of its own.
 
     Raises:
         InputError: so many values do not fit into memory.
     """
 
-    def __init__(self, like: torch.Tensor, bounds: tuple[int, int], purpose: str) -> None:
+    def __init__(self, like: torch.Tensor, bounds: tuple[int, int], purpose: str, agents: int = 1) -> None:
         self.least, self.largest = bounds
         self.purpose = purpose
         shape = (self.largest + 1, *like.shape)
@@ -36,9 +37,11 @@ class DelayLine:
         check_room(what, (2, *shape), like.dtype, like.device, "shorten the delay or take fewer worlds")
         self.values = torch.zeros(shape, dtype=like.dtype, device=like.device)
         """(D + 1, W, ...): the newest first."""
-        self.delay = torch.zeros(like.shape[0], dtype=torch.int64, device=like.device)
-        """(W,) int64 control steps."""
-        self._world = torch.arange(like.shape[0], device=like.device)
+        self._rows = like.shape[0] * agents
+        self._agents = agents
+        self.delay = torch.zeros(self._rows, dtype=torch.int64, device=like.device)
+        """(W * N,) int64 control steps."""
+        self._row = torch.arange(self._rows, device=like.device)
 
     def push(self, value: torch.Tensor) -> None:
         """Take in the value of a control step."""
@@ -49,12 +52,15 @@ class DelayLine:
         """Begin an episode in the worlds of the mask: ``value`` was there all along, and the delay is a new one."""
         where = mask.view(1, -1, *(1,) * (value.dim() - 1))
         self.values.copy_(torch.where(where, value, self.values))
-        drawn = random.integers(self.purpose, self.least, self.largest + 1)[:, 0]
-        self.delay.copy_(torch.where(mask, drawn, self.delay))
+        drawn = random.integers(self.purpose, self.least, self.largest + 1, self._agents)
+        self.delay.copy_(torch.where(mask.unsqueeze(1), drawn, self.delay.view(drawn.shape)).flatten())
 
     def read(self) -> torch.Tensor:
-        """Return (W, ...), each world's value as late as its delay."""
-        return self.values[self.delay, self._world]
+        """Return (W, ...), each agent's value as late as its delay."""
+        if self._agents == 1:
+            return self.values[self.delay, self._row]
+        rows = self.values.view(self.largest + 1, self._rows, -1)
+        return rows[self.delay, self._row].view(self.values.shape[1:])
 
     def state(self, name: str) -> dict[str, torch.Tensor]:
         """Return the state that a checkpoint keeps."""
@@ -73,9 +79,12 @@ class Sensors:
         sensing: group name -> what to do with it.
         groups: observation groups of the task.
         random: draws.
+        agents: agents of a world, N; then groups are (W, N, ...).
     """
 
-    def __init__(self, sensing: Mapping[str, Sensing], groups: Mapping[str, torch.Tensor], random: WorldRandom) -> None:
+    def __init__(
+        self, sensing: Mapping[str, Sensing], groups: Mapping[str, torch.Tensor], random: WorldRandom, agents: int = 1
+    ) -> None:
         self._random = random
         self._specs = dict(sensing)
         self._lines: dict[str, DelayLine] = {}
@@ -85,16 +94,15 @@ class Sensors:
                 raise InputError(f"sensing: there is no observation {shown(name)}{near_names(name, groups)}")
             group = groups[name]
             if spec.delay[1]:
-                self._lines[name] = DelayLine(group, spec.delay, f"delay of {name}")
+                self._lines[name] = DelayLine(group, spec.delay, f"delay of {name}", agents)
             for kind in ("noise", "bias"):
                 value = getattr(spec, kind)
                 if value and not group.is_floating_point():
                     raise InputError(f"sensing '{name}': {kind} needs a floating-point observation, not {group.dtype}")
                 spread = torch.tensor(value, dtype=torch.float32, device=group.device)
-                if spread.dim() and (group.dim() != 2 or len(spread) != group.shape[1]):
-                    raise InputError(
-                        f"sensing '{name}': {kind} has {len(spread)} values, the observation {tuple(group.shape[1:])}"
-                    )
+                shape = tuple(group.shape[1 if agents == 1 else 2 :])
+                if spread.dim() and (len(spread),) != shape:
+                    raise InputError(f"sensing '{name}': {kind} has {len(spread)} values, the observation {shape}")
                 if bool((spread > 0).any()):
                     self._spread[name, kind] = spread
 

@@ -359,7 +359,8 @@ class GridSoil:
         now = self.heights(body, keys)
         later = self.heights(body.moved(dt), keys)
         s, predicted = (base[:, 3] * (base[:, 0] - height) for height in (now.height, later.height))
-        near = s > -3.0 * dt * float(np.linalg.norm(body.velocity)) - 1e-9
+        fast = float(np.linalg.norm(body.velocity)) + body.shape.sweep * float(np.linalg.norm(body.spin))
+        near = s > -3.0 * dt * fast - 1e-9
         use = np.isfinite(now.height) & (now.share > 0.0) & ((s > 0.0) | ((predicted > 0.0) & near))
         xy = np.array(keys, dtype=float).reshape(-1, 2) * self.spacing
         arm = np.column_stack([xy, now.height])[use] - body.position
@@ -430,9 +431,8 @@ class GridSoil:
     def assemble(self, body: Body, touch: Touch, axes: Array, law: Linearised, dt: float) -> Array:
         """D: sum over nodes of area times coefficient times outer products of rows of the points' Jacobians."""
         rows = np.concatenate([axes, np.cross(touch.arm[:, None, :], axes)], axis=2)
-        own = body.shape.spin_axis(body.rotation)
         sinking = rows[:, 0].copy()
-        sinking[:, 3:] -= np.outer(sinking[:, 3:] @ own, own)
+        sinking[:, 3:] = sinking[:, 3:] @ body.shape.turns(body.rotation)
         terms = (
             (dt * dt * law.stiffness, sinking),
             (dt * law.damping, rows[:, 0]),

@@ -26,6 +26,10 @@ class Columns(NamedTuple):
 class Shape(Protocol):
     """A rigid body on the soil."""
 
+    @property
+    def sweep(self) -> float:
+        """How far from the middle a spin brings parts of it to the ground; 0 where it is about its axis."""
+
     def extent(self, rotation: Array) -> Array:
         """Half size of the box around it."""
 
@@ -35,8 +39,8 @@ class Shape(Protocol):
     def sizes(self) -> tuple[float, float]:
         """Greatest length and width of a patch of contact."""
 
-    def spin_axis(self, rotation: Array) -> Array:
-        """Axis about which it may turn without a change of its surface; zeros if there is none."""
+    def turns(self, rotation: Array) -> Array:
+        """(3, 3) takes off a spin what leaves its surface where it is."""
 
 
 def strip_share(direction: Array, low: Any, high: Any, spacing: Array) -> Any:
@@ -65,6 +69,10 @@ class Wheel:
     width: float
     crown: float | None = None
 
+    @property
+    def sweep(self) -> float:
+        return 0.0
+
     def extent(self, rotation: Array) -> Array:
         a = rotation[:, 1]
         return self.radius * np.sqrt(np.maximum(1.0 - a * a, 0.0)) + 0.5 * self.width * np.abs(a)
@@ -72,8 +80,8 @@ class Wheel:
     def sizes(self) -> tuple[float, float]:
         return 2.0 * self.radius, self.width
 
-    def spin_axis(self, rotation: Array) -> Array:
-        return rotation[:, 1]
+    def turns(self, rotation: Array) -> Array:
+        return np.eye(3) - np.outer(rotation[:, 1], rotation[:, 1])
 
     def radius_at(self, y: Any) -> Any:
         return self.radius - (0.0 if self.crown is None else y * y / (2.0 * self.crown))
@@ -143,14 +151,18 @@ class Plate:
     length: float
     width: float
 
+    @property
+    def sweep(self) -> float:
+        return 0.5 * float(np.hypot(self.length, self.width))
+
     def extent(self, rotation: Array) -> Array:
         return 0.5 * (self.length * np.abs(rotation[:, 0]) + self.width * np.abs(rotation[:, 1]))
 
     def sizes(self) -> tuple[float, float]:
         return self.length, self.width
 
-    def spin_axis(self, rotation: Array) -> Array:
-        return np.zeros(3)
+    def turns(self, rotation: Array) -> Array:
+        return np.eye(3)
 
     def columns(self, xy: Array, rotation: Array, spacing: Array | None) -> Columns:
         normal = rotation[:, 2]
@@ -164,6 +176,108 @@ class Plate:
             else:
                 share = share * strip_share(axis[:2] / level, (-half - u) * level, (half - u) * level, spacing)
         return Columns(np.where(share > 0.0, height, np.inf), share)
+
+
+@dataclasses.dataclass(frozen=True)
+class Box:
+    """Half lengths along its axes."""
+
+    half: tuple[float, float, float]
+
+    @property
+    def sweep(self) -> float:
+        return float(np.linalg.norm(self.half))
+
+    def extent(self, rotation: Array) -> Array:
+        return np.asarray(np.abs(rotation) @ np.asarray(self.half))
+
+    def lowest(self, rotation: Array) -> int:
+        """Axis of the face that points down most."""
+        return int(np.argmax(np.abs(rotation[2])))
+
+    def sizes(self) -> tuple[float, float]:
+        return 2.0 * self.half[0], 2.0 * self.half[1]
+
+    def turns(self, rotation: Array) -> Array:
+        return np.eye(3)
+
+    def face(self, xy: Array, rotation: Array, k: int, side: float) -> Array:
+        """Where columns meet one of the six faces; inf where they miss it."""
+        n = rotation[:, k]
+        if abs(n[2]) < 1e-12:
+            return np.full(len(xy), np.inf)
+        z = (side * self.half[k] - xy @ n[:2]) / n[2]
+        points = np.column_stack([xy, z]) @ rotation
+        others = [j for j in range(3) if j != k]
+        inside = (np.abs(points[:, others]) <= np.asarray(self.half)[others]).all(axis=1)
+        return np.where(inside, z, np.inf)
+
+    def columns(self, xy: Array, rotation: Array, spacing: Array | None) -> Columns:
+        """With a spacing, a cell that lies partly below the lowest face counts for that part, at the face's point
+        nearest to the node in the face's own coordinates. Edges beyond which a face of less than 78 degrees goes on
+        cut off nothing; nodes below such faces count in full, those below steeper ones not at all.
+        """
+        height = np.min([self.face(xy, rotation, k, side) for k in range(3) for side in (-1.0, 1.0)], axis=0)
+        share = np.ones(len(xy))
+        if spacing is None:
+            return Columns(height, share)
+        k = self.lowest(rotation)
+        if abs(rotation[2, k]) < 1e-6:
+            return Columns(height, share)
+        sides = [(k + 1) % 3, (k + 2) % 3]
+        middle = -np.sign(rotation[2, k]) * self.half[k] * rotation[:, k]
+        limits = np.asarray(self.half)[sides]
+        # coordinates on the face, whose plan is a parallelogram
+        place = np.linalg.solve(rotation[:2, sides], (xy - middle[:2]).T).T
+        goes_on = np.zeros(len(xy), bool)
+        for one, other in ((0, 1), (1, 0)):
+            edge = rotation[:2, sides[other]]
+            across = np.array([edge[1], -edge[0]]) / np.linalg.norm(edge)
+            across *= np.sign(across @ rotation[:2, sides[one]])
+            half = float(across @ rotation[:2, sides[one]]) * limits[one]
+            t = (xy - middle[:2]) @ across
+            # down: how much the outward normals of the faces beyond both edges point downwards
+            down = rotation[2, sides[one]]
+            low, high = (-np.inf if down > 0.2 else -half), (np.inf if -down > 0.2 else half)
+            share = share * strip_share(across, np.clip(low - t, -9, 9), np.clip(high - t, -9, 9), spacing)
+            goes_on |= ((down > 0.2) & (t < -half)) | ((-down > 0.2) & (t > half))
+        edge_height = np.clip(place, -limits, limits) @ rotation[2, sides] + middle[2]
+        edge_height = np.where(share > 0.0, edge_height, np.inf)
+        return Columns(np.where(goes_on, height, edge_height), np.where(goes_on | (share <= 0.0), 1.0, share))
+
+
+@dataclasses.dataclass(frozen=True)
+class Capsule:
+    """A segment along its third axis, thickened; a ball where it has no length."""
+
+    radius: float
+    half_length: float = 0.0
+
+    @property
+    def sweep(self) -> float:
+        return self.radius + self.half_length
+
+    def extent(self, rotation: Array) -> Array:
+        return self.radius + self.half_length * np.abs(rotation[:, 2])
+
+    def sizes(self) -> tuple[float, float]:
+        return 2.0 * self.radius, 2.0 * (self.radius + self.half_length)
+
+    def turns(self, rotation: Array) -> Array:
+        if self.half_length == 0.0:
+            return np.zeros((3, 3))
+        return np.eye(3) - np.outer(rotation[:, 2], rotation[:, 2])
+
+    def columns(self, xy: Array, rotation: Array, spacing: Array | None) -> Columns:
+        """The lowest of the balls along the segment: so many that what is left out is far below a micrometre."""
+        axis = rotation[:, 2]
+        along = np.linspace(-self.half_length, self.half_length, 20001 if self.half_length else 1)
+        height = np.empty(len(xy))
+        for k, place in enumerate(xy):
+            square = self.radius**2 - ((place - np.outer(along, axis[:2])) ** 2).sum(axis=1)
+            z = np.where(square > 0.0, along * axis[2] - np.sqrt(np.maximum(square, 0.0)), np.inf)
+            height[k] = z.min()
+        return Columns(height, np.ones(len(xy)))
 
 
 @dataclasses.dataclass

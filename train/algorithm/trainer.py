@@ -29,6 +29,7 @@ from ..config import CriticSees, TrainConfig, rsl_rl_config
 from ..networks.networks import check_groups
 from ..runs.checkpoint import check_members
 from ..runs.saved_state import check_memories, check_optimizer
+from .acting_rows import ActingRows
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
 from .learner_threads import LearnerThreads
@@ -102,11 +103,19 @@ class Trainer:
         settings = rsl_rl_config(config, list(task.observation_shapes), task.action_size)
         settings["multi_gpu"] = self.group.rsl_rl()
         self._check_rollout()
+        self._acting = (
+            ActingRows(config.steps_per_iteration, self.env.num_envs, self.device) if task.agents > 1 else None
+        )
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])
         with contextlib.redirect_stdout(io.StringIO()):  # rsl-rl prints both networks
             observations = self.env.get_observations()
             self.algorithm: SharedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
         count = thread_count(config.threads) if task.device.type == "cpu" else 1
+        if self._acting is not None and (self.algorithm.actor.is_recurrent or self.algorithm.critic.is_recurrent):
+            raise InputError(
+                f"--network.kind {config.network.kind.value}: task '{task.name}' has {task.agents} agents in each "
+                "world, which recurrent networks do not learn from; use a feed-forward one such as mlp"
+            )
         self.threads = LearnerThreads(count) if count > 1 else None
         """Threads that learn; None where there is only the caller's."""
         self.algorithm.threads = self.threads
@@ -117,7 +126,7 @@ class Trainer:
         self._window: deque[tuple[int, float, float]] = deque()
         if config.spread_start:
             chance = torch.rand(task.num_worlds, device=self.device)
-            self.env.episode_length_buf = (chance * task.step_limit()).long()
+            self.env.episode_length_buf = (chance * task.step_limit()).long().repeat_interleave(task.agents)
         self.algorithm.train_mode()
 
     def close(self) -> None:
@@ -133,9 +142,9 @@ class Trainer:
         """
         groups: dict[str, torch.Tensor] = dict(self.env.get_observations())
         step = sum(group[0].numel() * group.element_size() for group in groups.values())
-        steps, worlds = self.config.steps_per_iteration, self.config.num_envs
+        steps, worlds = self.config.steps_per_iteration, self.env.num_envs
         needed = steps * worlds * (step + _FLOAT_BYTES * (4 * self.task.action_size + 6))
-        what = f"{steps} control steps of {worlds} worlds per iteration"
+        what = f"{steps} control steps of {self.config.num_envs} worlds per iteration"
         check_fits(what, needed, wp.get_device(self.device), "take a smaller --steps-per-iteration or --num-envs")
 
     @property
@@ -177,7 +186,7 @@ class Trainer:
         values["episodes"] = summary.episodes
         ended = max(summary.episodes, 1)
         worlds = self.group.sums({"broken": float(self.env.broken.sum())}, self.device)["broken"]
-        everywhere = worlds == self.config.num_envs * self.group.count
+        everywhere = worlds == self.env.num_envs * self.group.count
         values |= {f"reward/{name}": value / ended for name, value in summary.terms.items()}
         values |= {f"end/{name}": count for name, count in summary.end_reasons.items()}
         return IterationReport(
@@ -197,9 +206,11 @@ class Trainer:
         self.env.broken = torch.zeros_like(self.env.broken)
         with torch.inference_mode():
             observations = self.env.get_observations()
-            for _ in range(self.config.steps_per_iteration):
+            for step in range(self.config.steps_per_iteration):
                 actions = self.algorithm.act(observations)
                 observations, rewards, dones, extras = self.env.step(actions)
+                if self._acting is not None and self.env.acting is not None:
+                    self._acting.take(step, self.env.acting)
                 self.algorithm.process_env_step(observations, rewards, dones, extras)
             self.algorithm.compute_returns(observations)
 
@@ -227,10 +238,17 @@ class Trainer:
 
     def _learn(self) -> dict[str, float]:
         warming = self.iteration < self.config.critic_warmup
-        losses: dict[str, float] = self._warm_critic() if warming else self.algorithm.update()
+        with self._of_acting_agents():
+            losses: dict[str, float] = self._warm_critic() if warming else self.algorithm.update()
         if not all(math.isfinite(value) for value in losses.values()):
             raise self._diverged()
         return losses
+
+    def _of_acting_agents(self) -> contextlib.AbstractContextManager[None]:
+        """Context in which the rollout has no rows of agents that were done before others of their world."""
+        if self._acting is None:
+            return contextlib.nullcontext()
+        return self._acting.alone(self.algorithm, standardise=not self.algorithm.normalize_advantage_per_mini_batch)
 
     def _totals(self, summary: EpisodeSummary) -> EpisodeSummary:
         """Return the statistics of all processes."""
@@ -385,7 +403,7 @@ class Trainer:
             return False
         check_like(self.task.state_dict(), saved, f"{where}: worlds")
         memories = own.get("memories", [[] for _ in models])
-        check_memories(models, memories, self.task.num_worlds, f"{where}: memories")
+        check_memories(models, memories, self.env.num_envs, f"{where}: memories")
         self.task.load_state_dict(saved)
         self.env.refresh()
         for model, cells in zip(models, memories, strict=True):

@@ -22,6 +22,7 @@ from simwarp.core.readable import ReadableFields
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, config_to_plain
 from simwarp.tasks.framework.npz import Arrays, read_arrays, text_of, write_arrays
+from simwarp.tasks.framework.rows import refuse_agents
 
 from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 
@@ -91,6 +92,7 @@ def record(task: Task[Any], policy: Policy, episodes: int, seed: int, about: dic
     """
     if episodes < 1:
         raise InputError(f"episodes must be at least 1, got {episodes}")
+    refuse_agents(task, "and trajectories are of one", "record a task of single agents")
     task.keep_final_observations = False
     worlds = task.num_worlds
     quota = torch.full((worlds,), episodes // worlds, device=task.device)

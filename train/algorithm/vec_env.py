@@ -10,12 +10,13 @@ from tensordict import TensorDict
 
 from simwarp.tasks import InputError, Task
 from simwarp.tasks.framework.interface_checks import check_observations
+from simwarp.tasks.framework.rows import Rows
 
 from ..config import CRITIC
 
 
 class TaskVecEnv(VecEnv):
-    """rsl-rl's view of a task.
+    """rsl-rl's view of a task: a row for each agent of each world.
 
     rsl-rl keeps the observations it is handed by reference and copies them only after the next step. A task may
     return its own buffers, which that step overwrites: every group is therefore cloned on the way out, here
@@ -33,7 +34,8 @@ class TaskVecEnv(VecEnv):
         self.task = task
         # rsl-rl bootstraps time-outs with the value before the step and never looks at the final observation
         task.keep_final_observations = False
-        self.num_envs = task.num_worlds
+        self.rows = Rows(task)
+        self.num_envs = self.rows.count
         self.num_actions = task.action_size
         self.max_episode_length = task.config.max_episode_steps
         self.device = str(task.device)
@@ -44,41 +46,47 @@ class TaskVecEnv(VecEnv):
                 " use --network.critic same"
             )
         self.broken = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
-        """(W,) bool: worlds whose physics broke down since this was cleared."""
+        """(rows,) bool: rows whose physics broke down since this was cleared."""
+        self.acting: torch.Tensor | None = None
+        """(rows,) bool: rows that took part in the last step; None where every row always does."""
         self._privileged = privileged
-        self._groups = task.restart()
+        self._groups = self.rows.restart()
 
     def __repr__(self) -> str:
         return f"TaskVecEnv of task '{self.task.name}': {self.num_envs} worlds on {self.device}"
 
     @property
     def episode_length_buf(self) -> torch.Tensor:
-        """(W,) int64: the clock that the step limit looks at."""
-        return self.task.episode_clock
+        """(rows,) int64: the clock that the step limit looks at."""
+        clock = self.task.episode_clock
+        return clock if self.task.agents == 1 else clock.repeat_interleave(self.task.agents)
 
     @episode_length_buf.setter
     def episode_length_buf(self, value: torch.Tensor) -> None:
         # rsl-rl rebinds this attribute to spread the first time-outs; the task must go on counting in its own buffer
-        self.task.episode_clock.copy_(value)
+        # where agents of a world share one, that of the first
+        self.task.episode_clock.copy_(value[:: self.task.agents])
 
     def hand_out(self, groups: dict[str, torch.Tensor]) -> TensorDict:
-        """Return a copy of observation groups, name -> (W, ...), that no later step changes."""
+        """Return a copy of observation groups, name -> (rows, ...), that no later step changes."""
         if self._privileged:
-            groups = {**groups, **check_observations(self.task, {CRITIC: self.task.observe_privileged()})}
+            seen = check_observations(self.task, {CRITIC: self.task.observe_privileged()})
+            groups = {**groups, **self.rows.flat(seen)}
         copies = {name: group.clone() for name, group in groups.items()}
         return TensorDict(copies, batch_size=[self.num_envs], device=self.device)
 
     def get_observations(self) -> TensorDict:
-        """Return a copy of the current observations, group name -> (W, ...)."""
+        """Return a copy of the current observations, group name -> (rows, ...)."""
         return self.hand_out(self._groups)
 
     def refresh(self) -> None:
         """Observe again, after the task's state was replaced from outside."""
-        self._groups = self.task.observe()
+        self._groups = self.rows.flat(self.task.observe())
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
         """Advance all worlds; see rsl-rl's ``VecEnv.step`` for what comes back."""
-        result = self.task.step(actions)
+        result = self.rows.step(actions)
+        self.acting = result.acting
         self._groups = result.observations
         self.broken = self.broken | result.non_finite
         means = result.reward_terms.mean(dim=0)

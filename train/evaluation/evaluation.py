@@ -14,6 +14,7 @@ import warp as wp
 from simwarp.core.memory import check_fits
 from simwarp.core.readable import ReadableFields
 from simwarp.tasks import NON_FINITE, InputError, StepResult, Task, TaskConfig, TaskError, make
+from simwarp.tasks.framework.rows import Rows
 
 from ..networks.policies import Policy, bad_actions, random_policy, reset_memory, zero_policy
 
@@ -79,13 +80,13 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
 
 
 class EpisodeRecords:
-    """Records of the episodes that count: the first so many of each world.
+    """Records of the episodes that count: the first so many of each world; of each agent, where it has several.
 
     Taking whichever episodes end first would favour short ones.
     """
 
     def __init__(self, task: Task[Any], episodes: int) -> None:
-        worlds, device = task.num_worlds, task.device
+        worlds, device = task.num_worlds * task.agents, task.device
         rounds = -(-episodes // worlds)
         needed = _RECORD_BYTES * worlds * rounds
         check_fits(f"records of {episodes} episodes", needed, wp.get_device(str(device)), "evaluate fewer")
@@ -108,7 +109,7 @@ class EpisodeRecords:
         """Take in one step; reads nothing on the host."""
         ended = result.terminated | result.truncated
         self.total += result.rewards
-        self.length += 1
+        self.length += 1 if result.acting is None else result.acting
         values = {
             "return": self.total,
             "length": self.length,
@@ -191,10 +192,11 @@ class EvaluationCallback:
 def evaluate(
     task: Task[Any], policy: Policy, episodes: int, seed: int, *, watcher: EvaluationCallback | None = None
 ) -> Evaluation:
-    """Run exactly ``episodes`` episodes from a fresh start and return their statistics."""
+    """Run exactly ``episodes`` episodes, of agents, from a fresh start and return their statistics."""
     _check_episodes(episodes)
     task.keep_final_observations = False
-    observations = task.restart(seed=seed)
+    rows = Rows(task)
+    observations = rows.restart(seed)
     reset_memory(policy)
     tally = EpisodeRecords(task, episodes)
     watcher = watcher or EvaluationCallback()
@@ -205,7 +207,7 @@ def evaluate(
     while step % CHECK_INTERVAL or not tally.finished():
         actions = policy(observations)
         bad += bad_actions(actions)
-        result = task.step(actions)
+        result = rows.step(actions)
         observations = result.observations
         reset_memory(policy, result.terminated | result.truncated)
         tally.add(result)

@@ -15,6 +15,7 @@ from PIL import Image
 
 from simwarp.core.files import check_output, write_file
 from simwarp.tasks import InputError, Task
+from simwarp.tasks.framework.rows import Rows
 
 from ..networks.policies import Policy, bad_actions, refuse_bad_actions, reset_memory
 from .filming import film_still, film_strip
@@ -87,20 +88,21 @@ def record(
     if not 0.0 < seconds <= _LONGEST:
         raise InputError(f"seconds must be positive and at most {_LONGEST:g}, got {seconds:g}")
     task.keep_final_observations = False
-    observations = task.restart(seed=seed)
+    rows = Rows(task)
+    observations = rows.restart(seed)
     reset_memory(policy)
     every = max(1, round(1.0 / (_FRAMES_PER_SECOND * task.config.control_dt)))
     steps = max(1, round(seconds / task.config.control_dt))
     count = steps // every + 1
     frames = [] if frames is None else frames
     frames.append(Frame(0.0, film.take(0, count, 0.0)))
-    total = torch.zeros(task.num_worlds, dtype=torch.float64, device=task.device)
-    running = torch.ones(task.num_worlds, dtype=torch.bool, device=task.device)
+    total = torch.zeros(rows.count, dtype=torch.float64, device=task.device)
+    running = torch.ones(rows.count, dtype=torch.bool, device=task.device)
     bad = torch.zeros((), dtype=torch.int64, device=task.device)
     for step in range(1, steps + 1):
         actions = policy(observations)
         bad += bad_actions(actions)
-        result = task.step(actions)
+        result = rows.step(actions)
         observations = result.observations
         total += torch.where(running, result.rewards, 0.0)
         ended = result.terminated | result.truncated
@@ -111,7 +113,7 @@ def record(
             frames.append(Frame(time, film.take(step // every, count, time)))
         if watch is not None:
             watch(step, steps)
-    refuse_bad_actions(bad, steps * task.num_worlds)
+    refuse_bad_actions(bad, steps * rows.count)
     return frames, float(total.mean())
 
 

@@ -28,6 +28,7 @@ from torch import nn
 from simwarp.core.files import check_output, output_error, replacing
 from simwarp.tasks import InputError, Task, make
 from simwarp.tasks.framework.registry import task_class_of
+from simwarp.tasks.framework.rows import Rows
 
 from ..algorithm.trainer import TrainingError
 from ..config import task_config_from_plain
@@ -212,13 +213,16 @@ def _rollout(
 ) -> list[tuple[dict[str, torch.Tensor], torch.Tensor, torch.Tensor]]:
     """Return observations, actions and ended episodes of some steps, noise on the actions so that much is seen."""
     task.keep_final_observations = False
-    observations = task.restart(seed=0)
+    rows = Rows(task)
+    observations = rows.restart(0)
     policy.reset_memory()
     steps = []
     for _ in range(_STEPS):
         seen = {name: group.clone() for name, group in observations.items()}
         actions = policy(observations).clone()
-        result = task.step(actions + task.random.uniform("export", -0.5, 0.5, task.action_size, per_step=True))
+        size = task.action_size * task.agents
+        noise = task.random.uniform("export", -0.5, 0.5, size, per_step=True).view_as(actions)
+        result = rows.step(actions + noise)
         observations = result.observations
         ended = result.terminated | result.truncated
         policy.reset_memory(ended)

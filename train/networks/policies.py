@@ -75,18 +75,33 @@ def shipped_policy(task_name: str, obs: str | None = None) -> Path | None:
     return next((path for name in names if (path := SHIPPED / f"{name}{SUFFIX}").is_file()), None)
 
 
+def named_policy(checkpoint: Path | None) -> Path | None:
+    """Return the shipped policy whose name, such as ``off-road.state.soil``, stands for a checkpoint; None otherwise.
+
+    A file or folder of that name where the user is comes first.
+    """
+    if checkpoint is None or checkpoint.name != str(checkpoint) or checkpoint.exists():
+        return None
+    path = SHIPPED / f"{checkpoint}{SUFFIX}"
+    return path if path.is_file() else None
+
+
 def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs: str | None = None) -> PolicySource:
     """Read the policy the user means: the given file or run, else the newest run, else the shipped one.
 
-    A checkpoint named ``shipped`` is the shipped one; ``zero`` and ``random`` are actions without a network. With
-    ``obs`` only a policy of these observations will do.
+    A checkpoint named ``shipped`` is the shipped one for these observations, the name of one, such as
+    ``off-road.state.soil``, that one; ``zero`` and ``random`` are actions without a network. With ``obs`` only a policy
+    of these observations will do.
 
     Raises:
         InputError: there is none, it cannot be read, or it is of another task.
     """
     if str(checkpoint) in UNTRAINED:
         return PolicySource(Path(str(checkpoint)), {}, f"{checkpoint} actions")
-    if checkpoint is not None and str(checkpoint) != SHIPPED.name:
+    named = named_policy(checkpoint)
+    if named is not None:
+        path, content, origin = named, load_checkpoint(named), f"policy {named.stem}, shipped with simwarp"
+    elif checkpoint is not None and str(checkpoint) != SHIPPED.name:
         path, content = read_policy(checkpoint)
         origin = f"checkpoint {path}"
     else:
@@ -204,10 +219,16 @@ def network_policy(content: dict[str, Any], task: Task[Any]) -> NetworkPolicy:
 
 def zero_policy(task: Task[Any]) -> Policy:
     """Return the policy that does nothing."""
-    nothing = torch.zeros(task.num_worlds, task.action_size, device=task.device)
+    nothing = torch.zeros(task.num_worlds * task.agents, task.action_size, device=task.device)
     return lambda observations: nothing
 
 
 def random_policy(task: Task[Any]) -> Policy:
     """Return the policy that draws every action uniformly from [-1, 1], reproducibly."""
-    return lambda observations: task.random.uniform("random policy", -1.0, 1.0, task.action_size, per_step=True)
+    size = task.action_size
+
+    def draw(observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        drawn = task.random.uniform("random policy", -1.0, 1.0, size * task.agents, per_step=True)
+        return drawn if task.agents == 1 else drawn.view(-1, size)
+
+    return draw

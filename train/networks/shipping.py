@@ -1,7 +1,7 @@
 """Putting a trained policy into the package: ``python -m simwarp.train.networks.shipping RUN``, from a checkout.
 
 Writes ``shipped/TASK.pt`` (the actor alone) and ``shipped/TASK.json`` (command, revision, versions, what it reached);
-``TASK.OBS`` where the task has a choice of observations.
+``TASK.OBS`` where the task has a choice of observations, ``TASK.OBS.soil`` where it was trained on soil.
 """
 
 from __future__ import annotations
@@ -45,8 +45,9 @@ def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
         "evaluation": {"seed": _SEED} | {key: value.as_json() for key, value in results.items()},
     }
     target.mkdir(exist_ok=True)
-    obs = content["task_config"].get("obs")
-    title = name if obs is None else f"{name}.{obs}"
+    trained = content["task_config"]
+    soil = "soil" if trained.get("soil", "none") != "none" else None
+    title = ".".join(part for part in (name, trained.get("obs"), soil) if part is not None)
     save_checkpoint(target / f"{title}{SUFFIX}", content)
     write_json(target / f"{title}.json", record)
     return record

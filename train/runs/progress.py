@@ -16,7 +16,8 @@ _PLAIN_INTERVAL = 5.0
 _SMOOTHING = 0.2
 
 
-def _number(value: float, digits: int = 1) -> str:
+def number(value: float, digits: int = 1) -> str:
+    """Return a number with so many digits after the point; NaN as a dash."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
@@ -109,7 +110,7 @@ class ProgressDisplay(LiveLine):
         self._seconds = seconds if self._seconds is None else self._seconds + _SMOOTHING * (seconds - self._seconds)
         left = duration(self._seconds * (self._total - report.iteration))
         text = (
-            f"reward {_number(report.mean_reward)}  episode {_number(report.mean_episode_length)} steps"
+            f"reward {number(report.mean_reward)}  episode {number(report.mean_episode_length)} steps"
             f"  {report.env_steps_per_s:,.0f} env steps/s  ETA {left}"
         )
         edge = report.iteration in (self._first + 1, self._total)

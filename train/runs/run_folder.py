@@ -32,6 +32,8 @@ CURVE = "learning_curve.png"
 CHECKPOINTS = "checkpoints"
 FILMS = "films"
 RUNS = Path("runs")
+WARM_START = "warm_start"
+"""Entry of ``config.json``: the policy that the run starts from."""
 
 _CONFIG_TYPES: Final = {"task": str, "train_config": dict, "task_config": dict}
 _ITERATION = re.compile(rf"iteration_([0-9]{{1,18}}){re.escape(SUFFIX)}")
@@ -212,17 +214,40 @@ def create_run(root: Path, task: str, config: dict[str, Any]) -> RunFolder:
             continue
         except OSError as error:
             raise output_error(path, error, needed=_FOLDER_BYTES) from error
-        try:
-            (path / CHECKPOINTS).mkdir()
-            write_json(path / CONFIG, config)
-            write_json(path / PROVENANCE, provenance())
-        except BaseException as error:
-            shutil.rmtree(path, ignore_errors=True)
-            if isinstance(error, OSError):
-                raise output_error(path, error, needed=_FOLDER_BYTES) from error
-            raise
-        return RunFolder(path)
+        return _filled(path, config)
     raise FileError(f"--runs: no run folder can be made in {root / task}; choose another")
+
+
+def prepare_run(path: Path, config: dict[str, Any]) -> RunFolder:
+    """Create a run folder at ``path`` that ``simwarp train --resume`` begins; it is there whole or not at all.
+
+    Raises:
+        OutputError: something stands there, or the disk did not take it; nothing is left.
+    """
+    draft = path.with_name(f"{DRAFT_PREFIX}{path.name}")
+    shutil.rmtree(draft, ignore_errors=True)  # of a process that was killed
+    try:
+        draft.mkdir(parents=True)
+        _filled(draft, config)
+        draft.rename(path)
+    except OSError as error:
+        shutil.rmtree(draft, ignore_errors=True)
+        raise output_error(path, error, needed=_FOLDER_BYTES) from error
+    return RunFolder(path)
+
+
+def _filled(path: Path, config: dict[str, Any]) -> RunFolder:
+    """Write what is known of a run before it begins; remove its new folder if that fails."""
+    try:
+        (path / CHECKPOINTS).mkdir()
+        write_json(path / CONFIG, config)
+        write_json(path / PROVENANCE, provenance())
+    except BaseException as error:
+        shutil.rmtree(path, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise output_error(path, error, needed=_FOLDER_BYTES) from error
+        raise
+    return RunFolder(path)
 
 
 def open_run(path: Path) -> RunFolder:

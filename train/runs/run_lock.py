@@ -121,6 +121,15 @@ def writing(folder: Path, take_over: bool = False) -> Iterator[RunLock]:
         lock.release()
 
 
+def living_writer(folder: Path) -> Writer | None:
+    """Return the process that writes a run, if it is known to live; a moment later it may be gone."""
+    try:
+        writer = config_from_plain(Writer, parse_json((folder / LOCK).read_text(encoding="utf-8"), LOCK))
+    except (OSError, FileError, InputError, UnicodeDecodeError):
+        return None
+    return writer if writer.is_alive() else None
+
+
 class RunLock:
     """The lock of a run, held from the beginning; see :func:`writing`.
 

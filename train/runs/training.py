@@ -25,7 +25,7 @@ from ..algorithm.distributed import Processes, connect, processes
 from .loggers import RunLog, check_logger
 from .progress import ProgressDisplay
 from .run_files import write_json
-from .run_folder import CONFIG, RUNS, RunFolder, check_root, create_run, open_run, provenance, read_policy
+from .run_folder import CONFIG, RUNS, WARM_START, RunFolder, check_root, create_run, open_run, provenance, read_policy
 from .run_lock import RunLock, writing
 from .stopping import StopRequest, stop_on_signals
 from ..algorithm.trainer import IterationReport, Trainer, TrainingError
@@ -83,7 +83,7 @@ def train(
         config: configuration of the training.
         task_config: the task's configuration.
         root: folder of all runs.
-        resume: run folder to go on with, in place of a new one.
+        resume: run folder to go on with, in place of a new one; one without a checkpoint begins at its beginning.
         warm_start: checkpoint or run whose actor a new run starts from.
         take_over: resume a run that a process elsewhere has locked, and that is known to write it no more.
         console: for the progress; standard output by default.
@@ -106,10 +106,7 @@ def train(
     if resume is not None and warm_start is not None:
         raise InputError("--warm-start begins a new run and --resume goes on with one: give one of them")
     start = None if warm_start is None else _start_policy(warm_start, task_name)
-    configs = {"train_config": config_to_plain(config), "task_config": config_to_plain(task_config)}
-    description = {**origin_of(task_name), **configs}
-    if warm_start is not None:
-        description["warm_start"] = str(warm_start)
+    description = run_description(task_name, config, task_config, warm_start)
     with contextlib.ExitStack() as held:
         saved: tuple[Path, dict[str, Any]] | None = None
         lock: RunLock | None = None
@@ -123,6 +120,9 @@ def train(
                 if lock.took_over:
                     console.print(lock.took_over, highlight=False, markup=False, soft_wrap=True)
             saved = _saved_run(resume, task_name, config)
+            if saved is None:
+                console.print("the run has no checkpoint yet: it begins at iteration 0", highlight=False)
+                start = _start_of_run(resume, task_name)
         trainer = _trainer(task_name, config, task_config, group, device, console)
         held.callback(trainer.close)
         if saved is not None and not trainer.load(saved[1], f"checkpoint {saved[0]}"):
@@ -140,6 +140,15 @@ def train(
             return _run(trainer, folder, lock, console, description, films)
         except OutputError as error:
             raise OutputError(f"{error}; {_kept(folder)}") from error
+
+
+def run_description(
+    task_name: str, config: TrainConfig, task_config: TaskConfig, warm_start: Path | None = None
+) -> dict[str, Any]:
+    """Return what ``config.json`` of a run says: the task and its file, configurations, the policy to start from."""
+    configs = {"train_config": config_to_plain(config), "task_config": config_to_plain(task_config)}
+    start = {} if warm_start is None else {WARM_START: str(warm_start)}
+    return {**origin_of(task_name), **configs, **start}
 
 
 def _trainer(
@@ -198,8 +207,21 @@ def _start_policy(path: Path, task_name: str) -> dict[str, Any]:
     return content
 
 
-def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path, dict[str, Any]]:
-    path, content = open_run(resume).load_latest()
+def _start_of_run(resume: Path, task_name: str) -> dict[str, Any] | None:
+    """Return the policy that a run was to start from when it was made, if there is one."""
+    named = open_run(resume).load_config().get(WARM_START)
+    return None if named is None else _start_policy(Path(named), task_name)
+
+
+def _saved_run(resume: Path, task_name: str, config: TrainConfig) -> tuple[Path, dict[str, Any]] | None:
+    """Return the newest checkpoint and its content; None of a run that was prepared, or ended before its first one."""
+    folder = open_run(resume)
+    if not folder.checkpoint_files():
+        saved = folder.load_config()["task"]
+        if saved != task_name:
+            raise InputError(f"run {resume} is of task {shown(saved)}, not '{task_name}'")
+        return None
+    path, content = folder.load_latest()
     if content["task"] != task_name:
         raise InputError(f"run {resume} is of task {shown(content['task'])}, not '{task_name}'")
     if "worlds" not in content:

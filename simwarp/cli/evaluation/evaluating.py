@@ -28,7 +28,8 @@ class EvalOptions(CommonOptions):
     episodes: int = 256
     """Episodes, each world's first ones; with --grid of every point."""
     checkpoint: Path | None = None
-    """Checkpoint file or run folder, or `shipped`, `zero`, `random`; by default the newest run, else the shipped."""
+    """Checkpoint file or run folder, or `shipped`, the name of a shipped one, `zero`, `random`; by default the newest
+    run, else the shipped."""
     num_envs: int | None = None
     """Worlds stepped together; by default one per episode, at most 4096."""
     seed: int = 1_000_003

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from simwarp.cli import UsageError, shortened
 from simwarp.core.renames import RENAMED, with_new_names
 from simwarp.tasks import TaskConfig
+from simwarp.tasks.framework.plain import plain_value
 
 if TYPE_CHECKING:
     from simwarp.train.evaluation.grid import GridPoint
+
+ConfigT = TypeVar("ConfigT")
 
 _YES_NO = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -39,7 +41,7 @@ def grid_axes(texts: Sequence[str]) -> dict[str, list[str]]:
             raise UsageError(f"--grid wants KEY=a,b,c, got '{shortened(text)}'")
         if key in axes:
             raise UsageError(f"--grid has the key {shortened(key)} twice: give all its values at once, KEY=a,b,c")
-        _refuse_twice(key, words)
+        refuse_twice(key, words)
         axes[key] = words
     count = math.prod(map(len, axes.values()))
     if count > MOST_POINTS:
@@ -47,10 +49,11 @@ def grid_axes(texts: Sequence[str]) -> dict[str, list[str]]:
     return axes
 
 
-def _refuse_twice(key: str, values: Sequence[Any]) -> None:
+def refuse_twice(key: str, values: Sequence[str]) -> None:
+    """Refuse values of a key that are the same."""
     twice = next((value for value, count in Counter(values).items() if count > 1), None)
     if twice is not None:
-        raise UsageError(f"--grid {shortened(key)} has the value {shortened(str(twice))} twice: leave one away")
+        raise UsageError(f"--grid {shortened(key)} has the value {shortened(twice)} twice: leave one away")
 
 
 def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[str]], TaskConfig]) -> list[GridPoint]:
@@ -73,49 +76,89 @@ def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[st
     if "obs" in axes:
         raise UsageError("--grid obs: a policy knows one kind of observations; evaluate once per policy, with --obs")
     for key in axes:
-        _check_single(key, _field(base, key))
+        check_single(key, field_of(base, key))
+    points = combinations(
+        axes, lambda key, word: option_words(f"task.{key}", word, field_of(base, key), f"--grid {key}"), parse, field_of
+    )
+    return [GridPoint(values, config) for values, config in points]
+
+
+def combinations(
+    axes: Mapping[str, Sequence[str]],
+    words_of: Callable[[str, str], list[str]],
+    parse: Callable[[list[str]], ConfigT],
+    read: Callable[[ConfigT, str], Any],
+) -> list[tuple[dict[str, Any], ConfigT]]:
+    """Return the values, as JSON has them, and the configuration of every combination.
+
+    Args:
+        axes: words of each key.
+        words_of: returns the words of the command line for a key and one of its words.
+        parse: returns the configuration with further words of the command line.
+        read: returns the value of a key in a configuration.
+
+    Raises:
+        UsageError: a value is wrong, or stands there twice.
+    """
     points = []
     for words in itertools.product(*axes.values()):
-        config = parse([_option(key, word, base) for key, word in zip(axes, words, strict=True)])
-        points.append(GridPoint({key: _plain(_field(config, key)) for key in axes}, config))
+        found = parse([part for key, word in zip(axes, words, strict=True) for part in words_of(key, word)])
+        points.append(({key: plain_value(read(found, key)) for key in axes}, found))
     for index, (key, written) in enumerate(axes.items()):  # 0.1 and 0.10 are two words for one value
         stride = math.prod(len(other) for other in list(axes.values())[index + 1 :])
-        _refuse_twice(key, [point.values[key] for point in points[::stride][: len(written)]])
+        refuse_twice(key, [str(values[key]) for values, _ in points[::stride][: len(written)]])
     return points
 
 
-def _check_single(key: str, value: Any) -> None:
-    """Refuse fields that are no number and no word: commas stand between the values of a grid.
+def check_single(key: str, value: Any) -> None:
+    """Refuse fields of the task that are no number and no word: commas stand between the values of a grid.
 
     Raises:
         UsageError: it is one.
     """
-    if dataclasses.is_dataclass(value):
-        inner = ", ".join(f"{key}.{field.name}" for field in dataclasses.fields(value))
-        raise UsageError(f"--grid {key}: name one of its fields: {inner}")
+    check_field(f"--grid {key}", key, value)
     if isinstance(value, Mapping | tuple):
         option = f"--task.{key.replace('_', '-')}"
         raise UsageError(f"--grid {key}: takes fields that are one number or word; evaluate once per value of {option}")
 
 
-def _option(key: str, word: str, base: TaskConfig) -> str:
-    """Return the word that gives a field of the task its value; a field that is on or off takes none."""
-    *owners, name = ["task", *key.replace("_", "-").split(".")]
-    owner = ".".join(owners)
-    if not isinstance(_field(base, key), bool):
-        return f"--{owner}.{name}={word}"
+def check_field(told: str, key: str, value: Any) -> None:
+    """Refuse a key that stands for several fields.
+
+    Raises:
+        UsageError: it does.
+    """
+    if dataclasses.is_dataclass(value):
+        inner = ", ".join(f"{key}.{field.name}" for field in dataclasses.fields(value))
+        raise UsageError(f"{told}: name one of its fields: {inner}")
+
+
+def option_words(name: str, word: str, value: Any, told: str) -> list[str]:
+    """Return the words that give an option its value; one that is on or off takes none, a list one word per item.
+
+    Args:
+        name: of the field, dots between owners: ``task.hills``.
+        word: its value, as it was written.
+        value: one that it has, for its type.
+        told: what errors call it: ``--grid hills``.
+
+    Raises:
+        UsageError: the value of a field that is on or off is neither.
+    """
+    *owners, last = name.replace("_", "-").split(".")
+    prefix = "".join(f"{owner}." for owner in owners)
+    if isinstance(value, tuple):
+        return [f"--{prefix}{last}", *word.split()]
+    if not isinstance(value, bool):
+        return [f"--{prefix}{last}={word}"]
     if word.lower() not in _YES_NO:
-        raise UsageError(f"--grid {key} must be true or false, got '{shortened(word)}'")
-    return f"--{owner}.{name}" if _YES_NO[word.lower()] else f"--{owner}.no-{name}"
+        raise UsageError(f"{told} must be true or false, got '{shortened(word)}'")
+    return [f"--{prefix}{last}" if _YES_NO[word.lower()] else f"--{prefix}no-{last}"]
 
 
-def _field(config: Any, key: str) -> Any:
+def field_of(config: Any, key: str) -> Any:
     """Return a field, ``curriculum.up`` reaching into another; None if there is none."""
     for part in key.split("."):
         known = dataclasses.is_dataclass(config) and part in {field.name for field in dataclasses.fields(config)}
         config = getattr(config, part) if known else None
     return config
-
-
-def _plain(value: Any) -> Any:
-    return value.value if isinstance(value, enum.Enum) else value

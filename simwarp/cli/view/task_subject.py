@@ -10,6 +10,7 @@ import torch
 
 from simwarp.simulation.simulation import Simulation
 from simwarp.tasks import StepResult, Task
+from simwarp.tasks.framework.rows import refuse_agents
 from simwarp.train.networks.policies import Policy, reset_memory
 from simwarp.viewer.live.controls.joint_channels import joint_series
 from simwarp.viewer.live.subject import Actions, Floats, Mask, Path, Subject
@@ -36,6 +37,7 @@ class TaskLoop:
     """
 
     def __init__(self, task: Task[Any], policy: Policy, seed: int) -> None:
+        refuse_agents(task, "and the viewer shows tasks of one", "film it with simwarp play --video")
         self.task, self.policy = task, policy
         task.keep_final_observations = False
         self._observations = task.restart(seed=seed)

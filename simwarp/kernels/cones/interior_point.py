@@ -264,7 +264,7 @@ def take_gamma(problem: ConeProblem, friction_law: int) -> float:
 
 @wp.func
 def start_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveReport:
-    """The Newton steps of `solve_interior_point`."""
+    """The Newton steps of `solve_interior_point`; gamma and LOW <- their result."""
     report = SolveReport()
     n = problem.row_count
     set_scales(problem)
@@ -283,6 +283,11 @@ def start_interior_point(problem: ConeProblem, config: ConeConfig) -> SolveRepor
         report.iterations += inside.iterations
         inner = take_gamma(problem, config.friction_law)
     report.residual = inner
+    for row in range(n):
+        # The double iterate, of which float32 takes two numbers: what follows may need the room.
+        gamma = float(problem.wide[GAMMA, row])
+        problem.gamma[row] = gamma
+        problem.vectors[LOW, row] = float(problem.wide[GAMMA, row] - wp.float64(gamma))
     return report
 
 
@@ -297,15 +302,10 @@ def finish_interior_point(problem: ConeProblem, config: ConeConfig, newton: Solv
     finish = accelerate(problem, config, most)
     report.iterations = newton.iterations + finish.iterations
     report.residual = wp.min(inner, finish.residual)
-    for row in range(problem.row_count):
-        gamma = problem.vectors[BEST, row]
-        low = float(0.0)
-        if inner <= 2.0 * finish.residual:
-            # The double iterate is as good: its rounding to float32 is handed out beside it.
-            gamma = float(problem.wide[GAMMA, row])
-            low = float(problem.wide[GAMMA, row] - wp.float64(gamma))
-        problem.gamma[row] = gamma
-        problem.vectors[LOW, row] = low
+    if not inner <= 2.0 * finish.residual:
+        for row in range(problem.row_count):
+            problem.gamma[row] = problem.vectors[BEST, row]
+            problem.vectors[LOW, row] = 0.0
     return report
 
 

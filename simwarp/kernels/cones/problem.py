@@ -47,6 +47,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     tree_dof_count = scratch_number(int)
     loop_count = scratch_number(int)
     rolling_count = scratch_number(int)  # ROLLING blocks
+    entry_count = scratch_number(int)  # most entries that a row of these degrees of freedom can have
 
     block_row = scratch_array(wp.int32, "block_ends")  # first row of each block, and the total at the end
     block_kind = scratch_array(wp.int32, "block_ends")  # BlockKind
@@ -76,6 +77,22 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     vectors = scratch_array(wp.float32, SOLVER_VECTORS, "cone_rows")
     factor = scratch_array(wp.float32, "factor_rows", "factor_rows")  # of solvers that factorise
     wide = scratch_array(wp.float64, "wide_vectors", "wide_rows")  # of the same
+
+    # islands of the world (dynamics/islands.py), at most one for each unit
+    unit_island = scratch_array(wp.int32, "units")  # -1: no block moves the unit
+    island_block = scratch_array(wp.int32, "unit_ends")  # CSR over islands
+    island_dof = scratch_array(wp.int32, "unit_ends")  # the same, of tree degrees of freedom
+    island_loops = scratch_array(wp.int32, "units")  # 1: rows of loops answer it
+    island_entries = scratch_array(wp.int32, "units")  # most that a row has
+    island_iterations = scratch_array(wp.int32, "units")
+    island_residual = scratch_array(wp.float32, "units")
+    newton_steps = scratch_array(wp.int32, "units")  # of the interior point; -1: it does not run
+    newton_residual = scratch_array(wp.float32, "units")
+    dof_place = scratch_array(wp.int32, "tree_dofs")  # of each, its place among those of its island
+    placed_dof = scratch_array(wp.int32, "tree_dofs")  # the tree degrees of freedom, island after island
+    block_order = scratch_array(wp.int32, "blocks")
+    row_order = scratch_array(wp.int32, "cone_rows")
+    island_row = scratch_array(wp.int32, "block_ends")  # `block_row` of the island that is solved
 
 
 ConeProblem = ConeScratch.struct("ConeProblem", __name__)

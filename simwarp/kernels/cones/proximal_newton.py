@@ -213,8 +213,8 @@ _PIECES = """
             const float root = (float)sqrt(gain);
             for (int e = 0; e < count; ++e) {
                 pieces[e] = root * y0[e];
-                pieces[width + e] = root * y1[e];
-                pieces[2 * width + e] = root * y2[e];
+                pieces[most + e] = root * y1[e];
+                pieces[2 * most + e] = root * y2[e];
             }
             return 3;
         }
@@ -223,7 +223,7 @@ _PIECES = """
         const float around = (float)sqrt(gain * slope * normal / t), c1 = (float)(t1 / t), c2 = (float)(t2 / t);
         for (int e = 0; e < count; ++e) {
             pieces[e] = out * (y0[e] + s * (c1 * y1[e] + c2 * y2[e]));
-            pieces[width + e] = around * (c1 * y2[e] - c2 * y1[e]);
+            pieces[most + e] = around * (c1 * y2[e] - c2 * y1[e]);
         }
         return 2;
     };
@@ -278,7 +278,7 @@ _FACTOR = """
     typedef float lanes4 __attribute__((ext_vector_type(4), aligned(4)));
 #endif
     const int side = factor.strides[0] / (int)sizeof(float);
-    const int room = spread.shape[0] * spread.shape[1];
+    const int room = tree_dofs * spread.shape[1];  // what these degrees of freedom have, whatever else is in the world
     float* __restrict__ h = factor.data;
     float* __restrict__ pieces = spread.data;
     for (int i = 0; i < tree_dofs; ++i) {
@@ -297,8 +297,8 @@ _FACTOR = """
     for (int b = 0; b < blocks; ++b) {
         const int* __restrict__ at = tree_dof.data + (size_t)b * places;
         const int count = entries.data[b];
-        held += pieces_of(b, pieces + (size_t)held * width);
-        bool together = b + 1 < blocks && entries.data[b + 1] == count && (held + 3) * width <= room;
+        held += pieces_of(b, pieces + (size_t)held * most);
+        bool together = b + 1 < blocks && entries.data[b + 1] == count && (held + 3) * most <= room;
         for (int e = 0; together && e < count; ++e) together = at[places + e] == at[e];
         if (together) continue;
         for (int e = 0; e < count; ++e) {
@@ -310,7 +310,7 @@ _FACTOR = """
                 for (; from + LANES <= count; from += LANES) {
                     sum = 0.0f;
                     for (int k = 0; k < held; ++k) {
-                        const float* __restrict__ v = pieces + (size_t)k * width;
+                        const float* __restrict__ v = pieces + (size_t)k * most;
                         decltype(sum) piece;  // a deduced type has lost `aligned(4)`: it must not be read through
                         __builtin_memcpy(&piece, v + from, sizeof piece);
                         sum += v[e] * piece;
@@ -324,7 +324,7 @@ _FACTOR = """
 #endif
             for (; from < count; ++from) {
                 float sum = 0.0f;
-                for (int k = 0; k < held; ++k) sum += pieces[(size_t)k * width + e] * pieces[(size_t)k * width + from];
+                for (int k = 0; k < held; ++k) sum += pieces[(size_t)k * most + e] * pieces[(size_t)k * most + from];
                 if (at[from] >= at[e]) row[at[from]] += sum;
             }
         }
@@ -342,10 +342,12 @@ _FACTOR = """
 def set_direction(
     blocks: int, tree_dofs: int, block_row: wp.array[int], block_kind: wp.array[int], entries: wp.array[int],
     tree_dof: wp.array2d[int], y: wp.array2d[float], friction: wp.array[float], cohesion: wp.array[float],
-    lower: wp.array[float], upper: wp.array[float], scale: wp.array[float], rho: float, spread: wp.array2d[float],
-    factor: wp.array2d[float], wide: wp.array2d[wp.float64],
+    lower: wp.array[float], upper: wp.array[float], scale: wp.array[float], rho: float, most: int,
+    spread: wp.array2d[float], factor: wp.array2d[float], wide: wp.array2d[wp.float64],
 ) -> float:  # fmt: skip
-    """Sets dz <- -(1 + Y^T P Y)^-1 F and Y dz; returns F . dz, which is negative. `spread` holds the rows of a pair."""
+    """Sets dz <- -(1 + Y^T P Y)^-1 F and Y dz; returns F . dz, which is negative. `spread` holds the rows of a pair,
+    of `most` entries each.
+    """
     ...
 
 
@@ -360,7 +362,7 @@ def can_step_by_newton(problem: ConeProblem) -> bool:
         return False
     if problem.wide.shape[1] < wp.max(problem.row_count, problem.tree_dof_count):
         return False
-    if 3 * problem.y.shape[1] > problem.spread.shape[0] * problem.spread.shape[1]:
+    if 3 * problem.entry_count > problem.tree_dof_count * problem.spread.shape[1]:
         return False
     for row in range(problem.row_count):
         if problem.compliance[row] != 0.0:
@@ -418,7 +420,7 @@ def step_proximally(problem: ConeProblem, rho: float, goal: float) -> int:
         steepness = set_direction(
             problem.block_count, problem.tree_dof_count, problem.block_row, problem.block_kind, problem.block_entries,
             problem.block_tree_dof, problem.y, problem.friction, problem.cohesion, problem.lower, problem.upper,
-            problem.scale, rho, problem.spread, problem.factor, problem.wide,
+            problem.scale, rho, problem.entry_count, problem.spread, problem.factor, problem.wide,
         )  # fmt: skip
         length = search_along(problem, rho, steepness)
         steps += 1

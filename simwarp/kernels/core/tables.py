@@ -28,6 +28,7 @@ class Topology:
     response_count: int  # the same, then combinations without one
     joint_row_count: int  # rows of loop joints, in all groups
     group_count: int  # trees that rows tie together, directly or by way of others
+    unit_count: int  # groups of which a part moves, and trees that no row reaches
     box_count: int
     loop_dof_count: int
     distance_count: int
@@ -49,6 +50,8 @@ class Topology:
     link_tree_dof: wp.array[int]  # CSR
     tree_dof_to_dof: wp.array[int]  # -1: floating without a named joint
     tree_dof_link: wp.array[int]
+    tree_dof_unit: wp.array[int]
+    unit_entries: wp.array[int]  # most entries of a row of the cone problem that moves a unit and its like
     body_link: wp.array[int]
 
     joint_type: wp.array[int]

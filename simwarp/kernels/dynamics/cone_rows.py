@@ -223,10 +223,11 @@ def loop_share(block: int, row: int, count: int, topology: Topology, work: Work,
 
 
 @wp.func
-def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
-    """The dense S = Y Y^T - W W^T + C."""
+def assemble_dense(cone: ConeProblem):
+    """The dense S = Y Y^T - W W^T + C of a whole problem, or of one island."""
+    blocks = cone.block_count
     form_gram(
-        blocks, topology.tree_dof_count, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.spread,
+        blocks, cone.tree_dof_count, cone.block_row, cone.block_entries, cone.block_tree_dof, cone.y, cone.spread,
         cone.s,
     )  # fmt: skip
     finish_gram(blocks, cone.block_row, cone.block_loops, cone.w, cone.compliance, cone.s)
@@ -236,7 +237,7 @@ def assemble_dense(blocks: int, topology: Topology, cone: ConeProblem):
 def call_on_groups(cone: ConeProblem, blocks: int, topology: Topology, work: Work):
     """group_due <- 1 where impulses of the blocks act on a group, and row_r of it <- W^T gamma."""
     for group in range(topology.group_count):
-        work.group_due[group] = wp.where(topology.group_count == 1, 1, 0)
+        work.group_due[group] = wp.where(topology.unit_count == 1, 1, 0)
     for row in range(topology.row_count):
         work.row_r[row] = 0.0
     for block in range(blocks):

@@ -443,22 +443,22 @@ def settle_contacts(first: int, listed: int, topology: Topology, work: Work, con
 
 @wp.func
 def publish_contacts(
-    world: int, dt: float, first: int, blocks: int, topology: Topology, contacts: ContactArrays, work: Work,
-    cone: ConeProblem,
-):  # fmt: skip
+    world: int, dt: float, blocks: int, topology: Topology, contacts: ContactArrays, work: Work, cone: ConeProblem
+):
     """Impulses of the contacts from their blocks, and the forces that they add up to."""
-    for block in range(first, blocks):
+    for block in range(blocks):
         contact = work.active[block] - topology.box_count
-        row = cone.block_row[block]
-        count = cone.block_row[block + 1] - row
-        impulse = wp.vec3(cone.gamma[row], 0.0, 0.0)
-        if count >= 3:
-            impulse = wp.vec3(cone.gamma[row], cone.gamma[row + 1], cone.gamma[row + 2])
-        if count == 6:
-            contacts.contact_moment[world, contact] = wp.vec3(
-                cone.gamma[row + 3], cone.gamma[row + 4], cone.gamma[row + 5]
-            )
-        contacts.contact_impulse[world, contact] = impulse
+        if contact >= 0:
+            row = cone.block_row[block]
+            count = cone.block_row[block + 1] - row
+            impulse = wp.vec3(cone.gamma[row], 0.0, 0.0)
+            if count >= 3:
+                impulse = wp.vec3(cone.gamma[row], cone.gamma[row + 1], cone.gamma[row + 2])
+            if count == 6:
+                contacts.contact_moment[world, contact] = wp.vec3(
+                    cone.gamma[row + 3], cone.gamma[row + 4], cone.gamma[row + 5]
+                )
+            contacts.contact_impulse[world, contact] = impulse
     sum_forces(world, dt, topology, contacts)
 
 

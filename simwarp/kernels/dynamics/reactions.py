@@ -117,11 +117,17 @@ def unexplained_impulses(
             work.f_ang[link] = rot * change - dt * applied_torque(world, body, control)
             force = applied_force(world, body, rot, control) + mass * gravity
             work.f_lin[link] = mass * work.v_lin[link] - dt * force
+            if control.element_mass.shape[0] > 0:  # an implicit element's force is F - D dv / h
+                dv = work.v_lin[link]
+                domega = work.v_ang[link]
+                block = control.element_coupling[world, body]
+                work.f_ang[link] = work.f_ang[link] + control.element_inertia[world, body] * domega + block * dv
+                work.f_lin[link] = work.f_lin[link] + control.element_mass[world, body] * dv + domega * block
 
 
 @wp.func
 def record_reactions(
-    world: int, dt: float, limits: int, blocks: int, topology: Topology, parameters: Parameters, state: StateArrays,
+    world: int, dt: float, blocks: int, topology: Topology, parameters: Parameters, state: StateArrays,
     control: ControlArrays, contacts: ContactArrays, config: StepConfig, work: Work, cone: ConeProblem,
     reports: Reports,
 ):  # fmt: skip
@@ -149,13 +155,16 @@ def record_reactions(
         take_relative_rotations(coupling, topology, work)
     for index in range(topology.distance_count):
         take_distance(index, world, dt, topology, parameters, state, control, work, reports)
-    for block in range(limits):
-        dof = topology.box_dof[work.active[block]]
-        # what bounds a combination acts along coordinates of the tree, as drives and limits of these do
-        if topology.dof_to_tree_dof[dof] < 0 and topology.dof_sum[dof] < 0:
-            take_dof(dof, work.b_sign[block] * cone.gamma[block], world, dt, topology, parameters, work, reports)
-    for block in range(limits, blocks):
-        take_contact(work.active[block] - topology.box_count, world, topology, contacts, work)
+    for block in range(blocks):
+        index = work.active[block]
+        if index >= topology.box_count:
+            take_contact(index - topology.box_count, world, topology, contacts, work)
+        else:
+            dof = topology.box_dof[index]
+            # what bounds a combination acts along coordinates of the tree, as drives and limits of these do
+            if topology.dof_to_tree_dof[dof] < 0 and topology.dof_sum[dof] < 0:
+                impulse = work.b_sign[block] * cone.gamma[cone.block_row[block]]
+                take_dof(dof, impulse, world, dt, topology, parameters, work, reports)
     for index in range(topology.loop_dof_count):
         dof = topology.loop_dof[index]
         take_dof(dof, dt * applied_effort(world, dof, control), world, dt, topology, parameters, work, reports)

@@ -21,7 +21,8 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology
 from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.kernels.dynamics.cone_rows import assemble_dense
-from simwarp.kernels.dynamics.step import NON_FINITE, cone_config, sized_problem
+from simwarp.kernels.dynamics.islands import island_problem, island_start
+from simwarp.kernels.dynamics.step import NON_FINITE, cone_config
 from simwarp.kernels.dynamics.step_parts import PART, StepState
 from simwarp.kernels.dynamics.world import MODULE_OPTIONS, Scratch, pack_cone
 
@@ -79,6 +80,20 @@ SOLVES: dict[ConeSolver, tuple[Any, Any]] = {
 STAND_INS = {ConeSolver.PADMM: if_not_dense, ConeSolver.INTERIOR_POINT: if_not_factorised}
 
 
+@wp.func
+def keep_report(island: int, solution: SolveReport, cone: ConeProblem):
+    """For the kernels that follow."""
+    cone.island_iterations[island] = solution.iterations
+    cone.island_residual[island] = solution.residual
+
+
+@wp.func
+def restore_dense(problem: ConeProblem, islands: int):
+    """Forms S once more, where another island has taken its room since."""
+    if problem.dense == 1 and islands > 1:
+        assemble_dense(problem)
+
+
 @functools.cache
 def solve_worlds_kernel(solver: ConeSolver, stand_in: bool = False) -> wp.Kernel:
     """The kernel of one solver, which is not the interior point, or of gradient descent where a solver cannot work."""
@@ -100,14 +115,13 @@ def solve_worlds_kernel(solver: ConeSolver, stand_in: bool = False) -> wp.Kernel
         if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
             return
         cone = pack_cone(scratch, scratch_slot_of(world, worlds))
-        problem = sized_problem(step.blocks[world], topology, config, cone)
-        if not applies(problem, cone_config(config)):
-            return
-        if problem.dense == 1:
-            assemble_dense(step.blocks[world], topology, cone)
-        solution = solve(problem, cone_config(config))
-        step.iterations[world] = solution.iterations
-        step.cone_residual[world] = solution.residual
+        islands = step.islands[world]
+        for island in range(wp.max(islands, 1)):
+            problem = island_problem(island, islands, step.blocks[world], topology, config, cone)
+            if applies(problem, cone_config(config)):
+                if problem.dense == 1:
+                    assemble_dense(problem)
+                keep_report(island, solve(problem, cone_config(config)), cone)
 
     return solve_worlds
 
@@ -134,16 +148,17 @@ def proximal_worlds_kernel(solver: ConeSolver, stand_in: bool, rest: bool) -> wp
         if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
             return
         cone = pack_cone(scratch, scratch_slot_of(world, worlds))
-        problem = sized_problem(step.blocks[world], topology, config, cone)
         numbers = cone_config(config)
-        if not applies(problem, numbers) or not wants_newton(problem, numbers, step.cone_residual[world]):
-            return
-        before = SolveReport()
-        before.iterations = step.iterations[world]
-        solution = go_on(problem, numbers, before)
-        keep_best(problem)
-        step.iterations[world] = solution.iterations
-        step.cone_residual[world] = solution.residual
+        islands = step.islands[world]
+        for island in range(wp.max(islands, 1)):
+            problem = island_problem(island, islands, step.blocks[world], topology, config, cone)
+            if applies(problem, numbers) and wants_newton(problem, numbers, cone.island_residual[island]):
+                restore_dense(problem, islands)
+                before = SolveReport()
+                before.iterations = cone.island_iterations[island]
+                solution = go_on(problem, numbers, before)
+                keep_best(problem)
+                keep_report(island, solution, cone)
 
     return proximal_worlds
 
@@ -172,25 +187,29 @@ def newton_worlds(
 ):
     """Newton steps of the interior point; with `follows`, where another solver has missed the tolerance."""
     world = worlds.first + wp.tid()
-    step.newton_steps[world] = -1
     if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
         return
     scratch_slot = scratch_slot_of(world, worlds)
     cone = pack_cone(scratch, scratch_slot)
-    problem = sized_problem(step.blocks[world], topology, config, cone)
-    if not can_factorise(problem):
-        return
-    if follows == 0:
-        assemble_dense(step.blocks[world], topology, cone)
-    else:
-        if step.cone_residual[world] <= config.tolerance:
-            return
-        for row in range(problem.row_count):
-            scratch.kept[scratch_slot, row] = problem.gamma[row]
-    problem.dense = 1  # which it is: no code for others
-    found = start_interior_point(problem, newton_config(config, follows))
-    step.newton_steps[world] = found.iterations
-    step.newton_residual[world] = found.residual
+    islands = step.islands[world]
+    for island in range(wp.max(islands, 1)):
+        cone.newton_steps[island] = -1
+        problem = island_problem(island, islands, step.blocks[world], topology, config, cone)
+        wanted = can_factorise(problem)
+        if follows == 1:
+            wanted = wanted and not cone.island_residual[island] <= config.tolerance
+        if wanted:
+            problem.dense = 1  # which it is: no code for others
+            if follows == 0:
+                assemble_dense(problem)
+            else:
+                restore_dense(problem, islands)
+                start = island_start(island, islands, cone)
+                for row in range(problem.row_count):
+                    scratch.kept[scratch_slot, start + row] = problem.gamma[row]
+            found = start_interior_point(problem, newton_config(config, follows))
+            cone.newton_steps[island] = found.iterations
+            cone.newton_residual[island] = found.residual
 
 
 @wp.kernel(**PART)
@@ -207,26 +226,29 @@ def refine_worlds(
 ):
     """Gradient steps after them; with `follows`, the better of the two solutions."""
     world = worlds.first + wp.tid()
-    if (state.world_status[world] & NON_FINITE) != 0 or step.newton_steps[world] < 0:
+    if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
         return
     scratch_slot = scratch_slot_of(world, worlds)
-    problem = sized_problem(step.blocks[world], topology, config, pack_cone(scratch, scratch_slot))
-    problem.dense = 1
-    newton = SolveReport()
-    newton.iterations = step.newton_steps[world]
-    newton.residual = step.newton_residual[world]
-    solution = finish_interior_point(problem, newton_config(config, follows), newton)
-    if follows == 0:
-        step.iterations[world] = solution.iterations
-        step.cone_residual[world] = solution.residual
-        return
-    step.iterations[world] = step.iterations[world] + solution.iterations
-    if solution.residual < step.cone_residual[world]:
-        step.cone_residual[world] = solution.residual
-    else:
-        for row in range(problem.row_count):
-            problem.gamma[row] = scratch.kept[scratch_slot, row]
-            problem.vectors[LOW, row] = 0.0
+    cone = pack_cone(scratch, scratch_slot)
+    islands = step.islands[world]
+    for island in range(wp.max(islands, 1)):
+        if cone.newton_steps[island] >= 0:
+            problem = island_problem(island, islands, step.blocks[world], topology, config, cone)
+            problem.dense = 1
+            restore_dense(problem, islands)
+            newton = SolveReport()
+            newton.iterations = cone.newton_steps[island]
+            newton.residual = cone.newton_residual[island]
+            solution = finish_interior_point(problem, newton_config(config, follows), newton)
+            if follows == 1:
+                solution.iterations += cone.island_iterations[island]
+                if not solution.residual < cone.island_residual[island]:
+                    solution.residual = cone.island_residual[island]
+                    start = island_start(island, islands, cone)
+                    for row in range(problem.row_count):
+                        problem.gamma[row] = scratch.kept[scratch_slot, start + row]
+                        problem.vectors[LOW, row] = 0.0
+            keep_report(island, solution, cone)
 
 
 def kernels_for_cuda_check() -> list[wp.Kernel]:

@@ -3,7 +3,7 @@
 import warp as wp
 
 from simwarp.core.types import WorldStatus
-from simwarp.kernels.cones.problem import ROLLING, ConeConfig, ConeProblem
+from simwarp.kernels.cones.problem import ConeConfig, ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
 from simwarp.kernels.core.tables import StepConfig, Topology, Work, world_row
@@ -28,9 +28,10 @@ from simwarp.kernels.dynamics.bodies import (
     total_velocities,
 )
 from simwarp.kernels.dynamics.box_constraints import collect_boxes
-from simwarp.kernels.dynamics.cone_rows import apply_cones, assemble_dense
+from simwarp.kernels.dynamics.cone_rows import apply_cones
 from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_group
+from simwarp.kernels.dynamics.islands import leave_islands
 from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass
@@ -108,8 +109,9 @@ def refine_free_motion(world: int, topology: Topology, parameters: Parameters, w
 class StepProgress:
     """Results that one part of a step passes to the next: blocks of the cone problem, and residuals."""
 
-    limits: int  # blocks on coordinates, in front
+    limits: int  # blocks on coordinates, in front until islands are formed
     blocks: int  # all
+    islands: int  # of the cone problem; 0: one that moves everything
     row_residual: float  # of the bilateral rows [m/s or rad/s]
     position_error: float  # of the joints [m or rad]
 
@@ -123,33 +125,6 @@ def cone_config(config: StepConfig) -> ConeConfig:
     numbers.max_iterations = config.max_iterations
     numbers.tolerance = config.tolerance
     return numbers
-
-
-@wp.func
-def sized_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
-    """The problem of the first `blocks` blocks, without its Schur complement."""
-    problem = cone
-    problem.block_count = blocks
-    problem.row_count = cone.block_row[blocks]
-    problem.tree_dof_count = topology.tree_dof_count
-    problem.loop_count = topology.row_count
-    problem.rolling_count = 0
-    for block in range(blocks):
-        if cone.block_kind[block] == ROLLING:
-            problem.rolling_count = problem.rolling_count + 1
-    problem.dense = 0
-    if problem.row_count <= config.dense_rows:
-        problem.dense = 1
-    return problem
-
-
-@wp.func
-def cone_problem(blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem) -> ConeProblem:
-    """The problem of the first `blocks` blocks; its Schur complement is formed as long as it is small."""
-    problem = sized_problem(blocks, topology, config, cone)
-    if problem.dense == 1:
-        assemble_dense(blocks, topology, cone)
-    return problem
 
 
 @wp.func(inline=True)
@@ -259,14 +234,17 @@ def take_impulses(
     """Velocities after the impulses of the cone problem, and the forces of the contacts."""
     progress = before
     if progress.blocks > 0:
+        leave_islands(progress.islands, cone)
         apply_cones(cone, progress.blocks, topology, work)
         forward_pass(topology, work)
         if topology.row_count > 0:
             progress.row_residual = enforce_rows(world, 1, topology, parameters, config, work)
-        for block in range(progress.limits):
-            state.box_impulse[world, work.active[block]] = work.b_sign[block] * cone.gamma[block]
+        for block in range(progress.blocks):
+            if work.active[block] < topology.box_count:
+                impulse = work.b_sign[block] * cone.gamma[cone.block_row[block]]
+                state.box_impulse[world, work.active[block]] = impulse
     if topology.pair_count > 0:
-        publish_contacts(world, config.dt, progress.limits, progress.blocks, topology, contacts, work, cone)
+        publish_contacts(world, config.dt, progress.blocks, topology, contacts, work, cone)
     return progress
 
 

@@ -17,6 +17,7 @@ from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelera
 from simwarp.kernels.dynamics.bilateral_rows import combination_laws, loop_row_law, loop_row_wrenches
 from simwarp.kernels.dynamics.bodies import load_poses, publish_coordinates, publish_motion, total_velocities
 from simwarp.kernels.dynamics.contact_rows import list_contacts, settle_contacts, walk_contacts
+from simwarp.kernels.dynamics.islands import enter_islands, world_report
 from simwarp.kernels.dynamics.joints import joint_frames
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
@@ -50,18 +51,15 @@ class StepState:
 
     limits: wp.array[int]
     blocks: wp.array[int]
-    iterations: wp.array[int]
+    islands: wp.array[int]
     row_residual: wp.array[float]
     position_error: wp.array[float]
-    cone_residual: wp.array[float]
-    newton_steps: wp.array[int]  # of the interior point; -1: it does not run
-    newton_residual: wp.array[float]
 
 
 def step_state_layouts(worlds: int) -> dict[str, ArrayLayout]:
     """The arrays of a `StepState`."""
-    whole = ("limits", "blocks", "iterations", "newton_steps")
-    names = [*whole, "row_residual", "position_error", "cone_residual", "newton_residual"]
+    whole = ("limits", "blocks", "islands")
+    names = [*whole, "row_residual", "position_error"]
     return {name: ArrayLayout((worlds,), wp.int32 if name in whole else wp.float32) for name in names}
 
 
@@ -71,6 +69,7 @@ def progress_of(world: int, step: StepState) -> StepProgress:
     progress = StepProgress()
     progress.limits = step.limits[world]
     progress.blocks = step.blocks[world]
+    progress.islands = step.islands[world]
     progress.row_residual = step.row_residual[world]
     progress.position_error = step.position_error[world]
     return progress
@@ -81,6 +80,7 @@ def keep_progress(world: int, progress: StepProgress, step: StepState):
     """For the kernels that follow."""
     step.limits[world] = progress.limits
     step.blocks[world] = progress.blocks
+    step.islands[world] = progress.islands
     step.row_residual[world] = progress.row_residual
     step.position_error[world] = progress.position_error
 
@@ -106,8 +106,6 @@ def load_worlds(
         return
     work = pack(scratch, scratch_slot_of(world, worlds))
     progress = load_step(world, config, topology, parameters, control, state, contacts, work)
-    step.iterations[world] = 0
-    step.cone_residual[world] = 0.0
     keep_progress(world, progress, step)
 
 
@@ -320,6 +318,26 @@ def settle_worlds(
 
 
 @wp.kernel(**PART)
+def part_worlds(
+    # inputs
+    worlds: WorldRange,
+    topology: Topology,
+    scratch: Scratch,
+    state: StateArrays,
+    # in and out
+    step: StepState,
+):
+    """Islands of the cone problem (`enter_islands`)."""
+    world = worlds.first + wp.tid()
+    if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
+        return
+    scratch_slot = scratch_slot_of(world, worlds)
+    step.islands[world] = enter_islands(
+        step.blocks[world], topology, pack(scratch, scratch_slot), pack_cone(scratch, scratch_slot)
+    )
+
+
+@wp.kernel(**PART)
 def push_worlds(
     # inputs
     worlds: WorldRange,
@@ -436,9 +454,19 @@ def weigh_worlds(
     if config.projection_iterations > 0:
         load_poses(world, topology, state, work)
     record_reactions(
-        world, config.dt, step.limits[world], step.blocks[world], topology, parameters, state, control, contacts,
-        config, work, pack_cone(scratch, scratch_slot), reports,
-    )  # fmt: skip
+        world,
+        config.dt,
+        step.blocks[world],
+        topology,
+        parameters,
+        state,
+        control,
+        contacts,
+        config,
+        work,
+        pack_cone(scratch, scratch_slot),
+        reports,
+    )
 
 
 @wp.kernel(**PART)
@@ -459,11 +487,12 @@ def publish_worlds(
     world = worlds.first + wp.tid()
     if (state.world_status[world] & NON_FINITE) != 0:
         return
-    work = pack(scratch, scratch_slot_of(world, worlds))
+    scratch_slot = scratch_slot_of(world, worlds)
+    work = pack(scratch, scratch_slot)
     total_velocities(topology, work)
     solution = SolveReport()
-    solution.iterations = step.iterations[world]
-    solution.residual = step.cone_residual[world]
+    if step.blocks[world] > 0:
+        solution = world_report(step.islands[world], pack_cone(scratch, scratch_slot))
     report_progress(world, progress_of(world, step), solution, reports)
     moved = int(0)
     if config.projection_iterations > 0 and config.reactions == 0 and config.accelerations == 0:
@@ -496,6 +525,6 @@ def kernels_for_cuda_check() -> list[wp.Kernel]:
     """All parts but the solvers."""
     return [
         load_worlds, move_worlds, form_worlds, bias_worlds, answer_worlds, hold_worlds, collect_worlds, meet_worlds,
-        respond_worlds, settle_worlds, push_worlds,
+        respond_worlds, settle_worlds, part_worlds, push_worlds,
         change_worlds, project_worlds, accelerate_worlds, weigh_worlds, publish_worlds, finish_worlds,
     ]  # fmt: skip

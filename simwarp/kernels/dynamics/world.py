@@ -28,7 +28,9 @@ from simwarp.kernels.core.world_range import WorldRange, scratch_slot_of
 from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelerations
 from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
 from simwarp.kernels.dynamics.bodies import load_poses, total_velocities
+from simwarp.kernels.dynamics.cone_rows import assemble_dense
 from simwarp.kernels.dynamics.dense_rows import padded
+from simwarp.kernels.dynamics.islands import enter_islands, island_problem, worse
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
 from simwarp.kernels.dynamics.step import (
@@ -37,7 +39,6 @@ from simwarp.kernels.dynamics.step import (
     answer_rows,
     collect_cones,
     cone_config,
-    cone_problem,
     enforce_rows,
     finish_step,
     form_rows,
@@ -70,6 +71,7 @@ class ScratchSizes:
 
     links: int
     tree_dofs: int
+    units: int
     rows: int
     groups: int
     columns: int
@@ -96,6 +98,11 @@ class ScratchSizes:
     def wrench_rows(self) -> int:
         """Rows, and relative rotations of couplings."""
         return self.rows + self.relative_rotations
+
+    @property
+    def unit_ends(self) -> int:
+        """Units, and their end."""
+        return self.units + 1
 
     @property
     def block_ends(self) -> int:
@@ -186,8 +193,14 @@ def step_worlds_kernel(all_solvers: bool) -> wp.Kernel:
                 )
             solution = SolveReport()
             if progress.blocks > 0:
-                problem = cone_problem(progress.blocks, topology, config, cone)
-                solution = solve(problem, cone_config(config), scratch.kept[worlds.slot])
+                if topology.unit_count > 1:
+                    progress.islands = enter_islands(progress.blocks, topology, work, cone)
+                for island in range(wp.max(progress.islands, 1)):
+                    problem = island_problem(island, progress.islands, progress.blocks, topology, config, cone)
+                    if problem.dense == 1:
+                        assemble_dense(problem)
+                    report = solve(problem, cone_config(config), scratch.kept[worlds.slot])
+                    solution = worse(solution, report)
             progress = take_impulses(world, progress, config, topology, parameters, state, contacts, work, cone)
             if config.accelerations == 1:
                 keep_changes(world, config.dt, topology, parameters, state, work, reports)
@@ -206,8 +219,8 @@ def step_worlds_kernel(all_solvers: bool) -> wp.Kernel:
                 record_accelerations(world, config.dt, topology, parameters, state, work, reports)
             if config.reactions == 1:
                 record_reactions(
-                    world, config.dt, progress.limits, progress.blocks, topology, parameters, state, control, contacts,
-                    config, work, cone, reports,
+                    world, config.dt, progress.blocks, topology, parameters, state, control, contacts, config, work,
+                    cone, reports,
                 )  # fmt: skip
             finish_step(world, moved, config, topology, parameters, state, work)
 

@@ -14,6 +14,7 @@ from simwarp.kernels.core.spatial import to_double
 from simwarp.kernels.core.world_range import WorldRange
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.rays.primitives import primitive_ray
+from simwarp.kernels.rays.soil_rays import soil_ray
 from simwarp.kernels.rays.wide_tree import tree_ray
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -32,6 +33,7 @@ class RayHit:
     triangle: int  # of a mesh, hull or height field; -1: a primitive
     bary: wp.vec2  # weights of the triangle's corners 1 and 2
     local: wp.vec3  # the point in the instance's own frame, before its scale
+    drop: float  # of soil: how far the point was pressed down [m]; else 0
 
 
 @wp.func_native("""
@@ -195,6 +197,15 @@ def closest_hit(
             more = int(1)
             floor_t = near[7]
             floor_i = int(near[15])
+    if scene.soil[0].instances > 0:
+        ground = soil_ray(world, start, direction, limit, scene.soil)
+        if ground.t >= 0.0 and (best.t < 0.0 or ground.t < best.t):
+            best.t = ground.t
+            best.normal = ground.normal
+            best.instance = ground.instance
+            best.triangle = ground.triangle
+            best.local = ground.local
+            best.drop = ground.drop
     return best
 
 
@@ -216,6 +227,9 @@ def any_hit(world: int, start: wp.vec3, direction: wp.vec3, reach: float, scene:
             more = int(1)
             floor_t = near[7]
             floor_i = int(near[15])
+    if scene.soil[0].instances > 0:
+        if soil_ray(world, start, direction, reach, scene.soil).t >= 0.0:
+            return 1
     return 0
 
 

@@ -61,7 +61,8 @@ def forgotten_before(world: int, page: int, other: int, nodes: SoilNodes) -> boo
 def take_page(world: int, x: int, y: int, step: int, nodes: SoilNodes):
     """Marks the page at a place as used in this step; takes one that is free, or else the one used longest ago.
 
-    Without any that is not used in this step nothing is taken: there the soil is as hard as if nobody touched it.
+    Without any that is not used in this step nothing is taken: there nothing bears the wheel. `Soil` asks for as many
+    as upright wheels need.
     """
     page = find_page(world, x, y, nodes)
     if page < 0:

@@ -1,19 +1,35 @@
-"""Wheels pressed into soil: the nodes below each, their pressure and shear, and the implicit forces on the wheel.
+"""Shapes pressed into soil: the nodes below each, their pressure and shear, and the implicit forces on its body.
 
-A wheel gets a force F and a symmetric 6 x 6 block D of mass, which stands for how F changes with the velocity over the
+A body gets a force F and a symmetric 6 x 6 block D of mass, which stands for how F changes with the velocity over the
 step: (M + D) dv = h F. Sinkage is predicted at the pose that the present velocity leads to.
 """
 
 import warp as wp
 
-from simwarp.kernels.collision.shape import PLANE, Assets
+from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.fields import ControlArrays, StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.core.world_range import WorldRange
+from simwarp.kernels.soil.footprint import (
+    Below,
+    Pose,
+    footprint_of,
+    inverse_half_width,
+    meets_another,
+    node_below,
+    node_number,
+    owns,
+    shape_pose,
+    soil_at,
+    surface_above,
+)
 from simwarp.kernels.soil.law import Law, law_of, press
+from simwarp.kernels.soil.level import node_drop
 from simwarp.kernels.soil.pages import find_page, take_page
 from simwarp.kernels.soil.soil_tables import (
+    BALL,
+    CAPSULE,
     K_C,
     LEAN_X,
     LEAN_Y,
@@ -21,194 +37,24 @@ from simwarp.kernels.soil.soil_tables import (
     SHEAR,
     SIDE,
     SINKAGE,
+    WHEEL,
     YIELD,
     SoilNodes,
     SoilReports,
+    SoilShapes,
     SoilTables,
-    SoilWheels,
 )
-from simwarp.kernels.soil.wheel_surface import NOTHING, column_above
-from simwarp.kernels.vehicle.tires.ground import ground_below
+from simwarp.kernels.soil.wheel_surface import NOTHING
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
-SLACK = wp.constant(0.02)
-"""Of the ground's height below a wheel, taken into its footprint where the ground is no plane [radii]."""
-FARTHEST = wp.constant(wp.float64(1.0e9))
-"""Nodes from the origin beyond which there is no soil: their numbers are whole numbers of 32 bits."""
-TILTED = wp.constant(0.2)
-"""Vertical part of an axis above which a wheel's whole outline counts."""
 STILL = wp.constant(1.0e-9)
 """Way within a step below which shear has no direction [m]."""
 
 
 @wp.struct
-class Pose:
-    """Place and motion of a wheel, relative to where it is at the start of the step."""
-
-    x: wp.vec3d  # centre, world [m]
-    axis: wp.vec3
-    v: wp.vec3  # of the centre of mass of its body [m/s]
-    omega: wp.vec3
-    centre: wp.vec3  # from the centre of mass to the wheel's centre [m]
-    moved: wp.vec3  # of the centre within the step [m]
-    moved_axis: wp.vec3
-    radius: float
-    half_width: float
-    crown: float
-
-
-@wp.struct
-class Footprint:
-    """Nodes that may be below a wheel: columns x0 to x1, rows y0 to y1; none where x1 < x0."""
-
-    x0: int
-    x1: int
-    y0: int
-    y1: int
-
-
-@wp.func
-def wheel_pose(world: int, wheel: int, dt: float, wheels: SoilWheels, state: StateArrays) -> Pose:
-    """A wheel now, and where its velocity leads it."""
-    body = wheels.body[wheel]
-    q = state.body_rot[world, body]
-    offset = wp.quat_rotate(q, to_double(wheels.offset_b[wheel]))
-    p = Pose()
-    p.x = state.body_x[world, body] + offset
-    p.axis = to_float(wp.quat_rotate(q, wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))))
-    p.v = state.body_v[world, body]
-    p.omega = state.body_omega[world, body]
-    p.centre = to_float(offset)
-    moved = dt * (p.v + wp.cross(p.omega, p.centre))
-    # one that flies off at any speed looks no farther ahead than it is high
-    p.moved = moved * wp.min(1.0, wheels.radius[wheel] / wp.max(wp.length(moved), 1.0e-9))
-    p.moved_axis = wp.normalize(p.axis + dt * wp.cross(p.omega, p.axis))
-    p.radius = wheels.radius[wheel]
-    p.half_width = wheels.half_width[wheel]
-    p.crown = wheels.crown[wheel]
-    return p
-
-
-@wp.func
-def node_number(x: wp.float64, offset: float, spacing: float) -> int:
-    """The last column or row of nodes up to x + offset; exact far from the origin too."""
-    return int(wp.floor((x + wp.float64(offset)) / wp.float64(spacing)))
-
-
-@wp.func
-def footprint_of(world: int, p: Pose, soil: SoilTables, assets: Assets) -> Footprint:
-    """The nodes that a wheel may touch now or at the end of the step."""
-    foot = Footprint()
-    foot.x1 = -1
-    if not wp.isfinite(wp.length_sq(p.axis) + wp.length_sq(p.moved)):
-        return foot
-    g = ground_below(world, p.x, wp.vec3(), p.radius, soil.terrain, assets)
-    if g.found == 0 or wp.max(wp.abs(p.x[0]), wp.abs(p.x[1])) > FARTHEST * wp.float64(soil.spacing):
-        return foot
-    deep = g.arm[2] + p.radius + wp.abs(p.moved[2]) + p.half_width * wp.abs(p.axis[2])
-    along = float(p.radius)
-    if soil.terrain.kind == PLANE:
-        # a leaning plane reaches the wheel earlier on its upper side
-        deep += p.radius * wp.sqrt(wp.max(0.0, 1.0 - g.normal[2] * g.normal[2]))
-        if deep <= 0.0:
-            return foot
-        if deep < p.radius:
-            along = wp.sqrt(deep * (2.0 * p.radius - deep))
-    elif deep + (SLACK + 1.0) * p.radius <= 0.0:
-        return foot
-    flat = wp.max(wp.sqrt(p.axis[0] * p.axis[0] + p.axis[1] * p.axis[1]), 1.0e-6)
-    ax = wp.abs(p.axis[0]) / flat
-    ay = wp.abs(p.axis[1]) / flat
-    across = p.half_width + p.radius * wp.abs(p.axis[2]) + soil.spacing * float(soil.weighted)
-    reach_x = along * ay + across * ax + wp.abs(p.moved[0])
-    reach_y = along * ax + across * ay + wp.abs(p.moved[1])
-    if wp.abs(p.axis[2]) > TILTED:  # it may lie on its side
-        reach_x = wp.length(wp.vec2(p.radius, p.half_width)) + wp.abs(p.moved[0])
-        reach_y = reach_x - wp.abs(p.moved[0]) + wp.abs(p.moved[1])
-    foot.x0 = node_number(p.x[0], -reach_x, soil.spacing) + 1
-    foot.x1 = node_number(p.x[0], reach_x, soil.spacing)
-    foot.y0 = node_number(p.x[1], -reach_y, soil.spacing) + 1
-    foot.y1 = node_number(p.x[1], reach_y, soil.spacing)
-    return foot
-
-
-@wp.func
-def soil_at(world: int, x: wp.vec3d, soil: SoilTables) -> int:
-    """Index of the soil at a place; outside the map that of its nearest cell."""
-    rows = soil.soil_map.shape[1]
-    columns = soil.soil_map.shape[2]
-    if rows * columns == 0:
-        return 0
-    zero = wp.float64(0.0)
-    column = wp.clamp(wp.floor((x[0] - soil.map_origin[0]) / soil.map_cell[0]), zero, wp.float64(columns - 1))
-    row = wp.clamp(wp.floor((x[1] - soil.map_origin[1]) / soil.map_cell[1]), zero, wp.float64(rows - 1))
-    return soil.soil_map[world_row(world, soil.soil_map.shape[0]), int(row), int(column)]
-
-
-@wp.struct
-class Below:
-    """A node of the undeformed ground, from a wheel's centre."""
-
-    found: int
-    x: float
-    y: float
-    height: float
-    normal: wp.vec3
-    sinkage: float  # of the wheel's surface along the normal [m]; negative where there is none
-    share: float  # of its cell that the wheel covers
-    low: float  # the wheel's surface, from its centre [m]
-
-
-@wp.func
-def node_below(world: int, column: int, row: int, p: Pose, soil: SoilTables, assets: Assets) -> Below:
-    """The ground at a node, and how deep the wheel is in it now."""
-    b = Below()
-    spacing = wp.float64(soil.spacing)
-    b.x = float(wp.float64(column) * spacing - p.x[0])
-    b.y = float(wp.float64(row) * spacing - p.x[1])
-    g = ground_below(world, p.x, wp.vec3(b.x, b.y, 0.0), p.radius, soil.terrain, assets)
-    b.found = g.found
-    b.height = g.arm[2]
-    b.normal = g.normal
-    above = column_above(b.x, b.y, p.axis, p.radius, p.half_width, p.crown, soil.spacing * float(soil.weighted))
-    b.sinkage = g.normal[2] * (b.height - above.height)
-    b.share = above.share
-    b.low = above.height
-    return b
-
-
-@wp.func
-def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, assets: Assets) -> float:
-    """Perimeter over twice the area of the touched rectangle in the wheel's axes [1/m]; 0 without one."""
-    flat = wp.max(wp.sqrt(p.axis[0] * p.axis[0] + p.axis[1] * p.axis[1]), 1.0e-6)
-    ax = p.axis[0] / flat
-    ay = p.axis[1] / flat
-    low = float(1.0e9)
-    high = float(-1.0e9)
-    left = float(-1.0e9)
-    right = float(1.0e9)
-    for row in range(foot.y0, foot.y1 + 1):
-        for column in range(foot.x0, foot.x1 + 1):
-            b = node_below(world, column, row, p, soil, assets)
-            if b.found == 1 and b.sinkage > 0.0:
-                along = b.x * ay - b.y * ax
-                across = b.x * ax + b.y * ay
-                low = wp.min(low, along)
-                high = wp.max(high, along)
-                left = wp.max(left, across)
-                right = wp.min(right, across)
-    if high < low:
-        return 0.0
-    cell = soil.spacing * (wp.abs(ax) + wp.abs(ay))
-    length = wp.min(high - low + cell, 2.0 * p.radius)
-    width = wp.min(left - right + cell, 2.0 * p.half_width)
-    return (length + width) / (length * width)
-
-
-@wp.struct
-class WheelSum:
-    """Force, moment about the centre of mass, and the block D of a wheel."""
+class ShapeSum:
+    """Force, moment about the centre of mass, and the block D of a shape."""
 
     force: wp.vec3
     moment: wp.vec3
@@ -219,7 +65,7 @@ class WheelSum:
 
 
 @wp.func
-def add_block(total: WheelSum, weight: float, arm: wp.vec3, direction: wp.vec3) -> WheelSum:
+def add_block(total: ShapeSum, weight: float, arm: wp.vec3, direction: wp.vec3) -> ShapeSum:
     """Adds weight J^T n n^T J, with J the velocity of a point at `arm` from the centre of mass."""
     s = total
     turn = wp.cross(arm, direction)
@@ -231,11 +77,18 @@ def add_block(total: WheelSum, weight: float, arm: wp.vec3, direction: wp.vec3) 
 
 
 @wp.func
-def add_elastic_block(total: WheelSum, weight: float, arm: wp.vec3, direction: wp.vec3, axis: wp.vec3) -> WheelSum:
-    """As `add_block`, but the wheel's own spin does not move the point: its surface stays where it is."""
+def add_elastic_block(total: ShapeSum, weight: float, arm: wp.vec3, direction: wp.vec3, p: Pose) -> ShapeSum:
+    """As `add_block`, but a spin that leaves the surface where it is does not move the point: of a wheel or capsule
+    about its axis, of a ball about any.
+    """
     s = total
     turn = wp.cross(arm, direction)
-    turn -= wp.dot(turn, axis) * axis
+    if p.kind == WHEEL:
+        turn -= wp.dot(turn, p.axis) * p.axis
+    elif p.kind == BALL:
+        turn = wp.cross(p.centre, direction)
+    elif p.kind == CAPSULE:
+        turn -= wp.dot(wp.cross(arm - p.centre, direction), p.axis) * p.axis
     scaled = weight * direction
     s.mass += wp.outer(scaled, direction)
     s.coupling += wp.outer(turn, scaled)
@@ -267,10 +120,10 @@ def remember_shear(
 
 @wp.func
 def press_node(
-    total: WheelSum, slot: int, world: int, area: float, dt: float, b: Below, p: Pose, law: Law, soil: SoilTables,
+    total: ShapeSum, slot: int, world: int, area: float, dt: float, b: Below, p: Pose, law: Law, soil: SoilTables,
     nodes: SoilNodes,
-) -> WheelSum:  # fmt: skip
-    """Moves the memory of a node on, and adds what it does to the wheel."""
+) -> ShapeSum:  # fmt: skip
+    """Moves the memory of a node on, and adds what it does to the shape."""
     s = total
     n = b.normal
     before = press(b.sinkage, nodes.node[world, slot, SINKAGE], nodes.node[world, slot, YIELD], law)
@@ -284,9 +137,7 @@ def press_node(
     if touched:
         remember_shear(slot, world, dt, slide, n, soil, nodes)
     cell = soil.spacing * float(soil.weighted)
-    moved = column_above(
-        b.x - p.moved[0], b.y - p.moved[1], p.moved_axis, p.radius, p.half_width, p.crown, cell
-    )  # fmt: skip
+    moved = surface_above(b.x - p.moved[0], b.y - p.moved[1], p, p.moved_axis, p.moved_side, cell)
     after = n[2] * (b.height - p.moved[2] - moved.height)
     pressed = press(after, before.plastic, before.limit, law)
     if pressed.pressure <= 0.0 or moved.height == NOTHING or b.low == NOTHING:
@@ -320,7 +171,7 @@ def press_node(
     force = area * (pressure * n - against)
     s.force += force
     s.moment += wp.cross(arm, force)
-    s = add_elastic_block(s, area * dt * dt * stiffness, arm, n, p.axis)
+    s = add_elastic_block(s, area * dt * dt * stiffness, arm, n, p)
     s = add_block(s, area * dt * damping, arm, n)
     side = wp.normalize(wp.cross(n, wp.vec3(1.0, 0.0, 0.0)))
     s = add_block(s, area * drag, arm, side)
@@ -330,71 +181,16 @@ def press_node(
 
 
 @wp.func
-def reach_of(wheel: int, soil: SoilTables, wheels: SoilWheels) -> float:
-    """Farthest that a wheel's footprint can be from its centre, whatever it does [m]."""
-    return 3.0 * wheels.radius[wheel] + wheels.half_width[wheel] + soil.spacing
-
-
-@wp.func
-def far_apart(
-    world: int, wheel: int, other: int, p: Pose, soil: SoilTables, wheels: SoilWheels, state: StateArrays
-) -> bool:  # fmt: skip
-    """True where two wheels can have no node in common: most of those of several vehicles, told by their places."""
-    way = state.body_x[world, wheels.body[other]] - p.x
-    reach = reach_of(wheel, soil, wheels) + reach_of(other, soil, wheels) + wp.length(wheels.offset_b[other])
-    return wp.max(wp.abs(way[0]), wp.abs(way[1])) > wp.float64(reach)
-
-
-@wp.func
-def owns(
-    world: int, wheel: int, column: int, row: int, b: Below, dt: float, at: Pose, soil: SoilTables, wheels: SoilWheels,
-    state: StateArrays, assets: Assets,
-) -> bool:  # fmt: skip
-    """False where another wheel is deeper at a node, or as deep and of a smaller index."""
-    mine = bool(True)
-    for other in range(wheels.body.shape[0]):
-        if other != wheel and not far_apart(world, wheel, other, at, soil, wheels, state):
-            p = wheel_pose(world, other, dt, wheels, state)
-            theirs = node_below(world, column, row, p, soil, assets).sinkage
-            if theirs > 0.0 and (theirs > b.sinkage or (theirs == b.sinkage and other < wheel)):
-                mine = False
-    return mine
-
-
-@wp.func
-def meets_another(
-    world: int, wheel: int, foot: Footprint, dt: float, at: Pose, soil: SoilTables, wheels: SoilWheels,
-    state: StateArrays, assets: Assets,
-) -> bool:  # fmt: skip
-    """True where the footprint of another wheel crosses this one's."""
-    found = bool(False)
-    for other in range(wheels.body.shape[0]):
-        if other != wheel and not far_apart(world, wheel, other, at, soil, wheels, state):
-            f = footprint_of(world, wheel_pose(world, other, dt, wheels, state), soil, assets)
-            if f.x0 <= foot.x1 and foot.x0 <= f.x1 and f.y0 <= foot.y1 and foot.y0 <= f.y1:
-                found = True
-    return found
-
-
-@wp.kernel
-def take_pages(
-    # inputs
-    worlds: WorldRange,
-    dt: float,
-    soil: SoilTables,
-    wheels: SoilWheels,
-    assets: Assets,
-    state: StateArrays,
-    # in and out
+def take_pages_below(
+    world: int, dt: float, step: int, soil: SoilTables, shapes: SoilShapes, assets: Assets, state: StateArrays,
     nodes: SoilNodes,
-):
-    """Pages below all wheels of a world; dim W."""
-    world = worlds.first + wp.tid()
-    step = nodes.step[world] + 1
-    nodes.step[world] = step
+):  # fmt: skip
+    """Marks the pages below all shapes of a world as used in a step, then takes those that are missing: none that
+    something stands on is given away, whatever the order of the shapes.
+    """
     missing = int(0)
-    for wheel in range(wheels.body.shape[0]):
-        foot = footprint_of(world, wheel_pose(world, wheel, dt, wheels, state), soil, assets)
+    for shape in range(shapes.body.shape[0]):
+        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), soil, assets)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -405,9 +201,8 @@ def take_pages(
                         nodes.used_at[world, page] = step
     if missing == 0:
         return
-    # none that a wheel stands on is given away, whatever the order of the wheels
-    for wheel in range(wheels.body.shape[0]):
-        foot = footprint_of(world, wheel_pose(world, wheel, dt, wheels, state), soil, assets)
+    for shape in range(shapes.body.shape[0]):
+        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), soil, assets)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -415,28 +210,35 @@ def take_pages(
 
 
 @wp.kernel
-def press_wheels(
+def take_pages(
     # inputs
     worlds: WorldRange,
     dt: float,
     soil: SoilTables,
-    wheels: SoilWheels,
+    shapes: SoilShapes,
     assets: Assets,
     state: StateArrays,
     # in and out
     nodes: SoilNodes,
-    # outputs
-    reports: SoilReports,
-    control: ControlArrays,
 ):
-    """Forces and implicit blocks of all wheels; dim (W, wheels). Nodes are summed row by row."""
-    index, wheel = wp.tid()
-    world = worlds.first + index
-    body = wheels.body[wheel]
-    p = wheel_pose(world, wheel, dt, wheels, state)
+    """Pages below all shapes of a world; dim W."""
+    world = worlds.first + wp.tid()
+    step = nodes.step[world] + 1
+    nodes.step[world] = step
+    take_pages_below(world, dt, step, soil, shapes, assets, state, nodes)
+
+
+@wp.func
+def press_shape(
+    world: int, shape: int, dt: float, soil: SoilTables, shapes: SoilShapes, assets: Assets, state: StateArrays,
+    nodes: SoilNodes, reports: SoilReports,
+) -> ShapeSum:  # fmt: skip
+    """Force and block of one shape. Nodes are summed row by row."""
+    p = shape_pose(world, shape, dt, shapes, state)
     foot = footprint_of(world, p, soil, assets)
-    total = WheelSum()
+    total = ShapeSum()
     sunk = float(0.0)
+    deepest = nodes.deepest[world, shape]
     if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
         copy = world_row(world, soil.parameter.shape[0])
         kind = soil_at(world, p.x, soil)
@@ -444,7 +246,7 @@ def press_wheels(
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(world, p, foot, soil, assets)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, wheel, foot, dt, p, soil, wheels, state, assets)
+        crowded = meets_another(world, shape, foot, dt, p, soil, shapes, state, assets)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
         page_x = int(0x7FFFFFFF)
@@ -453,8 +255,8 @@ def press_wheels(
         for row in range(foot.y0, foot.y1 + 1):
             for column in range(foot.x0, foot.x1 + 1):
                 b = node_below(world, column, row, p, soil, assets)
-                # a node that the wheel comes to within the step counts already
-                close = b.sinkage > -3.0 * wp.length(p.moved)
+                # a node that the shape comes to within the step counts already
+                close = b.sinkage > -p.near
                 if b.found == 1 and close:
                     if column >> 3 != page_x or row >> 3 != page_y:
                         page_x = column >> 3
@@ -463,55 +265,113 @@ def press_wheels(
                     area = soil.spacing * soil.spacing * b.share
                     mine = bool(True)
                     if crowded:
-                        mine = owns(world, wheel, column, row, b, dt, p, soil, wheels, state, assets)
+                        mine = owns(world, shape, column, row, b, dt, p, soil, shapes, state, assets)
                     if page >= 0 and area > 0.0 and mine:
                         slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
+                        deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))
                         if column == middle_x and row == middle_y:
                             sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2]
+    nodes.deepest[world, shape] = deepest
+    reports.touched[world, shape] = total.touched
+    reports.sinkage[world, shape] = sunk
+    reports.before_v[world, shape] = p.v
+    reports.before_omega[world, shape] = p.omega
+    reports.pushed[world, shape] = total.force
+    reports.turned[world, shape] = total.moment
+    reports.mass[world, shape] = total.mass
+    reports.coupling[world, shape] = total.coupling
+    reports.inertia[world, shape] = total.inertia
+    return total
+
+
+@wp.kernel
+def press_shapes(
+    # inputs
+    worlds: WorldRange,
+    dt: float,
+    soil: SoilTables,
+    shapes: SoilShapes,
+    assets: Assets,
+    state: StateArrays,
+    # in and out
+    nodes: SoilNodes,
+    # outputs
+    reports: SoilReports,
+    control: ControlArrays,
+):
+    """Forces and implicit blocks of all bodies with shapes; dim (W, bodies). A body's shapes are summed in order."""
+    index, carrier = wp.tid()
+    world = worlds.first + index
+    body = shapes.carrier[carrier]
+    first = shapes.member_start[carrier]
+    total = press_shape(world, shapes.member[first], dt, soil, shapes, assets, state, nodes, reports)
+    for at in range(first + 1, shapes.member_start[carrier + 1]):
+        more = press_shape(world, shapes.member[at], dt, soil, shapes, assets, state, nodes, reports)
+        total.force += more.force
+        total.moment += more.moment
+        total.mass += more.mass
+        total.coupling += more.coupling
+        total.inertia += more.inertia
+    if shapes.adds[carrier] >= 1:
+        total.force += control.element_force[world, body]
+        total.moment += control.element_torque[world, body]
+    if shapes.adds[carrier] == 2:
+        total.mass += control.element_mass[world, body]
+        total.coupling += control.element_coupling[world, body]
+        total.inertia += control.element_inertia[world, body]
     control.element_force[world, body] = total.force
     control.element_torque[world, body] = total.moment
     control.element_mass[world, body] = total.mass
     control.element_coupling[world, body] = total.coupling
     control.element_inertia[world, body] = total.inertia
-    reports.touched[world, wheel] = total.touched
-    reports.sinkage[world, wheel] = sunk
-    reports.before_v[world, wheel] = p.v
-    reports.before_omega[world, wheel] = p.omega
 
 
 @wp.kernel
-def report_wheels(
+def report_shapes(
     # inputs
     worlds: WorldRange,
     dt: float,
-    wheels: SoilWheels,
-    control: ControlArrays,
+    shapes: SoilShapes,
     state: StateArrays,
     # outputs
     reports: SoilReports,
 ):
-    """What acted on the wheels in a sub-step, F - D dv / h; dim (W, wheels)."""
-    index, wheel = wp.tid()
+    """What acted on the shapes in a sub-step, F - D dv / h; dim (W, shapes)."""
+    index, shape = wp.tid()
     world = worlds.first + index
-    body = wheels.body[wheel]
-    dv = (state.body_v[world, body] - reports.before_v[world, wheel]) / dt
-    domega = (state.body_omega[world, body] - reports.before_omega[world, wheel]) / dt
-    coupling = control.element_coupling[world, body]
-    force = control.element_force[world, body] - control.element_mass[world, body] * dv - domega * coupling
-    moment = control.element_torque[world, body] - control.element_inertia[world, body] * domega - coupling * dv
+    body = shapes.body[shape]
+    dv = (state.body_v[world, body] - reports.before_v[world, shape]) / dt
+    domega = (state.body_omega[world, body] - reports.before_omega[world, shape]) / dt
+    coupling = reports.coupling[world, shape]
+    force = reports.pushed[world, shape] - reports.mass[world, shape] * dv - domega * coupling
+    moment = reports.turned[world, shape] - reports.inertia[world, shape] * domega - coupling * dv
     q = state.body_rot[world, body]
-    offset = to_float(wp.quat_rotate(q, to_double(wheels.offset_b[wheel])))
-    reports.force_w[world, wheel] = force
-    reports.torque_w[world, wheel] = moment - wp.cross(offset, force)
-    reports.load[world, wheel] = force[2]
-    axis = to_float(wp.quat_rotate(q, wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))))
-    ahead = wp.normalize(wp.cross(axis, wp.vec3(0.0, 0.0, 1.0)))
-    omega = state.body_omega[world, body]
-    v = wp.dot(ahead, state.body_v[world, body] + wp.cross(omega, offset))
-    rolled = wheels.radius[wheel] * wp.dot(omega, axis)
-    fast = wp.max(wp.abs(v), wp.abs(rolled))
-    reports.slip_ratio[world, wheel] = wp.where(fast > 1.0e-3, (rolled - v) / wp.max(fast, 1.0e-3), 0.0)
+    offset = to_float(wp.quat_rotate(q, to_double(shapes.offset_b[shape])))
+    reports.force_w[world, shape] = force
+    reports.torque_w[world, shape] = moment - wp.cross(offset, force)
+    reports.load[world, shape] = force[2]
+    reports.slip_ratio[world, shape] = 0.0
+    if shapes.kind[shape] == WHEEL:
+        axis = to_float(wp.quat_rotate(q, to_double(shapes.axis_b[shape])))
+        ahead = wp.normalize(wp.cross(axis, wp.vec3(0.0, 0.0, 1.0)))
+        omega = state.body_omega[world, body]
+        v = wp.dot(ahead, state.body_v[world, body] + wp.cross(omega, offset))
+        rolled = shapes.radius[shape] * wp.dot(omega, axis)
+        fast = wp.max(wp.abs(v), wp.abs(rolled))
+        reports.slip_ratio[world, shape] = wp.where(fast > 1.0e-3, (rolled - v) / wp.max(fast, 1.0e-3), 0.0)
+
+
+@wp.func
+def clear_world(world: int, nodes: SoilNodes):
+    """Fresh soil in a world. Pages are emptied when they are taken."""
+    nodes.count[world] = 0
+    nodes.step[world] = 0
+    nodes.recycled[world] = 0
+    for shape in range(nodes.deepest.shape[1]):
+        nodes.deepest[world, shape] = 0.0
+    for at in range(nodes.entry.shape[1]):
+        nodes.entry[world, at] = 0
 
 
 @wp.kernel
@@ -522,11 +382,7 @@ def clear_soil(
     # in and out
     nodes: SoilNodes,
 ):
-    """Fresh soil in the worlds of a mask; dim W. Pages are emptied when they are taken."""
+    """Fresh soil in the worlds of a mask; dim W."""
     world = worlds.first + wp.tid()
     if mask[world]:
-        nodes.count[world] = 0
-        nodes.step[world] = 0
-        nodes.recycled[world] = 0
-        for at in range(nodes.entry.shape[1]):
-            nodes.entry[world, at] = 0
+        clear_world(world, nodes)

@@ -1,4 +1,4 @@
-"""What the kernels of the soil take: constants, the nodes in pages, the wheels, what they report."""
+"""What the kernels of the soil take: constants, the nodes in pages, the shapes that sink in, what they report."""
 
 import warp as wp
 
@@ -16,6 +16,12 @@ LEAN_X = wp.constant(3)  # direction of the shear, in the plane of the ground
 LEAN_Y = wp.constant(4)
 NODE_VALUES = wp.constant(5)
 
+WHEEL = wp.constant(0)  # a cylinder about its axis
+BOX = wp.constant(1)
+BALL = wp.constant(2)
+CAPSULE = wp.constant(3)
+
+
 K_PHI = wp.constant(0)
 K_C = wp.constant(1)
 EXPONENT = wp.constant(2)
@@ -32,7 +38,7 @@ class SoilTables:
     """Constants of a soil. Arrays have leading dimension 1 (shared) or W."""
 
     spacing: float  # of the nodes [m]
-    weighted: int  # 1: a node counts by the share of its cell that lies inside the wheel's width
+    weighted: int  # 1: a node counts by the share of its cell that lies inside a wheel's width or below a box
     scalar_shear: int  # 1: shear without a direction of its own (Chrono's law)
     length: float  # over which the direction of shear relaxes [m]
     rest_time: float  # displacement that holds a node at rest, per speed [s]
@@ -45,14 +51,22 @@ class SoilTables:
 
 
 @wp.struct
-class SoilWheels:
-    """Rigid wheels, shared by all worlds. First axis: wheel."""
+class SoilShapes:
+    """What sinks in, shared by all worlds. First axis: shape."""
 
-    body: wp.array[int]  # the spindle, whose y axis is the wheel's
-    offset_b: wp.array[wp.vec3]  # of the wheel's centre from the centre of mass, body axes [m]
-    radius: wp.array[float]  # [m]
-    half_width: wp.array[float]  # [m]
-    crown: wp.array[float]  # radius of the tread across [m]; 0: it is flat
+    kind: wp.array[int]  # WHEEL, BOX, BALL or CAPSULE
+    body: wp.array[int]
+    offset_b: wp.array[wp.vec3]  # of the shape's centre from the centre of mass, body axes [m]
+    axis_b: wp.array[wp.vec3]  # of a wheel or capsule; the third of a box
+    side_b: wp.array[wp.vec3]  # the first axis of a box
+    radius: wp.array[float]  # of a wheel, ball or capsule; of the ball around a box [m]
+    half_width: wp.array[float]  # of a wheel; half the straight length of a capsule [m]
+    crown: wp.array[float]  # radius of a wheel's tread across [m]; 0: it is flat
+    half: wp.array[wp.vec3]  # of a box [m]
+    carrier: wp.array[int]  # bodies that have shapes, in the order of their first one
+    member_start: wp.array[int]  # CSR over them
+    member: wp.array[int]  # their shapes
+    adds: wp.array[int]  # 1 where another element writes the forces of such a body first, 2: its blocks too
 
 
 @wp.struct
@@ -62,22 +76,28 @@ class SoilNodes:
     node: wp.array3d[float]  # (W, pages * PAGE_NODES, NODE_VALUES)
     place_x: wp.array2d[int]  # (W, pages) of a page: first node / SIDE
     place_y: wp.array2d[int]
-    used_at: wp.array2d[int]  # (W, pages) step in which it last was below a wheel
+    used_at: wp.array2d[int]  # (W, pages) step in which it last was below a shape
     entry: wp.array2d[int]  # (W, entries) open addressing: page + 1, 0 where there is none
     count: wp.array[int]  # (W,) pages in use
     step: wp.array[int]  # (W,) steps so far
     recycled: wp.array[int]  # (W,) pages that were taken again, with the ruts in them
+    deepest: wp.array2d[float]  # (W, shapes) greatest drop of a node that each has left [m]
 
 
 @wp.struct
 class SoilReports:
-    """Outputs, (W, wheels), and what a sub-step has to give back."""
+    """Outputs, (W, shapes), and what a sub-step has to give back."""
 
     load: wp.array2d[float]  # vertical force [N]
-    sinkage: wp.array2d[float]  # of the soil below the wheel's centre [m]
-    slip_ratio: wp.array2d[float]  # positive when driving
+    sinkage: wp.array2d[float]  # of the soil below the shape's centre [m]
+    slip_ratio: wp.array2d[float]  # of a wheel, positive when driving
     touched: wp.array2d[int]  # nodes with pressure
-    force_w: wp.array2d[wp.vec3]  # on the wheel, at its centre [N]
+    force_w: wp.array2d[wp.vec3]  # on the shape, at its centre [N]
     torque_w: wp.array2d[wp.vec3]  # about its centre [N·m]
     before_v: wp.array2d[wp.vec3]  # velocity of the body before the sub-step
     before_omega: wp.array2d[wp.vec3]
+    pushed: wp.array2d[wp.vec3]  # force before the velocity changed [N]
+    turned: wp.array2d[wp.vec3]  # moment about the body's centre of mass, likewise [N·m]
+    mass: wp.array2d[wp.mat33]  # blocks of D, as `Control.element_mass` and the others
+    coupling: wp.array2d[wp.mat33]
+    inertia: wp.array2d[wp.mat33]

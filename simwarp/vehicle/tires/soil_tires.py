@@ -8,6 +8,7 @@ from typing import Any
 import warp as wp
 
 from simwarp.core.arrays import writable_from
+from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.vehicle.spec.parts import SPECS, SpecError
@@ -37,6 +38,7 @@ class SoilTires(WheelReports):
     Args:
         count: of the wheels, in the order of the reports.
         model: of the vehicle.
+        terrain: the undeformed ground, for the soil; None: the plane z = 0.
 
     Attributes:
         load: (W, wheels) vertical force [N].
@@ -47,8 +49,9 @@ class SoilTires(WheelReports):
         ground_friction: (1,) of no effect: the soil's own strength counts.
     """
 
-    def __init__(self, count: int, model: Model) -> None:
+    def __init__(self, count: int, model: Model, terrain: TerrainTables | None = None) -> None:
         super().__init__(count, model)
+        self.terrain = terrain
         self.ground_friction = writable_from([1.0], wp.float32, model.device)
 
     def show(self, soil: Any, first: int) -> None:

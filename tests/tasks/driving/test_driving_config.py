@@ -18,6 +18,8 @@ from tests.tasks.driving.driving_checks import NAMES, SMALL, driving, held, obst
 
 WRONG = [
     *((name, "friction", 0.0, "positive") for name in NAMES),
+    ("off-road", "soil_spacing", 0.0, "positive"),
+    ("convoy", "soil_pages", 15, "at least 16"),
     ("off-road", "camera_width", 35, "at least 36"),
     ("hallway", "camera_height", 20, "at least 36"),
     ("convoy", "camera_fov", 3.2, r"in \(0, 3.14159\)"),
@@ -61,7 +63,13 @@ def test_a_wrong_value_is_named_with_its_rule_in_a_line(name, field, value, rule
 
 @pytest.mark.parametrize(
     ("name", "field"),
-    [("off-road", "obs"), ("off-road", "goal_frame"), ("convoy", "place_frame"), ("hallway", "start")],
+    [
+        ("off-road", "obs"),
+        ("off-road", "soil"),
+        ("off-road", "goal_frame"),
+        ("convoy", "place_frame"),
+        ("hallway", "start"),
+    ],
 )
 def test_an_unknown_choice_is_named_with_those_that_there_are(name, field):
     with pytest.raises(InputError, match=f"^{field.replace('_', '-')} must be one of .*, got 'nowhere'"):

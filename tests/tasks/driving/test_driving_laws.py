@@ -17,6 +17,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         "off-road",
         {**SMALL, "hills": 1.0, "obstacles": 6, "curriculum": Curriculum(driver=Driver.PROGRESS)},
     ),
+    "soil": ("off-road", {"soil": "random", "obstacles": 6}),
     "seen convoy": ("convoy", {**SMALL, "generated": True}),
     "seen hallway": ("hallway", {**SMALL, "tracks": 2, "start": "anywhere"}),
 }
@@ -111,12 +112,13 @@ def test_a_saved_state_goes_on_exactly(case):
     assert_equal(expected, roll(other, actions[5:], seed=None))
 
 
-@pytest.mark.quick("2")
+@pytest.mark.quick("none-2")
 @pytest.mark.parametrize("stop", [2, 11])
-def test_what_the_guard_keeps_repeats_a_drive(stop, tmp_path):
+@pytest.mark.parametrize("soil", ["none", "random"])
+def test_what_the_guard_keeps_repeats_a_drive(stop, soil, tmp_path):
     """One world alone, from its reset or from a snapshot: the world around it is drawn again."""
     curriculum = Curriculum(driver=Driver.PROGRESS)
-    task = driving("off-road", 3, seed=5, guard_steps=6, hills=1.0, curriculum=curriculum)
+    task = driving("off-road", 3, seed=5, guard_steps=6, hills=1.0, curriculum=curriculum, soil=soil)
     task.on_iteration(0)
     task.level.fill_(0.8)
     task.restart(seed=6)

@@ -1,5 +1,6 @@
 """Evaluation and pictures: exact counts without bias, known intervals, files that are what they say."""
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -120,6 +121,14 @@ def test_which_policy_is_taken(trained, tmp_path, monkeypatch):
     assert find_policy("fast", None, tmp_path).path == tmp_path / "fast.pt"
     with pytest.raises(InputError, match="is of task 'fast', not 'pendulum'"):
         find_policy("pendulum", newest.path)
+    save_checkpoint(tmp_path / "fast.ice.pt", inference_only(newest.content))
+    assert find_policy("fast", Path("fast.ice")).path == tmp_path / "fast.ice.pt"
+    with pytest.raises(InputError, match=r"fast\.mud"):
+        find_policy("fast", Path("fast.mud"))
+    monkeypatch.chdir(trained)
+    shutil.copytree(run, trained / "fast.ice")  # what lies here comes first
+    assert find_policy("fast", Path("fast.ice")).path.is_relative_to("fast.ice")
+    shutil.rmtree(trained / "fast.ice")
 
 
 def test_a_network_for_other_observations_is_refused(trained):

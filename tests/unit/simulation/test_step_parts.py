@@ -11,6 +11,7 @@ import simwarp as sw
 from simwarp import scenes
 from simwarp.simulation import world_launches
 from tests.reference.mechanisms import random_mechanism
+from tests.reference.yards import PARTS, content, yard
 
 pytestmark = pytest.mark.slow  # the parts compile for half a minute
 
@@ -48,7 +49,7 @@ def tendons() -> sw.ModelBuilder:
 MODELS: dict[str, Any] = {
     "pendulum": scenes.pendulum, "four_bar": scenes.four_bar, "ant": scenes.ant, "stack": lambda: scenes.stack(count=3),
     "everything": lambda: random_mechanism(0, bounds=True, couplings=True), "held": held,
-    "tendons": tendons,
+    "tendons": tendons, "yard": lambda: yard(PARTS),
 }  # fmt: skip
 TOLERANCE = 2e-5
 """Compilers fuse multiplications and additions of one kernel differently from those of ten: after 20 steps rounding
@@ -119,6 +120,35 @@ def test_every_solver_finds_the_same(solver, dense_rows, monkeypatch):
     np.testing.assert_allclose(counted, whole.diagnostics.iterations.numpy(), atol=30)  # rounding may cost some
 
 
+@pytest.mark.parametrize("dense_rows", [128, 0])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_every_solver_takes_the_islands_in_turn(solver, dense_rows, monkeypatch):
+    """Each as if it were alone, bit by bit, though room is shared and kernels follow each other."""
+    monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
+    options = sw.SolverOptions(
+        solver=solver, fallback=True, refinement=0, position_projection=1, tolerance=1e-6, dense_rows=dense_rows,
+        max_iterations=4 if solver == "interior_point" else 45,
+    )  # fmt: skip
+
+    def stepped(*parts: str) -> sw.Simulation:
+        sim = sw.Simulation(yard(parts).finalize(2, "cpu"), 2e-3, solver=options, joint_reactions=True)
+        sim.advance(30)
+        return sim
+
+    together = stepped(*PARTS)
+    assert "part_worlds" in [command.kernel.key.rpartition("__")[2] for command in together.physics_commands]
+    most, worst = 0, 0.0
+    for part in PARTS:
+        alone = stepped(part)
+        among = content(part, together)
+        for name, values in content(part, alone).items():
+            assert values.tobytes() == among[name].tobytes(), (part, name)
+        most = max(most, alone.diagnostics.iterations.numpy()[0])
+        worst = max(worst, alone.diagnostics.cone_residual.numpy()[0])
+    assert together.diagnostics.iterations.numpy()[0] == most
+    assert together.diagnostics.cone_residual.numpy()[0] == worst
+
+
 def test_the_same_bits_for_any_number_of_threads(monkeypatch):
     monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
     _, alone = moved("ant", 1, False)
@@ -142,5 +172,8 @@ def test_only_the_parts_that_a_model_needs(monkeypatch):
     collision = ["place_worlds", "touch_worlds", "keep_worlds"]
     solves = ["solve_worlds", "proximal_worlds", "proximal_worlds"]
     assert kernels("ant") == [*collision, *start, "collect_worlds", *contacts, *solves, "push_worlds", *end]
+    several = kernels("stack")
+    steps = [*start, "collect_worlds", *contacts, "part_worlds", *solves, "push_worlds", *end]
+    assert several[several.index("load_worlds") :] == steps
     assert kernels("pendulum", joint_reactions=True) == [*start, "weigh_worlds", *end]
     assert kernels("pendulum", joint_accelerations=True) == [*start, "change_worlds", "accelerate_worlds", *end]

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 import simwarp as sw
-from simwarp.soil import PRESETS, ShearMemory, Soil, SoilSpec, SoilWheel
+from simwarp.soil import PRESETS, ShearMemory, Soil, SoilBox, SoilSpec, SoilSphere, SoilWheel
 from tests.unit.soil.soil_wheels import GRAVITY, RADIUS, WIDTH, pressed, rolling, sinkage
 
 AREA = 0.1
@@ -164,7 +164,7 @@ def test_a_quarter_turn_changes_nothing(direction):
 
 
 def test_used_up_pages_are_recycled_and_counted():
-    simulation, element = rolling(2, torque=900.0, pages=6)
+    simulation, element = rolling(2, torque=900.0, pages=8)
     many, _ = rolling(2, torque=900.0, pages=64)
     for each in (simulation, many):
         each.step(3000)
@@ -207,11 +207,15 @@ def test_soil_gives_no_energy(seed):
         (lambda m: SoilSpec(k_phi=1e9), "elastic must be at least k_phi n z"),
         (lambda m: SoilSpec(k_phi=math.nan), "k_phi must be a finite number, got nan"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], spacing=0.11), "spacing must be positive"),
-        (lambda m: Soil(m, [], "mid"), "wheels must be at least one"),
+        (lambda m: Soil(m, [], "mid"), "shapes must be at least one"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], "sand"), "preset must be soft, mid, hard, clay"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], pages=1), "pages"),
         (lambda m: Soil(m, [SoilWheel(body="x", radius=0.4, width=0.2)]), "'x'"),
-        (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=WIDTH)] * 2), "wheels must be on different bodies"),
+        (lambda m: Soil(m, [SoilWheel(body=1, radius=0.4, width=WIDTH)]), "body must be from 0 to 0, got 1"),
+        (lambda m: Soil(m, [SoilBox(body=0, half=(0.1, 0.0, 0.1))]), "SoilBox: half must be"),
+        (lambda m: Soil(m, [SoilSphere(body=0, radius=0.04)]), "half the narrowest shape's width, 0.04 m, got 0.05"),
+        (lambda m: Soil(m, [SoilBox(body=0, half=(2.0, 1.0, 0.1))], pages=50), "pages must be an integer >= 169"),
+        (lambda m: Soil(m, [m]), "shapes must be of SoilWheel, SoilBox"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], soil_map=[[0, 3]]), "indices below 1, got 3"),
     ],
 )  # fmt: skip

@@ -15,6 +15,8 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 LIFT = wp.constant(4.0e-6)  # of distances: shadow rays start this far off a surface, which float32 has misplaced
 LIFT_LEAST = wp.constant(2.0e-5)  # [m]
+PRESSED_DARKER = wp.constant(0.45)  # share of its albedo that deeply pressed soil loses: it is dense, and smooth
+PRESSED_DEPTH = wp.constant(0.02)  # over which it gets dark [m]
 
 
 @wp.struct
@@ -122,11 +124,14 @@ def hit_color(
     tree = int(-1)
     if kind == MESH or kind == HULL:
         tree = scene.place_asset[world, instance]
-    return surface_color(
+    color = surface_color(
         scene.color[world_row(world, scene.color.shape[0]), instance],
         scene.texture[world_row(world, scene.texture.shape[0]), instance],
         tree, hit.triangle, hit.bary, hit.local, footprint, appearance,
     )  # fmt: skip
+    if hit.drop > 0.0:
+        color *= 1.0 - PRESSED_DARKER * (1.0 - wp.exp(-hit.drop / PRESSED_DEPTH))
+    return color
 
 
 @wp.func

@@ -135,21 +135,23 @@ def is_corner_inside(away: wp.vec2, turn: float, half: wp.vec2, around: wp.vec2)
 
 
 @wp.func
-def is_bumped(world: int, column: Column, car: Car, state: StateArrays, routes: RouteTables, follow: Follow) -> bool:
+def overlaps(place: wp.vec2, heading: float, leader: wp.vec3, column: Column) -> bool:
     """Whether a corner of the truck is within a leader, or the other way round."""
+    away = wp.vec2(leader[0], leader[1]) - place
+    turn = leader[2] - heading
+    touching = is_corner_inside(to_heading(away, heading), turn, column.leader_half, column.own_half)
+    return touching or is_corner_inside(to_heading(-away, leader[2]), -turn, column.own_half, column.leader_half)
+
+
+@wp.func
+def is_bumped(world: int, column: Column, car: Car, state: StateArrays, routes: RouteTables, follow: Follow) -> bool:
+    """Whether the truck is in one of the leaders."""
     place = plane(point_of(world, car, state))
     heading = car_heading(world, car, state)
     touching = bool(False)
     for i in range(LEADERS):
         leader = leader_at(world, i, time_of(world, column, follow), routes, follow)
-        away = wp.vec2(leader[0], leader[1]) - place
-        turn = leader[2] - heading
-        touching = touching or is_corner_inside(
-            to_heading(away, heading), turn, column.leader_half, column.own_half
-        )  # fmt: skip
-        touching = touching or is_corner_inside(
-            to_heading(-away, leader[2]), -turn, column.own_half, column.leader_half
-        )  # fmt: skip
+        touching = touching or overlaps(place, heading, leader, column)
     return touching
 
 
@@ -301,6 +303,46 @@ def measure_column(
     policy[world, 5] = leader_speed(world, time, routes, follow) / SPEED
 
 
+@wp.func
+def observe_leader(row: int, i: int, leader: wp.vec3, place: wp.vec2, heading: float, policy: wp.array2d[float]):
+    """Write where a leader is; of the first one its heading too."""
+    away = to_heading(wp.vec2(leader[0], leader[1]) - place, heading)
+    policy[row, 2 * i] = away[0] / LENGTHS
+    policy[row, 2 * i + 1] = away[1] / LENGTHS
+    if i == 0:
+        turn = leader[2] - heading
+        policy[row, 6] = wp.sin(turn)
+        policy[row, 7] = wp.cos(turn)
+        policy[row, 9] = wp.length(away) / LENGTHS
+
+
+@wp.func
+def observe_truck(
+    row: int, world: int, speed: float, column: Column, car: Car, state: StateArrays, action: wp.array2d[float],
+    slots: Slots, policy: wp.array2d[float],
+):  # fmt: skip
+    """Write the first leader's speed, motion, tilt, inputs, and ranges to obstacles."""
+    place = plane(point_of(world, car, state))
+    heading = car_heading(world, car, state)
+    policy[row, 8] = speed / SPEED
+    motion = motion_of(world, heading, car, state)
+    tilt = tilt_of(world, car, state)
+    policy[row, 10] = motion[0] / SPEED
+    policy[row, 11] = motion[1]
+    policy[row, 12] = motion[2]
+    for i in range(2):
+        policy[row, 13 + i] = tilt[i]
+        policy[row, 15 + i] = action[row, i]
+    rays = column.direction.shape[0]
+    for ray in range(rays):
+        distance = float(column.reach)
+        for slot in range(slots.place.shape[1]):
+            away = to_heading(slots.place[world, slot] - place, heading)
+            met = range_to(column.direction[ray], away, slots.radius[world, slot], column.reach)
+            distance = wp.min(distance, met)
+        policy[row, 17 + ray] = 1.0 - distance / column.reach
+
+
 @wp.kernel
 def observe_column(
     column: Column, car: Car, state: StateArrays, action: wp.array2d[float], routes: RouteTables, follow: Follow,
@@ -312,32 +354,27 @@ def observe_column(
     place = plane(point_of(world, car, state))
     heading = car_heading(world, car, state)
     for i in range(LEADERS):
-        leader = leader_at(world, i, time, routes, follow)
-        away = to_heading(wp.vec2(leader[0], leader[1]) - place, heading)
-        policy[world, 2 * i] = away[0] / LENGTHS
-        policy[world, 2 * i + 1] = away[1] / LENGTHS
-        if i == 0:
-            turn = leader[2] - heading
-            policy[world, 6] = wp.sin(turn)
-            policy[world, 7] = wp.cos(turn)
-            policy[world, 9] = wp.length(away) / LENGTHS
-    policy[world, 8] = leader_speed(world, time, routes, follow) / SPEED
-    motion = motion_of(world, heading, car, state)
-    tilt = tilt_of(world, car, state)
-    policy[world, 10] = motion[0] / SPEED
-    policy[world, 11] = motion[1]
-    policy[world, 12] = motion[2]
-    for i in range(2):
-        policy[world, 13 + i] = tilt[i]
-        policy[world, 15 + i] = action[world, i]
-    rays = column.direction.shape[0]
-    for ray in range(rays):
-        distance = float(column.reach)
-        for slot in range(slots.place.shape[1]):
-            away = to_heading(slots.place[world, slot] - place, heading)
-            met = range_to(column.direction[ray], away, slots.radius[world, slot], column.reach)
-            distance = wp.min(distance, met)
-        policy[world, 17 + ray] = 1.0 - distance / column.reach
+        observe_leader(world, i, leader_at(world, i, time, routes, follow), place, heading, policy)
+    speed = leader_speed(world, time, routes, follow)
+    observe_truck(world, world, speed, column, car, state, action, slots, policy)
+
+
+@wp.func
+def pay_row(
+    row: int, away: wp.vec2, failed: bool, ahead_speed: float, speed: float, column: Column, terms: wp.array2d[float]
+):  # fmt: skip
+    """Write following, failure and, if it counts, the difference in speed: columns of (T, rows).
+
+    Args: row, from truck to leader in the leader's axes [m], whether it failed, the leader's speed and its own [m/s].
+    """
+    distance = wp.length(away)
+    inside = wp.abs(wp.atan2(away[1], away[0])) < column.cone
+    pay = column.softness / (wp.max(distance - column.near, 0.0) + column.softness)
+    terms[0, row] = column.following_weight * pay * float(inside)
+    terms[1, row] = -column.failure_weight * float(failed)
+    if terms.shape[0] > 2:
+        difference = ahead_speed - speed
+        terms[2, row] = -column.speed_weight * wp.abs(difference / (wp.abs(speed) + 0.05))
 
 
 @wp.kernel
@@ -348,17 +385,12 @@ def pay_column(
     """Following, failure and, if it counts, the difference in speed: (T, W)."""
     world = wp.tid()
     away = behind_leader(world, column, car, state, routes, follow)
-    distance = wp.length(away)
-    inside = wp.abs(wp.atan2(away[1], away[0])) < column.cone
-    pay = column.softness / (wp.max(distance - column.near, 0.0) + column.softness)
-    failed = drive.hit[world] or is_upset(world, car, state) or distance > column.lost_distance
+    failed = drive.hit[world] or is_upset(world, car, state) or wp.length(away) > column.lost_distance
     failed = failed or is_bumped(world, column, car, state, routes, follow)
-    terms[0, world] = column.following_weight * pay * float(inside)
-    terms[1, world] = -column.failure_weight * float(failed)
-    if terms.shape[0] > 2:
-        speed = motion_of(world, car_heading(world, car, state), car, state)[0]
-        difference = leader_speed(world, time_of(world, column, follow), routes, follow) - speed
-        terms[2, world] = -column.speed_weight * wp.abs(difference / (wp.abs(speed) + 0.05))
+    speed = motion_of(world, car_heading(world, car, state), car, state)[0]
+    pay_row(
+        world, away, failed, leader_speed(world, time_of(world, column, follow), routes, follow), speed, column, terms
+    )  # fmt: skip
 
 
 @wp.kernel

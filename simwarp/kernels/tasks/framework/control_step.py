@@ -1,6 +1,7 @@
 """The loop that all tasks share, one thread per world: actions, clocks, verdicts, statistics, and the last steps.
 
-Nothing is summed over worlds: statistics have a row for each, which the host adds up when it looks.
+Nothing is summed over worlds: statistics have a row for each, which the host adds up when it looks. Where worlds have N
+agents each, verdicts and statistics have a row for each agent, W * N rows, those of a world beside each other.
 """
 
 import warp as wp
@@ -154,26 +155,91 @@ def count_step(
 
 @wp.func
 def first_reason(
-    world: int, broken: bool, step_limit: wp.int64, flags: wp.array2d[wp.bool], clocks: Clocks
+    row: int, broken: bool, late: bool, flags: wp.array2d[wp.bool]
 ) -> int:  # fmt: skip
     """Index of the first reason to end: broken physics, those of the task, the step limit; -1 where it goes on."""
     if broken:
         return 0
     for i in range(flags.shape[1]):
-        if flags[world, i]:
+        if flags[row, i]:
             return i + 1
-    if clocks.limit[world] >= step_limit:
+    if late:
         return flags.shape[1] + 1
     return -1
 
 
 @wp.func
-def is_terminal(world: int, broken: bool, terminal_count: int, flags: wp.array2d[wp.bool]) -> bool:
+def is_terminal(row: int, broken: bool, terminal_count: int, flags: wp.array2d[wp.bool]) -> bool:
     """Whether one of the reasons that are ends holds: one that cuts off counts only where none does."""
     terminal = broken
     for i in range(terminal_count - 1):
-        terminal = terminal or flags[world, i]
+        terminal = terminal or flags[row, i]
     return terminal
+
+
+@wp.func
+def judge_row(
+    row: int, broken: bool, late: bool, steps: wp.int64, flags: wp.array2d[wp.bool], won: wp.array[wp.bool],
+    rules: Rules, verdict: Verdict, tally: Tally,
+) -> bool:  # fmt: skip
+    """Add up the rewards of a row, find out whether its episode is over and why, and keep statistics.
+
+    Args: row, whether the physics of its world broke down, whether its time is over, control steps of the episode.
+    """
+    reason = first_reason(row, broken, late, flags)
+    ended = reason >= 0
+    terminated = is_terminal(row, broken, rules.terminal_count, flags)
+    reward = float(0.0)
+    for i in range(verdict.terms.shape[1]):
+        term = verdict.terms[row, i]
+        if not wp.isfinite(term) or broken:
+            if not broken:
+                tally.bad_terms[row, i] = tally.bad_terms[row, i] + wp.int64(1)
+            term = 0.0
+        verdict.terms[row, i] = term
+        reward = reward + term
+        running = tally.running[row, i] + term
+        if ended:
+            tally.term_sums[row, i] = tally.term_sums[row, i] + wp.float64(running)
+            running = 0.0
+        tally.running[row, i] = running
+    success = False
+    if ended:
+        tally.length_sums[row] = tally.length_sums[row] + steps
+        tally.reason_counts[row, reason] = tally.reason_counts[row, reason] + wp.int64(1)
+        if rules.judged == 1:
+            success = won[row]
+        else:
+            success = rules.winning[reason]
+    verdict.rewards[row] = reward
+    verdict.end_reason[row] = wp.int64(reason)
+    verdict.terminated[row] = terminated
+    verdict.truncated[row] = ended and not terminated
+    verdict.success[row] = success
+    verdict.non_finite[row] = broken
+    return ended
+
+
+@wp.func
+def leave_out(row: int, verdict: Verdict):
+    """The verdict on an agent that was done before: nothing paid, nothing ended."""
+    for i in range(verdict.terms.shape[1]):
+        verdict.terms[row, i] = 0.0
+    verdict.rewards[row] = 0.0
+    verdict.end_reason[row] = wp.int64(-1)
+    verdict.terminated[row] = False
+    verdict.truncated[row] = False
+    verdict.success[row] = False
+    verdict.non_finite[row] = False
+
+
+@wp.func
+def climbed(level: float, success: bool, rules: Rules, share: float) -> float:
+    """The curriculum's level after an episode, which counts for a share."""
+    change = -rules.down
+    if success:
+        change = rules.up
+    return wp.clamp(level + share * change, 0.0, 1.0)
 
 
 @wp.kernel
@@ -181,46 +247,63 @@ def judge(
     status: wp.array[int], flags: wp.array2d[wp.bool], won: wp.array[wp.bool], rules: Rules, clocks: Clocks,
     level: wp.array[float], verdict: Verdict, tally: Tally,
 ):  # fmt: skip
-    """Add up the rewards of a step, find out whether the episode is over and why, and keep statistics."""
+    """Judge a step of worlds of one agent each."""
     world = wp.tid()
-    broken = is_broken(status, world)
-    reason = first_reason(world, broken, rules.step_limit, flags, clocks)
-    ended = reason >= 0
-    terminated = is_terminal(world, broken, rules.terminal_count, flags)
-    reward = float(0.0)
-    for i in range(verdict.terms.shape[1]):
-        term = verdict.terms[world, i]
-        if not wp.isfinite(term) or broken:
-            if not broken:
-                tally.bad_terms[world, i] = tally.bad_terms[world, i] + wp.int64(1)
-            term = 0.0
-        verdict.terms[world, i] = term
-        reward = reward + term
-        running = tally.running[world, i] + term
-        if ended:
-            tally.term_sums[world, i] = tally.term_sums[world, i] + wp.float64(running)
-            running = 0.0
-        tally.running[world, i] = running
-    success = False
-    if ended:
-        tally.length_sums[world] = tally.length_sums[world] + clocks.steps[world]
-        tally.reason_counts[world, reason] = tally.reason_counts[world, reason] + wp.int64(1)
-        if rules.judged == 1:
-            success = won[world]
-        else:
-            success = rules.winning[reason]
+    late = clocks.limit[world] >= rules.step_limit
+    ended = judge_row(
+        world, is_broken(status, world), late, clocks.steps[world], flags, won, rules, verdict, tally
+    )  # fmt: skip
     if rules.climbing[0] == 1 and ended:
-        change = -rules.down
-        if success:
-            change = rules.up
-        level[world] = wp.clamp(level[world] + change, 0.0, 1.0)
-    verdict.rewards[world] = reward
-    verdict.end_reason[world] = wp.int64(reason)
-    verdict.terminated[world] = terminated
-    verdict.truncated[world] = ended and not terminated
-    verdict.success[world] = success
-    verdict.non_finite[world] = broken
+        level[world] = climbed(level[world], verdict.success[world], rules, 1.0)
     verdict.ended[world] = ended
+
+
+@wp.kernel
+def judge_agents(
+    status: wp.array[int], flags: wp.array2d[wp.bool], won: wp.array[wp.bool], rules: Rules, clocks: Clocks,
+    level: wp.array[float], verdict: Verdict, tally: Tally, done: wp.array2d[wp.bool], acting: wp.array2d[wp.bool],
+):  # fmt: skip
+    """Judge a step of worlds of several agents: a world's episode is over once all of its agents are done.
+
+    Args: as `judge`, rows being agents, those of a world beside each other; agents that are done, and those that took
+    part in this step.
+    """
+    world = wp.tid()
+    agents = done.shape[1]
+    broken = is_broken(status, world)
+    late = clocks.limit[world] >= rules.step_limit
+    all_done = bool(True)
+    for agent in range(agents):
+        row = world * agents + agent
+        part = not done[world, agent]
+        acting[world, agent] = part
+        if part:
+            over = judge_row(row, broken, late, clocks.steps[world], flags, won, rules, verdict, tally)
+            done[world, agent] = over
+            all_done = all_done and over
+            if rules.climbing[0] == 1 and over:
+                level[world] = climbed(level[world], verdict.success[row], rules, 1.0 / float(agents))
+        else:
+            leave_out(row, verdict)
+    verdict.ended[world] = all_done
+
+
+@wp.kernel
+def rest_agents(resting: wp.array[float], done: wp.array2d[wp.bool], asked: wp.array2d[float]):
+    """What agents that are done ask for, whatever a policy says: components agent by agent."""
+    world, agent = wp.tid()
+    if done[world, agent]:
+        size = resting.shape[0]
+        for i in range(size):
+            asked[world, agent * size + i] = resting[i]
+
+
+@wp.kernel
+def wake_agents(mask: wp.array[wp.bool], done: wp.array2d[wp.bool]):
+    """In the worlds of the mask no agent is done."""
+    world, agent = wp.tid()
+    if mask[world]:
+        done[world, agent] = False
 
 
 @wp.kernel

@@ -44,12 +44,10 @@ class GroundPoint:
 
 
 @wp.func
-def ground_below(
-    world: int, x: wp.vec3d, offset: wp.vec3, lift: float, terrain: TerrainTables, assets: Assets
-) -> GroundPoint:
-    """The ground vertically below x + offset + lift z; `arm` is relative to x. Only a mesh has several levels: there
-    the first one below counts.
-    """
+def open_ground_below(
+    world: int, x: wp.vec3d, offset: wp.vec3, terrain: TerrainTables, assets: Assets
+) -> GroundPoint:  # fmt: skip
+    """`ground_below` of a plane or a height field: they have one level at a place."""
     found = GroundPoint()
     origin = terrain.x[world_row(world, terrain.x.shape[0])]
     rot = terrain.rot[world_row(world, terrain.rot.shape[0])]
@@ -73,19 +71,36 @@ def ground_below(
         found.found = point.inside
         found.normal = rot * point.normal
         rise = float(point.height - relative[2])
-    elif terrain.kind == MESH:
-        scale = terrain.scale[world_row(world, terrain.scale.shape[0])]
-        asset = terrain.asset[world_row(world, terrain.asset.shape[0])]
-        start = relative + wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(lift))
-        down = wp.transpose(rot) * wp.vec3(0.0, 0.0, -1.0)
-        hit = mesh_ray(asset, scale, to_float(times(wp.transpose(rot), start)), down, LONGEST_DROP, assets)
-        found.normal = rot * hit.normal
-        if found.normal[2] < 0.0:
-            found.normal = -found.normal
-        if hit.t >= 0.0 and found.normal[2] > STEEPEST:
-            found.found = 1
-        rise = lift - hit.t
     found.arm = offset + wp.vec3(0.0, 0.0, rise)
+    return found
+
+
+@wp.func
+def ground_below(
+    world: int, x: wp.vec3d, offset: wp.vec3, lift: float, terrain: TerrainTables, assets: Assets
+) -> GroundPoint:
+    """The ground vertically below x + offset + lift z; `arm` is relative to x. Only a mesh has several levels: there
+    the first one below counts.
+    """
+    if terrain.kind != MESH:
+        return open_ground_below(world, x, offset, terrain, assets)
+    found = GroundPoint()
+    origin = terrain.x[world_row(world, terrain.x.shape[0])]
+    rot = terrain.rot[world_row(world, terrain.rot.shape[0])]
+    relative = x - origin + to_double(offset)
+    if not wp.isfinite(relative[0] + relative[1] + relative[2]):
+        return found
+    scale = terrain.scale[world_row(world, terrain.scale.shape[0])]
+    asset = terrain.asset[world_row(world, terrain.asset.shape[0])]
+    start = relative + wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(lift))
+    down = wp.transpose(rot) * wp.vec3(0.0, 0.0, -1.0)
+    hit = mesh_ray(asset, scale, to_float(times(wp.transpose(rot), start)), down, LONGEST_DROP, assets)
+    found.normal = rot * hit.normal
+    if found.normal[2] < 0.0:
+        found.normal = -found.normal
+    if hit.t >= 0.0 and found.normal[2] > STEEPEST:
+        found.found = 1
+    found.arm = offset + wp.vec3(0.0, 0.0, lift - hit.t)
     return found
 
 

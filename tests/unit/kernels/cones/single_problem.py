@@ -94,7 +94,7 @@ class Single:
             loops = max(loops, int((table[:, 2] + table[:, 3]).max(initial=0)))
             p.dense, p.tree_dof_count, p.loop_count = 0, int(slots.max()) + 1, loops
             p.y, p.block_tree_dof, p.w, p.compliance = floats(y), ints(slots), floats(w), floats(compliance)
-            p.block_entries = ints(np.full(len(blocks), slots.shape[1]))
+            p.block_entries, p.entry_count = ints(np.full(len(blocks), slots.shape[1])), y.shape[1]
             p.block_loops = ints(table)
             p.tree_dof_sum, p.loop_sum = floats(np.zeros(p.tree_dof_count)), floats(np.zeros(max(loops, 1)))
             p.s, p.factor = floats(np.zeros((1, 1))), floats(np.full((p.tree_dof_count, p.tree_dof_count), np.nan))

@@ -1,0 +1,85 @@
+"""Checks of what a soil is given beside its parameters: pages, the ground that it lies on, a map of soils."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simwarp.core.types import ModelError, shown
+from simwarp.kernels.collision.shape import HEIGHT_FIELD, PLANE
+from simwarp.kernels.soil.soil_tables import SIDE
+from simwarp.kernels.vehicle.tires.ground import TerrainTables
+from simwarp.model.checks import whole_number
+from simwarp.model.model import Model
+
+MOST_PAGES: Final = 1 << 20
+STEEPEST: Final = math.radians(45.0)
+"""Of a plane: nodes lie in columns seen from above, fewer and fewer on what leans more."""
+
+
+def checked_pages(pages: Any, spacing: float, least: int) -> int:
+    """Pages of a world: at least those below all shapes at once.
+
+    Args:
+        pages: as given.
+        spacing: of the nodes [m].
+        least: pages that all shapes may lie on together (`pages_at_a_time`).
+
+    Raises:
+        ModelError: they are too few or no whole number.
+    """
+    remedy = f"so many of {spacing * SIDE:.3g} m may lie below the shapes; raise it, or the spacing"
+    return whole_number("soil", "pages", pages, least, MOST_PAGES, remedy)
+
+
+def check_ground(ground: TerrainTables) -> None:
+    """Refuses a plane that leans by more than 45 degrees."""
+    if ground.kind != PLANE:
+        return
+    upright = float(ground.rot.numpy()[:, 2, 2].min())
+    if not upright >= math.cos(STEEPEST) - 1e-6:
+        lean = math.degrees(math.acos(max(-1.0, min(1.0, upright))))
+        raise ModelError(f"soil: ground must lean by at most 45 degrees, got {lean:.4g}; turn it, or gravity")
+
+
+def check_map(
+    shape: tuple[int, ...], origin: tuple[float, float], cell: tuple[float, float], ground: TerrainTables, model: Model
+) -> None:
+    """Refuses cells without a size, and a map that leaves a part of a height field out.
+
+    Args:
+        shape: of the map, (..., rows, columns); without cells it is none.
+        origin: corner of the first cell [m].
+        cell: size of the cells [m].
+        ground: below the soil.
+        model: with the height fields.
+    """
+    for name, pair, least in (("map_origin", origin, -math.inf), ("map_cell", cell, 0.0)):
+        if not all(math.isfinite(value) and value > least for value in pair):
+            rule = "finite" if least < 0.0 else "finite and > 0 m"
+            raise ModelError(
+                f"soil: {name} must be two numbers, {rule}, got {shown(pair)}; it has one of x and one of y"
+            )
+    if shape[-1] == 0 or ground.kind != HEIGHT_FIELD:
+        return
+    low, high = _field_bounds(ground, model)
+    last = np.array(origin) + np.array(cell) * (shape[-1], shape[-2])
+    if (low < np.array(origin) - 1e-6).any() or (high > last + 1e-6).any():
+        told = [f"x {a[0]:.4g} to {b[0]:.4g}, y {a[1]:.4g} to {b[1]:.4g}" for a, b in ((low, high), (origin, last))]
+        remedy = "set map_origin and map_cell"
+        raise ModelError(f"soil: soil_map must cover the ground, {told[0]} m, got {told[1]}; {remedy}")
+
+
+def _field_bounds(ground: TerrainTables, model: Model) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Least and greatest x and y of the height fields of all worlds [m]."""
+    nodes, spacing = model.assets.field_nodes.numpy(), model.assets.field_spacing.numpy()
+    tables = [ground.asset.numpy(), ground.x.numpy(), ground.rot.numpy(), ground.scale.numpy()]
+    corners = []
+    for world in range(max(len(table) for table in tables)):
+        asset, x, rot, scale = (table[world % len(table)] for table in tables)
+        half = 0.5 * (nodes[asset] - 1) * spacing[asset] * scale[:2]
+        corners += [x[:2] + rot[:2, :2] @ (half * sign) for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
+    return np.min(corners, axis=0), np.max(corners, axis=0)

@@ -1,0 +1,288 @@
+"""What sinks into soil: wheels, boxes, spheres, capsules and cylinders on bodies of a model."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+import warp as wp
+
+from simwarp.core.rotation import rotate
+from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, pose, shown
+from simwarp.kernels.soil.soil_tables import BALL, BOX, CAPSULE, SIDE, WHEEL
+from simwarp.kernels.soil.soil_tables import SoilShapes as ShapeTables
+from simwarp.model.checks import finite_number, not_negative, positive_number
+from simwarp.model.model import Model
+
+SIZE: Final = "give its size"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SoilWheel:
+    """A rigid wheel on soil: the y axis of its body is its axis.
+
+    Attributes:
+        body: index or name of the spindle.
+        radius, width: [m].
+        crown: radius of the tread across [m]; 0: it is flat.
+        offset: of the wheel's centre from the body's centre of mass, body axes [m].
+    """
+
+    body: int | str
+    radius: float
+    width: float
+    crown: float = 0.0
+    offset: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SoilBox:
+    """A box on soil: a belly, a plate, a rock.
+
+    Attributes:
+        body: index or name.
+        half: half lengths [m].
+        pose: of the box from the body's centre of mass, body axes.
+    """
+
+    body: int | str
+    half: Vec3
+    pose: Pose = dataclasses.field(default_factory=pose)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SoilSphere:
+    """A ball on soil, such as a foot.
+
+    Attributes:
+        body: index or name.
+        radius: [m].
+        offset: of its centre from the body's centre of mass, body axes [m].
+    """
+
+    body: int | str
+    radius: float
+    offset: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SoilCapsule:
+    """A segment along z of its pose, thickened by a radius.
+
+    Attributes:
+        body: index or name.
+        radius, half_length: of its tube [m].
+        pose: from the body's centre of mass, body axes.
+    """
+
+    body: int | str
+    radius: float
+    half_length: float
+    pose: Pose = dataclasses.field(default_factory=pose)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SoilCylinder:
+    """A cylinder about z of its pose: a wheel whose axis is not that of its body.
+
+    Attributes:
+        body: index or name.
+        radius, half_length: [m].
+        pose: from the body's centre of mass, body axes.
+    """
+
+    body: int | str
+    radius: float
+    half_length: float
+    pose: Pose = dataclasses.field(default_factory=pose)
+
+
+SoilShape: TypeAlias = SoilWheel | SoilBox | SoilSphere | SoilCapsule | SoilCylinder
+
+
+class _Row(NamedTuple):
+    """A shape as the kernels take it."""
+
+    kind: int
+    offset: Any
+    radius: float
+    half_width: float = 0.0
+    crown: float = 0.0
+    half: Any = (0.0, 0.0, 0.0)
+    axis: Any = (0.0, 1.0, 0.0)
+    side: Any = (1.0, 0.0, 0.0)
+    width: float = 0.0
+    """Of the narrowest part that should have two nodes [m]."""
+
+
+def _axis(pose: Pose, axis: Vec3) -> Any:
+    return rotate(pose.rotation, np.array(axis))
+
+
+def _wheel_row(s: SoilWheel) -> _Row:
+    positive_number("SoilWheel", "radius", s.radius, "m", SIZE)
+    positive_number("SoilWheel", "width", s.width, "m", SIZE)
+    not_negative("SoilWheel", "crown", s.crown, "m")
+    return _Row(int(WHEEL), s.offset, s.radius, 0.5 * s.width, s.crown, width=s.width)
+
+
+def _box_row(s: SoilBox) -> _Row:
+    for value in s.half:
+        positive_number("SoilBox", "half", value, "m", SIZE)
+    up, side = _axis(s.pose, (0.0, 0.0, 1.0)), _axis(s.pose, (1.0, 0.0, 0.0))
+    around = math.hypot(*s.half)
+    width = 2.0 * sorted(s.half)[1]  # it may be as thin as it likes
+    return _Row(int(BOX), s.pose.position, around, half=s.half, axis=up, side=side, width=width)
+
+
+def _sphere_row(s: SoilSphere) -> _Row:
+    positive_number("SoilSphere", "radius", s.radius, "m", SIZE)
+    return _Row(int(BALL), s.offset, s.radius, width=2.0 * s.radius)
+
+
+def _capsule_row(s: SoilCapsule) -> _Row:
+    positive_number("SoilCapsule", "radius", s.radius, "m", SIZE)
+    not_negative("SoilCapsule", "half_length", s.half_length, "m")
+    axis = _axis(s.pose, (0.0, 0.0, 1.0))
+    return _Row(int(CAPSULE), s.pose.position, s.radius, s.half_length, axis=axis, width=2.0 * s.radius)
+
+
+def _cylinder_row(s: SoilCylinder) -> _Row:
+    positive_number("SoilCylinder", "radius", s.radius, "m", SIZE)
+    positive_number("SoilCylinder", "half_length", s.half_length, "m", SIZE)
+    axis = _axis(s.pose, (0.0, 0.0, 1.0))
+    width = 2.0 * min(s.radius, max(s.half_length, 0.5 * s.radius))
+    return _Row(int(WHEEL), s.pose.position, s.radius, s.half_length, axis=axis, width=width)
+
+
+_ROWS: Final[dict[type, Callable[[Any], _Row]]] = {
+    SoilWheel: _wheel_row, SoilBox: _box_row, SoilSphere: _sphere_row, SoilCapsule: _capsule_row,
+    SoilCylinder: _cylinder_row,
+}  # fmt: skip
+
+
+def _row(shape: SoilShape) -> _Row:
+    if type(shape) not in _ROWS:
+        names = ", ".join(kind.__name__ for kind in _ROWS)
+        raise ModelError(f"soil: shapes must be of {names}, got {shown(shape)}; wrap it in one of these")
+    return _ROWS[type(shape)](shape)
+
+
+def narrowest_width(shapes: Sequence[SoilShape]) -> float:
+    """The narrowest shape's width [m]; a plate's thickness does not count."""
+    return min(_row(shape).width for shape in shapes)
+
+
+def pages_at_a_time(shapes: Sequence[SoilShape], spacing: float) -> int:
+    """Pages that all shapes may lie on together; wheels upright and sunk to their axles."""
+    side = int(SIDE) * spacing
+    total = 0
+    for shape in shapes:
+        row = _row(shape)
+        long = wide = 2.0 * (row.radius + row.half_width)
+        if row.kind == int(WHEEL):
+            long, wide = 2.0 * row.radius, 2.0 * (row.half_width + spacing)
+        # an interval meets one page more than it holds at most, and one of rounding
+        total += (int(long / side) + 2) * (int(wide / side) + 2)
+    return total
+
+
+def body_of(model: Model, body: int | str) -> int:
+    """Index of a body of a model, by index or name.
+
+    Raises:
+        ModelError: there is no such body.
+    """
+    if isinstance(body, str):
+        return model.body(body)
+    if not 0 <= int(body) < model.body_count:
+        raise ModelError(f"soil: body must be from 0 to {model.body_count - 1}, got {shown(body)}; the world is ground")
+    return int(body)
+
+
+def carriers_of(model: Model, shapes: Sequence[SoilShape]) -> tuple[int, ...]:
+    """Bodies that have shapes, in the order of their first one."""
+    return tuple(dict.fromkeys(body_of(model, shape.body) for shape in shapes))
+
+
+def shape_tables(model: Model, shapes: Sequence[SoilShape]) -> Any:
+    """Shapes as the kernels take them.
+
+    Raises:
+        ModelError: a size or an offset breaks its rule, or a body does not exist.
+    """
+    device = model.device
+    rows = [_row(shape) for shape in shapes]
+    for row in rows:
+        for value in row.offset:
+            finite_number("soil", "offset", float(value))
+    bodies = [body_of(model, shape.body) for shape in shapes]
+    carriers = carriers_of(model, shapes)
+    members = [[k for k, body in enumerate(bodies) if body == carrier] for carrier in carriers]
+    table: Any = ShapeTables()
+
+    def ints(values: Any) -> wp.array:
+        return wp.array(np.array(values, np.int32), dtype=int, device=device)
+
+    table.body, table.carrier = ints(bodies), ints(carriers)
+    table.kind = ints([row.kind for row in rows])
+    table.member_start = ints(np.cumsum([0, *map(len, members)]))
+    table.member = ints([k for each in members for k in each])
+    table.adds = wp.zeros(len(carriers), dtype=int, device=device)
+    for name in ("radius", "half_width", "crown"):
+        setattr(table, name, wp.array([getattr(row, name) for row in rows], dtype=float, device=device))
+    for name, values in (
+        ("offset_b", [row.offset for row in rows]),
+        ("axis_b", [row.axis for row in rows]),
+        ("side_b", [row.side for row in rows]),
+        ("half", [row.half for row in rows]),
+    ):
+        setattr(table, name, wp.array(np.array(values, np.float32), dtype=wp.vec3, device=device))
+    return table
+
+
+def soil_shapes(model: Model, bodies: Sequence[int | str] | None = None) -> list[SoilShape]:
+    """The collision shapes of bodies as soil takes them, in their order: a robot's feet, a chassis' belly.
+
+    Args:
+        model: of the worlds; where they differ in shapes, those of world 0 count.
+        bodies: indices or names; None: all that have shapes.
+
+    Raises:
+        ModelError: a body has no shape, or one that is neither box, sphere, capsule nor cylinder.
+    """
+    where = model.topology.shape_body.numpy()
+    wanted = sorted({int(b) for b in where if b >= 0}) if bodies is None else [body_of(model, b) for b in bodies]
+    place, turn, size = (getattr(model.parameters, f"shape_{name}").numpy()[0] for name in ("x", "rot", "size"))
+    found: list[SoilShape] = []
+    for body in wanted:
+        mine = np.flatnonzero(where == body)
+        if not len(mine):
+            name = model.body_names[body]
+            raise ModelError(f"soil_shapes: body '{name}' must have a shape, got none; name bodies that touch the soil")
+        for k in mine:
+            at = pose(tuple(place[k]), tuple(turn[k]))
+            found.append(_of_kind(model, int(k), body, at, tuple(float(each) for each in size[k])))
+    return found
+
+
+def _of_kind(model: Model, index: int, body: int, at: Pose, size: Vec3) -> SoilShape:
+    match model.shape_types[index]:
+        case ShapeType.BOX:
+            return SoilBox(body=body, half=size, pose=at)
+        case ShapeType.SPHERE:
+            x, y, z = (float(value) for value in at.position)
+            return SoilSphere(body=body, radius=size[0], offset=(x, y, z))
+        case ShapeType.CAPSULE:
+            return SoilCapsule(body=body, radius=size[0], half_length=size[1], pose=at)
+        case ShapeType.CYLINDER:
+            return SoilCylinder(body=body, radius=size[0], half_length=size[1], pose=at)
+        case other:
+            rule = "box, sphere, capsule or cylinder"
+            raise ModelError(
+                f"soil_shapes: shape '{model.shape_names[index]}' must be a {rule}, got {other.name.lower()}; "
+                "leave its body out and give the soil a SoilBox or SoilSphere there"
+            )

@@ -1,0 +1,260 @@
+"""Convoy of simulated vehicles: a driver takes those at the head along the path, policies drive those that follow.
+
+All are in one world: they push each other, and followers drive in their leaders' ruts. Each follower sees what the
+policy of `convoy` saw of its ghosts: places of the three vehicles ahead. Where there are fewer, the schedule of the
+path stands for those ahead of the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import torch
+import warp as wp
+
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.platoon import (
+    Platoon,
+    begin_driver,
+    begin_platoon,
+    drive_platoon,
+    end_platoon,
+    finish_platoon,
+    notice_platoon,
+    observe_platoon,
+    pace_driver,
+    pay_platoon,
+    start_platoon,
+    steer_platoon,
+    tell_platoon,
+)
+
+from ..framework.drawing import Line
+from ..framework.launching import TensorLaunch, filled, launch_over, share_over
+from .base import CHASSIS_GROUP, SETTLING, outline
+from .convoy import ConvoyTask
+
+if TYPE_CHECKING:
+    from simwarp import Model, ModelBuilder
+    from simwarp.sensors import Scene, Visuals
+    from simwarp.vehicle import PathTracker, Vehicle, Vehicles
+
+    from ..framework.launching import WorldLaunch
+
+APART = 8.0
+"""Distance at which vehicles settle beside each other [m]."""
+BRAKE = (0.0, -1.0)
+"""What a follower that is done asks for."""
+
+
+class PlatoonTask(ConvoyTask):
+    """`convoy` with leaders that are vehicles; with several followers, an agent each.
+
+    Observations: ``policy`` (W, N, 34) as `ConvoyTask` tells them; of a single follower (W, 34), or by camera.
+
+    Attributes:
+        vehicles: all of them, from the head of the convoy to its tail.
+        deviation: (W, V) float32, each vehicle's mean distance from the path in its episode [m].
+        touched: (W, V) bool, the chassis touched something in the last control step.
+    """
+
+    name: ClassVar[str] = "convoy"
+    resting_action: float | Sequence[float] = BRAKE
+
+    vehicles: Vehicles
+    deviation: torch.Tensor
+    touched: torch.Tensor
+
+    @property
+    def agents(self) -> int:  # type: ignore[override]
+        """Number of followers, which policies drive."""
+        followers: int = self.config.followers
+        return followers
+
+    # ---- the world -----------------------------------------------------------------------------------------------
+
+    def build(self, builder: ModelBuilder) -> None:
+        """Add the vehicles, side by side, then the world's shapes."""
+        from simwarp import pose
+        from simwarp.vehicle import add_chassis_box, add_vehicle
+
+        self._check_vehicle()
+        self.spec = self.make_spec()
+        count = self.config.leading + self.config.followers
+        places = [pose((0.0, APART * index, self.spec.start_height)) for index in range(count)]
+        self._parts = [
+            add_vehicle(builder, self.spec, at=place, prefix=f"v{index}_") for index, place in enumerate(places)
+        ]
+        self._boxes = [
+            add_chassis_box(builder, parts, half=self.chassis_half, position=self.chassis_place, group=CHASSIS_GROUP)
+            for parts in self._parts
+        ]
+        self.parts, self.chassis_shape = self._parts[-1], self._boxes[-1]
+        self.build_world(builder)
+        self._builder = builder
+        self._scene: Scene | None = None
+
+    def make_vehicle(self, model: Model, ground: Any) -> Vehicles:
+        """Make all vehicles; ``vehicle`` is the last one."""
+        from simwarp.vehicle import Vehicles
+
+        self.vehicles = Vehicles(self._parts, model, ground=ground, randomised=True)
+        self.vehicle: Vehicle = self.vehicles[-1]
+        return self.vehicles
+
+    def more_elements(self, model: Model) -> list[Any]:
+        """Return the drivers of the vehicles at the head."""
+        from simwarp.vehicle import PathTracker, PathTrackingSpec
+        from simwarp.vehicle.driving.path_tracking import look_ahead_for
+
+        # Until it has settled a vehicle stands on its brakes
+        spec = PathTrackingSpec(
+            paths=tuple(self.ways()[0]), speed=0.0, steering=look_ahead_for(self.spec), start=SETTLING
+        )
+        self._drivers: list[PathTracker] = [
+            PathTracker(self.vehicles[index], spec) for index in range(self.config.leading)
+        ]
+        return [*super().more_elements(model), *self._drivers]
+
+    def show_leading(self, visuals: Visuals) -> None:
+        """Show the other vehicles."""
+        from simwarp.scenery import add_vehicle_visual
+
+        for parts, box in zip(self._parts[:-1], self._boxes[:-1], strict=True):
+            visuals.hide(box)
+            add_vehicle_visual(visuals, parts, color=(0.5, 0.05, 0.03))
+
+    def bind_scene(self, scene: Scene) -> None:
+        """Show obstacles; the vehicles are bodies."""
+        self.obstacles.bind_scene(scene)
+
+    def setup(self) -> None:
+        """Note how the vehicles stand once they have settled."""
+        self._platoon = Platoon()
+        super().setup()
+
+    def _record_vehicle(self) -> None:
+        """Record what every driving task launches, and how the vehicles stand."""
+        super()._record_vehicle()
+        model, worlds, device = self.simulation.model, self.num_worlds, self.device
+        state, vehicles = self.simulation.state, self.vehicles
+        owner = np.full(model.body_count, -1, np.int32)
+        x = state.body_x.numpy()[0].copy()
+        for index, (vehicle, point) in enumerate(zip(vehicles, vehicles.position.numpy()[0], strict=True)):
+            bodies = vehicle.bodies.numpy()
+            owner[bodies] = index
+            x[bodies, :2] -= point[:2]
+        self.deviation = torch.zeros(worlds, len(self._parts), device=device)
+        self.touched = torch.zeros(worlds, len(self._parts), dtype=torch.bool, device=device)
+        self._platoon = filled(
+            Platoon,
+            leading=self.config.leading,
+            chassis=vehicles.chassis,
+            shape=wp.array(self._boxes, dtype=int, device=str(device)),
+            reference=wp.vec3d(*self.parts.reference),
+            vehicle_of=wp.array(owner, dtype=int, device=str(device)),
+            start_x=wp.array(x, dtype=wp.vec3d, device=str(device)),
+            start_rot=wp.clone(state.body_rot[0]),
+            force=self.simulation.contacts.shape_contact_force,
+            input=vehicles.input,
+            hit=self.touched,
+            deviation=self.deviation,
+        )
+        self._steer_all = launch_over(self, steer_platoon, self._actions, self._platoon)
+        self._clear = launch_over(self, begin_platoon, self._platoon)
+        self._notice_all = launch_over(self, notice_platoon, self._platoon)
+
+    def record_world(self) -> None:
+        """Record what a step launches."""
+        column, routes, follow, slots = self.column, self.routes.tables, self.follow, self.obstacles.slots
+        state, platoon, device = self.simulation.state.arrays, self._platoon, self.device
+        every = self._every_world
+        self._record_draws()
+        self._start = launch_over(self, start_platoon, every, self._navigator, state, routes, follow, platoon)
+        self._finish = launch_over(self, finish_platoon, column, state, routes, follow, platoon)
+        self._begin_drivers = [
+            launch_over(self, begin_driver, every, follow, driver.path, driver.memory["segment"])
+            for driver in self._drivers
+        ]
+        self._pace = [
+            launch_over(self, pace_driver, index, column, state, routes, follow, platoon, driver.target_speed)
+            for index, driver in enumerate(self._drivers)
+        ]
+        shape = (self.num_worlds, self.agents)
+
+        def each(kernel: wp.Kernel, *arguments: Any) -> TensorLaunch:
+            return TensorLaunch(kernel, shape, list(arguments), device)
+
+        rows, policy = self.action.view(-1, 2), self._policy.view(-1, self._policy.shape[-1])
+        self._observe = each(observe_platoon, column, state, rows, routes, follow, slots, platoon, policy)
+        self._pay = each(pay_platoon, column, state, platoon, self._terms.view(len(self._terms), -1))
+        self._end = each(end_platoon, column, state, follow, platoon, self._ends.view(len(self._ends), -1))
+        self._followers_deviation = torch.zeros(shape, device=device)
+        told = (self._distance.view(shape), self._hits.view(shape), self._followers_deviation)
+        self._tell = each(tell_platoon, column, state, platoon, *told)
+
+    # ---- an episode ----------------------------------------------------------------------------------------------
+
+    def start(self, world_mask: torch.Tensor) -> None:
+        """One behind the other on the path."""
+        self._start.on(world_mask)
+        for begin in self._begin_drivers:
+            begin.on(world_mask)
+        self.simulation.measure(world_mask, sensors=False)
+
+    def apply(self, action: torch.Tensor) -> None:
+        """Write steering, throttle and brake of the followers from ``action`` (W, N, 2) in [-1, 1]."""
+        self._steer_all.on(action.reshape(self.num_worlds, -1))
+
+    def _physics_launches(self) -> Sequence[WorldLaunch]:
+        """Return the actions' way, steering and pedals, and touches."""
+        path = self._path
+        moved = [path.reach, path.request, self._actions, self._drive, self._platoon]
+        return [share_over(self.simulation, drive_platoon, *moved)]
+
+    def begin_step(self) -> None:
+        """Clear the touches of the step before, and tell the drivers how fast to go."""
+        super().begin_step()
+        self._clear.launch()
+        for pace in self._pace:
+            pace.launch()
+
+    def after_physics(self) -> None:
+        """Notice touches that may be over before the control step is."""
+        self._notice_all.launch()
+
+    def end_step(self) -> None:
+        """Notice the last touch, and store the distances from the path."""
+        self._finish.launch()
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return the vehicles' distances from the path, too."""
+        return super().extra_state() | {"deviation": self.deviation}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take it back; the drivers' memory is the simulation's."""
+        alone = {name: value for name, value in state.items() if name != "deviation"}
+        super().load_extra_state(alone | {"deviation": torch.zeros_like(self._deviation)})
+        self.deviation.copy_(state["deviation"])
+        for begin, driver in zip(self._begin_drivers, self._drivers, strict=True):
+            segment = driver.memory["segment"].numpy()
+            begin.on(self._every_world)
+            driver.memory["segment"].assign(segment)
+
+    def metrics(self) -> dict[str, torch.Tensor]:
+        """Return of each follower ``distance`` to its leader, mean ``path_deviation`` [m] and ``obstacle_hits``."""
+        told = super().metrics()
+        return told | {"path_deviation": self._followers_deviation.view(self._distance.shape)}
+
+    # ---- pictures ------------------------------------------------------------------------------------------------
+
+    def vehicle_lines(self) -> list[Line]:
+        """Return the vehicles' outlines, those that followers drive in orange."""
+        points, angles = to_torch(self.vehicles.position), to_torch(self.vehicles.angles)
+        colors = ["tab:red"] * self.config.leading + ["tab:orange"] * self.config.followers
+        return [
+            Line(outline(points[:, index], angles[:, index, 2], self.chassis_half), color, 2.0, only_maps=True)
+            for index, color in enumerate(colors)
+        ]

@@ -1,0 +1,160 @@
+"""Soil below a driven vehicle: which one, its grid and memory, and parameters that are drawn for every episode."""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import torch
+
+from simwarp import to_torch
+from simwarp.kernels.soil.soil_tables import COHESION, ELASTIC, EXPONENT, K_PHI, PARAMETERS, SIDE, TAN_PHI
+
+if TYPE_CHECKING:
+    from simwarp.sensors import Scene
+    from simwarp.soil import SoilSpec
+    from simwarp.vehicle import Vehicle, Vehicles
+
+    from ..randomisation.randomness import WorldRandom
+
+RIGID_SHARE: Final = 0.2
+"""Of the episodes with drawn soil: in them the ground is nearly rigid."""
+RIGID_MODULUS: Final = 1.0e8
+"""Its k_phi, at an exponent of 1 [N/m^3]: a Gator's wheels sink in by millimetres."""
+RIGID_ELASTIC: Final = 4.0e8
+"""Its stiffness of unloading, that of the preset hard [Pa/m]."""
+STEEPEST: Final = math.radians(60.0)
+"""Largest friction angle of a soil [rad]."""
+USUAL_SPEED: Final = 8.0
+"""At which ruts of a whole episode find room [m/s]."""
+LONGEST_RUT: Final = 200.0
+"""What is remembered at most behind a vehicle [m]."""
+GROUNDS: Final = ("hills", "ground")
+"""Names of the plane or height field in a scene that shows the ground."""
+DRAWS: Final = 4
+"""Numbers that a soil is drawn with."""
+LOGARITHMIC: Final = [int(K_PHI), int(ELASTIC)]
+"""Parameters whose logarithm is uniform."""
+DRAW_OF: Final = tuple(
+    {int(EXPONENT): 1, int(COHESION): 2, int(TAN_PHI): 3}.get(parameter, 0) for parameter in range(int(PARAMETERS))
+)
+"""Which number each parameter is drawn with: k_c, shear length, elastic and damping go with k_phi."""
+
+
+class SoilKind(enum.Enum):
+    """What the wheels roll on."""
+
+    NONE = "none"
+    SOFT = "soft"
+    MID = "mid"
+    HARD = "hard"
+    CLAY = "clay"
+    SNOW = "snow"
+    RANDOM = "random"
+
+
+def pages_for(time: float, spacing: float, wheels: int, width: float) -> int:
+    """Pages of 8 x 8 nodes that hold the ruts of an episode at `USUAL_SPEED`, or the last `LONGEST_RUT` of them.
+
+    A track of one width in all directions crosses (4 / pi) (1 + width / side) / side pages of that side per metre.
+    Rear wheels follow the front wheels, so that half of the wheels have tracks of their own.
+
+    Args:
+        time: that an episode lasts at most [s].
+        spacing: of the nodes [m].
+        wheels: number of them.
+        width: of the widest wheel [m].
+    """
+    side = int(SIDE) * spacing
+    way = min(USUAL_SPEED * time, LONGEST_RUT)
+    tracks = 0.5 * wheels * (4.0 / math.pi) * (1.0 + width / side) / side
+    return math.ceil(tracks * way) + 4 * wheels
+
+
+def rigid_soil(friction: float) -> SoilSpec:
+    """Return a soil that hardly gives way, with the friction of a road."""
+    from simwarp.soil import SoilSpec
+
+    return SoilSpec(
+        k_phi=RIGID_MODULUS, exponent=1.0, friction_angle=min(math.atan(friction), STEEPEST), elastic=RIGID_ELASTIC
+    )
+
+
+class DrivenSoil:
+    """The soil of a driving task, which differs by world and episode where it is `SoilKind.RANDOM`.
+
+    Then log k_phi, n, phi and c are drawn between those of the presets soft and hard, each by itself; k_c, the shear
+    length and the stiffness of unloading go with log k_phi. One in five episodes is nearly rigid (`RIGID_SHARE`).
+
+    Args:
+        vehicle: on `soil-rigid` tires; or several, which meet each other's ruts.
+        kind: not `SoilKind.NONE`.
+        random: of the task.
+        ground: the undeformed ground (`simwarp.vehicle.ground`); the plane z = 0 when None.
+        friction: of nearly rigid ground.
+        spacing: of the nodes [m].
+        pages: of each world; None: those that `pages_for` an episode.
+        time: that an episode lasts at most [s].
+
+    Attributes:
+        element: the force element (`simwarp.soil.Soil`); it comes after the vehicle.
+        parameter: (W, 1, 8) of `SoilSpec.values`.
+
+    Raises:
+        ModelError: the spacing does not suit the wheels.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle | Vehicles, kind: SoilKind, random: WorldRandom, *, ground: Any, friction: float,
+        spacing: float, pages: int | None, time: float,
+    ) -> None:  # fmt: skip
+        from simwarp.soil import PRESETS, soil_under
+
+        parts = vehicle.parts if isinstance(vehicle.parts, tuple) else (vehicle.parts,)
+        widest = max(axle.tire.width for axle in parts[0].spec.axles)
+        wheels = sum(len(each.sides) for each in parts)
+        rigid = rigid_soil(friction)
+        self.element = soil_under(
+            vehicle, rigid, ground=ground, spacing=spacing, per_world=True,
+            pages=pages or pages_for(time, spacing, wheels, widest),
+        )  # fmt: skip
+        self.parameter = to_torch(self.element.parameter)
+        self._random = random
+        self._rigid = self._row(rigid)
+        self._preset = None if kind is SoilKind.RANDOM else self._row(PRESETS[kind.value])
+        self._low, self._high = (_spread(self._row(PRESETS[name])) for name in ("soft", "hard"))
+        self._draw_of = torch.tensor(DRAW_OF, device=self.parameter.device)
+
+    def _row(self, soil: SoilSpec) -> torch.Tensor:
+        return torch.tensor(soil.values(), dtype=torch.float32, device=self.parameter.device)
+
+    def draw(self, world_mask: torch.Tensor) -> None:
+        """Write the parameters of the running episodes where ``world_mask`` (W,) is true.
+
+        Until the first call the soil is nearly rigid: a vehicle that settles on its springs stands on top of it.
+        """
+        rows = self._draw_rows() if self._preset is None else self._preset.expand(len(world_mask), -1)
+        self.parameter.copy_(torch.where(world_mask.view(-1, 1, 1), rows.unsqueeze(1), self.parameter))
+
+    def show_in(self, scene: Scene) -> None:
+        """Let a scene show the ruts, if one of `GROUNDS` is in it: roads and floors of other kinds stay as they are."""
+        shown = [name for name in GROUNDS if name in scene.names]
+        if shown:
+            scene.cover_with(self.element, shown[0])
+
+    def _draw_rows(self) -> torch.Tensor:
+        """Return (W, 8): what the draws of the running episodes say."""
+        shares = self._random.uniform("soil", size=DRAWS + 1)
+        rows = torch.lerp(self._low, self._high, shares.index_select(1, self._draw_of))
+        rows[:, LOGARITHMIC] = rows[:, LOGARITHMIC].exp()
+        rows[:, TAN_PHI] = rows[:, TAN_PHI].tan()
+        return torch.where(shares[:, DRAWS:] < RIGID_SHARE, self._rigid, rows)
+
+
+def _spread(row: torch.Tensor) -> torch.Tensor:
+    """Return a row (8,) with logarithms and the angle in place of what is drawn by them."""
+    spread = row.clone()
+    spread[LOGARITHMIC] = row[LOGARITHMIC].log()
+    spread[TAN_PHI] = row[TAN_PHI].atan()
+    return spread

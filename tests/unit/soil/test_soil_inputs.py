@@ -1,0 +1,184 @@
+"""Bad inputs of soils: one line with parameter, value, rule and remedy, in Python and at the command line."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import simwarp as sw
+from simwarp import cli
+from simwarp.soil import Soil, SoilSpec, SoilWheel, soil_under
+from simwarp.vehicle import Vehicle, add_vehicle, load_vehicle, per_world, with_options
+from simwarp.vehicle.spec.vehicle_spec import SpecError
+from simwarp.vehicle.tires.tires import ground
+from tests.unit.soil.soil_wheels import RADIUS, WIDTH
+
+GOOD = {"k_phi": 1e6}
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"k_phi": 0.0}, "k_phi must be positive [N/m^(n+2)], got 0.0; a preset shows the order of magnitude"),
+        ({"k_phi": -2e6}, "k_phi must be positive [N/m^(n+2)], got -2000000.0; a preset"),
+        ({"exponent": 0.1}, "exponent must be from 0.2 to 2, got 0.1; 1 is a linear soil"),
+        ({"exponent": 2.5}, "exponent must be from 0.2 to 2, got 2.5; 1 is a linear soil"),
+        (
+            {"friction_angle": 30.0},
+            "friction_angle must be from 0 to 1.047 rad (60 degrees), got 30.0; convert degrees",
+        ),
+        ({"friction_angle": 1.1}, "friction_angle must be from 0 to 1.047 rad (60 degrees), got 1.1; convert degrees"),
+        ({"friction_angle": -0.1}, "friction_angle must be from 0 to 1.047 rad (60 degrees), got -0.1; convert"),
+        ({"cohesion": -1.0}, "cohesion must be zero or positive, got -1.0; drop the sign"),
+        ({"elastic": 1e5}, "elastic must be at least k_phi n z^(n-1) = 1.026e+06 Pa/m at 0.5 m: unloading is stiffer"),
+        ({"elastic": 1e5}, "got 100000.0; raise it, or lower k_phi"),
+        ({"shear_length": 0.0}, "shear_length must be positive [m], got 0.0; a preset shows"),
+        ({"damping": -1.0}, "damping must be zero or positive, got -1.0; drop the sign"),
+    ],
+)
+def test_values_of_a_soil(values, message):
+    with pytest.raises(sw.ModelError) as found:
+        SoilSpec(**{**GOOD, **values})
+    assert message in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(SoilSpec)])
+@pytest.mark.parametrize("value", [math.nan, math.inf, "1e6", None])
+def test_no_value_of_a_soil_may_be_anything_but_a_finite_number(name, value):
+    with pytest.raises(sw.ModelError, match=f"{name} must be a finite number, got "):
+        SoilSpec(**{**GOOD, name: value})
+
+
+def model_of(worlds: int = 1) -> sw.Model:
+    builder = sw.ModelBuilder()
+    builder.add_body("b", mass=1.0, inertia=(1.0, 1.0, 1.0))
+    builder.add_height_field_asset(np.zeros((5, 5)), size=(8.0, 4.0))
+    return builder.finalize(worlds, "cpu")
+
+
+WHEELS = [SoilWheel(body=0, radius=RADIUS, width=WIDTH)]
+FIELD = {"kind": sw.ShapeType.HEIGHT_FIELD}
+LEANING = (0.0, math.sin(math.radians(25.0)), 0.0, math.cos(math.radians(25.0)))
+"""By 50 degrees."""
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"spacing": 0.128},
+            "spacing must be positive and at most half the narrowest wheel's width, 0.127 m, got 0.128",
+        ),
+        ({"spacing": math.nan}, "spacing must be positive and at most half the narrowest wheel's width"),
+        ({"spacing": 0.0}, "got 0.0; 0.05 suits cars"),
+        ({"pages": 7}, "pages must be an integer >= 8, got 7; so many of 0.4 m may lie below the wheels; raise it, or"),
+        ({"spacing": 0.01, "pages": 50}, "pages must be an integer >= 65, got 50; so many of 0.08 m"),
+        ({"pages": 2.5}, "pages must be an integer"),
+        ({"ground": {"rotation": LEANING}}, "ground must lean by at most 45 degrees, got 50; turn it, or gravity"),
+        ({"soil_map": [[0]], "map_cell": (0.0, 1.0)}, "map_cell must be two numbers, finite and > 0 m, got (0.0, 1.0)"),
+        ({"soil_map": [[0]], "map_origin": (math.nan, 1.0)}, "map_origin must be two numbers, finite, got (nan, 1.0)"),
+        (
+            {"soil_map": [[0, 0]], "map_origin": (-4.0, -2.0), "map_cell": (4.0, 3.9), "ground": FIELD},
+            "soil_map must cover the ground, x -4 to 4, y -2 to 2 m, got x -4 to 4, y -2 to 1.9; set map_origin and",
+        ),
+        ({"soil_map": [[0, 1]]}, "soil_map must hold indices below 1, got 1; name more soils"),
+        ({"soil_map": [0, 1]}, "soil_map must be (rows, columns) or (1, rows, columns), got (2,)"),
+        ({"soil": "sand"}, "preset must be soft, mid, hard, clay, snow, got 'sand'; or give a SoilSpec"),
+        ({"shear_memory": "vector"}, "shear_memory must be direction or scalar, got 'vector'"),
+    ],
+)
+def test_options_of_a_soil(options, message):
+    if isinstance(options.get("ground"), dict):
+        options = {**options, "ground": ground("cpu", **options["ground"])}
+    with pytest.raises(sw.ModelError) as found:
+        Soil(model_of(), WHEELS, **options)
+    assert message in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+def test_ground_that_leans_a_little_and_maps_that_cover_it_will_do():
+    lean = (0.0, math.sin(math.radians(22.0)), 0.0, math.cos(math.radians(22.0)))
+    Soil(model_of(), WHEELS, ground=ground("cpu", rotation=lean), pages=8)
+    cells = {"soil_map": [[0, 0]], "map_origin": (-4.0, -2.0), "map_cell": (4.0, 4.0)}
+    Soil(model_of(), WHEELS, ground=ground("cpu", **FIELD), **cells)
+    with pytest.raises(SpecError, match="must turn about the vertical only"):
+        ground("cpu", kind=sw.ShapeType.HEIGHT_FIELD, rotation=lean)
+
+
+def vehicle_of(*tires: str) -> Vehicle:
+    """A HMMWV with these tires on its axles."""
+    builder = sw.ModelBuilder()
+    spec = load_vehicle("hmmwv")
+    axles = [
+        dataclasses.replace(axle, tire=with_options(spec, tire=tire).axles[index].tire)
+        for index, (axle, tire) in enumerate(zip(spec.axles, tires, strict=True))
+    ]
+    parts = add_vehicle(builder, dataclasses.replace(spec, axles=tuple(axles)))
+    return Vehicle(parts, builder.finalize(1, "cpu", per_world=per_world()))
+
+
+def test_tires_that_make_forces_of_their_own_do_not_deform_soil():
+    message = "tires of vehicle 'hmmwv' must be soil-rigid, got tmeasy, which do not deform it; with_options"
+    with pytest.raises(sw.ModelError, match=message):
+        soil_under(vehicle_of("tmeasy", "tmeasy"))
+
+
+def test_tires_of_both_kinds_are_refused():
+    message = "axles: tires must be soil-rigid on all wheels or on none, got both; choose one kind"
+    with pytest.raises(SpecError, match=message):
+        vehicle_of("soil-rigid", "tmeasy")
+
+
+def test_two_vehicles_of_one_prefix_are_refused():
+    builder = sw.ModelBuilder()
+    spec = with_options(load_vehicle("hmmwv"), tire="soil-rigid")
+    add_vehicle(builder, spec, prefix="a.")
+    with pytest.raises(sw.ModelError) as found:
+        add_vehicle(builder, spec, prefix="a.")
+    assert "\n" not in str(found.value)
+    assert "a." in str(found.value)
+
+
+def test_soil_lies_on_the_vehicles_ground():
+    """A vehicle that is parked on a slope leans with it: the soil does not stay level below it."""
+    builder = sw.ModelBuilder()
+    spec = with_options(load_vehicle("gator"), tire="soil-rigid")
+    lean = (0.0, math.sin(-0.1), 0.0, math.cos(-0.1))
+    parts = add_vehicle(builder, spec, at=sw.pose((0.0, 0.0, spec.start_height), lean))
+    model = builder.finalize(1, "cpu", per_world=per_world())
+    vehicle = Vehicle(parts, model, ground=ground("cpu", rotation=lean))
+    soil = soil_under(vehicle, "hard")
+    simulation = sw.Simulation(model, 1e-3, elements=[vehicle, soil], solver=sw.vehicle.VEHICLE_SOLVER, threads=1)
+    simulation.step(500)
+    forward = simulation.state.body_rot.numpy()[0, parts.chassis]
+    pitch = 2.0 * math.asin(float(forward[1]))
+    assert pitch == pytest.approx(-0.2, abs=0.03)
+    assert float(soil.touched.numpy().min()) > 3
+
+
+COMMANDS = [
+    (["--soil", "mid"], "tires of vehicle 'hmmwv' must be soil-rigid, got tmeasy", "--tire soil-rigid"),
+    (["--tire", "soil-rigid", "--soil", "sand"], "preset must be soft, mid, hard, clay, snow, got 'sand'", "SoilSpec"),
+    (
+        ["--tire", "soil-rigid", "--spacing", "0.2"],
+        "at most half the narrowest wheel's width, 0.127 m, got 0.2",
+        "0.05",
+    ),
+    (["--tire", "soil-rigid", "--spacing", "nan"], "--spacing must be a finite number", "nan"),
+    (["--tire", "soil-rigid", "--spacing", "0.001"], "pages must be an integer >= 16048, got 2048", "spacing"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "rule", "remedy"), COMMANDS)
+def test_the_command_line_says_it_in_one_line(arguments, rule, remedy, capsys):
+    assert cli.main(["drive", "hmmwv", "--maneuver", "reference-soil", "--device", "cpu", *arguments]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    lines = told.err.strip().splitlines()
+    assert len(lines) == 1
+    assert rule in lines[0]
+    assert remedy in lines[0]

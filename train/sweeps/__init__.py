@@ -1,0 +1,1 @@
+"""Sweeps: many trainings that are started, watched, resumed and compared together."""

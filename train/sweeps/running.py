@@ -1,0 +1,275 @@
+"""The running of a sweep: so many trainings at a time, each in a process of its own, until there is no more to do."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import signal
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final, Protocol
+
+from simwarp.tasks import InputError
+
+from ..runs.run_lock import living_writer
+from ..runs.stopping import StopRequest
+from .launchers import FoundJob, Job, Launcher
+from .plan import SweepRun
+from .run_state import (
+    LOG,
+    RunRecord,
+    RunState,
+    failure,
+    forget_failure,
+    is_done,
+    last_words,
+    log_size,
+    note_failure,
+    saved_iteration,
+)
+
+POLL: Final = 0.3
+"""Time between two looks at the processes [s]."""
+_INTERRUPTED = 130
+_PATIENCE: Final = 20.0
+"""Time in which a process that was asked twice to stop must end, before it is killed [s]."""
+
+
+class RunSource(Protocol):
+    """Tells which run comes next."""
+
+    def take(self) -> SweepRun | None:
+        """Return a run to do; None while there is none, because all are done or taken."""
+
+    def settled(self, record: RunRecord) -> None:
+        """Learn that a run is done or has failed."""
+
+
+class RunList:
+    """Runs that are all known from the beginning.
+
+    Args:
+        runs: in the order in which they are begun.
+    """
+
+    def __init__(self, runs: Iterable[SweepRun]) -> None:
+        self._left = deque(runs)
+
+    def take(self) -> SweepRun | None:
+        """Return the next one."""
+        return self._left.popleft() if self._left else None
+
+    def settled(self, record: RunRecord) -> None:
+        """Nothing follows from what came out."""
+
+
+class Watcher(Protocol):
+    """Shows how far a sweep is."""
+
+    def update(self, records: list[RunRecord]) -> None:
+        """Show the runs; called every :data:`POLL` seconds."""
+
+    def changed(self, record: RunRecord) -> None:
+        """Show that a run began or ended."""
+
+    def say(self, text: str) -> None:
+        """Print a line that stays."""
+
+
+@dataclasses.dataclass(eq=False)
+class _Started:
+    """A run under way: its record, its process, and the bytes of its log that are older."""
+
+    record: RunRecord
+    job: Job
+    logged: int
+
+
+class SweepRunner:
+    """Runs what a source tells.
+
+    Args:
+        task: the registered name of the task.
+        source: tells the runs.
+        launcher: starts them.
+        jobs: runs at a time.
+        watcher: shows them.
+        retry: try runs again that failed by an error of their own.
+        after: called when a run is done or has failed.
+
+    Attributes:
+        records: of all runs that were taken, in their order.
+    """
+
+    def __init__(
+        self, task: str, source: RunSource, launcher: Launcher, *, jobs: int, watcher: Watcher, retry: bool = False,
+        after: Callable[[RunRecord], None] = lambda record: None,
+    ) -> None:  # fmt: skip
+        self.records: list[RunRecord] = []
+        self._task, self._source, self._launcher = task, source, launcher
+        self._jobs, self._watcher, self._retry, self._after = jobs, watcher, retry, after
+        self._started: list[_Started] = []
+        self._leaving = False
+
+    def run(self, stop: StopRequest) -> None:
+        """Do all runs; after a request to stop, save those under way and leave.
+
+        Raises:
+            InputError: a folder holds a run of another configuration.
+            OutputError: the disk did not take a file.
+            KeyboardInterrupt: asked a second time, the runs were stopped as they are.
+        """
+        try:
+            while not stop.requested and self._go_on():
+                time.sleep(POLL)
+        except BaseException:
+            self._stop_all(POLL)
+            raise
+        if stop.requested:
+            self._leave()
+
+    def _go_on(self) -> bool:
+        """Settle what has ended and begin what there is room for; False if there is nothing more to do."""
+        self._settle_ended()
+        while len(self._started) < self._jobs and (run := self._source.take()) is not None:
+            self._begin(run)
+        self._watcher.update(self.records)
+        return bool(self._started)
+
+    def _begin(self, run: SweepRun) -> None:
+        """Start a run, unless it is done, failed before, or still runs since an earlier sweep."""
+        record = RunRecord(run)
+        self.records.append(record)
+        run.prepare(self._task)
+        record.look()
+        failed = failure(run.folder)
+        writer = living_writer(run.folder.path)
+        if writer is None and is_done(run):
+            record.state, record.kept = RunState.DONE, True
+        elif writer is None and failed and not self._retry:
+            record.state, record.reason, record.kept = RunState.FAILED, failed, True
+        else:
+            forget_failure(run.folder)
+            record.state = RunState.RUNNING
+            record.reason = f"goes on as {writer}" if writer else _resumed(run)
+            logged = log_size(run.folder)
+            job = FoundJob(writer) if writer else self._launcher.start(run)
+            self._started.append(_Started(record, job, logged))
+            self._watcher.changed(record)
+            return
+        self._settled(record)
+
+    def _settle_ended(self) -> None:
+        for started in list(self._started):
+            record = started.record
+            record.look()
+            code = started.job.poll()
+            if code is None:
+                continue
+            writer = living_writer(record.run.folder.path)
+            if writer is not None:  # one that an earlier sweep had started just before it was killed
+                started.job = FoundJob(writer)
+                continue
+            if isinstance(started.job, FoundJob) and not (is_done(record.run) or self._leaving):
+                # Whatever ended it is not known: it goes on as a process of this sweep, which will know
+                started.logged, started.job = log_size(record.run.folder), self._launcher.start(record.run)
+                continue
+            self._started.remove(started)
+            self._judge(record, code, last_words(record.run.folder.path / LOG, started.logged))
+            self._settled(record)
+
+    def _judge(self, record: RunRecord, code: int, words: str) -> None:
+        """Tell by its folder and its exit code what became of a run."""
+        run, record.reason = record.run, ""
+        if is_done(run):
+            record.state = RunState.DONE
+        elif code in (0, _INTERRUPTED):
+            record.state = RunState.STOPPED
+            record.reason = f"stopped after iteration {saved_iteration(run.folder)}"
+        elif code < 0:
+            # Nothing that it would meet again: memory ran out, or somebody ended it
+            record.state = RunState.FAILED
+            record.reason = f"ended by {_signal(-code)} after iteration {saved_iteration(run.folder)}"
+        else:
+            record.state, record.reason = RunState.FAILED, words or f"exit code {code}"
+            note_failure(run.folder, record.reason)
+
+    def _settled(self, record: RunRecord) -> None:
+        self._watcher.changed(record)
+        if record.state in (RunState.DONE, RunState.FAILED):
+            self._source.settled(record)
+            self._after(record)
+
+    def _leave(self) -> None:
+        """Ask each run once to stop, and wait until they have saved what they learnt."""
+        self._leaving = True
+        if self._started:
+            count = len(self._started)
+            self._watcher.say(
+                f"stopping {count} run{'s' if count > 1 else ''}: each saves its iteration; again: at once"
+            )
+        for started in self._started:
+            started.job.stop()
+        try:
+            while self._started:
+                self._settle_ended()
+                self._watcher.update(self.records)
+                time.sleep(POLL)
+        except BaseException:
+            self._stop_all(_PATIENCE)
+            raise
+
+    def _stop_all(self, patience: float) -> None:
+        """Ask all runs to stop now, and kill those that do not within a while."""
+        for started in self._started:
+            with contextlib.suppress(OSError):
+                started.job.stop()
+        deadline = time.monotonic() + max(patience, _PATIENCE)
+        with _patient():
+            while any(started.job.poll() is None for started in self._started) and time.monotonic() < deadline:
+                time.sleep(POLL)
+            for started in self._started:
+                if started.job.poll() is None:
+                    with contextlib.suppress(OSError):
+                        started.job.stop(at_once=True)
+
+
+@contextlib.contextmanager
+def _patient() -> Iterator[None]:
+    """Inside, Ctrl-C is not heard: what is done here takes a bounded time, and nothing may be left running."""
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # in another thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _resumed(run: SweepRun) -> str:
+    iteration = saved_iteration(run.folder)
+    return f"resumed after iteration {iteration}" if iteration else ""
+
+
+def _signal(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def check_runs(task: str, runs: Iterable[SweepRun]) -> None:
+    """Hold the runs that are there to the configurations that are asked for, before any work is done.
+
+    Raises:
+        InputError: one is of another configuration.
+    """
+    for run in runs:
+        if run.folder.path.exists():
+            if not run.folder.path.is_dir():
+                raise InputError(f"'{run.folder.path}' is no folder: give another --out")
+            run.prepare(task)

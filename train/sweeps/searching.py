@@ -1,0 +1,136 @@
+"""Search instead of a grid: Optuna proposes the next point from the scores of those before it."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from simwarp.tasks import InputError
+
+from .plan import SweepRun
+from .ranking import median_interval
+from .run_state import RunRecord
+
+STORAGE: Final = "search.log"
+"""Journal of the trials, in the folder of the sweep."""
+_STUDY = "sweep"
+
+
+@dataclasses.dataclass(frozen=True)
+class Dimension:
+    """Values that a field may take.
+
+    Attributes:
+        low: smallest number; None where there are choices.
+        high: largest number.
+        log: numbers are searched by their logarithms.
+        choices: words, in place of numbers.
+    """
+
+    low: float | int | None = None
+    high: float | int | None = None
+    log: bool = False
+    choices: tuple[str, ...] = ()
+
+
+def import_optuna() -> Any:
+    """Return the module optuna.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        return importlib.import_module("optuna")
+    except ImportError as error:
+        raise InputError("--search needs the package optuna: pip install 'simwarp[sweep]'") from error
+
+
+class Search:
+    """The trials of a search, those of earlier times first; each is a run per seed, and its score their median.
+
+    Args:
+        folder: of the sweep.
+        space: field -> values that it may take.
+        trials: number of trials in all.
+        make: returns the runs of a trial, one per seed, by its number and its values.
+        score: returns the score of a run that has ended; minus infinity where it failed.
+
+    Raises:
+        InputError: optuna is not installed, or the folder holds a search of other fields.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        space: Mapping[str, Dimension],
+        trials: int,
+        make: Callable[[int, Mapping[str, Any]], Sequence[SweepRun]],
+        score: Callable[[RunRecord], float],
+    ) -> None:
+        self._optuna = import_optuna()
+        self._optuna.logging.set_verbosity(self._optuna.logging.WARNING)
+        backend = importlib.import_module("optuna.storages.journal").JournalFileBackend(str(folder / STORAGE))
+        self._study = self._optuna.create_study(
+            storage=self._optuna.storages.JournalStorage(backend), study_name=_STUDY, direction="maximize",
+            load_if_exists=True,
+        )  # fmt: skip
+        before = self._study.get_trials(deepcopy=False)
+        for trial in before:
+            if trial.params.keys() != space.keys():
+                there = ", ".join(trial.params)
+                raise InputError(f"{folder} holds a search over {there}, not {', '.join(space)}: give another --out")
+        # A sampler that began anew with the same numbers would propose the same points again
+        self._study.sampler = self._optuna.samplers.TPESampler(seed=len(before))
+        self._distributions = {key: self._distribution(dimension) for key, dimension in space.items()}
+        self._space, self._trials, self._make, self._score = space, trials, make, score
+        self._old = deque((trial.number, trial.params) for trial in before)
+        self._asked = len(before)
+        self._queue: deque[SweepRun] = deque()
+        self._number: dict[str, int] = {}
+        self._open: dict[int, int] = {}
+        self._scores: dict[int, list[float]] = {}
+
+    def _distribution(self, dimension: Dimension) -> Any:
+        kinds = self._optuna.distributions
+        if dimension.choices:
+            return kinds.CategoricalDistribution(dimension.choices)
+        kind = kinds.IntDistribution if isinstance(dimension.low, int) else kinds.FloatDistribution
+        return kind(dimension.low, dimension.high, log=dimension.log)
+
+    def take(self) -> SweepRun | None:
+        """Return the next run: of the trial that was begun, of one from earlier times, or of a new one."""
+        if not self._queue:
+            if self._old:
+                self._begin(*self._old.popleft())
+            elif self._asked < self._trials:
+                trial = self._study.ask(self._distributions)
+                self._asked += 1
+                self._begin(trial.number, trial.params)
+        return self._queue.popleft() if self._queue else None
+
+    def _begin(self, number: int, params: Mapping[str, Any]) -> None:
+        runs = self._make(number, {key: params[key] for key in self._space})
+        self._queue.extend(runs)
+        self._number |= {run.name: number for run in runs}
+        self._open[number], self._scores[number] = len(runs), []
+
+    def settled(self, record: RunRecord) -> None:
+        """Tell Optuna the score of a trial whose runs have all ended."""
+        number = self._number[record.run.name]
+        self._open[number] -= 1
+        self._scores[number].append(self._score(record))
+        if self._open[number]:
+            return
+        median = median_interval(self._scores[number]).median
+        states = self._optuna.trial.TrialState
+        if self._study.get_trials(deepcopy=False)[number].state.is_finished():
+            return
+        if math.isfinite(median):
+            self._study.tell(number, median)
+        else:
+            self._study.tell(number, state=states.FAIL)
