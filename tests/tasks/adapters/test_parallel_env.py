@@ -38,7 +38,7 @@ def test_agents_leave_one_by_one_and_what_is_told_is_of_those_that_acted():
     env.reset(seed=1)
     while env.agents == env.possible_agents:
         told = env.step({"agent_0": [0.0], "agent_1": [1.0]})
-    observations, rewards, terminations, truncations, infos = told
+    _, rewards, terminations, truncations, infos = told
     assert terminations == {"agent_0": False, "agent_1": True}
     assert truncations == {"agent_0": False, "agent_1": False}
     assert infos == {"agent_0": {}, "agent_1": {"end_reason": "fell"}}
