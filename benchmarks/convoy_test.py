@@ -46,9 +46,9 @@ PATHS: Final = 200
 SEED: Final = 1_000_003
 BATCH: Final = 50
 TOUCHES: Final = ("collision", "bumped")
-COLUMNS: Final = ("run", "vehicle", "reason", "seconds", "deviation", "distance", "way")
-"""Of a row: run, vehicle from the head, why and when its part was over, mean distance from the path [m], distance to
-the one ahead at the end [m], way along the path at the end [m]."""
+COLUMNS: Final = ("run", "vehicle", "reason", "seconds", "deviation", "by_way", "distance", "way")
+"""Of a row: run, vehicle from the head, why and when its part was over, mean distance from the path over time [m] and
+over the way [m], distance to the one ahead at the end [m], place along the path at the end [m]."""
 
 Row = dict[str, Any]
 
@@ -73,6 +73,8 @@ class Runs:
         self.task.keep_final_observations = False
         self.task.before_reset = self._look
         self._rows = Rows(self.task)
+        self.way = torch.zeros(0)
+        self._gone = self._weighted = torch.zeros(())
         shipped = find_policy("convoy", Path("shipped"), obs="state")
         self.policy = network_policy(shipped.content, self.task)
 
@@ -82,7 +84,12 @@ class Runs:
         place = to_torch(task.vehicles.position)[..., :2].float()
         vehicles = place.shape[1]
         route = task.route.repeat_interleave(vehicles)
-        self.way = task.routes.locate(route, place.flatten(0, 1))[0].view(-1, vehicles)
+        way, aside = (each.view(-1, vehicles) for each in task.routes.locate(route, place.flatten(0, 1)))
+        gone = (way - self.way).clamp(min=0.0) if len(self.way) else torch.zeros_like(way)
+        self._gone = self._gone + gone
+        self._weighted = self._weighted + gone * aside.abs()
+        self.way = way
+        self.by_way = self._weighted / self._gone.clamp(min=0.01)
         self.deviation = task.deviation.clone()
 
     def play(self) -> list[Row]:
@@ -107,7 +114,8 @@ class Runs:
     def _row(self, world: int, vehicle: int, reason: str, steps: int, distance: float) -> Row:
         values = (
             self.first + world, vehicle, reason, round(steps * self.task.config.control_dt, 3),
-            round(float(self.deviation[world, vehicle]), 4), round(distance, 3),
+            round(float(self.deviation[world, vehicle]), 4), round(float(self.by_way[world, vehicle]), 4),
+            round(distance, 3),
             round(float(self.way[world, vehicle]), 2),
         )  # fmt: skip
         return dict(zip(COLUMNS, values, strict=True))
@@ -179,9 +187,12 @@ def vehicle_numbers(rows: Sequence[Row], vehicle: int) -> dict[str, Any]:
     found: dict[str, Any] = {
         "runs": len(own),
         "deviation": mean_interval([row["deviation"] for row in own]),
+        "by_way": mean_interval([row["by_way"] for row in own]),
+        "way": mean_interval([row["way"] for row in own]),
         "reasons": {reason: share(own, [reason])["count"] for reason in sorted({row["reason"] for row in own})},
     }
     if vehicle > 0:
+        found["distance"] = mean_interval([row["distance"] for row in own])
         found |= {"touches": share(own, TOUCHES), "lost": share(own, ["lost"]), "first": len(first)}
     return found
 
@@ -201,8 +212,9 @@ def numbers_of(models: Sequence[str], grounds: Sequence[str]) -> dict[str, Any]:
 def table(numbers: dict[str, Any]) -> str:
     """Return the numbers as a table in Markdown."""
     lines = [
-        "| model | ground | vehicle | runs | touches | lost | mean deviation [m] | failed first |",
-        "|---|---|---|---|---|---|---|---|",
+        "| model | ground | vehicle | runs | touches | lost | off the path over time [m] | over its way [m] | reached [m] "
+        "| failed first |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
 
     def percent(value: dict[str, float]) -> str:
@@ -211,10 +223,21 @@ def table(numbers: dict[str, Any]) -> str:
     for model, grounds in numbers.items():
         for ground, vehicles in grounds.items():
             for vehicle, each in enumerate(vehicles):
-                off = each["deviation"]
-                told = f"{off['mean']:.2f} ({off['low']:.2f} to {off['high']:.2f})"
+                told = [
+                    f"{off['mean']:.2f} ({off['low']:.2f} to {off['high']:.2f})"
+                    for off in (each["deviation"], each["by_way"])
+                ]
                 others = [percent(each["touches"]), percent(each["lost"])] if vehicle else ["–", "–"]
-                cells = [model, ground, vehicle, each["runs"], *others, told, each.get("first", "–")]
+                cells = [
+                    model,
+                    ground,
+                    vehicle,
+                    each["runs"],
+                    *others,
+                    *told,
+                    f"{each['way']['mean']:.0f}",
+                    each.get("first", "–"),
+                ]
                 lines.append(f"| {' | '.join(map(str, cells))} |")
     return "\n".join(lines)
 

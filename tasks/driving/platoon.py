@@ -22,6 +22,7 @@ from simwarp.kernels.tasks.driving.platoon import (
     drive_platoon,
     end_platoon,
     finish_platoon,
+    measure_platoon,
     notice_platoon,
     observe_platoon,
     pace_driver,
@@ -187,6 +188,9 @@ class PlatoonTask(ConvoyTask):
         def each(kernel: wp.Kernel, *arguments: Any) -> TensorLaunch:
             return TensorLaunch(kernel, shape, list(arguments), device)
 
+        if self.navigation is not None:
+            seen = [column, state, self._navigator, self.random.draws, platoon, self._measured]
+            self._measure = launch_over(self, measure_platoon, *seen)
         rows, policy = self.action.view(-1, 2), self._policy.view(-1, self._policy.shape[-1])
         self._observe = each(observe_platoon, column, state, rows, routes, follow, slots, platoon, policy)
         self._pay = each(pay_platoon, column, state, platoon, self._terms.view(len(self._terms), -1))
