@@ -21,7 +21,7 @@ from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
-from simwarp.soil.soil_checks import MOST_PAGES, check_ground, check_map, checked_pages
+from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_pages
 from simwarp.soil.soil_parameters import SoilSpec, soil_preset
 from simwarp.soil.soil_shapes import (
     SoilShape,

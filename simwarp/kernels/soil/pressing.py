@@ -304,9 +304,8 @@ def press_shapes(
     index, carrier = wp.tid()
     world = worlds.first + index
     body = shapes.carrier[carrier]
-    first = shapes.member_start[carrier]
-    total = press_shape(world, shapes.member[first], dt, soil, shapes, assets, state, nodes, reports)
-    for at in range(first + 1, shapes.member_start[carrier + 1]):
+    total = ShapeSum()
+    for at in range(shapes.member_start[carrier], shapes.member_start[carrier + 1]):
         more = press_shape(world, shapes.member[at], dt, soil, shapes, assets, state, nodes, reports)
         total.force += more.force
         total.moment += more.moment
