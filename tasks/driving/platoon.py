@@ -1,8 +1,8 @@
 """Convoy of simulated vehicles: a driver takes those at the head along the path, policies drive those that follow.
 
 All are in one world: they push each other, and followers drive in their leaders' ruts. Each follower sees what the
-policy of `convoy` saw of its ghosts: places of the three vehicles ahead. Where there are fewer, the schedule of the path
-stands for those ahead of the first.
+policy of `convoy` saw of its ghosts: places of the three vehicles ahead. Where there are fewer, the schedule of the
+path stands for those ahead of the first.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from simwarp.kernels.tasks.driving.platoon import (
     drive_platoon,
     end_platoon,
     finish_platoon,
+    measure_platoon,
     notice_platoon,
     observe_platoon,
     pace_driver,
@@ -187,6 +188,9 @@ class PlatoonTask(ConvoyTask):
         def each(kernel: wp.Kernel, *arguments: Any) -> TensorLaunch:
             return TensorLaunch(kernel, shape, list(arguments), device)
 
+        if self.navigation is not None:
+            seen = [column, state, self._navigator, self.random.draws, platoon, self._measured]
+            self._measure = launch_over(self, measure_platoon, *seen)
         rows, policy = self.action.view(-1, 2), self._policy.view(-1, self._policy.shape[-1])
         self._observe = each(observe_platoon, column, state, rows, routes, follow, slots, platoon, policy)
         self._pay = each(pay_platoon, column, state, platoon, self._terms.view(len(self._terms), -1))
@@ -244,7 +248,7 @@ class PlatoonTask(ConvoyTask):
             driver.memory["segment"].assign(segment)
 
     def metrics(self) -> dict[str, torch.Tensor]:
-        """Return of each follower the ``distance`` to its leader, the mean ``path_deviation`` [m], ``obstacle_hits``."""
+        """Return of each follower ``distance`` to its leader, mean ``path_deviation`` [m] and ``obstacle_hits``."""
         told = super().metrics()
         return told | {"path_deviation": self._followers_deviation.view(self._distance.shape)}
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 
-from .errors import TaskError
+from .errors import InputError, TaskError
 from .step_result import StepResult
 
 if TYPE_CHECKING:
@@ -19,10 +19,10 @@ def refuse_agents(task: Task[Any], who: str, remedy: str) -> None:
     """Refuse a task with several agents for a runner that knows of one in each world alone.
 
     Raises:
-        TaskError: it has several.
+        InputError: it has several.
     """
     if task.agents > 1:
-        raise TaskError(f"task '{task.name}' has {task.agents} agents in each world, {who}; {remedy}")
+        raise InputError(f"task '{task.name}' has {task.agents} agents in each world, {who}; {remedy}")
 
 
 class Rows:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from simwarp.tasks import InputError, TaskError, make
+from simwarp.tasks import InputError, make
 from simwarp.tasks.adapters.gym_env import TaskVectorEnv
 from simwarp.tasks.adapters.parallel_env import TaskParallelEnv
 from tests.tasks.framework.pair_task import pair
@@ -38,7 +38,7 @@ def test_agents_leave_one_by_one_and_what_is_told_is_of_those_that_acted():
     env.reset(seed=1)
     while env.agents == env.possible_agents:
         told = env.step({"agent_0": [0.0], "agent_1": [1.0]})
-    observations, rewards, terminations, truncations, infos = told
+    _, rewards, terminations, truncations, infos = told
     assert terminations == {"agent_0": False, "agent_1": True}
     assert truncations == {"agent_0": False, "agent_1": False}
     assert infos == {"agent_0": {}, "agent_1": {"end_reason": "fell"}}
@@ -88,7 +88,7 @@ def test_wrong_actions_worlds_and_runners_are_refused_in_one_line():
         env.step({"agent_0": [0.0], "agent_1": [0.0], "agent_7": [0.0]})
     with pytest.raises(InputError, match=r"task 'pair' has 3 worlds; make it with num_worlds=1"):
         TaskParallelEnv(pair(worlds=3))
-    with pytest.raises(TaskError, match=r"task 'pair' has 2 agents in each world, and Gymnasium .*TaskParallelEnv"):
+    with pytest.raises(InputError, match=r"task 'pair' has 2 agents in each world, and Gymnasium .*TaskParallelEnv"):
         TaskVectorEnv(pair())
     assert TaskVectorEnv(make("pendulum", 2)).num_envs == 2
 

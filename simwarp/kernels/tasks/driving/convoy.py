@@ -283,14 +283,12 @@ def follow_path(car: Car, state: StateArrays, routes: RouteTables, follow: Follo
     follow.deviation[world] = mean + (distance - mean) / float(follow.steps[world] + wp.int64(1))
 
 
-@wp.kernel
-def measure_column(
-    column: Column, navigator: Navigator, draws: Draws, routes: RouteTables, follow: Follow, policy: wp.array2d[float]
+@wp.func
+def measure_leader(
+    world: int, leader: wp.vec3, speed: float, column: Column, navigator: Navigator, draws: Draws,
+    policy: wp.array2d[float],
 ):  # fmt: skip
-    """Place of the first leader, heading and speed as the instruments tell them, the leader's speed."""
-    world = wp.tid()
-    time = time_of(world, column, follow)
-    leader = leader_at(world, 0, time, routes, follow)
+    """Write where a leader is, heading and speed as the instruments tell them, the leader's speed."""
     heading = navigator.heading[world]
     seen = wp.vec2(leader[0], leader[1]) - estimated_place(world, navigator, draws)
     if column.in_world_axes == 0:
@@ -300,7 +298,19 @@ def measure_column(
     policy[world, 2] = wp.sin(heading)
     policy[world, 3] = wp.cos(heading)
     policy[world, 4] = estimated_speed(world, navigator, draws) / SPEED
-    policy[world, 5] = leader_speed(world, time, routes, follow) / SPEED
+    policy[world, 5] = speed / SPEED
+
+
+@wp.kernel
+def measure_column(
+    column: Column, navigator: Navigator, draws: Draws, routes: RouteTables, follow: Follow, policy: wp.array2d[float]
+):  # fmt: skip
+    """Place of the first leader, heading and speed as the instruments tell them, the leader's speed."""
+    world = wp.tid()
+    time = time_of(world, column, follow)
+    leader = leader_at(world, 0, time, routes, follow)
+    speed = leader_speed(world, time, routes, follow)
+    measure_leader(world, leader, speed, column, navigator, draws, policy)
 
 
 @wp.func

@@ -24,6 +24,7 @@ from simwarp.kernels.tasks.driving.convoy import (
     LEADERS,
     Column,
     Follow,
+    measure_leader,
     observe_leader,
     observe_truck,
     overlaps,
@@ -32,9 +33,10 @@ from simwarp.kernels.tasks.driving.convoy import (
 )
 from simwarp.kernels.tasks.driving.navigation import Navigator
 from simwarp.kernels.tasks.driving.obstacles import Slots
-from simwarp.kernels.tasks.driving.routes import RouteTables, locate, route_at, route_distance
+from simwarp.kernels.tasks.driving.routes import RouteTables, locate, route_at
 from simwarp.kernels.tasks.frames import heading_quaternion, quat_product, rotate, to_heading
 from simwarp.kernels.tasks.framework.control_step import follow as follow_request
+from simwarp.kernels.tasks.framework.randomness import Draws
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0, "fuse_fp": False})
 
@@ -58,7 +60,7 @@ class Platoon:
     force: wp.array2d[wp.vec3]  # (W, S) contact forces on shapes [N]
     input: wp.array3d[float]  # (W, V, 4) steering, throttle, brake, clutch
     hit: wp.array2d[wp.bool]  # (W, V) the chassis touched something in this control step
-    deviation: wp.array2d[float]  # (W, V) mean distance from the path [m]
+    deviation: wp.array2d[float]  # (W, V) mean distance from the path, sideways [m]
 
 
 @wp.func
@@ -196,7 +198,8 @@ def finish_platoon(
     notice_touches(world, platoon)
     for vehicle in range(platoon.chassis.shape[0]):
         place = plane(point_of(world, car_at(vehicle, platoon), state))
-        distance = route_distance(int(follow.route[world]), place, routes)
+        # Beside it: those at the head go on straight beyond its end
+        distance = wp.abs(locate(int(follow.route[world]), place, routes)[1])
         mean = platoon.deviation[world, vehicle]
         steps = float(follow.steps[world] + wp.int64(1))
         platoon.deviation[world, vehicle] = mean + (distance - mean) / steps
@@ -269,6 +272,17 @@ def observe_platoon(
         observe_leader(row, i, leader, wp.vec2(own[0], own[1]), own[2], policy)
     speed = forward_speed_of(world, vehicle - 1, platoon, state)
     observe_truck(row, world, speed, column, car_at(vehicle, platoon), state, action, slots, policy)
+
+
+@wp.kernel
+def measure_platoon(
+    column: Column, state: StateArrays, navigator: Navigator, draws: Draws, platoon: Platoon, policy: wp.array2d[float]
+):  # fmt: skip
+    """What a single follower measures: place of the one ahead, heading and speed, the other's speed: (W, 6)."""
+    world = wp.tid()
+    ahead = platoon.chassis.shape[0] - 2
+    speed = forward_speed_of(world, ahead, platoon, state)
+    measure_leader(world, vehicle_at(world, ahead, platoon, state), speed, column, navigator, draws, policy)
 
 
 @wp.kernel

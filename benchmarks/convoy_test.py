@@ -1,0 +1,287 @@
+"""The convoy test of the thesis: one simulated leader on the path, three followers, whose policy was trained on ghosts.
+
+    python benchmarks/convoy_test.py                                # 200 runs of each model on each ground, then tables
+    python benchmarks/convoy_test.py --models reduced --grounds rigid soft --runs 50
+    python benchmarks/convoy_test.py --runs 0                       # table and picture again, from the rows
+
+Four vehicles in each world, four large obstacles on the way, rigid, hard and soft ground. Rows are written to
+benchmarks/results/convoy as runs finish, and what is there is not run again. Run k has the same path, obstacles and
+places on every ground and with both models.
+
+A follower that touches something or loses the one ahead is done: it brakes, and the others go on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from simwarp import to_torch  # noqa: E402
+from simwarp.tasks import make  # noqa: E402
+from simwarp.tasks.framework.rows import Rows  # noqa: E402
+from simwarp.train.evaluation.evaluation import wilson_interval  # noqa: E402
+from simwarp.train.evaluation.figure_style import new_figure, save_figure  # noqa: E402
+from simwarp.train.networks.policies import find_policy, network_policy  # noqa: E402
+
+RESULTS: Final = ROOT / "benchmarks" / "results" / "convoy"
+NUMBERS: Final = RESULTS / "convoy_test.json"
+PICTURE: Final = ROOT / "docs" / "images" / "convoy_test.png"
+MODELS: Final = ("reduced", "full")
+GROUNDS: Final = {"rigid": "none", "hard": "hard", "soft": "soft"}
+COLOURS: Final = {"rigid": "tab:blue", "hard": "tab:brown", "soft": "tab:orange"}
+FOLLOWERS: Final = 3
+PATHS: Final = 200
+SEED: Final = 1_000_003
+BATCH: Final = 50
+TOUCHES: Final = ("collision", "bumped")
+COLUMNS: Final = ("run", "vehicle", "reason", "seconds", "deviation", "by_way", "distance", "way")
+"""Of a row: run, vehicle from the head, why and when its part was over, mean distance from the path over time [m] and
+over the way [m], distance to the one ahead at the end [m], place along the path at the end [m]."""
+
+Row = dict[str, Any]
+
+
+class Runs:
+    """A batch of runs.
+
+    Args:
+        model: reduced or full.
+        ground: name of one of `GROUNDS`.
+        first: number of the first run.
+        count: of them.
+    """
+
+    def __init__(self, model: str, ground: str, first: int, count: int) -> None:
+        self.first, self.count = first, count
+        self.task: Any = make(
+            "convoy", count, seed=SEED, first_world=first, obs="state", leaders="simulated", leading=1,
+            followers=FOLLOWERS, generated=True, generated_paths=PATHS, latest_start=0.0, full=model == "full",
+            soil=GROUNDS[ground],
+        )  # fmt: skip
+        self.task.keep_final_observations = False
+        self.task.before_reset = self._look
+        self._rows = Rows(self.task)
+        self.way = torch.zeros(0)
+        self._gone = self._weighted = torch.zeros(())
+        shipped = find_policy("convoy", Path("shipped"), obs="state")
+        self.policy = network_policy(shipped.content, self.task)
+
+    def _look(self) -> None:
+        """Store where all vehicles are, before a world that is over begins anew."""
+        task = self.task
+        place = to_torch(task.vehicles.position)[..., :2].float()
+        vehicles = place.shape[1]
+        route = task.route.repeat_interleave(vehicles)
+        way, aside = (each.view(-1, vehicles) for each in task.routes.locate(route, place.flatten(0, 1)))
+        gone = (way - self.way).clamp(min=0.0) if len(self.way) else torch.zeros_like(way)
+        self._gone = self._gone + gone
+        self._weighted = self._weighted + gone * aside.abs()
+        self.way = way
+        self.by_way = self._weighted / self._gone.clamp(min=0.01)
+        self.deviation = task.deviation.clone()
+
+    def play(self) -> list[Row]:
+        """Return the rows of all runs."""
+        task = self.task
+        observations = self._rows.restart(SEED)
+        rows: list[Row] = []
+        while int(task.episode_index.min()) == 0:
+            running = task.episode_index == 0
+            steps = task.episode_steps + 1
+            result = task.step(self.policy(observations).view(task.action.shape))
+            observations = self._rows.flat(result.observations)
+            ended = (result.end_reason >= 0) & running.unsqueeze(1)
+            for world, agent in ended.nonzero().tolist():
+                reason = task.end_reasons[int(result.end_reason[world, agent])]
+                distance = float(result.metrics["distance"][world, agent])
+                rows.append(self._row(world, agent + 1, reason, int(steps[world]), distance))
+            for world in (running & (task.episode_index > 0)).nonzero().flatten().tolist():
+                rows.append(self._row(world, 0, "driver", int(steps[world]), math.nan))
+        return sorted(rows, key=lambda row: (row["run"], row["vehicle"]))
+
+    def _row(self, world: int, vehicle: int, reason: str, steps: int, distance: float) -> Row:
+        values = (
+            self.first + world, vehicle, reason, round(steps * self.task.config.control_dt, 3),
+            round(float(self.deviation[world, vehicle]), 4), round(float(self.by_way[world, vehicle]), 4),
+            round(distance, 3),
+            round(float(self.way[world, vehicle]), 2),
+        )  # fmt: skip
+        return dict(zip(COLUMNS, values, strict=True))
+
+
+def path_of(model: str, ground: str) -> Path:
+    """Return the file of a case's rows."""
+    return RESULTS / f"{model}.{ground}.csv"
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Return the rows of a file; none where there is no such file."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8") as file:
+        return [
+            {name: row[name] if name == "reason" else float(row[name]) for name in COLUMNS}
+            for row in csv.DictReader(file)
+        ]
+
+
+def write_rows(path: Path, rows: Sequence[Row]) -> None:
+    """Add rows to a file."""
+    new = not path.exists()
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        if new:
+            writer.writeheader()
+        writer.writerows(rows)
+
+
+def left(models: Sequence[str], grounds: Sequence[str], runs: int, batch: int) -> Iterator[tuple[str, str, int, int]]:
+    """Yield model, ground, first run and number of the batches that are not there yet, ground by ground in turn."""
+    for first in range(0, runs, batch):
+        for model in models:
+            for ground in grounds:
+                there = {int(row["run"]) for row in read_rows(path_of(model, ground))}
+                count = min(batch, runs - first)
+                if not there.issuperset(range(first, first + count)):
+                    yield model, ground, first, count
+
+
+def mean_interval(values: Sequence[float]) -> dict[str, float]:
+    """Return mean and 95 % interval (normal) of a sample."""
+    sample = np.array(values)
+    half = 1.96 * float(sample.std(ddof=1)) / math.sqrt(len(sample)) if len(sample) > 1 else math.nan
+    return {"mean": float(sample.mean()), "low": float(sample.mean()) - half, "high": float(sample.mean()) + half}
+
+
+def share(rows: Sequence[Row], reasons: Sequence[str]) -> dict[str, Any]:
+    """Return how many rows ended for one of some reasons: count, share and its 95 % interval."""
+    count = sum(row["reason"] in reasons for row in rows)
+    low, high = wilson_interval(count, len(rows))
+    return {"count": count, "share": count / len(rows), "low": low, "high": high}
+
+
+def vehicle_numbers(rows: Sequence[Row], vehicle: int) -> dict[str, Any]:
+    """Return the numbers of a vehicle.
+
+    ``first`` counts those that failed while everyone ahead still drove.
+    """
+    own = [row for row in rows if row["vehicle"] == vehicle]
+    failed = {(row["run"], row["vehicle"]): row["seconds"] for row in rows if row["reason"] not in ("goal", "driver")}
+    first = [
+        row for row in own
+        if (row["run"], vehicle) in failed
+        and all(failed.get((row["run"], ahead), math.inf) >= row["seconds"] for ahead in range(vehicle))
+    ]  # fmt: skip
+    found: dict[str, Any] = {
+        "runs": len(own),
+        "deviation": mean_interval([row["deviation"] for row in own]),
+        "by_way": mean_interval([row["by_way"] for row in own]),
+        "way": mean_interval([row["way"] for row in own]),
+        "reasons": {reason: share(own, [reason])["count"] for reason in sorted({row["reason"] for row in own})},
+    }
+    if vehicle > 0:
+        found["distance"] = mean_interval([row["distance"] for row in own])
+        found |= {"touches": share(own, TOUCHES), "lost": share(own, ["lost"]), "first": len(first)}
+    return found
+
+
+def numbers_of(models: Sequence[str], grounds: Sequence[str]) -> dict[str, Any]:
+    """Return the numbers of all cases of which there are rows: model -> ground -> numbers by vehicle."""
+    found: dict[str, Any] = {}
+    for model in models:
+        for ground in grounds:
+            rows = read_rows(path_of(model, ground))
+            if rows:
+                numbers = [vehicle_numbers(rows, vehicle) for vehicle in range(FOLLOWERS + 1)]
+                found.setdefault(model, {})[ground] = numbers
+    return found
+
+
+def table(numbers: dict[str, Any]) -> str:
+    """Return the numbers as a table in Markdown."""
+    lines = [
+        "| model | ground | vehicle | runs | touches | lost | off the path over time [m] | over its way [m] | reached [m] "
+        "| failed first |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+
+    def percent(value: dict[str, float]) -> str:
+        return f"{100 * value['share']:.1f} % ({100 * value['low']:.1f} to {100 * value['high']:.1f})"
+
+    for model, grounds in numbers.items():
+        for ground, vehicles in grounds.items():
+            for vehicle, each in enumerate(vehicles):
+                told = [
+                    f"{off['mean']:.2f} ({off['low']:.2f} to {off['high']:.2f})"
+                    for off in (each["deviation"], each["by_way"])
+                ]
+                others = [percent(each["touches"]), percent(each["lost"])] if vehicle else ["–", "–"]
+                cells = [
+                    model,
+                    ground,
+                    vehicle,
+                    each["runs"],
+                    *others,
+                    *told,
+                    f"{each['way']['mean']:.0f}",
+                    each.get("first", "–"),
+                ]
+                lines.append(f"| {' | '.join(map(str, cells))} |")
+    return "\n".join(lines)
+
+
+def draw(numbers: dict[str, Any], picture: Path) -> None:
+    """Draw deviation, touches and losses of the vehicles, by ground and model."""
+    figure = new_figure(10.0, 2.6 * len(numbers))
+    grid = figure.subplots(len(numbers), 3, squeeze=False, sharey="col")
+    for line, (model, grounds) in zip(grid, numbers.items(), strict=True):
+        for place, (ground, vehicles) in enumerate(grounds.items()):
+            for axes, quantity in zip(line, ("deviation", "touches", "lost"), strict=True):
+                shown = [(index, each[quantity]) for index, each in enumerate(vehicles) if quantity in each]
+                at = np.array([index for index, _ in shown]) + 0.26 * (place - 1)
+                middle = np.array([each.get("mean", each.get("share")) for _, each in shown])
+                off = [middle - [each["low"] for _, each in shown], [each["high"] for _, each in shown] - middle]
+                axes.bar(at, middle, 0.24, yerr=np.maximum(off, 0.0), capsize=2.0, color=COLOURS[ground], label=ground)
+                axes.set_xticks(range(FOLLOWERS + 1), ["leader", *map(str, range(1, FOLLOWERS + 1))])
+                axes.grid(alpha=0.3)
+        line[0].set_ylabel(f"{model}: off the path [m]")
+        line[1].set_ylabel("runs with a touch")
+        line[2].set_ylabel("runs that lost it")
+        line[0].legend(fontsize="small")
+    save_figure(figure, picture)
+
+
+def main() -> None:
+    """Run what is missing, then write tables and the picture."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--models", nargs="+", choices=MODELS, default=MODELS)
+    parser.add_argument("--grounds", nargs="+", choices=tuple(GROUNDS), default=tuple(GROUNDS))
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--batch", type=int, default=BATCH, help="runs side by side")
+    options = parser.parse_args()
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)
+    for model, ground, first, count in left(options.models, options.grounds, options.runs, options.batch):
+        write_rows(path_of(model, ground), Runs(model, ground, first, count).play())
+        print(f"{model} {ground}: runs {first} to {first + count - 1}", file=sys.stderr)
+    numbers = numbers_of(MODELS, tuple(GROUNDS))
+    if numbers:
+        NUMBERS.write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+        print(table(numbers))
+        draw(numbers, PICTURE)
+
+
+if __name__ == "__main__":
+    main()
