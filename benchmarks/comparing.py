@@ -1,4 +1,4 @@
-"""Comparisons of ways to train: the same seeds and budget for each, one run at a time, reported with intervals.
+"""Comparisons of ways to train: the same seeds and budget for each, trained as a sweep, reported with intervals.
 
 What the scripts share that compare. A run's result is one JSON file; a run whose file exists is skipped, one that was
 interrupted or killed goes on from its last checkpoint.
@@ -28,14 +28,20 @@ from scipy import stats
 
 from simwarp.bench.machine import describe
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, replace_fields, task_class
+from simwarp.train.algorithm.trainer import TrainingError
 from simwarp.train.config import LoggerKind, TrainConfig, default_config
 from simwarp.train.evaluation.evaluation import Evaluation, evaluate
 from simwarp.train.networks.policies import network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_files import write_json
-from simwarp.train.runs.run_folder import RunFolder, git_revision, latest_run
-from simwarp.train.runs.training import train
+from simwarp.train.runs.run_folder import RunFolder, git_revision
+from simwarp.train.runs.stopping import stop_on_signals
+from simwarp.train.sweeps.launchers import LocalLauncher
+from simwarp.train.sweeps.plan import SweepRun, run_name
+from simwarp.train.sweeps.run_state import RunRecord, RunState
+from simwarp.train.sweeps.running import RunList, SweepRunner, check_runs
+from simwarp.train.sweeps.sweep_display import SweepDisplay
 
 EVALUATION_SEED = 1_000_003
 CONFIDENCE = 0.95
@@ -122,6 +128,7 @@ class Study:
         runs: folder of the run folders.
         seeds: 0, 1, ... of each arm.
         device: device of the training.
+        jobs: trainings at a time, one thread each.
         train: fields of the training configuration that all arms share.
         config: fields of the task's configuration that all arms share.
         evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.
@@ -135,6 +142,7 @@ class Study:
     runs: Path
     seeds: int
     device: str = "cpu"
+    jobs: int = 1
     train: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     config: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     evaluation: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -232,32 +240,16 @@ def assess(study: Study, folder: RunFolder, config: TrainConfig, task_config: Ta
     return found
 
 
-def trained(study: Study, name: str, seed: int, console: Console) -> RunFolder:
-    """Train, or go on with a run that was interrupted, and return its folder.
-
-    Raises:
-        KeyboardInterrupt: someone asked to stop; what was learnt is saved.
-    """
+def sweep_run(study: Study, name: str, seed: int) -> SweepRun:
+    """Return the training of a run as sweeps know it."""
     config, task_config = study.settings(name, seed)
-    root = study.runs / f"{name}-{seed}-{config.num_envs}x{config.iterations}"
-    folder = latest_run(root, study.task)
-    if folder is not None and load_checkpoint(folder.latest_checkpoint())["iteration"] >= config.iterations:
-        return folder
-    resume = folder.path if folder is not None else None
-    result = train(study.task, config, task_config, root=root, resume=resume, console=console)
-    if result.interrupted:
-        raise KeyboardInterrupt
-    return RunFolder(Path(result.run))
+    label = f"{name}-{config.num_envs}x{config.iterations}"
+    return SweepRun(label, {}, config, task_config, RunFolder(study.runs / run_name(label, seed)))
 
 
-def run(study: Study, name: str, seed: int, console: Console) -> None:
-    """Train, evaluate and write the result of one run, or go on with one that was interrupted.
-
-    Raises:
-        KeyboardInterrupt: someone asked to stop; what was learnt is saved.
-    """
+def conclude(study: Study, name: str, seed: int, folder: RunFolder) -> None:
+    """Evaluate a run that was trained, and write its result."""
     config, task_config = study.settings(name, seed)
-    folder = trained(study, name, seed, console)
     curve, wall = learning_curve(folder)
     evaluated = replace_fields(task_config, study.evaluation)
     evaluations = assess(study, folder, config, evaluated)
@@ -296,14 +288,36 @@ def shown(result: Result) -> dict[str, list[float]]:
 
 
 def run_missing(study: Study, console: Console, title: str = "") -> None:
-    """Do the runs that have no result yet."""
+    """Do the runs that have no result yet, or go on with those that were interrupted.
+
+    Raises:
+        KeyboardInterrupt: someone asked to stop; what was learnt is saved.
+        TrainingError: runs failed; the others have their results.
+    """
     study.out.mkdir(parents=True, exist_ok=True)
-    missing = study.missing()
-    for index, (name, seed) in enumerate(missing):
-        console.print(
-            f"{title}{name}, seed {seed}: run {index + 1} of {len(missing)} that are missing", highlight=False
-        )
-        run(study, name, seed, console)
+    missing = {(run := sweep_run(study, *pair)).name: (pair, run) for pair in study.missing()}
+    if not missing:
+        return
+    console.print(f"{title}{len(missing)} runs are missing", highlight=False)
+
+    def after(record: RunRecord) -> None:
+        if record.state is RunState.DONE:
+            (name, seed), run = missing[record.run.name]
+            conclude(study, name, seed, run.folder)
+
+    runs = [run for _, run in missing.values()]
+    check_runs(study.task, runs)
+    with SweepDisplay(console, len(runs), study.jobs) as display, stop_on_signals() as stop:
+        runner = SweepRunner(
+            study.task, RunList(runs), LocalLauncher(study.task),
+            jobs=study.jobs, watcher=display, retry=True, after=after,
+        )  # fmt: skip
+        runner.run(stop)
+    failed = [f"{record.run.name}: {record.reason}" for record in runner.records if record.state is RunState.FAILED]
+    if failed:
+        raise TrainingError(f"{len(failed)} runs failed: {'; '.join(failed)}")
+    if study.missing():
+        raise KeyboardInterrupt
 
 
 # ---- what came out -----------------------------------------------------------------------------------------------
@@ -439,6 +453,9 @@ def exit_code(script: str, work: Callable[[], int]) -> int:
     except InputError as error:
         print(f"{script}: {error}", file=sys.stderr)
         return 2
+    except TrainingError as error:
+        print(f"{script}: {error}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("stopped; what was learnt is saved, and the same command goes on from there", file=sys.stderr)
         return 130

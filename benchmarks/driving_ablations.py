@@ -183,6 +183,7 @@ def study(name: str, options: argparse.Namespace) -> Study:
         runs=options.runs / name,
         seeds=options.seeds,
         device=options.device,
+        jobs=options.jobs,
         config=ablation.config,
         evaluation=ablation.evaluation,
     )
@@ -261,6 +262,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--episodes", type=int, help="episodes of every evaluation")
     parser.add_argument("--evaluations", type=int, help="evaluations on the way, where the curve is made of them")
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--jobs", type=int, default=1, help="trainings at a time, one thread each")
     parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results" / "driving", help="results")
     parser.add_argument("--runs", type=Path, default=Path("runs") / "driving-ablations", help="run folders")
     parser.add_argument("--plot", action="store_true", help="draw the learning curves")
@@ -269,7 +271,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--report-only", action="store_true", help="no new runs: what is there is reported")
     options = parser.parse_args(arguments)
     options.ablations = comparing.chosen(parser, "--ablations", options.ablations, ABLATIONS)
-    comparing.require_positive(parser, options, "seeds", "iterations", "num_envs", "episodes", "evaluations")
+    comparing.require_positive(parser, options, "seeds", "jobs", "iterations", "num_envs", "episodes", "evaluations")
     return options
 
 

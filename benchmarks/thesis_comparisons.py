@@ -2,7 +2,7 @@
 
     python benchmarks/thesis_comparisons.py [--seeds 5] [--iterations 75] [--plot] [--report-only]
 
-Four configurations that share the baseline, each with the same seeds and budget, one run at a time:
+Four configurations that share the baseline, each with the same seeds and budget:
 
     baseline     observations normalised by their running mean and deviation, Euler angles, clipped ratio
     unscaled     observations in SI units as they are
@@ -62,6 +62,7 @@ def study(options: argparse.Namespace) -> Study:
         runs=options.runs,
         seeds=options.seeds,
         device=options.device,
+        jobs=options.jobs,
     )
 
 
@@ -90,6 +91,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--num-envs", type=int, default=512, help="worlds of every run")
     parser.add_argument("--episodes", type=int, default=64, help="evaluation episodes of every final policy")
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--jobs", type=int, default=1, help="trainings at a time, one thread each")
     parser.add_argument("--configurations", default=",".join(CONFIGURATIONS), help="which ones, by comma")
     parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results" / "thesis", help="results")
     parser.add_argument("--runs", type=Path, default=Path("runs") / "thesis", help="run folders")
@@ -98,7 +100,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--report-only", action="store_true", help="no new runs: what is there is reported")
     options = parser.parse_args(arguments)
     options.configurations = comparing.chosen(parser, "--configurations", options.configurations, CONFIGURATIONS)
-    comparing.require_positive(parser, options, "seeds", "iterations", "num_envs", "episodes")
+    comparing.require_positive(parser, options, "seeds", "jobs", "iterations", "num_envs", "episodes")
     return options
 
 

@@ -62,7 +62,8 @@ class BenchOptions(CommonOptions):
     spacing: Annotated[float | None, tyro.conf.arg(metavar="m")] = None
     """Of the soil's nodes, of what drives on soil; by default 0.05."""
     vehicles: int | None = None
-    """In each world of a convoy (hmmwv-convoy); by default 4. A row with one vehicle stands before."""
+    """In each world of a convoy (hmmwv-convoy); by default 4. A row with one vehicle stands before: `cost` is what each
+    of several costs, where one alone costs 1."""
     soil: str | None = None
     """Preset that a convoy drives on, such as mid; by default firm ground."""
     compile: Flag = False
@@ -119,7 +120,7 @@ def run(arguments: list[str]) -> int:
 def _choices(words: list[str]) -> Choices:
     """What is chosen for some subjects alone: looked at before anything that takes long."""
     vehicles, soil = _number(option_value(words, "--vehicles")), option_value(words, "--soil")
-    if vehicles is not None and not (vehicles == int(vehicles) and 1 <= vehicles <= MOST_VEHICLES):
+    if vehicles is not None and not (1 <= vehicles <= MOST_VEHICLES and vehicles == int(vehicles)):
         raise UsageError(f"vehicles must be a whole number from 1 to {MOST_VEHICLES}, got {vehicles:g}")
     if soil is not None:
         soil_preset(soil)
@@ -232,7 +233,7 @@ def _print(
         headings[5:] = ["contacts", "iter."]
     convoy = any(row.vehicles is not None for row in rows)
     if convoy:
-        headings[5:] = ["vehicles", "cost of each"]
+        headings[5:] = ["vehicles", "cost"]
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows + peers:

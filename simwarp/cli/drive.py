@@ -36,6 +36,7 @@ from simwarp.vehicle.tires.soil_tires import SoilTires
 from simwarp.vehicle.vehicle import Vehicle
 
 if TYPE_CHECKING:
+    from simwarp.cli.view.drive_film import DriveFilm
     from simwarp.cli.view.maneuver_view import ManeuverView
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -92,6 +93,8 @@ class DriveOptions(CommonOptions):
     """Writes the run to this file."""
     plot: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is drawn)")] = None
     """Writes a page of plots: .png, .pdf or .svg."""
+    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: none is made)")] = None
+    """Films the first world, soil with its ruts: .mp4 or .gif; .png or .jpg: a picture of the end."""
     worlds: int = 1
     """Worlds that do the same; the first one is recorded."""
     device: str = "auto"
@@ -130,6 +133,7 @@ class Outcome:
     wall: float
     interrupted: bool = False
     broken: bool = False
+    film: DriveFilm | None = None
 
 
 def run(arguments: list[str]) -> int:
@@ -142,6 +146,10 @@ def run(arguments: list[str]) -> int:
         _check_effort(options, options.duration)  # a table of a manoeuvre is as long as it lasts
     what = maneuver(options.maneuver, spec, **options.chosen)
     _check_effort(options, what.start + what.duration)
+    if options.video is not None:
+        from simwarp.cli.view.drive_film import check_film
+
+        check_film(options.video, what.start + what.duration)
     console = options.console()
     outcome = _drive(spec, what, options, console)
     found = results(outcome.run, what)
@@ -173,7 +181,7 @@ def _check(name: str, options: DriveOptions) -> None:
     """Refuse what cannot work, before any work is done."""
     words = [name, options.maneuver, options.tire, options.driveline, *(options.powertrain or "").split(",")]
     files = [word for word in words if word is not None and word.endswith((".json", ".csv"))]
-    options.check(*files, csv=options.csv, plot=options.plot)
+    options.check(*files, csv=options.csv, plot=options.plot, video=options.video)
     resolve_device(None if options.device == "auto" else options.device)
     for key in ("dt", "friction"):
         value = getattr(options, key)
@@ -233,17 +241,19 @@ def _drive(spec: VehicleSpec, what: Maneuver, options: DriveOptions, console: Co
     drive = Drive(setup)
     outcome = Outcome(Run({}), what, 0, 0.0)
     page = _page(setup, f"{spec.name} {what.name}", options, console)
+    outcome.film = film = _film(setup, options)
     begin = time.perf_counter()
     with _Bar(console, f"{spec.name} {what.name}", what) as bar, page or contextlib.nullcontext():
         try:
-            drive.run(bar.advance if page is None else page.beside(bar.advance))
+            shown = bar.advance if film is None else film.beside(bar.advance)
+            drive.run(shown if page is None else page.beside(shown))
             if page is not None:
                 page.hold()
         except KeyboardInterrupt:
             if not drive.recorder.rows:
                 raise
             outcome.interrupted = True
-    outcome.wall = time.perf_counter() - begin
+    outcome.wall = time.perf_counter() - begin - (0.0 if film is None else film.seconds)
     outcome.run = drive.result()
     outcome.steps = round(float(setup.simulation.time.numpy()[0]) / options.dt) * options.worlds
     outcome.broken = drive.broken()
@@ -255,6 +265,15 @@ def _soil(vehicle: Vehicle, options: DriveOptions) -> list[Soil]:
     if options.soil is None and not isinstance(vehicle.tires, SoilTires):
         return []
     return [soil_under(vehicle, options.soil or "mid", spacing=options.spacing)]
+
+
+def _film(setup: Setup, options: DriveOptions) -> DriveFilm | None:
+    """The film or picture that was asked for."""
+    if options.video is None:
+        return None
+    from simwarp.cli.view.drive_film import DriveFilm
+
+    return DriveFilm(setup, options.video)
 
 
 def _page(setup: Setup, title: str, options: DriveOptions, console: Console) -> ManeuverView | None:
@@ -351,6 +370,9 @@ def _write(console: Console, spec: VehicleSpec, options: DriveOptions, outcome: 
         path = None if what.follow is None else what.follow.paths[0]
         draw_run(outcome.run, options.plot, _title(spec, options, what), found, path)
         console.print(f"wrote {options.plot}", highlight=False, markup=False, soft_wrap=True)
+    if outcome.film is not None:
+        outcome.film.write()
+        console.print(f"wrote {options.video}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: list[Result]) -> dict[str, Any]:
@@ -370,6 +392,7 @@ def _content(spec: VehicleSpec, options: DriveOptions, outcome: Outcome, found: 
         "final": outcome.run.final(),
         "csv": None if options.csv is None else str(options.csv),
         "plot": None if options.plot is None else str(options.plot),
+        "video": None if options.video is None else str(options.video),
         "interrupted": outcome.interrupted,
         "broken": outcome.broken,
         "wall_s": outcome.wall,

@@ -353,7 +353,9 @@ def _positive(option: str) -> str:
 
 def unknown_option(name: str, known: Iterable[str]) -> str:
     """Return the error text for an unknown option."""
-    close = close_names(name, known, 3)
+    # dashes, which all have, would make short names near to any
+    bare = {option.lstrip("-"): option for option in known}
+    close = [bare[each] for each in close_names(name.lstrip("-"), bare, 3)]
     hint = f"did you mean {' or '.join(close)}?" if close else "see --help"
     return f"unknown option {shortened(name)}; {hint}"
 

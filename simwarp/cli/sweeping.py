@@ -59,8 +59,7 @@ class SweepOptions(StartOptions):
     seeds: str = "0-2"
     """Seeds of each point, such as 0-4 or 0,2,7."""
     grid: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KEY=a,b,c")] = ()
-    """Train for each value of an option of `simwarp train`: ppo.gamma, task.hills; given again, for every
-    combination."""
+    """Train for each value of an option of `simwarp train`, as task.hills; given again, for every combination."""
     search: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KEY=low:high[:log]")] = ()
     """In place of a grid: search an option between two numbers, or among KEY=a,b,c, by Optuna."""
     trials: int = 20
@@ -72,13 +71,11 @@ class SweepOptions(StartOptions):
     slurm: Annotated[tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="KEY=VALUE")] = ()
     """A parameter of the jobs, as submitit calls it: timeout_min=240, slurm_partition=gpu, gpus_per_node=1."""
     rank_by: str = "mean_reward"
-    """Column of progress.csv whose last tenth is the score, the larger the better; or `success`, the share of
-    episodes."""
+    """Column of progress.csv whose last tenth is the score, the larger the better; or `success`."""
     retry: tyro.conf.FlagCreatePairsOff[bool] = False
     """Try runs again that failed by an error of their own; those that were killed go on anyway."""
     out: Path | None = None
-    """Folder of the sweep: its runs, results.json, curves.png; by default RUNS/sweeps/ and a name made of what is
-    varied and what is held."""
+    """Folder of the sweep; by default RUNS/sweeps/ and a name made of what is varied and what is held."""
     runs: Path = Path("runs")
     """Folder in which sweeps are made."""
 

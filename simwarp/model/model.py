@@ -78,6 +78,7 @@ class Model(ParameterFields):
         share_width: most bilateral rows that one block of the cone problem sees.
         unit_entries: most entries of a row of the cone problem that moves a unit and its like.
         entry_count: most entries of a row of the cone problem.
+        unit_newton: units that no row ties and whose shapes may touch others: Newton steps can solve their contacts.
         relative_rotation_count: terms of couplings that are rotations between two bodies.
         builder: that it was made of.
         has_loops: True if joints close loops: rows that no compliance softens.
@@ -134,10 +135,12 @@ class Model(ParameterFields):
         self.share_width = self.row_groups.share_width(groups_meet(builder, tables, self.row_groups, pairs))
         self.unit_entries = _unit_entries(builder, tables, self.row_groups)
         self.entry_count = max(self.unit_entries, default=0)
+        self.unit_newton = _newton_units(builder, tables, self.row_groups, self.shapes_that_meet)
         self.relative_rotation_count = len(relative_rotation_terms(builder))
         self.tables = tables
         self.initial = _initial_state(builder)
         self.topology = _device_topology(builder, tables, self.row_groups, pairs, device)
+        _unit_topology(self.topology, self, device)
         self.parameters = Parameters()
         self.assets = hull_assets(builder.hulls, device)
         # the assets hold their ids only
@@ -411,6 +414,31 @@ def _unit_entries(builder: Specification, tables: Tables, groups: RowGroups) -> 
     return entries
 
 
+def _newton_units(
+    builder: Specification, tables: Tables, groups: RowGroups, meets: npt.NDArray[np.bool_]
+) -> list[bool]:
+    """See `Model.unit_newton`."""
+    touching = {shape.body for shape, may in zip(builder.shapes, meets, strict=True) if may}
+    found, tied = [False] * groups.unit_count, [False] * groups.unit_count
+    counts = groups.row_counts
+    for link, unit, group in zip(tables.links, groups.link_unit, groups.link_group, strict=True):
+        if unit >= 0:
+            found[unit] |= link.body >= 0 and link.body in touching
+            tied[unit] |= group >= 0 and counts[group] > 0
+    return [touches and not held for touches, held in zip(found, tied, strict=True)]
+
+
+def _unit_topology(t: Topology, model: Model, device: Any) -> None:
+    """Tables of what contacts join to islands."""
+
+    def ints(values: Iterable[Any]) -> Any:
+        return wp.array([*map(int, values)] or [-1], dtype=int, device=device)
+
+    t.unit_count = model.row_groups.unit_count
+    t.unit_entries, t.unit_newton = ints(model.unit_entries), ints(model.unit_newton)
+    t.tree_dof_unit = ints(model.row_groups.link_unit[link] for link in model.tables.tree_dof_link)
+
+
 def _csr(lists: list[list[int]], ints: Callable[[Any], Any]) -> tuple[Any, Any]:
     """Start indices and concatenated entries."""
     return ints(np.cumsum([0] + [len(entries) for entries in lists])), ints([e for entries in lists for e in entries])
@@ -443,8 +471,6 @@ def _row_topology(
     t.group_row, t.group_factor = ints(groups.row_start), ints(groups.factor_start)
     t.row_group = ints([group for group, count in enumerate(groups.row_counts) for _ in range(count)])
     t.link_group, t.link_column = ints(groups.link_group), ints(groups.link_column)
-    t.unit_count, t.unit_entries = groups.unit_count, ints(_unit_entries(builder, tables, groups))
-    t.tree_dof_unit = ints([groups.link_unit[link] for link in tables.tree_dof_link])
 
 
 def _device_topology(

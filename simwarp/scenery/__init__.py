@@ -31,6 +31,7 @@ from simwarp.scenery.vehicle_visuals import (
     VEHICLES,
     VehicleVisuals,
     add_vehicle_visual,
+    convoy_visuals,
     vehicle_visual,
     vehicle_visuals_of,
 )
@@ -39,10 +40,10 @@ from simwarp.scenery.visual import Label, Proxy, Visual, add_collision, add_visu
 __all__ = [
     "BUSHES", "CONES", "CONVOY_PATHS", "ROCKS", "TEXTURES", "TREES", "VEHICLES", "Corridor", "Course", "Detour",
     "Label", "Proxy", "Track", "VehicleVisuals", "Visual", "VisualMesh", "add_collision", "add_vehicle_visual",
-    "add_visual", "arranged", "barrier", "barrier_chain", "beside", "bush", "cone", "convoy_path", "corridor",
-    "crate", "detour", "flattened", "ground_texture", "height_at", "hills", "indoor_track", "joined", "pillar",
-    "race_course", "race_track", "road", "rock", "rounded", "scattered", "steepness", "tree", "vehicle_visual",
-    "vehicle_visuals_of", "yaw_pose",
+    "add_visual", "arranged", "barrier", "barrier_chain", "beside", "bush", "cone", "convoy_path", "convoy_visuals",
+    "corridor", "crate", "detour", "flattened", "ground_texture", "height_at", "hills", "indoor_track", "joined",
+    "pillar", "race_course", "race_track", "road", "rock", "rounded", "scattered", "steepness", "tree",
+    "vehicle_visual", "vehicle_visuals_of", "yaw_pose",
 ]  # fmt: skip
 
 __getattr__ = renamed_names(

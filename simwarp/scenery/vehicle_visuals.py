@@ -17,6 +17,7 @@ from simwarp.vehicle.spec.vehicle_files import load_vehicle
 if TYPE_CHECKING:
     from simwarp.sensors.scene import PlainAppearanceOptions, Visuals
     from simwarp.vehicle.construction import VehicleParts
+    from simwarp.vehicle.results.vehicle_row import Convoy
     from simwarp.vehicle.spec.vehicle_spec import VehicleSpec
 
 VEHICLES: Final = tuple(STYLES)
@@ -107,6 +108,20 @@ def add_vehicle_visual(
     for index, (side, wheel) in enumerate(zip(parts.sides, _wheels(_style(name), parts.spec), strict=True)):
         instances.append(visuals.add_mesh(side.spindle, wheel, name=f"{prefix}wheel_{index}", **appearance))
     return instances
+
+
+def convoy_visuals(convoy: Convoy) -> Visuals:
+    """Visuals of a convoy (`simwarp.vehicle.set_up_convoy`): bodies and wheels in place of the boxes in contacts.
+
+    There is no ground in them: add one, then `finalize(convoy.simulation.model)`.
+    """
+    from simwarp.sensors.scene import Visuals
+
+    visuals = Visuals(convoy.builder)
+    for box, parts in zip(convoy.boxes, convoy.vehicles.parts, strict=True):
+        visuals.hide(box)
+        add_vehicle_visual(visuals, parts)
+    return visuals
 
 
 def _kind(name: str) -> str:

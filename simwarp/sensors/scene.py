@@ -19,7 +19,7 @@ from simwarp.geometry.assets import Hull, TriangleMesh, triangle_mesh
 from simwarp.geometry.triangle_tree import NODE_WORDS, WIDTH, tree_tables
 from simwarp.geometry.visual_mesh import VisualMesh
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.rays.instances import SOIL, RayScene, place_instances
+from simwarp.kernels.rays.instances import SOIL, RayScene, SoilView, place_instances
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import checked_pose
 from simwarp.model.model import Model
@@ -403,9 +403,7 @@ class Scene(Readable):
         first = 0 if model.body_count else WORLD
         self.origin_body = first if origin_body is None else origin_body
         self._everyone = wp.full(model.world_count, 1, dtype=wp.int32, device=model.device)
-        self._soil: Soil | None = None
-        self._tables: list[Any] = []
-        self._recorded = False
+        self._view: Any = None
 
     def _printed_title(self) -> str:
         model = self.model
@@ -428,31 +426,33 @@ class Scene(Readable):
     def cover_with(self, soil: Soil, ground: int | str | None = None) -> None:
         """From now on the ground is seen with the ruts in a soil, and darker where it was pressed down.
 
-        Call it before the Simulation whose sensors see this scene is made; for pictures of a `FreeCamera` at any time.
+        It may come at any time, after the sensors and the Simulation too; those see it from their next frame on.
 
         Args:
             soil: of the same model, on a plane or height field that the scene shows in the same place.
             ground: instance that shows the soil's undeformed ground; None: the only one of its kind on WORLD.
 
         Raises:
-            ModelError: the soil is of another model or on a mesh; no or several instances are its ground; another soil
-                covers the scene; or its sensors are recorded already.
+            ModelError: the soil is of another model or on a mesh; no or several instances are its ground; or a soil
+                covers the scene already.
         """
         from simwarp.sensors.soil_ground import ground_instance
 
         instance = ground_instance(self, soil, ground)
-        if self._soil is not None:
+        if self._view is not None:
             raise ModelError("scene: cover_with takes one soil, got a second; give both vehicles' wheels to one Soil")
-        if self._recorded:
-            raise ModelError(
-                "scene: cover_with must come before the Simulation of the scene's sensors, got it later; move it up"
-            )
-        self._soil = soil
         kinds = self._constants["kind"].numpy()
         kinds[instance] = int(SOIL)
         self._constants["kind"].assign(kinds)
-        for tables in self._tables:
-            tables.cover = soil.cover
+        view: Any = SoilView()
+        view.instances, view.instance, view.cover, view.assets = 1, instance, soil.cover, self.model.assets
+        for name in ("x", "rot", "size", "asset"):
+            setattr(view, name, self._placed[f"place_{name}"])
+        view.origin, view.lower, view.upper, view.levels = (
+            self._placed[name] for name in ("origin", "lower", "upper", "soil_range")
+        )
+        self._view = view  # of whose arrays the struct on the device has the addresses alone
+        wp.copy(self._placed["soil"], wp.array([view], dtype=SoilView, device=self.model.device))
 
     def tables(self, mask: int = ALL_GROUPS) -> RayScene:
         """The arrays as a struct for kernels; `mask`: bits of the groups that its rays meet."""
@@ -462,9 +462,6 @@ class Scene(Readable):
             setattr(scene, name, array)
         for name in PER_WORLD:
             setattr(scene, name, getattr(self, name))
-        if self._soil is not None:
-            scene.cover = self._soil.cover
-        self._tables.append(scene)
         return scene
 
     def place(self, state: State, tables: RayScene, due: wp.array | None = None) -> None:
@@ -477,7 +474,6 @@ class Scene(Readable):
     def record_place(self, simulation: StepContext, tables: RayScene, due: wp.array | None = None) -> Any:
         """Records `place` as a launch of a simulation, for the worlds that are due, (W,) int32."""
         inputs = self._place_inputs(simulation.state, due)
-        self._recorded = True
         return simulation.shares.record(place_instances, inputs=inputs, outputs=[tables])
 
     def _place_inputs(self, state: State, due: wp.array | None) -> list[Any]:
@@ -541,6 +537,7 @@ def _placed(count: int, world_count: int, device: Any) -> dict[str, wp.array]:
         }.items()
     }  # fmt: skip
     arrays["origin"] = writable((world_count,), wp.vec3d, device)
+    arrays["soil"] = wp.array([SoilView()], dtype=SoilView, device=device)
     arrays["soil_range"] = writable((world_count,), wp.vec2, device)
     arrays["node"] = writable((world_count, nodes * NODE_WORDS), wp.float32, device)
     return arrays

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.collision.placement import CollisionSizes, collision_layouts
 from simwarp.kernels.cones.problem import WIDE_VECTORS
-from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_VECTORS
+from simwarp.kernels.cones.proximal_newton import MOST_DOFS, NEWTON_ROWS, NEWTON_VECTORS
 from simwarp.kernels.dynamics.world import ScratchSizes, scratch_layouts
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import ForceElement
@@ -40,7 +40,7 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
         blocks=model.box_count + model.contact_capacity,
         cone_rows=rows, dense_rows=dense, factor_rows=max(dense if all_solvers else 0, newton),
         # proximal Newton steps keep vectors of the tree beside those of rows
-        wide_rows=max(dense if all_solvers else 0, max(rows, newton) if newton else 0),
+        wide_rows=max(dense if all_solvers else 0, max(min(rows, NEWTON_ROWS), newton) if newton else 0),
         wide_vectors=WIDE_VECTORS if all_solvers else NEWTON_VECTORS,
         kept_rows=rows if all_solvers else 0, entries=model.entry_count,
     )  # fmt: skip
@@ -49,16 +49,12 @@ def step_sizes(model: Model, dense_rows: int, all_solvers: bool) -> ScratchSizes
 def newton_dofs(model: Model) -> int:
     """Degrees of freedom for which Newton steps of the contacts have room; 0: none are tried.
 
-    An island takes them if no bilateral row ties its units. There is room for all such units of a world together, but
-    for no more than one island may have.
+    There is room for all units together that may take them (`Model.unit_newton`), but no more than for one island.
     """
     if model.contact_capacity == 0 or model.every_contact_rolls:
         return 0
     groups = model.row_groups
-    counts = groups.row_counts
-    links = zip(groups.link_unit, groups.link_group, strict=True)
-    tied = {unit for unit, group in links if group >= 0 and counts[group] > 0}
-    free = sum(groups.link_unit[link] not in tied for link in model.tables.tree_dof_link)
+    free = sum(model.unit_newton[groups.link_unit[link]] for link in model.tables.tree_dof_link)
     if groups.unit_count < 2 and free > MOST_DOFS:
         return 0
     return min(free, MOST_DOFS)

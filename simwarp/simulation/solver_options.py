@@ -42,16 +42,16 @@ class SolverOptions(ReadableFields):
         row_tolerance: residual above which bilateral rows are solved a second time, >= 0 [m/s or rad/s].
         gyroscopic: True if spinning bodies precess.
         solver: of limits, friction and contacts: "apgd", "psor", "spg", "padmm" or "interior_point". The last two need
-            a dense Schur complement: worlds with more rows than `dense_rows` are solved by "apgd" in their place.
-        fallback: let the interior point solve what is left above the tolerance in worlds with a dense Schur complement;
-            when None, where models have contacts and masses that differ by more than 100.
+            a dense Schur complement: islands with more rows than `dense_rows` are solved by "apgd" in their place.
+        fallback: let the interior point solve what is left above the tolerance in islands with a dense Schur
+            complement; when None, where models have contacts and masses that differ by more than 100.
         friction_law: "exact" (Coulomb) or "convex" (its relaxation, in which sliding contacts separate).
         contact_model: "rigid" (unilateral rows), "smooth" or "smooth_hooke" (penalty forces by the law of Hertz or
             Hooke from Young's modulus and Poisson's ratio; dt has to resolve the collision time).
         restitution_threshold: restitution acts where the rebound is faster than this, >= 0 [m/s].
         contact_margin: a contact takes part if its gap, after a step without contacts, would be below this, >= 0 [m].
-        dense_rows: most rows for which the Schur complement of the contacts is formed, 0 to 32 768; larger worlds apply
-            it row by row. 0: all do.
+        dense_rows: most rows for which the Schur complement of the contacts of an island is formed, 0 to 32 768; larger
+            ones apply it row by row. 0: all do.
 
     Raises:
         ModelError: a value lies outside its domain.

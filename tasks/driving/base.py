@@ -442,6 +442,8 @@ class DrivingTask(Task[DrivingT]):
         self.input[..., 2] = 1.0
         for _ in range(round(SETTLING / self.config.dt)):
             self.simulation.step()
+        if self.soil is not None:
+            self.soil.keep()
         self.input.zero_()
         self.simulation.keep_as_initial()
 
@@ -456,6 +458,9 @@ class DrivingTask(Task[DrivingT]):
             self.soil.draw(world_mask)
         self.draw_world(world_mask)
         self.start(world_mask)
+        if self.soil is not None:
+            self.soil.press_in(world_mask, to_torch(self.simulation.state.body_x))
+            self.simulation.measure(world_mask, sensors=False)
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy`` (W, N) float32 and, by camera, ``camera`` (W, height, width, 3) uint8.

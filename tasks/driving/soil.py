@@ -114,14 +114,15 @@ class DrivenSoil:
         parts = vehicle.parts if isinstance(vehicle.parts, tuple) else (vehicle.parts,)
         widest = max(axle.tire.width for axle in parts[0].spec.axles)
         wheels = sum(len(each.sides) for each in parts)
-        rigid = rigid_soil(friction)
+        settling = PRESETS["mid" if kind is SoilKind.RANDOM else kind.value]
         self.element = soil_under(
-            vehicle, rigid, ground=ground, spacing=spacing, per_world=True,
+            vehicle, settling, ground=ground, spacing=spacing, per_world=True,
             pages=pages or pages_for(time, spacing, wheels, widest),
         )  # fmt: skip
+        self._parts = parts
         self.parameter = to_torch(self.element.parameter)
         self._random = random
-        self._rigid = self._row(rigid)
+        self._rigid = self._row(rigid_soil(friction))
         self._preset = None if kind is SoilKind.RANDOM else self._row(PRESETS[kind.value])
         self._low, self._high = (_spread(self._row(PRESETS[name])) for name in ("soft", "hard"))
         self._draw_of = torch.tensor(DRAW_OF, device=self.parameter.device)
@@ -132,10 +133,31 @@ class DrivenSoil:
     def draw(self, world_mask: torch.Tensor) -> None:
         """Write the parameters of the running episodes where ``world_mask`` (W,) is true.
 
-        Until the first call the soil is nearly rigid: a vehicle that settles on its springs stands on top of it.
+        Until the first call a soil that is drawn is mid: vehicles settle on that.
         """
         rows = self._draw_rows() if self._preset is None else self._preset.expand(len(world_mask), -1)
         self.parameter.copy_(torch.where(world_mask.view(-1, 1, 1), rows.unsqueeze(1), self.parameter))
+
+    def keep(self) -> None:
+        """Remember how the soil carries the vehicles, which have come to rest."""
+        self.element.keep_forces()
+
+    def press_in(self, world_mask: torch.Tensor, bodies: torch.Tensor) -> None:
+        """Move each vehicle, which stands as it settled, to the depth at which the soil of this episode carries it, and
+        press its imprint in, where ``world_mask`` (W,) is true.
+
+        Args:
+            world_mask: only these worlds change.
+            bodies: (W, B, 3) float64 places of all bodies, which are moved up or down [m].
+        """
+        shifts = to_torch(self.element.resting_shifts(world_mask)).double()
+        shifts = torch.where(world_mask.unsqueeze(1), shifts, torch.zeros_like(shifts))
+        first = 0
+        for parts in self._parts:
+            wheels = slice(first, first + len(parts.sides))
+            bodies[:, parts.bodies.start : parts.bodies.stop, 2] += shifts[:, wheels].mean(dim=1, keepdim=True)
+            first = wheels.stop
+        self.element.imprint(world_mask)
 
     def show_in(self, scene: Scene) -> None:
         """Let a scene show the ruts, if one of `GROUNDS` is in it: roads and floors of other kinds stay as they are."""

@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 import warp as wp
+from PIL import Image
 
 from simwarp import cli
 from simwarp.vehicle.results import runs
@@ -48,6 +49,31 @@ def test_a_reference_run_with_all_files(drive, tmp_path):
     assert content["results"]["top_speed"] == pytest.approx(7.94, rel=0.015)
     assert (content["vehicle"], content["maneuver"], content["interrupted"]) == ("gator", "reference-accel", False)
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_pictures_of_a_drive_show_its_ruts(drive, tmp_path):
+    (tmp_path / "go.csv").write_text("t_s,throttle\n0,0.7\n1.5,0.7\n")
+    pictures = {}
+    for soil in ("soft", "hard"):
+        arguments = (
+            "--tire",
+            "soil-rigid",
+            "--soil",
+            soil,
+            "--maneuver",
+            "go.csv",
+            "--dt",
+            "0.002",
+            "--spacing",
+            "0.1",
+        )
+        code, out, _ = drive("gator", *arguments, "--video", f"{soil}.png")
+        assert code == 0
+        assert f"wrote {soil}.png" in out
+        pictures[soil] = np.asarray(Image.open(tmp_path / f"{soil}.png"), np.float64).mean(axis=2)
+    assert pictures["soft"].shape == (540, 960)
+    # deep ruts are darker than shallow ones: on a hundredth of the picture at least
+    assert (pictures["soft"] < pictures["hard"] - 15.0).mean() > 0.01
 
 
 @pytest.mark.slow
@@ -174,6 +200,8 @@ def test_a_vehicle_that_breaks_down_ends_with_one(drive, monkeypatch, tmp_path):
         (["gator", "--csv", "/nowhere/a.csv"], "--csv: cannot write '/nowhere/a.csv': folder /nowhere does not exist"),
         (["gator", "--csv", "."], "--csv must name a file, '.' is a folder"),
         (["gator", "--plot", "a.txt"], ".png"),
+        (["gator", "--video", "a.txt"], "must end in .mp4, .gif, .png"),
+        (["gator", "--maneuver", "slope-hold", "--duration", "500", "--video", "a.mp4"], "at most 120 s"),
         (["gator", "--json", "/nowhere/a.json"], "does not exist"),
         (["gator", "--speed", "3"], "it has none"),
         (["gator", "--maneuver", "step-steer", "--steering", "2"], "from -1 to 1"),

@@ -19,9 +19,9 @@ def said(*arguments: str, **variables: str) -> tuple[int, str, str]:
 
 
 COMMANDS = (
-    "list", "train --help", "train ant --help", "train off-road --help --obs camera", "play hexapod --help",
-    "eval convoy --help", "view hallway --help", "drive hmmwv --help", "bench ant --help", "export --help",
-    "import --help", "verify --help", "record ant --task.dt x --help", "train nothing --help",
+    "list", "train --help", "train ant --help", "train off-road --help --obs camera",
+    "sweep ant --help", "play hexapod --help", "eval convoy --help", "view hallway --help",
+    "drive hmmwv --help", "bench ant --help", "export --help", "import --help", "verify --help", "record ant --task.dt x --help", "train nothing --help",
 )  # fmt: skip
 
 
@@ -31,7 +31,9 @@ def test_the_text_is_that_of_full_imports(words):
     assert said(*words.split()) == said(*words.split(), **{FULL: "1"})
 
 
-@pytest.mark.parametrize("words", [["list"], ["train", "ant", "--help"], ["drive", "hmmwv", "--help"]])
+@pytest.mark.parametrize(
+    "words", [["list"], ["train", "ant", "--help"], ["sweep", "ant", "--help"], ["drive", "hmmwv", "--help"]]
+)
 def test_nothing_heavy_is_loaded(words):
     code = f"""
         import sys, simwarp.cli.lighter_imports as light

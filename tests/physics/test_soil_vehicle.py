@@ -23,12 +23,14 @@ STEADY = 2.5
 
 
 @functools.cache
-def driven(dt: float) -> Run:
-    spec = with_options(load_vehicle("hmmwv"), tire="soil-rigid")
+def driven(dt: float, vehicle: str = "hmmwv", soil: str = "mid") -> Run:
+    spec = with_options(load_vehicle(vehicle), tire="soil-rigid")
     setup = set_up(
-        spec, maneuver("reference-soil", spec), device="cpu", dt=dt, elements=lambda car: [soil_under(car, "mid")]
+        spec, maneuver("reference-soil", spec), device="cpu", dt=dt, elements=lambda car: [soil_under(car, soil)]
     )
-    return Drive(setup).run()
+    run = Drive(setup).run()
+    assert setup.simulation.problems() == []
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +74,15 @@ def test_ruts_and_pitch(recorded, ours):
 def test_longer_steps_drive_as_fast():
     speeds = [float(driven(dt)["speed_mps"][-100:].mean()) for dt in (1e-3, 2e-3, 3e-3)]
     assert speeds == pytest.approx([speeds[0]] * 3, rel=0.01)
+
+
+@pytest.mark.parametrize(("soil", "share"), [("soft", 0.02), ("mid", 0.01), ("hard", 0.04)])
+def test_a_gator_drives_at_steps_of_2_5_ms(soil, share):
+    """A light vehicle on small wheels. On hard soil it moves by a quarter of its contact within a step, at 6 m/s."""
+    fine, coarse = (driven(dt, "gator", soil).columns for dt in (1e-3, 2.5e-3))
+    late = fine["t_s"] > STEADY
+    assert coarse["speed_mps"][late].mean() == pytest.approx(fine["speed_mps"][late].mean(), rel=share)
+    for wheel in WHEELS:
+        rut, load = f"sink_{wheel}_m", f"Fz_{wheel}_N"
+        assert coarse[rut][late].mean() == pytest.approx(fine[rut][late].mean(), rel=0.03)
+        assert coarse[load][late].mean() == pytest.approx(fine[load][late].mean(), rel=0.05)

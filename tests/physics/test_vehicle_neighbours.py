@@ -1,7 +1,8 @@
-"""Several vehicles in one world that do not touch: each equals itself alone, and takes as much room as alone."""
+"""Vehicles among others in one world that they do not touch: each equals itself alone, and takes as much room."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.requirements import step_layouts, step_sizes
 from simwarp.vehicle.construction import add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
+from simwarp.vehicle.spec.variants import with_options
 from simwarp.vehicle.vehicle import VEHICLE_SOLVER, Vehicle, Vehicles, per_world
 from tests.physics.sample_vehicles import shipped
 
@@ -78,6 +80,52 @@ def test_a_vehicle_among_others_equals_itself_alone(name):
         for key, values in run(name, (number,))[number].items():
             assert values.tobytes() == both[number][key].tobytes(), (number, key)
             assert values.tobytes() == as_one[number][key].tobytes(), (number, key)
+
+
+CROSSING = ((0.0, 0.0), (0.0, 60.0), (9.0, 60.0))
+"""Places of three vehicles [m]; the last drives backwards into the one before it."""
+
+
+def on_rigid_tires(numbers: tuple[int, ...]) -> tuple[dict[int, dict[str, np.ndarray]], np.ndarray]:
+    """Vehicles with boxes for bodies that roll on a floor: all there is of each, and their positions in time."""
+    builder, spec = ModelBuilder(), with_options(shipped("hmmwv"), tire="rigid")
+    builder.add_shape_plane(material=sw.Material(friction=0.9), name="floor")
+    for number in numbers:
+        x, y = CROSSING[number]
+        speed = -6.0 if number == 2 else 6.0
+        parts = add_vehicle(
+            builder, spec, at=sw.pose((x, y, spec.start_height)), prefix=f"v{number}_", speed=speed,
+            gear=-1 if number == 2 else None,
+        )  # fmt: skip
+        builder.add_shape_box(parts.chassis, half=(2.3, 1.05, 0.3), name=f"v{number}_box", group=2, mask=2)
+    model = builder.finalize(1, "cpu", per_world=per_world())
+    sim = sw.Simulation(model, 2e-3, solver=dataclasses.replace(VEHICLE_SOLVER, fallback=False))
+    track = []
+    for _ in range(50):
+        sim.advance(10)
+        track.append(sim.state.body_x.numpy()[0])
+    state, found = sim.state, {}
+    for number in numbers:
+        bodies = [k for k, name in enumerate(model.body_names) if name.startswith(f"v{number}_")]
+        found[number] = {
+            key: getattr(state, key).numpy()[:, bodies] for key in ("body_x", "body_rot", "body_v", "body_omega")
+        }
+        found[number]["force"] = sim.contacts.body_contact_force.numpy()[:, bodies]
+    chassis = [k for k, name in enumerate(model.body_names) if name.endswith("_chassis")]
+    return found, np.array(track)[:, chassis]
+
+
+def test_a_vehicle_that_rolls_beside_a_crash_equals_itself_alone():
+    alone, _ = on_rigid_tires((0,))
+    crash, tracks = on_rigid_tires((1, 2))
+    together, _ = on_rigid_tires((0, 1, 2))
+    for part in (alone, crash):
+        for number, mine in part.items():
+            for key, values in mine.items():
+                assert values.tobytes() == together[number][key].tobytes(), (number, key)
+    gap = tracks[:, 1, 0] - tracks[:, 0, 0] - 4.6
+    assert gap[0] > 3.0
+    assert -0.3 < gap.min() < 0.1  # they meet, and their bodies do not pass through each other
 
 
 def test_scratch_of_a_world_grows_by_the_number_of_vehicles():

@@ -10,7 +10,7 @@ import pytest
 import simwarp as sw
 from simwarp.core.types import ModelError
 from simwarp.model.builder import ModelBuilder
-from simwarp.scenery.vehicle_visuals import add_vehicle_visual
+from simwarp.scenery import add_vehicle_visual, convoy_visuals
 from simwarp.sensors.scene import Visuals
 from simwarp.vehicle import (
     VEHICLE_SOLVER,
@@ -185,6 +185,10 @@ def test_a_convoy_drives_on():
     # all do the same at another place: float32 rounds it
     assert np.diff(x, axis=1) == pytest.approx(np.full((2, 2), -10.0), abs=1e-3)
     assert (x[:, 0] > 4.0).all()
+    visuals = convoy_visuals(convoy)
+    visuals.add_plane(name="road")
+    scene = visuals.finalize(convoy.simulation.model)
+    assert scene.instance("v0_body") < scene.instance("v2_wheel_3") < scene.instance("road")
     with pytest.raises(SpecError, match=r"^gap: must be above the boxes' length, 4\.6 m, got 4\.0$"):
         set_up_convoy(spec, convoy.maneuver, gap=4.0)
 

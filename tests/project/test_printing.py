@@ -82,6 +82,10 @@ def things(tmp_path_factory):
         "pose": sw.pose((1, 2, 3)), "lighting": sensors.Lighting(),
         "vehicle description": description, "axle": description.axles[0], "vehicle builder": chassis,
         "vehicle parts": parts, "vehicle model": cars, "vehicle": vehicle.Vehicle(parts, cars),
+        "vehicles": vehicle.Vehicles([parts], cars),
+        "convoy": vehicle.set_up_convoy(
+            description, vehicle.maneuver("step-steer", description), vehicles=1, device="cpu"
+        ),
         "script": vehicle.ScriptSpec(), "path": vehicle.circle(10.0),
         "lights": sensors.Lights(sensors.Lighting(), 2, "cpu"),
         "tires": vehicle.Vehicle(parts, cars).tires, "random": pendulum.random, "gym env": sw.tasks.TaskEnv("fast"),

@@ -425,7 +425,9 @@ class GridSoil:
         self.store(touch.keys, node)
         local = np.column_stack([stress.normal, stress.tangential]) * touch.area[:, None]
         forces = np.einsum("kai,ka->ki", axes, local)
-        moment = np.cross(touch.arm, forces).sum(axis=0)
+        # an implicit force acts all through the step, while the body moves on over the nodes: from its middle
+        arm = touch.arm - 0.5 * dt * body.velocity if implicit else touch.arm
+        moment = np.cross(arm, forces).sum(axis=0)
         return Reaction(forces.sum(axis=0), moment, matrix, float(touch.sinkage.max()))
 
     def assemble(self, body: Body, touch: Touch, axes: Array, law: Linearised, dt: float) -> Array:

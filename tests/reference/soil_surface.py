@@ -79,7 +79,7 @@ def in_cells(points: Array, cells: set[tuple[int, int]], spacing: float) -> npt.
 def first_hits(
     nodes: Nodes, spacing: float, undeformed: Undeformed, base: Array, start: Array, direction: Array
 ) -> tuple[Array, Array]:  # fmt: skip
-    """First hits (R,), infinity without, and normals (R, 3) of rays with the ground; `base`: its undeformed triangles."""
+    """First hits (R,), infinity without, and normals (R, 3) of rays with the ground; `base`: undeformed triangles."""
     cells = touched_cells(nodes)
     triangles = np.concatenate([base, cell_triangles(cells, nodes, spacing, undeformed)])
     t = crossings(triangles, start, direction)

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.ticker import EngFormatter
+from matplotlib.ticker import EngFormatter, MaxNLocator, NullFormatter
 
 from ..evaluation.figure_style import GREY, INK, PALE, new_figure, save_figure, style_axes
 from .ranking import RankedPoint, median_interval
@@ -140,6 +140,9 @@ def _scatter(axes: Axes, key: str, found: Sequence[tuple[Mapping[str, Any], floa
         places = [float(value) for value in values]
         if min(places) > 0.0 and max(places) > 30.0 * min(places):
             axes.set_xscale("log")
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        elif all(isinstance(value, int) for value in values):
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     else:
         names = sorted({str(value) for value in values})
         places = [float(names.index(str(value))) for value in values]

@@ -47,6 +47,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     tree_dof_count = scratch_number(int)
     loop_count = scratch_number(int)
     rolling_count = scratch_number(int)  # ROLLING blocks
+    newton = scratch_number(int)  # 1: proximal Newton steps may be tried, where there is room
     entry_count = scratch_number(int)  # most entries that a row of these degrees of freedom can have
 
     block_row = scratch_array(wp.int32, "block_ends")  # first row of each block, and the total at the end
@@ -84,6 +85,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     island_dof = scratch_array(wp.int32, "unit_ends")  # the same, of tree degrees of freedom
     island_loops = scratch_array(wp.int32, "units")  # 1: rows of loops answer it
     island_entries = scratch_array(wp.int32, "units")  # most that a row has
+    island_newton = scratch_array(wp.int32, "units")
     island_iterations = scratch_array(wp.int32, "units")
     island_residual = scratch_array(wp.float32, "units")
     newton_steps = scratch_array(wp.int32, "units")  # of the interior point; -1: it does not run

@@ -30,6 +30,8 @@ NEWTON_VECTORS = 8
 """Rows of `wide` that it uses: gamma_k, point, its projection p, Y z, Y dz; z, F, dz."""
 MOST_DOFS = 256
 """Degrees of freedom of a tree, at most: the ends of rows are kept on the stack."""
+NEWTON_ROWS = 8 * MOST_DOFS
+"""Rows of a problem that it has room for, at most."""
 LARGEST = wp.constant(MOST_DOFS)
 
 FIRST_RHO = wp.constant(100.0)
@@ -354,7 +356,7 @@ def set_direction(
 @wp.func
 def can_step_by_newton(problem: ConeProblem) -> bool:
     """True if the problem has the form for it and the workspace is allocated."""
-    if problem.loop_count > 0 or problem.rolling_count > 0:
+    if problem.newton == 0 or problem.loop_count > 0 or problem.rolling_count > 0:
         return False
     if problem.tree_dof_count == 0 or problem.tree_dof_count > LARGEST:
         return False

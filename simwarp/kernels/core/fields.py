@@ -282,10 +282,10 @@ class ReportFields(FieldGroup):
         wp.float32, Size.WORLDS, text="largest speed error of the loop and coupling rows [m/s or rad/s]"
     )
     cone_residual: wp.array = field(
-        wp.float32, Size.WORLDS, text="natural residual of limits, friction, motors and contacts [m/s or rad/s]"
+        wp.float32, Size.WORLDS, text="largest natural residual of limits, friction, motors and contacts [m/s or rad/s]"
     )
     constraint_count: wp.array = field(wp.int32, Size.WORLDS, text="rows on coordinates and contacts that took part")
-    iterations: wp.array = field(wp.int32, Size.WORLDS, text="iterations of their solve")
+    iterations: wp.array = field(wp.int32, Size.WORLDS, text="iterations of their solve, of the island that takes most")
     position_error: wp.array = field(
         wp.float32, Size.WORLDS,
         text="largest joint violation [m or rad]: at the step's start, or before the last pass when "

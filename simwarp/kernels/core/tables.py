@@ -52,6 +52,7 @@ class Topology:
     tree_dof_link: wp.array[int]
     tree_dof_unit: wp.array[int]
     unit_entries: wp.array[int]  # most entries of a row of the cone problem that moves a unit and its like
+    unit_newton: wp.array[int]  # 1: no row ties it and shapes of it may touch others
     body_link: wp.array[int]
 
     joint_type: wp.array[int]

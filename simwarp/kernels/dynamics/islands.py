@@ -74,10 +74,12 @@ def place_dofs(islands: int, topology: Topology, cone: ConeProblem):
         cone.island_dof[island + 1] = 0
         cone.island_loops[island] = 0
         cone.island_entries[island] = 0
+        cone.island_newton[island] = 1
     for unit in range(topology.unit_count):
         island = cone.unit_island[unit]
         if island >= 0:
             cone.island_entries[island] = wp.max(cone.island_entries[island], topology.unit_entries[unit])
+            cone.island_newton[island] = wp.min(cone.island_newton[island], topology.unit_newton[unit])
     for tree_dof in range(topology.tree_dof_count):
         island = cone.unit_island[topology.tree_dof_unit[tree_dof]]
         if island >= 0:
@@ -261,6 +263,7 @@ def island_problem(
     problem.tree_dof_count = topology.tree_dof_count
     problem.loop_count = topology.row_count
     problem.entry_count = cone.y.shape[1]
+    problem.newton = 1
     if islands > 0:
         first = cone.island_block[island]
         end = cone.island_block[island + 1]
@@ -272,6 +275,7 @@ def island_problem(
         problem.tree_dof_count = cone.island_dof[island + 1] - cone.island_dof[island]
         problem.loop_count = topology.row_count * cone.island_loops[island]
         problem.entry_count = cone.island_entries[island]
+        problem.newton = cone.island_newton[island]
         problem.block_row = cone.island_row
         problem.block_kind = cone.block_kind[first:end]
         problem.block_entries = cone.block_entries[first:end]

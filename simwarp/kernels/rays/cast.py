@@ -12,7 +12,7 @@ from simwarp.kernels.collision.shape import HEIGHT_FIELD, HULL, MESH, Assets
 from simwarp.kernels.collision.surfaces import SurfaceHit, height_field_ray
 from simwarp.kernels.core.spatial import to_double
 from simwarp.kernels.core.world_range import WorldRange
-from simwarp.kernels.rays.instances import SOIL, RayScene, start_of_ray
+from simwarp.kernels.rays.instances import RayScene, start_of_ray
 from simwarp.kernels.rays.primitives import primitive_ray
 from simwarp.kernels.rays.soil_rays import soil_ray
 from simwarp.kernels.rays.wide_tree import tree_ray
@@ -152,13 +152,6 @@ def instance_ray(
             hit.bary = found.bary
             hit.triangle = found.triangle
             hit.normal = wp.normalize(rot * wp.cross(wp.cw_mul(size, found.edge1), wp.cw_mul(size, found.edge2)))
-    elif kind == SOIL:
-        ground = soil_ray(world, instance, start, direction, reach, scene, assets)
-        if ground.t >= 0.0:
-            hit.t = ground.t
-            hit.triangle = ground.triangle
-            hit.normal = ground.normal
-            hit.drop = ground.drop
     else:
         surface = SurfaceHit()
         if kind == HEIGHT_FIELD:
@@ -204,6 +197,15 @@ def closest_hit(
             more = int(1)
             floor_t = near[7]
             floor_i = int(near[15])
+    if scene.soil[0].instances > 0:
+        ground = soil_ray(world, start, direction, limit, scene.soil)
+        if ground.t >= 0.0 and (best.t < 0.0 or ground.t < best.t):
+            best.t = ground.t
+            best.normal = ground.normal
+            best.instance = ground.instance
+            best.triangle = ground.triangle
+            best.local = ground.local
+            best.drop = ground.drop
     return best
 
 
@@ -225,6 +227,9 @@ def any_hit(world: int, start: wp.vec3, direction: wp.vec3, reach: float, scene:
             more = int(1)
             floor_t = near[7]
             floor_i = int(near[15])
+    if scene.soil[0].instances > 0:
+        if soil_ray(world, start, direction, reach, scene.soil).t >= 0.0:
+            return 1
     return 0
 
 

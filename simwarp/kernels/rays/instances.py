@@ -29,7 +29,37 @@ from simwarp.kernels.soil.level import SoilCover, level_range
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
 ENDLESS = wp.constant(1.0e18)  # half size of a plane [m]
-SOIL = wp.constant(65)  # beside the kinds of `ShapeType`: a plane or height field with ruts in it
+SOIL = wp.constant(65)  # beside the kinds of `ShapeType`: a plane or height field that a soil covers
+
+
+@wp.struct
+class SoilPlace:
+    """The undeformed ground in one world of a scene, as rays have it."""
+
+    origin: wp.vec3d  # to which the positions of rays are relative, world [m]
+    x: wp.vec3  # of its frame [m]
+    rot: wp.mat33  # its axes to world axes
+    size: wp.vec3
+    asset: int
+    levels: wp.vec2  # greatest raise and greatest drop of the soil's nodes [m]
+
+
+@wp.struct
+class SoilView:
+    """The instance that a soil covers, with all that rays need of it. Arrays are those of the scene."""
+
+    instances: int  # 0: there is none, 1: it is `instance`
+    instance: int
+    origin: wp.array[wp.vec3d]
+    x: wp.array2d[wp.vec3]
+    rot: wp.array2d[wp.mat33]
+    size: wp.array2d[wp.vec3]
+    asset: wp.array2d[int]
+    lower: wp.array2d[wp.vec3]
+    upper: wp.array2d[wp.vec3]
+    levels: wp.array[wp.vec2]
+    cover: SoilCover
+    assets: Assets
 
 
 @wp.struct
@@ -71,7 +101,7 @@ class RayScene:
     soil_range: wp.array[wp.vec2]  # (W,) greatest raise and greatest drop of the soil's nodes [m]
 
     trees: Trees
-    cover: SoilCover  # of the instance of kind SOIL; there is one at most
+    soil: wp.array[SoilView]  # (1,) an array, so that soil may come later, and that rays pass on little of it
 
 
 @wp.func_native("""
@@ -187,8 +217,9 @@ def instance_bounds(instance: int, world: int, scene: RayScene, assets: Assets):
     kind = scene.kind[instance]
     levels = wp.vec2()
     if kind == SOIL:
-        kind = scene.cover.terrain.kind
-        levels = level_range(world, scene.cover.nodes)
+        cover = scene.soil[0].cover
+        kind = cover.terrain.kind
+        levels = level_range(world, cover.nodes)
         scene.soil_range[world] = levels
     size = scene.place_size[world, instance]
     asset = scene.place_asset[world, instance]

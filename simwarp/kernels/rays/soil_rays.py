@@ -11,9 +11,17 @@ import warp as wp
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, Assets
 from simwarp.kernels.collision.surfaces import NEVER, SurfaceHit, height_field_ray
 from simwarp.kernels.core.spatial import to_double
-from simwarp.kernels.rays.instances import RayScene, world_position
+from simwarp.kernels.rays.instances import SoilPlace, SoilView
 from simwarp.kernels.rays.primitives import plane_ray
-from simwarp.kernels.soil.level import FARTHEST, SoilCell, cell_of, facet_normal, facet_of, soil_cell
+from simwarp.kernels.soil.level import (
+    FARTHEST,
+    SoilCell,
+    SoilCover,
+    cell_of,
+    facet_normal,
+    facet_of,
+    soil_cell,
+)
 from simwarp.kernels.vehicle.tires.ground import open_ground_below
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -34,6 +42,8 @@ class SoilHit:
     normal: wp.vec3  # unit, upwards, world axes
     triangle: int  # of a height field where it is undeformed; else -1
     drop: float  # below the undeformed ground [m]
+    instance: int  # that the soil covers
+    local: wp.vec3  # the point in the instance's frame
 
 
 @wp.struct
@@ -48,17 +58,14 @@ class SoilWalk:
 
 @wp.func
 def base_ray(
-    world: int, instance: int, shift: float, start: wp.vec3, direction: wp.vec3, reach: float, scene: RayScene,
-    assets: Assets,
+    kind: int, shift: float, start: wp.vec3, direction: wp.vec3, reach: float, place: SoilPlace, assets: Assets
 ) -> SoilHit:  # fmt: skip
-    """First hit of a ray with the undeformed ground, raised by a shift [m]."""
-    rot = scene.place_rot[world, instance]
-    s = wp.transpose(rot) * (start - wp.vec3(0.0, 0.0, shift) - scene.place_x[world, instance])
-    d = wp.transpose(rot) * direction
+    """First hit of a ray with the undeformed ground, a plane or height field, raised by a shift [m]."""
+    s = wp.transpose(place.rot) * (start - wp.vec3(0.0, 0.0, shift) - place.x)
+    d = wp.transpose(place.rot) * direction
     found = SurfaceHit()
-    if scene.cover.terrain.kind == HEIGHT_FIELD:
-        size = scene.place_size[world, instance]
-        found = height_field_ray(scene.place_asset[world, instance], size, to_double(s), d, reach, assets)
+    if kind == HEIGHT_FIELD:
+        found = height_field_ray(place.asset, place.size, to_double(s), d, reach, assets)
     else:
         found = plane_ray(s, d)
     hit = SoilHit()
@@ -66,14 +73,14 @@ def base_ray(
     if found.t >= 0.0 and found.t <= reach:
         hit.t = found.t
         hit.triangle = found.triangle
-        hit.normal = rot * found.normal
+        hit.normal = place.rot * found.normal
     return hit
 
 
 @wp.func
-def rise_of(world: int, entry: wp.vec3d, t: float, direction: wp.vec3, scene: RayScene, assets: Assets) -> wp.vec4:
+def rise_of(world: int, entry: wp.vec3d, t: float, direction: wp.vec3, cover: SoilCover, assets: Assets) -> wp.vec4:
     """Height of a ray above the undeformed ground [m] and the ground's normal; the normal is 0 where there is none."""
-    g = open_ground_below(world, entry, t * direction, scene.cover.terrain, assets)
+    g = open_ground_below(world, entry, t * direction, cover.terrain, assets)
     if g.found == 0:
         return wp.vec4()
     return wp.vec4(t * direction[2] - g.arm[2], g.normal[0], g.normal[1], g.normal[2])
@@ -129,19 +136,18 @@ def facets_ray(
 
 @wp.func
 def undeformed_ray(
-    walk: SoilWalk, world: int, entry: wp.vec3d, low: float, high: float, direction: wp.vec3, scene: RayScene,
-    assets: Assets,
+    walk: SoilWalk, world: int, entry: wp.vec3d, low: float, high: float, direction: wp.vec3, levels: wp.vec2,
+    cover: SoilCover, assets: Assets,
 ) -> SoilWalk:  # fmt: skip
     """Where a ray changes sides in a cell that nobody touched, between t = low and high from its entry."""
     w = walk
-    a = rise_of(world, entry, low, direction, scene, assets)
-    b = rise_of(world, entry, high, direction, scene, assets)
+    a = rise_of(world, entry, low, direction, cover, assets)
+    b = rise_of(world, entry, high, direction, cover, assets)
     if a[3] == 0.0 or b[3] == 0.0:
         w.done = 2
         return w
     if w.side == 0.0:
         w.side = wp.where(a[0] >= 0.0, 1.0, -1.0)
-    levels = scene.soil_range[world]
     t = float(-1.0)
     at = wp.vec4(a)
     if w.side * a[0] <= 0.0:
@@ -153,7 +159,7 @@ def undeformed_ray(
         f_right = b[0]
         for _ in range(NARROWED):
             t = left + f_left / (f_left - f_right) * (right - left)
-            at = rise_of(world, entry, t, direction, scene, assets)
+            at = rise_of(world, entry, t, direction, cover, assets)
             if w.side * at[0] > 0.0:
                 left = t
                 f_left = at[0]
@@ -175,16 +181,16 @@ def undeformed_ray(
 
 @wp.func
 def walk_layer(
-    walk: SoilWalk, base: SoilHit, world: int, start: wp.vec3, direction: wp.vec3, reach: float, scene: RayScene,
-    assets: Assets,
+    walk: SoilWalk, base: SoilHit, world: int, start: wp.vec3, direction: wp.vec3, reach: float, place: SoilPlace,
+    cover: SoilCover, assets: Assets,
 ) -> SoilWalk:  # fmt: skip
     """The way of a ray from walk.t on, until it hits, leaves the layer, or ends.
 
     `base` is the next hit with the undeformed ground, which counts unless the ray comes through touched cells before.
     """
     w = walk
-    spacing = scene.cover.spacing
-    entry = world_position(world, start, scene) + to_double(direction) * wp.float64(w.t)
+    spacing = cover.spacing
+    entry = place.origin + to_double(start) + to_double(direction) * wp.float64(w.t)
     if not wp.max(wp.abs(entry[0]), wp.abs(entry[1])) < FARTHEST * wp.float64(spacing):
         w.done = 1
         w.hit = base
@@ -194,7 +200,7 @@ def walk_layer(
     at_x = float(entry[0] / wp.float64(spacing) - wp.float64(column0))
     at_y = float(entry[1] / wp.float64(spacing) - wp.float64(row0))
     rate = wp.vec2(direction[0] / spacing, direction[1] / spacing)
-    levels = scene.soil_range[world]
+    levels = place.levels
     before = float(w.t)
     length = reach - before
     column = int(column0)
@@ -210,7 +216,7 @@ def walk_layer(
         if rate[1] != 0.0:
             next_y = (float(row - row0 + wp.where(rate[1] > 0.0, 1, 0)) - at_y) / rate[1]
         end = wp.max(t, wp.min(length, wp.min(next_x, next_y)))
-        cell = soil_cell(world, column, row, entry, scene.cover, assets)
+        cell = soil_cell(world, column, row, entry, cover, assets)
         if cell.touched == 1:
             first = wp.vec2(at_x - float(column - column0), at_y - float(row - row0))
             w = facets_ray(w, cell, first, rate, t, end, direction[2], spacing)
@@ -228,7 +234,7 @@ def walk_layer(
                 w.done = 1
                 w.hit = base
         else:
-            w = undeformed_ray(w, world, entry, t, end, direction, scene, assets)
+            w = undeformed_ray(w, world, entry, t, end, direction, levels, cover, assets)
             if w.done == 1:
                 w.hit.t += before
             if w.t < 0.0:
@@ -245,16 +251,17 @@ def walk_layer(
 
 
 @wp.func
-def soil_ray(
-    world: int, instance: int, start: wp.vec3, direction: wp.vec3, reach: float, scene: RayScene, assets: Assets
+def ground_ray(
+    world: int, start: wp.vec3, direction: wp.vec3, reach: float, place: SoilPlace, cover: SoilCover, assets: Assets
 ) -> SoilHit:
     """First hit of a ray with the deformed ground, from above or below, in world axes."""
-    base = base_ray(world, instance, 0.0, start, direction, reach, scene, assets)
-    levels = scene.soil_range[world]
+    kind = cover.terrain.kind
+    base = base_ray(kind, 0.0, start, direction, reach, place, assets)
+    levels = place.levels
     if levels[0] <= 0.0 and levels[1] <= 0.0:
         return base
     w = SoilWalk()
-    here = rise_of(world, world_position(world, start, scene), 0.0, direction, scene, assets)
+    here = rise_of(world, place.origin + to_double(start), 0.0, direction, cover, assets)
     w.side = 1.0
     inside = int(0)
     if here[3] == 0.0:
@@ -268,23 +275,46 @@ def soil_ray(
     nothing = SoilHit()
     nothing.t = -1.0
     for _ in range(LAYERS):
+        ahead = start + w.t * direction
         if inside == 0:
             shift = wp.where(w.side > 0.0, levels[0], -levels[1])
             into = base.t
             if shift != 0.0:
-                ahead = start + w.t * direction
-                shifted = base_ray(world, instance, shift, ahead, direction, reach - w.t, scene, assets)
+                shifted = base_ray(kind, shift, ahead, direction, reach - w.t, place, assets)
                 into = wp.where(shifted.t >= 0.0, shifted.t + w.t, -1.0)
             if into < 0.0:
                 return nothing
             w.t = into
-        w = walk_layer(w, base, world, start, direction, reach, scene, assets)
+        w = walk_layer(w, base, world, start, direction, reach, place, cover, assets)
         if w.done == 1:
             return w.hit
         if w.done == 2 or not w.t <= reach:
             return nothing
         inside = 0
-        base = base_ray(world, instance, 0.0, start + w.t * direction, direction, reach - w.t, scene, assets)
+        base = base_ray(kind, 0.0, start + w.t * direction, direction, reach - w.t, place, assets)
         if base.t >= 0.0:
             base.t += w.t
     return base
+
+
+@wp.func
+def soil_ray(world: int, start: wp.vec3, direction: wp.vec3, reach: float, soil: wp.array[SoilView]) -> SoilHit:
+    """The ray against the instance that a soil covers, within reach [m].
+
+    It is looked for apart from the others and with few arguments: what scenes without soil carry along is one test.
+    """
+    hit = SoilHit()
+    hit.t = -1.0
+    i = soil[0].instance
+    if soil[0].lower[world, i][2] <= soil[0].upper[world, i][2]:
+        place = SoilPlace()
+        place.origin = soil[0].origin[world]
+        place.x = soil[0].x[world, i]
+        place.rot = soil[0].rot[world, i]
+        place.size = soil[0].size[world, i]
+        place.asset = soil[0].asset[world, i]
+        place.levels = soil[0].levels[world]
+        hit = ground_ray(world, start, direction, reach, place, soil[0].cover, soil[0].assets)
+        hit.instance = i
+        hit.local = wp.transpose(place.rot) * (start + hit.t * direction - place.x)
+    return hit

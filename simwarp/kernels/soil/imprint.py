@@ -195,7 +195,8 @@ def imprint_shape(
                     page = find_page(world, column >> 3, row >> 3, nodes)
                 if page >= 0:
                     slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
-                    pressure = imprinted_pressure(b, law, fit)
+                    # no more than springs back within its depth: a node without depth does not push
+                    pressure = wp.min(imprinted_pressure(b, law, fit), law.elastic * b.sinkage)
                     nodes.node[world, slot, SINKAGE] = b.sinkage - pressure / law.elastic
                     fresh = law.stiffness * wp.pow(b.sinkage, law.exponent)
                     deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))

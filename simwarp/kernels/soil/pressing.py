@@ -170,7 +170,7 @@ def press_node(
         drag = dt * most * (taken + held)
     force = area * (pressure * n - against)
     s.force += force
-    s.moment += wp.cross(arm, force)
+    s.moment += wp.cross(arm - 0.5 * p.moved, force)  # all through the step the wheel moves on over the node
     s = add_elastic_block(s, area * dt * dt * stiffness, arm, n, p)
     s = add_block(s, area * dt * damping, arm, n)
     side = wp.normalize(wp.cross(n, wp.vec3(1.0, 0.0, 0.0)))

@@ -16,7 +16,7 @@ from simwarp.core.readable import Readable, ReadableFields
 from simwarp.core.types import shown
 from simwarp.core.wording import nearest
 from simwarp.kernels.vehicle.drivers import Script, run_script
-from simwarp.vehicle.results.channels import COLUMNS, Run
+from simwarp.vehicle.results.channels import COLUMNS, PULLS, SINKAGES, Run
 from simwarp.vehicle.spec.parts import LARGEST
 from simwarp.vehicle.spec.vehicle_spec import Points, SpecError
 from simwarp.vehicle.vehicle import Vehicle, Vehicles
@@ -90,7 +90,7 @@ def read_script(path: Path) -> tuple[ScriptSpec, float]:
         raise SpecError(f"{path}: needs a column of times (t_s), has {', '.join(run.columns)}")
     if len(names) < 2:
         raise SpecError(f"{path}: needs a column of steering, throttle or braking, has {', '.join(run.columns)}")
-    known = (*TIMES, *SCRIPT_COLUMNS, *COLUMNS)
+    known = (*TIMES, *SCRIPT_COLUMNS, *COLUMNS, *SINKAGES, *PULLS)
     for name in run.columns:
         if name not in known:
             listed = f"{', '.join((*TIMES, *SCRIPT_COLUMNS))} and those of a record"

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from simwarp.core.wording import close_names
+from simwarp.vehicle.driving.drawbar import DrawbarSpec
 from simwarp.vehicle.driving.drivers import ScriptSpec, read_script
 from simwarp.vehicle.driving.path_tracking import PathTrackingSpec, PIDGains, look_ahead_for
 from simwarp.vehicle.driving.paths import Path, circle
@@ -34,6 +35,8 @@ class Maneuver:
     start: float = SETTLING
     follow: PathTrackingSpec | None = None
     """If given, a path tracker that drives in place of the script."""
+    drawbar: DrawbarSpec | None = None
+    """If given, a drawbar test in place of the script."""
     slope: float = 0.0
     """Of the ground, rise per run; the vehicle faces uphill."""
     place: tuple[float, float, float] | None = None
@@ -213,6 +216,24 @@ def slope_hold(spec: VehicleSpec, *, slope: float = 0.2, duration: float = 60.0)
     return Maneuver(name="slope-hold", script=ScriptSpec(braking=((0.0, 1.0),)), duration=duration, slope=slope)
 
 
+PULLING_SPEEDS: Final = {"artcar": 0.3}
+"""Of the drawbar test where it is not the usual 1 m/s: a creep, at which the soil's damping adds little."""
+DRAWBAR_RAMP: Final = 4.0
+"""To the speed of the drawbar test [s]."""
+DRAWBAR_HOLD: Final = 1.0
+"""At the last slip [s]."""
+
+
+def drawbar(spec: VehicleSpec, *, speed: float | None = None, duration: float = 40.0) -> Maneuver:
+    """Pull over slip: a carriage holds the vehicle at a speed [m/s] while its wheels' slip goes from 0 to 0.65."""
+    rest = DRAWBAR_RAMP + DRAWBAR_HOLD
+    if duration <= rest:
+        raise SpecError(f"duration: must be above {rest:g} s of a drawbar test, got {duration!r}")
+    target = PULLING_SPEEDS.get(spec.name, 1.0) if speed is None else speed
+    test = DrawbarSpec(speed=target, start=SETTLING, ramp=DRAWBAR_RAMP, sweep=duration - rest)
+    return Maneuver(name="drawbar", drawbar=test, duration=duration)
+
+
 MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
     "reference-accel": reference_accel,
     "reference-steer": reference_steer,
@@ -223,6 +244,7 @@ MANEUVERS: Final[dict[str, Callable[..., Maneuver]]] = {
     "sine-sweep": sine_sweep,
     "constant-radius": constant_radius,
     "slope-hold": slope_hold,
+    "drawbar": drawbar,
 }
 
 

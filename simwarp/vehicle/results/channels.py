@@ -7,11 +7,14 @@ import dataclasses
 import io
 import math
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import warp as wp
 
 from simwarp.core.files import replacing
 from simwarp.core.readable import Readable, ReadableFields, plural
@@ -35,6 +38,8 @@ vehicle's frame of reference, pitch is positive nose down, the lateral accelerat
 """
 SINKAGES: Final = ("sink_FL_m", "sink_FR_m", "sink_RL_m", "sink_RR_m")
 """Further columns of a vehicle on soil: depth of the soil below the wheels' centres."""
+PULLS: Final = ("slip", "pull_N", "pull_per_weight", "wheel_torque_Nm")
+"""Further columns of a drawbar test: slip of the driven wheels, pull, pull over weight, the ground's torque on them."""
 
 
 def matrices(q: Array) -> Array:
@@ -56,13 +61,16 @@ class Recorder(Readable):
         vehicle: whose run it is.
         worlds: indices of the worlds; the first alone by default.
         start: time of the simulation that counts as zero [s].
+        further: (W,) arrays by the names of columns that come last.
     """
 
     def __init__(
-        self, simulation: Simulation, vehicle: Vehicle, worlds: slice = slice(0, 1), start: float = 0.0
-    ) -> None:
+        self, simulation: Simulation, vehicle: Vehicle, worlds: slice = slice(0, 1), start: float = 0.0,
+        further: Mapping[str, wp.array] = MappingProxyType({}),
+    ) -> None:  # fmt: skip
         self.simulation, self.vehicle, self.worlds, self.start = simulation, vehicle, worlds, start
-        self.names = (*COLUMNS, *SINKAGES) if isinstance(vehicle.tires, SoilTires) else COLUMNS
+        self._on_soil, self._further = isinstance(vehicle.tires, SoilTires), dict(further)
+        self.names = (*COLUMNS, *(SINKAGES if self._on_soil else ()), *further)
         """Of the columns."""
         self.rows: list[Array] = []
         self._last_v: Array | None = None
@@ -105,8 +113,9 @@ class Recorder(Readable):
             *wheel_speed.T, self.vehicle.engine_speed.numpy()[w], self.vehicle.gear.numpy()[w].astype(float),
             *self.vehicle.tires.load.numpy()[w][:, self._wheels].T, inputs[:, 1], inputs[:, 2], inputs[:, 0], *angles,
         ]  # fmt: skip
-        if len(self.names) > len(COLUMNS):
+        if self._on_soil:
             columns += [*self.vehicle.tires.deflection.numpy()[w][:, self._wheels].T]
+        columns += [array.numpy()[w] for array in self._further.values()]
         self.rows.append(np.stack(columns, axis=-1))
 
     def _manoeuvre_time(self, t: Array) -> Array:
@@ -186,7 +195,7 @@ class Run(ReadableFields):
         """
         with replacing(path) as draft, draft.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            names = [*COLUMNS, *(name for name in SINKAGES if name in self.columns)]
+            names = [*COLUMNS, *(name for name in (*SINKAGES, *PULLS) if name in self.columns)]
             writer.writerow(names)
             for row in np.stack([self.columns[name] for name in names], axis=1):
                 writer.writerow([f"{value:.9g}" for value in row])

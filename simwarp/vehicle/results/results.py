@@ -234,6 +234,34 @@ def standstill_drift(run: Run, maneuver: Maneuver) -> list[Result]:
     return found
 
 
+PULL_SLIPS: Final = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+"""Slips at which a drawbar test tells the pull."""
+
+
+def pull_at(run: Run, slip: float, width: float = 0.015) -> float:
+    """Mean pull over weight of the rows within `width` of a slip, after the carriage has its speed; NaN without any."""
+    near = (np.abs(run["slip"] - slip) < width) & (run["t_s"] > 0.0)
+    return float(run["pull_per_weight"][near].mean()) if near.any() else math.nan
+
+
+def drawbar_pull(run: Run, maneuver: Maneuver) -> list[Result]:
+    """Pull over weight at slips, the greatest, and the torque that it takes."""
+    if maneuver.drawbar is None or "slip" not in run.columns:
+        return []
+    steady = Run({name: values[run["t_s"] > maneuver.drawbar.ramp] for name, values in run.columns.items()})
+    found = [
+        Result(f"pull_at_slip_{slip:g}", f"pull / weight at slip {slip:g}", pull_at(steady, slip))
+        for slip in PULL_SLIPS
+    ]  # fmt: skip
+    if len(steady["t_s"]) > 0:
+        # over a second: a wheel rides up and down on the nodes of its soil
+        window = min(100, len(steady["t_s"]))
+        smooth = np.convolve(steady["pull_N"], np.full(window, 1.0 / window), "valid")
+        found.append(Result("greatest_pull", "greatest pull over a second", float(smooth.max()), "N"))
+        found.append(Result("carriage_speed", "speed of the carriage", float(steady["speed_mps"].mean()), "m/s"))
+    return found
+
+
 _SPECIAL: Final[dict[str, Callable[[Run, Maneuver], list[Result]]]] = {
     "reference-accel": acceleration,
     "reference-steer": step_response,
@@ -243,4 +271,5 @@ _SPECIAL: Final[dict[str, Callable[[Run, Maneuver], list[Result]]]] = {
     "sine-sweep": frequency_response,
     "constant-radius": steady_circle,
     "slope-hold": standstill_drift,
+    "drawbar": drawbar_pull,
 }

@@ -15,6 +15,7 @@ from simwarp.model.builder import ModelBuilder
 from simwarp.simulation.protocols import ForceElement
 from simwarp.simulation.simulation import Simulation
 from simwarp.vehicle.construction import add_vehicle
+from simwarp.vehicle.driving.drawbar import Drawbar, with_locks
 from simwarp.vehicle.driving.drivers import ScriptedDriver
 from simwarp.vehicle.driving.maneuvers import Maneuver
 from simwarp.vehicle.driving.path_tracking import PathTracker
@@ -81,7 +82,7 @@ def set_up(
     builder = ModelBuilder()
     place = (0.0, 0.0, spec.start_height) if maneuver.place is None else maneuver.place
     start = pose(rotate(rotation, np.array(place)), rotation)
-    parts = add_vehicle(builder, spec, at=start)
+    parts = add_vehicle(builder, spec if maneuver.drawbar is None else with_locks(spec), at=start)
     if any(side.shape >= 0 for side in parts.sides):
         builder.add_shape_plane(name="ground", pose=pose(rotation=rotation), material=Material(friction=friction))
     model = builder.finalize(world_count=worlds, device=device, per_world=per_world(randomised))
@@ -91,6 +92,10 @@ def set_up(
     if maneuver.follow is not None:
         driver = PathTracker(vehicle, maneuver.follow)
     acting = [driver, vehicle, *elements(vehicle)]
+    if maneuver.drawbar is not None:
+        # it adds to the forces that the vehicle writes
+        driver = Drawbar(vehicle, maneuver.drawbar)
+        acting = [vehicle, driver, *acting[2:]]
     return Setup(Simulation(model, dt, elements=acting, solver=VEHICLE_SOLVER), vehicle, driver, maneuver)
 
 
@@ -110,7 +115,8 @@ class Drive(Readable):
 
     def __init__(self, setup: Setup, worlds: slice = slice(0, 1)) -> None:
         self.setup = setup
-        self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start)
+        further = setup.driver.measured if isinstance(setup.driver, Drawbar) else {}
+        self.recorder = Recorder(setup.simulation, setup.vehicle, worlds, setup.maneuver.start, further)
         self._every = row_steps(setup.simulation.dt)
         """Steps between rows; 0: the step does not divide 10 ms, so that each one is recorded and rows interpolated."""
 

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from simwarp.core.readable import Readable, plural
 from simwarp.core.types import Material, Vec3, pose
 from simwarp.model.builder import ModelBuilder
 from simwarp.model.checks import whole_number
@@ -28,8 +29,8 @@ HMMWV_BOX: Final[tuple[Vec3, Vec3]] = ((2.3, 1.05, 0.5), (0.0, 0.0, 0.2))
 """Half lengths of a HMMWV's box and its middle in the frame of reference [m]."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Convoy:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Convoy(Readable):
     """Vehicles in a row, ready to run.
 
     Attributes:
@@ -47,6 +48,10 @@ class Convoy:
     driver: ScriptedDriver
     maneuver: Maneuver
     boxes: tuple[int, ...]
+
+    def _printed_title(self) -> str:
+        name = self.vehicles.parts[0].spec.name
+        return f": {len(self.vehicles)} '{name}' in each of {plural(self.simulation.model.world_count, 'world')}"
 
 
 def set_up_convoy(

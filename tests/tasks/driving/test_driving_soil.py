@@ -104,10 +104,13 @@ def test_a_new_episode_has_fresh_soil_of_its_own_and_changes_no_other():
     drive(task, 12)
     element, before = task.soil.element, parameters(task)
     memory = {name: array.numpy().copy() for name, array in element.memory.items()}
-    assert (memory["count"] > 8).all()
+    assert (memory["count"] > 16).all()
+    before_wheels = wheels(task)[0][:, :, :2].numpy()
+    assert (element.height(before_wheels).numpy() < -1e-4).all()
     task.begin_episodes(torch.tensor([False, True, False]))
     after = {name: array.numpy() for name, array in element.memory.items()}
-    assert after["count"][1] == 0
+    assert after["count"][1] <= 16  # below its four wheels: a page is 0.8 m wide
+    assert (task.soil.element.height(before_wheels).numpy()[1] == 0.0).all()
     assert (parameters(task)[1] != before[1]).any()
     assert (parameters(task)[[0, 2]] == before[[0, 2]]).all()
     for name, values in after.items():
@@ -149,6 +152,20 @@ def test_a_vehicle_comes_to_rest_on_what_carries_it():
     assert rigid.any()
     assert (deepest[rigid] < 0.012).all()  # half of it between nodes 10 cm apart
     assert (deepest[~rigid] < 0.25).all()
+
+
+@pytest.mark.parametrize("hills", [0.0, 1.0])
+def test_an_episode_starts_at_rest_whatever_the_soil(hills):
+    """Settled on mid soil, it stands on soft and on nearly rigid ground without a fall or a jump."""
+    task = driving("off-road", 24, seed=2, soil="random", hills=hills, obstacles=0)
+    rows = parameters(task)
+    assert (rows[:, 0] < 3.0 * SOFT.k_phi).any()
+    assert (rows[:, 0] == RIGID_MODULUS).any()
+    place = task.pose()[0].clone()
+    for _ in range(10):
+        drive(task, 1, pedal=-1.0)
+        # between nodes 10 cm apart a wheel of 0.3 m sinks 4 mm deeper than above one; hills lean
+        assert (task.pose()[0] - place)[:, 2].abs().max() < (0.005 if hills == 0.0 else 0.01)
 
 
 def test_nearly_rigid_soil_drives_as_the_rigid_ground_does(monkeypatch):

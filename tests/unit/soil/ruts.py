@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 import simwarp as sw
+from simwarp.core.rotation import matrix_of
 from simwarp.core.types import ShapeType
 from simwarp.sensors.cameras.camera import CameraConfig, look_at
 from simwarp.sensors.cameras.lenses import Pinhole
@@ -77,8 +78,8 @@ class Rut:
         if not self.scene.shape.max() >= 0:
             return 0.0, 1.0
         for p, q, r in self.base():
-            a = np.stack([q - p, r - p], axis=1)
-            u, v = np.linalg.solve(a[:2], np.array((x, y)) - p[:2])
+            a: np.ndarray = np.stack([q - p, r - p], axis=1)
+            u, v = np.linalg.solve(a[:2], np.array((x, y)) - p[:2]).tolist()
             if min(u, v) >= -1e-9 and u + v <= 1.0 + 1e-9:
                 n = np.cross(a[:, 0], a[:, 1])
                 return float(p[2] + a[2] @ (u, v)), float(n[2] / np.linalg.norm(n))
@@ -91,8 +92,8 @@ class Rut:
             a, b, c, d = (np.array((x, y, 0.0)) for x, y in ((-far, -far), (far, -far), (far, far), (-far, far)))
             return np.array([[a, b, c], [a, c, d]])
         local = field_triangles(hills(), SIZE)
-        c, s = math.cos(TURN), math.sin(TURN)
-        return local @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + np.array(MIDDLE)
+        cos, sin = math.cos(TURN), math.sin(TURN)
+        return local @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]) + np.array(MIDDLE)
 
 
 class Eye:
@@ -118,7 +119,5 @@ class Eye:
         width = self.camera.config.width
         across = (width - 1.0 - 2.0 * np.arange(width)) / width * math.tan(0.6)
         ahead = np.stack(np.broadcast_arrays(1.0, across[None, :], across[:, None]), axis=-1)
-        from simwarp.core.rotation import matrix_of
-
         ahead = ahead @ matrix_of(self.pose.rotation).T
         return ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)

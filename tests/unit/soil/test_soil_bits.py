@@ -85,10 +85,8 @@ def test_problems_names_the_world_whose_pages_ran_out_and_how_many_hold_its_ruts
     assert many[1] == []
     again = int(few[2][2])
     assert (few[2] > 0).tolist() == [False, False, True, False]
-    assert few[1] == [
-        f"world 2: soil: its {FEW} pages ran out, {again} were taken again and the ruts in them are gone; "
-        f"Soil(pages={FEW + again}) keeps them"
-    ]
+    told = f"its {FEW} pages ran out, {again} were taken again and the ruts in them are gone"
+    assert few[1] == [f"world 2: soil: {told}; Soil(pages={FEW + again}) keeps them"]
     for name in ARRAYS:
         np.testing.assert_array_equal(few[0][name], many[0][name], err_msg=name)  # it never meets its rut again
 

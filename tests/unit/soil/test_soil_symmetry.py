@@ -52,7 +52,7 @@ def test_a_track_turned_by_37_degrees_is_the_same_to_3_percent(soil):
     """Nodes lie otherwise below the wheel: 5 or 6 rows of them, each with its share."""
     runs = []
     for direction in (0.0, math.radians(37.0)):
-        simulation, element = rolling(soil=soil, torque=1200.0, direction=direction, speed=1.0)
+        simulation, _ = rolling(soil=soil, torque=1200.0, direction=direction, speed=1.0)
         ahead = np.array([math.cos(direction), math.sin(direction), 0.0])
         side = np.array([-ahead[1], ahead[0], 0.0])
         rows = []

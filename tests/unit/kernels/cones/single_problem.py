@@ -72,7 +72,7 @@ class Single:
 
         rows = len(r)
         p: Any = ConeProblem()
-        p.row_count, p.block_count, p.dense = rows, len(blocks), 1
+        p.row_count, p.block_count, p.dense, p.newton = rows, len(blocks), 1, 1
         p.rolling_count = sum(b.kind == "rolling" for b in blocks)
         p.block_row = ints([*(b.row for b in blocks), rows])
         p.block_kind = ints([KINDS[b.kind] for b in blocks])

@@ -1,0 +1,108 @@
+"""A picture or film of a manoeuvre: `simwarp drive --video`. Soil is seen with its ruts."""
+
+from __future__ import annotations
+
+import io
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from PIL import Image
+
+from simwarp.cli import UsageError
+from simwarp.cli.view.maneuver_view import maneuver_subject
+from simwarp.core.files import write_file
+from simwarp.sensors.cameras.lights import Lighting, Sun
+from simwarp.vehicle.results.runs import Progress, Setup
+from simwarp.viewer.studio import FollowCamera, Shot
+
+if TYPE_CHECKING:
+    from simwarp.train.evaluation.play import Frame
+
+STILLS: Final = (".png", ".jpg", ".jpeg")
+FILMS: Final = (".mp4", ".gif")
+RATE: Final = 25.0
+"""Images of a film per second."""
+SIZE: Final = (960, 540)
+EYE: Final = (-11.0, -4.2, 5.2)
+"""Behind and above, a little to the right, in the vehicle's axes: what it leaves behind is in sight [m]."""
+TARGET: Final = (-3.4, 0.2, -0.6)
+SUN: Final = (0.55, -1.0, 0.8)
+"""Low, from the right: edges of ruts throw shadows."""
+MOST_FRAMES: Final = 3000
+"""Images that are kept until they are written: two minutes, 5 GB."""
+
+
+def check_film(path: Path, seconds: float) -> None:
+    """Refuses names and lengths that cannot be written.
+
+    Raises:
+        UsageError: so it is.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in STILLS + FILMS:
+        raise UsageError(f"cannot write '{path}': the name must end in {', '.join(FILMS + STILLS)}")
+    if suffix in FILMS and seconds * RATE > MOST_FRAMES:
+        raise UsageError(
+            f"--video {path}: a film has at most {MOST_FRAMES / RATE:g} s, got {seconds:.4g}; shorten --duration"
+        )
+
+
+class DriveFilm:
+    """Takes images of the first world while a manoeuvre is driven.
+
+    Args:
+        setup: of the manoeuvre.
+        path: .mp4 or .gif: a film; .png or .jpg: its end.
+    """
+
+    def __init__(self, setup: Setup, path: Path) -> None:
+        self.path = path
+        subject = maneuver_subject(setup, setup.maneuver.name)
+        shot = Shot(body=setup.vehicle.parts.chassis, target=TARGET, eye=EYE, fov=0.9, turns=True)
+        self._camera = FollowCamera(
+            setup.simulation, subject.scene, shot, width=SIZE[0], height=SIZE[1],
+            lighting=Lighting(suns=(Sun(direction=SUN),), shadow_reach=30.0, fog_density=0.004),
+        )  # fmt: skip
+        self._start = setup.maneuver.start
+        self._films = path.suffix.lower() in FILMS
+        self._title = f"{setup.vehicle.parts.spec.name} {setup.maneuver.name}"
+        self._frames: list[Frame] = []
+        self.seconds = 0.0
+        """That taking images took by the clock."""
+
+    def beside(self, progress: Progress) -> Progress:
+        """Both, after every row of the record."""
+
+        def advance(t: float) -> None:
+            progress(t)
+            if self._films and t + self._start >= len(self._frames) / RATE - 1e-9:
+                self._take(t)
+
+        return advance
+
+    def _take(self, t: float) -> None:
+        from simwarp.train.evaluation.play import Frame
+
+        begin = time.perf_counter()
+        self._frames.append(Frame(t + self._start, self._camera.take(t + self._start)))
+        self.seconds += time.perf_counter() - begin
+
+    def write(self) -> None:
+        """Writes the file.
+
+        Raises:
+            OutputError: the disk did not take it.
+        """
+        if self._films and self._frames:
+            from simwarp.train.evaluation.play import write_video
+
+            write_video(self.path, self._frames, self._title)
+            return
+        still = io.BytesIO()
+        image = Image.fromarray(self._camera.take(0.0)[0])
+        if self.path.suffix.lower() == ".png":
+            image.save(still, format="png", optimize=True)
+        else:
+            image.save(still, format="jpeg", quality=88)
+        write_file(self.path, still.getvalue())

@@ -1,0 +1,279 @@
+"""The loop of a sweep: what is begun, kept, resumed, told as failed. Processes are doubles, run folders are real."""
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from simwarp.core.files import OutputError
+from simwarp.tasks import InputError, replace_fields, task_class
+from simwarp.train.config import default_config
+from simwarp.train.runs.checkpoint import checkpoint_name
+from simwarp.train.runs.run_folder import RunFolder
+from simwarp.train.runs.run_lock import LOCK, Writer, started
+from simwarp.train.runs.stopping import StopRequest
+from simwarp.train.sweeps import running
+from simwarp.train.sweeps.plan import SweepRun, point_label, run_name, sweep_name
+from simwarp.train.sweeps.run_state import LOG, RunState, failure
+from simwarp.train.sweeps.running import RunList, SweepRunner, check_runs
+
+FAST = task_class("fast")
+ITERATIONS = 3
+
+
+@pytest.fixture(autouse=True)
+def _no_waiting(monkeypatch):
+    monkeypatch.setattr(running, "POLL", 0.001)
+
+
+def make_run(folder, seed=0, **changes):
+    config = replace_fields(default_config(FAST), {"iterations": ITERATIONS, "seed": seed, "threads": 1} | changes)
+    return SweepRun("", {}, config, FAST.config_type(), RunFolder(folder / run_name("", seed)))
+
+
+def saved(run, iteration=ITERATIONS):
+    (run.folder.checkpoints / checkpoint_name(iteration)).write_bytes(b"")
+
+
+class Scripted:
+    """A job that ends after a few looks, and does what a training would have done."""
+
+    def __init__(self, looks=1, code=0, work=lambda: None):
+        self.looks, self.code, self.work = looks, code, work
+        self.stops = []
+
+    def poll(self):
+        self.looks -= 1
+        if self.looks > 0:
+            return None
+        if self.looks == 0:
+            self.work()
+        return self.code
+
+    def stop(self, *, at_once=False):
+        self.stops.append(at_once)
+        self.looks, self.code = 1, 130
+
+
+class Scripts:
+    """A launcher whose jobs are scripted by seed; by default a run is finished."""
+
+    def __init__(self, **jobs):
+        self.jobs = {int(key[4:]): job for key, job in jobs.items()}
+        self.begun, self.most, self.alive = [], 0, []
+
+    def start(self, run):
+        job = self.jobs.get(run.seed) or Scripted(3, 0, lambda: saved(run))
+        self.begun.append(run.seed)
+        self.alive = [other for other in self.alive if other.looks > 0] + [job]
+        self.most = max(self.most, len(self.alive))
+        return job
+
+
+class Silent:
+    """Takes down what is shown."""
+
+    def __init__(self):
+        self.lines = []
+
+    def update(self, records):
+        pass
+
+    def changed(self, record):
+        self.lines.append((record.run.seed, record.state.value, record.reason))
+
+    def say(self, text):
+        self.lines.append(text)
+
+
+def sweep(runs, launcher, stop=None, **options):
+    watcher = Silent()
+    runner = SweepRunner("fast", RunList(runs), launcher, watcher=watcher, **({"jobs": 1} | options))
+    runner.run(stop or StopRequest())
+    return runner, watcher
+
+
+def states(runner):
+    return {record.run.seed: record.state for record in runner.records}
+
+
+def test_all_runs_are_done_and_no_more_at_a_time_than_asked_for(tmp_path):
+    launcher = Scripts()
+    runner, _ = sweep([make_run(tmp_path, seed) for seed in range(7)], launcher, jobs=3)
+    assert set(states(runner).values()) == {RunState.DONE}
+    assert launcher.begun == list(range(7))
+    assert launcher.most == 3
+
+
+def test_a_prepared_run_is_a_run_folder(tmp_path):
+    run = make_run(tmp_path, 4)
+    run.prepare("fast")
+    assert run.folder.load_config()["train_config"]["seed"] == 4
+    assert run.folder.checkpoint_files() == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["seed=4"]
+
+
+def test_finished_runs_are_kept_and_broken_ones_go_on(tmp_path):
+    runs = [make_run(tmp_path, seed) for seed in range(3)]
+    for run in runs[:2]:
+        run.prepare("fast")
+    saved(runs[0])
+    saved(runs[1], 2)
+    launcher = Scripts()
+    runner, watcher = sweep(runs, launcher)
+    assert launcher.begun == [1, 2]
+    assert [record.kept for record in runner.records] == [True, False, False]
+    assert (1, "running", "resumed after iteration 2") in watcher.lines
+    assert (2, "running", "") in watcher.lines
+
+
+def test_more_iterations_go_on_with_a_finished_run(tmp_path):
+    first = make_run(tmp_path)
+    first.prepare("fast")
+    saved(first)
+    longer = make_run(tmp_path, iterations=9)
+    launcher = Scripts(seed0=Scripted(2, 0, lambda: saved(longer, 9)))
+    runner, _ = sweep([longer], launcher)
+    assert (launcher.begun, states(runner)) == ([0], {0: RunState.DONE})
+
+
+def test_a_failed_run_is_named_and_the_others_go_on(tmp_path):
+    runs = [make_run(tmp_path, seed) for seed in range(3)]
+
+    def fail():
+        (runs[1].folder.path / LOG).write_text("iteration 1\nsimwarp: learning diverged: loss is NaN\n")
+
+    ended = []
+    runner, _ = sweep(runs, Scripts(seed1=Scripted(2, 1, fail)), after=ended.append)
+    assert states(runner) == {0: RunState.DONE, 1: RunState.FAILED, 2: RunState.DONE}
+    assert [record.reason for record in runner.records] == ["", "learning diverged: loss is NaN", ""]
+    assert [record.run.seed for record in ended] == [0, 1, 2]
+    # Told again, and not tried again unless that is asked for
+    launcher = Scripts()
+    runner, _ = sweep(runs, launcher)
+    assert (launcher.begun, states(runner)[1]) == ([], RunState.FAILED)
+    assert runner.records[1].reason == failure(runs[1].folder) == "learning diverged: loss is NaN"
+    launcher = Scripts()
+    runner, _ = sweep(runs, launcher, retry=True)
+    assert (launcher.begun, states(runner)[1]) == ([1], RunState.DONE)
+    assert failure(runs[1].folder) == ""
+
+
+def test_a_run_that_somebody_killed_goes_on_the_next_time(tmp_path):
+    run = make_run(tmp_path)
+    runner, _ = sweep([run], Scripts(seed0=Scripted(2, -signal.SIGKILL, lambda: saved(run, 1))))
+    assert runner.records[0].state is RunState.FAILED
+    assert runner.records[0].reason == "ended by SIGKILL after iteration 1"
+    launcher = Scripts()
+    assert states(sweep([run], launcher)[0]) == {0: RunState.DONE}
+    assert launcher.begun == [0]
+
+
+def test_the_reason_is_of_this_time_alone(tmp_path):
+    run = make_run(tmp_path)
+    run.prepare("fast")
+    (run.folder.path / LOG).write_text("simwarp: an old reason\n")
+    runner, _ = sweep([run], Scripts(seed0=Scripted(2, 5)))
+    assert runner.records[0].reason == "exit code 5"
+
+
+def test_a_request_to_stop_is_handed_on_once_and_begins_nothing_more(tmp_path):
+    runs = [make_run(tmp_path, seed) for seed in range(4)]
+    stop = StopRequest()
+    jobs = [Scripted(1000), Scripted(1000)]
+
+    class Asking(Silent):
+        def update(self, records):
+            stop.requested = len(records) == 2
+
+    launcher = Scripts(seed0=jobs[0], seed1=jobs[1])
+    runner = SweepRunner("fast", RunList(runs), launcher, jobs=2, watcher=Asking())
+    runner.run(stop)
+    assert [job.stops for job in jobs] == [[False], [False]]
+    assert states(runner) == {0: RunState.STOPPED, 1: RunState.STOPPED}
+    assert launcher.begun == [0, 1]
+
+
+def test_an_error_of_the_sweep_stops_its_runs(tmp_path):
+    jobs = {"seed0": Scripted(1000), "seed1": Scripted(2, 1)}
+
+    def full(record):
+        raise OutputError("no room")
+
+    with pytest.raises(OutputError, match="no room"):
+        sweep([make_run(tmp_path, seed) for seed in range(2)], Scripts(**jobs), jobs=2, after=full)
+    assert jobs["seed0"].stops == [False]
+
+
+def test_a_run_that_still_goes_since_an_earlier_sweep_is_waited_for_and_then_goes_on(tmp_path):
+    run = make_run(tmp_path)
+    run.prepare("fast")
+    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    try:
+        writer = dataclasses.replace(Writer.this(), pid=process.pid)
+        writer = dataclasses.replace(writer, started=started(process.pid) or "")
+        (run.folder.path / LOCK).write_text(json.dumps(dataclasses.asdict(writer)))
+        launcher = Scripts()
+        looks = []
+
+        class Ending(Silent):
+            def update(self, records):
+                looks.append(list(launcher.begun))
+                if len(looks) == 5:
+                    process.kill()
+                    process.wait()
+
+        watcher = Ending()
+        runner = SweepRunner("fast", RunList([run]), launcher, jobs=1, watcher=watcher)
+        runner.run(StopRequest())
+    finally:
+        process.kill()
+        process.wait()
+    assert watcher.lines[0] == (0, "running", f"goes on as {writer}")
+    assert looks[:5] == [[]] * 5  # nobody else writes a run while its process lives
+    assert launcher.begun == [0]
+    assert states(runner) == {0: RunState.DONE}
+
+
+def test_a_run_of_another_configuration_is_refused_before_any_work(tmp_path):
+    make_run(tmp_path, 1).prepare("fast")
+    other = make_run(tmp_path, 1, num_envs=16)
+    with pytest.raises(InputError, match=r"seed=1 was made with num-envs = 128, not 16: give another --out"):
+        check_runs("fast", [make_run(tmp_path, 0), other])
+    assert not (tmp_path / "seed=0").exists()
+    # Threads and iterations may change
+    check_runs("fast", [make_run(tmp_path, 1, threads=2, iterations=50)])
+
+
+def test_names_hold_what_is_varied_and_folders_what_is_held(tmp_path):
+    assert point_label({"ppo.gamma": 0.97, "network.hidden": [64, 64], "task.x": "a/b"}) == (
+        "ppo.gamma=0.97,network.hidden=64x64,task.x=a|b"
+    )
+    assert point_label({"a": 0.1 + 0.2}) == "a=0.30000000000000004"
+    long = {f"key{index}": index for index in range(100)}
+    assert len(point_label(long)) <= 200
+    assert point_label(long) != point_label(long | {"key99": 0})
+    config, task = default_config(FAST), FAST.config_type()
+    name = sweep_name("fast", config, task, ["ppo.gamma"], {})
+    same = replace_fields(config, {"seed": 3, "iterations": 7, "threads": 2, "ppo.gamma": 0.5})
+    assert sweep_name("fast", same, task, ["ppo.gamma"], {}) == name
+    assert sweep_name("fast", same, task, [], {}) != name
+    assert sweep_name("fast", replace_fields(config, {"ppo.lam": 0.5}), task, ["ppo.gamma"], {}) != name
+    assert sweep_name("fast", config, dataclasses.replace(task, gain=0.2), ["ppo.gamma"], {}) != name
+    assert sweep_name("fast", config, dataclasses.replace(task, gain=0.2), ["task.gain"], {}) == sweep_name(
+        "fast", config, task, ["task.gain"], {}
+    )
+
+
+def test_a_draft_of_a_killed_sweep_is_no_obstacle(tmp_path):
+    run = make_run(tmp_path)
+    draft = tmp_path / ".simwarp-seed=0"
+    draft.mkdir()
+    (draft / "config.json").write_text("half")
+    run.prepare("fast")
+    assert run.folder.load_config()["task"] == "fast"
+    assert os.listdir(tmp_path) == ["seed=0"]
