@@ -61,14 +61,15 @@ class Runs:
         ground: name of one of `GROUNDS`.
         first: number of the first run.
         count: of them.
+        options: further fields of the task's configuration.
     """
 
-    def __init__(self, model: str, ground: str, first: int, count: int) -> None:
+    def __init__(self, model: str, ground: str, first: int, count: int, **options: Any) -> None:
         self.first, self.count = first, count
         self.task: Any = make(
             "convoy", count, seed=SEED, first_world=first, obs="state", leaders="simulated", leading=1,
             followers=FOLLOWERS, generated=True, generated_paths=PATHS, latest_start=0.0, full=model == "full",
-            soil=GROUNDS[ground],
+            soil=GROUNDS[ground], **options,
         )  # fmt: skip
         self.task.keep_final_observations = False
         self.task.before_reset = self._look
@@ -212,8 +213,7 @@ def numbers_of(models: Sequence[str], grounds: Sequence[str]) -> dict[str, Any]:
 def table(numbers: dict[str, Any]) -> str:
     """Return the numbers as a table in Markdown."""
     lines = [
-        "| model | ground | vehicle | runs | touches | lost | off the path over time [m] | over its way [m] | reached [m] "
-        "| failed first |",
+        "| model | ground | vehicle | runs | touches | lost | off the path [m] | by way | reached [m] | failed first |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
 

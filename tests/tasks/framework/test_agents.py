@@ -2,11 +2,13 @@
 
 import copy
 import dataclasses
+from pathlib import Path
 
 import pytest
 import torch
 
-from simwarp.tasks import InputError, TaskError
+from simwarp.tasks import InputError, TaskError, make, replace_fields
+from simwarp.tasks.framework.replay import replay
 from simwarp.tasks.framework.rows import Rows
 from simwarp.train import TrainConfig
 from simwarp.train.algorithm.acting_rows import ActingRows
@@ -14,6 +16,8 @@ from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import random_policy, zero_policy
 from tests.tasks.framework.pair_task import PairConfig, PairTask, pair
+
+PAIR = Path(__file__).with_name("pair_task.py")
 
 
 def pushed(task, agent, value, worlds=slice(None)):
@@ -120,8 +124,6 @@ def test_random_numbers_are_of_world_agent_episode_and_purpose():
 
 def test_delays_and_noise_are_of_each_agent():
     sensing = {"policy": {"delay": (0, 3), "noise": 0.1}}
-    from simwarp.tasks import replace_fields
-
     task = PairTask(replace_fields(PairConfig(action_delay=(0, 3)), {"sensing": sensing}), 40, seed=1)
     delays = task._sensors._lines["policy"].delay.view(40, 2)
     actions = task._path._line.delay.view(40, 2)
@@ -149,6 +151,25 @@ def test_a_saved_task_goes_on_exactly_with_the_same_agents_done():
         assert torch.equal(got.acting, wanted.acting)
         assert torch.equal(got.rewards, wanted.rewards)
         assert torch.equal(got.end_reason, wanted.end_reason)
+
+
+def test_a_dump_of_a_broken_world_repeats_what_its_agents_did(tmp_path):
+    task = make(f"{PAIR}:PairTask", 3, seed=2, guard_steps=50)
+    until_over(task, 1, worlds=[1])
+    for _ in range(4):
+        task.step(torch.full((3, 2, 1), 0.3))
+    task.views.joint_qd[1] = torch.nan
+    task.step(torch.zeros(3, 2, 1))
+    task.guard.notice()
+    report = replay(task.guard.write(tmp_path / "dump.npz"))
+    assert report.steps > 5
+    assert report.largest_difference == 0.0, "bit for bit, the rest of agent 1 included, until the state was broken"
+
+
+def test_a_task_prints_its_axis_of_agents():
+    text = repr(pair())
+    assert "policy (3, 2, 4) float32" in text
+    assert "(3, 2, 1)" in text
 
 
 def test_rows_are_those_of_worlds_agent_by_agent():
