@@ -21,15 +21,13 @@ from simwarp.kernels.soil.footprint import (
 )
 from simwarp.kernels.soil.law import Law, law_of
 from simwarp.kernels.soil.level import node_drop
-from simwarp.kernels.soil.pages import find_page
+from simwarp.kernels.soil.pages import find_page, slot_in
 from simwarp.kernels.soil.pressing import clear_world, take_pages_below
 from simwarp.kernels.soil.soil_tables import (
     K_C,
     LEAN_X,
     LEAN_Y,
-    PAGE_NODES,
     SHEAR,
-    SIDE,
     SINKAGE,
     YIELD,
     SoilNodes,
@@ -173,16 +171,16 @@ def imprint_shape(
 ):  # fmt: skip
     """Presses one shape in."""
     p = shape_pose(world, shape, 0.0, shapes, state)
-    foot = footprint_of(world, p, soil, assets)
+    foot = footprint_of(world, p, 0.0, soil, assets)
     deepest = float(0.0)
     if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
         copy = world_row(world, soil.parameter.shape[0])
         kind = soil_at(world, p.x, soil)
         inverse_b = float(0.0)
         if soil.parameter[copy, kind, K_C] != 0.0:
-            inverse_b = inverse_half_width(world, p, foot, soil, assets)
+            inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, shape, foot, 0.0, p, soil, shapes, state, assets)
+        crowded = meets_another(world, shape, foot, 0.0, p, 0.0, soil, shapes, state, assets)
         q = state.body_rot[world, shapes.body[shape]]
         force = to_float(wp.quat_rotate(q, to_double(force_b)))
         torque = to_float(wp.quat_rotate(q, to_double(torque_b)))
@@ -194,7 +192,7 @@ def imprint_shape(
                 if b.found == 1:
                     page = find_page(world, column >> 3, row >> 3, nodes)
                 if page >= 0:
-                    slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
+                    slot = slot_in(page, column, row)
                     # no more than springs back within its depth: a node without depth does not push
                     pressure = wp.min(imprinted_pressure(b, law, fit), law.elastic * b.sinkage)
                     nodes.node[world, slot, SINKAGE] = b.sinkage - pressure / law.elastic
@@ -260,7 +258,7 @@ def carried_by_fresh(
 ) -> float:  # fmt: skip
     """Vertical force that fresh soil bears under a shape at a pose [N]."""
     total = float(0.0)
-    foot = footprint_of(world, p, soil, assets)
+    foot = footprint_of(world, p, 0.0, soil, assets)
     for row in range(foot.y0, foot.y1 + 1):
         if foot.x0 <= foot.x1:
             for column in range(foot.x0, foot.x1 + 1):
@@ -306,7 +304,9 @@ def find_resting_shifts(
         p.x = centre + wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(middle))
         inverse_b = float(0.0)
         if soil.parameter[copy, kind, K_C] != 0.0:
-            inverse_b = inverse_half_width(world, p, footprint_of(world, p, soil, assets), soil, assets)
+            inverse_b = inverse_half_width(
+                world, p, footprint_of(world, p, 0.0, soil, assets), soil, assets, SoilNodes()
+            )
         if carried_by_fresh(world, p, law_of(copy, kind, inverse_b, soil.parameter), soil, assets) > load:
             low = middle
         else:

@@ -20,22 +20,21 @@ from simwarp.kernels.soil.footprint import (
     node_below,
     node_number,
     owns,
+    raised_node,
     shape_pose,
     soil_at,
     surface_above,
 )
 from simwarp.kernels.soil.law import Law, law_of, press
-from simwarp.kernels.soil.level import node_drop
-from simwarp.kernels.soil.pages import find_page, take_page
+from simwarp.kernels.soil.level import greatest_raise, node_drop
+from simwarp.kernels.soil.pages import find_page, slot_in, take_page
 from simwarp.kernels.soil.soil_tables import (
     BALL,
     CAPSULE,
     K_C,
     LEAN_X,
     LEAN_Y,
-    PAGE_NODES,
     SHEAR,
-    SIDE,
     SINKAGE,
     WHEEL,
     YIELD,
@@ -62,6 +61,7 @@ class ShapeSum:
     coupling: wp.mat33
     inertia: wp.mat33
     touched: int
+    sunk: float  # sum of what nodes' drops grew by [m]
 
 
 @wp.func
@@ -126,7 +126,9 @@ def press_node(
     """Moves the memory of a node on, and adds what it does to the shape."""
     s = total
     n = b.normal
-    before = press(b.sinkage, nodes.node[world, slot, SINKAGE], nodes.node[world, slot, YIELD], law)
+    plastic = nodes.node[world, slot, SINKAGE]
+    before = press(b.sinkage, plastic, nodes.node[world, slot, YIELD], law)
+    s.sunk += (before.plastic - plastic) / n[2]
     nodes.node[world, slot, SINKAGE] = before.plastic
     nodes.node[world, slot, YIELD] = before.limit
     touched = before.pressure > 0.0
@@ -189,8 +191,9 @@ def take_pages_below(
     something stands on is given away, whatever the order of the shapes.
     """
     missing = int(0)
+    lift = greatest_raise(world, nodes)
     for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), soil, assets)
+        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -202,7 +205,7 @@ def take_pages_below(
     if missing == 0:
         return
     for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), soil, assets)
+        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -260,7 +263,8 @@ def press_shapes(
     index, shape = wp.tid()
     world = worlds.first + index
     p = shape_pose(world, shape, dt, shapes, state)
-    foot = footprint_of(world, p, soil, assets)
+    lift = greatest_raise(world, nodes)
+    foot = footprint_of(world, p, lift, soil, assets)
     total = ShapeSum()
     sunk = float(0.0)
     deepest = nodes.deepest[world, shape]
@@ -269,9 +273,9 @@ def press_shapes(
         kind = soil_at(world, p.x, soil)
         inverse_b = float(0.0)
         if soil.parameter[copy, kind, K_C] != 0.0:
-            inverse_b = inverse_half_width(world, p, foot, soil, assets)
+            inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, shape, foot, dt, p, soil, shapes, state, assets)
+        crowded = meets_another(world, shape, foot, dt, p, lift, soil, shapes, state, assets)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
         page_x = int(0x7FFFFFFF)
@@ -281,23 +285,28 @@ def press_shapes(
             for column in range(foot.x0, foot.x1 + 1):
                 b = node_below(world, column, row, p, soil, assets)
                 # a node that the shape comes to within the step counts already
-                close = b.sinkage > -p.near
+                close = b.sinkage > -p.near - lift
                 if b.found == 1 and close:
                     if column >> 3 != page_x or row >> 3 != page_y:
                         page_x = column >> 3
                         page_y = row >> 3
                         page = find_page(world, page_x, page_y, nodes)
+                    if soil.pushed > 0.0 and page >= 0:
+                        b = raised_node(b, nodes.raised[world, slot_in(page, column, row)])
+                        close = b.sinkage > -p.near
                     area = soil.spacing * soil.spacing * b.share
                     mine = bool(True)
-                    if crowded:
+                    if crowded and close:
                         mine = owns(world, shape, column, row, b, dt, p, soil, shapes, state, assets)
-                    if page >= 0 and area > 0.0 and mine:
-                        slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
+                    if page >= 0 and area > 0.0 and mine and close:
+                        slot = slot_in(page, column, row)
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
                         deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))
                         if column == middle_x and row == middle_y:
-                            sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2]
+                            sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2] - b.raised
     nodes.deepest[world, shape] = deepest
+    if soil.pushed > 0.0:
+        nodes.pending[world, shape] = nodes.pending[world, shape] + soil.pushed * total.sunk
     reports.touched[world, shape] = total.touched
     reports.sinkage[world, shape] = sunk
     reports.before_v[world, shape] = p.v
@@ -394,6 +403,9 @@ def clear_world(world: int, nodes: SoilNodes):
     nodes.recycled[world] = 0
     for shape in range(nodes.deepest.shape[1]):
         nodes.deepest[world, shape] = 0.0
+    for shape in range(nodes.highest.shape[1]):
+        nodes.highest[world, shape] = 0.0
+        nodes.pending[world, shape] = 0.0
     for at in range(nodes.entry.shape[1]):
         nodes.entry[world, at] = 0
 
