@@ -72,7 +72,8 @@ def read_runs(arm: str, runs: Sequence[Path], grounds: Sequence[str], episodes: 
         seed = str(folder.load_config()["train_config"]["seed"])
         write_progress(folder, RESULTS / f"{arm}.{seed}.csv")
         made = json.loads((folder.path / PROVENANCE).read_text(encoding="utf-8"))
-        found[seed] = {**made, "reached": evaluate_run(run, grounds, episodes)}
+        about = {key: made[key] for key in ("started", "git", "versions")}
+        found[seed] = {**about, "reached": evaluate_run(run, grounds, episodes)}
     return found
 
 

@@ -14,14 +14,14 @@ from simwarp.core.readable import Readable, Row, plural
 from simwarp.core.types import ModelError, ShapeType, shown
 from simwarp.kernels.soil.imprint import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.kernels.soil.level import SoilCover, find_heights
-from simwarp.kernels.soil.pressing import clear_soil, press_shapes, report_shapes, take_pages
+from simwarp.kernels.soil.pressing import carry_bodies, clear_soil, press_shapes, report_shapes, take_pages
 from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
-from simwarp.soil.soil_checks import MOST_PAGES, check_ground, check_map, checked_pages
+from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_pages
 from simwarp.soil.soil_parameters import SoilSpec, soil_preset
 from simwarp.soil.soil_shapes import (
     SoilShape,
@@ -30,6 +30,7 @@ from simwarp.soil.soil_shapes import (
     narrowest_width,
     pages_at_a_time,
     shape_tables,
+    share_bodies,
 )
 from simwarp.vehicle.tires.tires import ground as plane
 
@@ -322,16 +323,20 @@ class Soil(Readable):
         Raises:
             ModelError: an element that comes later writes the forces of one of these bodies.
         """
-        self._shapes.adds.assign(_adds(self, simulation))
+        shared = share_bodies(self._shapes, self.model, self.shapes, _adds(self, simulation))
         self._imprinting = self._record_imprinting(simulation)
         inputs = [dt, self._tables, self._shapes, simulation.model.assets, simulation.state.arrays]
-        return [
+        control = simulation.control.arrays
+        launches = [
             simulation.shares.record(take_pages, inputs=inputs, outputs=[self._nodes]),
             simulation.shares.record(
-                press_shapes, len(self._carriers), inputs=inputs,
-                outputs=[self._nodes, self._reports, simulation.control.arrays],
+                press_shapes, len(self.shapes), inputs=inputs, outputs=[self._nodes, self._reports, control]
             ),
-        ]  # fmt: skip
+        ]
+        if shared:
+            summed = [self._shapes, self._reports]
+            launches.append(simulation.shares.record(carry_bodies, shared, inputs=summed, outputs=[control]))
+        return launches
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
         """The launch after a sub-step: what acted in it."""
@@ -357,15 +362,16 @@ def _checked_spacing(spacing: float, shapes: Sequence[SoilShape]) -> float:
     return float(spacing)
 
 
-def _adds(soil: Soil, simulation: StepContext) -> np.ndarray[Any, np.dtype[np.int32]]:
+def _adds(soil: Soil, simulation: StepContext) -> list[int]:
     """For each body with shapes: 0 the soil writes its entries first, 1 it adds to forces, 2 to blocks too."""
     place = next(k for k, part in enumerate(simulation.elements) if part is soil)
     bodies = soil.assigned_bodies
-    found = np.zeros(len(bodies), np.int32)
+    found = [0] * len(bodies)
     for k, part in enumerate(simulation.elements):
         shared = [at for at, body in enumerate(bodies) if body in getattr(part, "assigned_bodies", ())]
         if k < place:
-            found[shared] = np.maximum(found[shared], 2 if getattr(part, "implicit", False) else 1)
+            for at in shared:
+                found[at] = max(found[at], 2 if getattr(part, "implicit", False) else 1)
         elif k > place and shared and not isinstance(part, Soil):
             body = soil.model.body_names[bodies[shared[0]]]
             raise ModelError(

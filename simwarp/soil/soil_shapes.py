@@ -220,18 +220,11 @@ def shape_tables(model: Model, shapes: Sequence[SoilShape]) -> Any:
         for value in row.offset:
             finite_number("soil", "offset", float(value))
     bodies = [body_of(model, shape.body) for shape in shapes]
-    carriers = carriers_of(model, shapes)
-    members = [[k for k, body in enumerate(bodies) if body == carrier] for carrier in carriers]
     table: Any = ShapeTables()
 
-    def ints(values: Any) -> wp.array:
-        return wp.array(np.array(values, np.int32), dtype=int, device=device)
-
-    table.body, table.carrier = ints(bodies), ints(carriers)
-    table.kind = ints([row.kind for row in rows])
-    table.member_start = ints(np.cumsum([0, *map(len, members)]))
-    table.member = ints([k for each in members for k in each])
-    table.adds = wp.zeros(len(carriers), dtype=int, device=device)
+    table.body = _ints(bodies, device)
+    table.kind = _ints([row.kind for row in rows], device)
+    share_bodies(table, model, shapes, [0] * len(carriers_of(model, shapes)))
     for name in ("radius", "half_width", "crown"):
         setattr(table, name, wp.array([getattr(row, name) for row in rows], dtype=float, device=device))
     for name, values in (
@@ -242,6 +235,29 @@ def shape_tables(model: Model, shapes: Sequence[SoilShape]) -> Any:
     ):
         setattr(table, name, wp.array(np.array(values, np.float32), dtype=wp.vec3, device=device))
     return table
+
+
+def share_bodies(table: Any, model: Model, shapes: Sequence[SoilShape], adds: Sequence[int]) -> int:
+    """Tells the kernels which bodies get several sums; how many they are.
+
+    Args:
+        table: of the shapes.
+        model, shapes: those of the soil.
+        adds: of each of `carriers_of`: 1 where an element before the soil writes its forces, 2 its blocks too.
+    """
+    bodies = [body_of(model, shape.body) for shape in shapes]
+    of_body = {body: [k for k, other in enumerate(bodies) if other == body] for body in bodies}
+    shared = {body: add for body, add in zip(of_body, adds, strict=True) if add or len(of_body[body]) > 1}
+    members = [of_body[body] for body in shared]
+    table.alone = _ints([body not in shared for body in bodies], model.device)
+    table.shared, table.adds = _ints(list(shared), model.device), _ints(list(shared.values()), model.device)
+    table.member_start = _ints(np.cumsum([0, *map(len, members)]), model.device)
+    table.member = _ints([k for each in members for k in each], model.device)
+    return len(shared)
+
+
+def _ints(values: Any, device: Any) -> wp.array:
+    return wp.array(np.array(values, np.int32), dtype=int, device=device)
 
 
 def soil_shapes(model: Model, bodies: Sequence[int | str] | None = None) -> list[SoilShape]:

@@ -229,11 +229,36 @@ def take_pages(
 
 
 @wp.func
-def press_shape(
-    world: int, shape: int, dt: float, soil: SoilTables, shapes: SoilShapes, assets: Assets, state: StateArrays,
-    nodes: SoilNodes, reports: SoilReports,
-) -> ShapeSum:  # fmt: skip
-    """Force and block of one shape. Nodes are summed row by row."""
+def write_body(world: int, body: int, total: ShapeSum, control: ControlArrays):
+    """All that acts on a body from the elements so far."""
+    control.element_force[world, body] = total.force
+    control.element_torque[world, body] = total.moment
+    control.element_mass[world, body] = total.mass
+    control.element_coupling[world, body] = total.coupling
+    control.element_inertia[world, body] = total.inertia
+
+
+@wp.kernel
+def press_shapes(
+    # inputs
+    worlds: WorldRange,
+    dt: float,
+    soil: SoilTables,
+    shapes: SoilShapes,
+    assets: Assets,
+    state: StateArrays,
+    # in and out
+    nodes: SoilNodes,
+    # outputs
+    reports: SoilReports,
+    control: ControlArrays,
+):
+    """Force and block of each shape; dim (W, shapes). Nodes are summed row by row.
+
+    All in the kernel: a function of these arguments, which are kilobytes, costs 5 % where it is not inlined.
+    """
+    index, shape = wp.tid()
+    world = worlds.first + index
     p = shape_pose(world, shape, dt, shapes, state)
     foot = footprint_of(world, p, soil, assets)
     total = ShapeSum()
@@ -282,49 +307,48 @@ def press_shape(
     reports.mass[world, shape] = total.mass
     reports.coupling[world, shape] = total.coupling
     reports.inertia[world, shape] = total.inertia
-    return total
+    if shapes.alone[shape] == 1:
+        write_body(world, shapes.body[shape], total, control)
 
 
 @wp.kernel
-def press_shapes(
+def carry_bodies(
     # inputs
     worlds: WorldRange,
-    dt: float,
-    soil: SoilTables,
     shapes: SoilShapes,
-    assets: Assets,
-    state: StateArrays,
-    # in and out
-    nodes: SoilNodes,
-    # outputs
     reports: SoilReports,
+    # outputs
     control: ControlArrays,
 ):
-    """Forces and implicit blocks of all bodies with shapes; dim (W, bodies). A body's shapes are summed in order."""
-    index, carrier = wp.tid()
+    """Forces and implicit blocks of bodies with several shapes, or on which elements before the soil act; dim
+    (W, those). A body's shapes are summed in order.
+    """
+    index, at_body = wp.tid()
     world = worlds.first + index
-    body = shapes.carrier[carrier]
-    first = shapes.member_start[carrier]
-    total = press_shape(world, shapes.member[first], dt, soil, shapes, assets, state, nodes, reports)
-    for at in range(first + 1, shapes.member_start[carrier + 1]):
-        more = press_shape(world, shapes.member[at], dt, soil, shapes, assets, state, nodes, reports)
-        total.force += more.force
-        total.moment += more.moment
-        total.mass += more.mass
-        total.coupling += more.coupling
-        total.inertia += more.inertia
-    if shapes.adds[carrier] >= 1:
+    body = shapes.shared[at_body]
+    first = shapes.member_start[at_body]
+    shape = shapes.member[first]
+    total = ShapeSum()
+    total.force = reports.pushed[world, shape]
+    total.moment = reports.turned[world, shape]
+    total.mass = reports.mass[world, shape]
+    total.coupling = reports.coupling[world, shape]
+    total.inertia = reports.inertia[world, shape]
+    for at in range(first + 1, shapes.member_start[at_body + 1]):
+        shape = shapes.member[at]
+        total.force += reports.pushed[world, shape]
+        total.moment += reports.turned[world, shape]
+        total.mass += reports.mass[world, shape]
+        total.coupling += reports.coupling[world, shape]
+        total.inertia += reports.inertia[world, shape]
+    if shapes.adds[at_body] >= 1:
         total.force += control.element_force[world, body]
         total.moment += control.element_torque[world, body]
-    if shapes.adds[carrier] == 2:
+    if shapes.adds[at_body] == 2:
         total.mass += control.element_mass[world, body]
         total.coupling += control.element_coupling[world, body]
         total.inertia += control.element_inertia[world, body]
-    control.element_force[world, body] = total.force
-    control.element_torque[world, body] = total.moment
-    control.element_mass[world, body] = total.mass
-    control.element_coupling[world, body] = total.coupling
-    control.element_inertia[world, body] = total.inertia
+    write_body(world, body, total, control)
 
 
 @wp.kernel

@@ -63,7 +63,8 @@ class SoilShapes:
     half_width: wp.array[float]  # of a wheel; half the straight length of a capsule [m]
     crown: wp.array[float]  # radius of a wheel's tread across [m]; 0: it is flat
     half: wp.array[wp.vec3]  # of a box [m]
-    carrier: wp.array[int]  # bodies that have shapes, in the order of their first one
+    alone: wp.array[int]  # 1: nothing else that the soil or an element before it does acts on the body
+    shared: wp.array[int]  # the other bodies that have shapes
     member_start: wp.array[int]  # CSR over them
     member: wp.array[int]  # their shapes
     adds: wp.array[int]  # 1 where another element writes the forces of such a body first, 2: its blocks too
