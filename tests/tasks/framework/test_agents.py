@@ -11,6 +11,7 @@ import torch
 from simwarp.tasks import InputError, TaskError, make, replace_fields
 from simwarp.tasks.framework.replay import replay
 from simwarp.tasks.framework.rows import Rows
+from simwarp.tasks.framework.step_check import check_step
 from simwarp.train import TrainConfig
 from simwarp.train.algorithm.acting_rows import ActingRows
 from simwarp.train.algorithm.trainer import Trainer
@@ -168,6 +169,10 @@ def test_a_dump_of_a_broken_world_repeats_what_its_agents_did(tmp_path):
     report = replay(task.guard.write(tmp_path / "dump.npz"))
     assert report.steps > 5
     assert report.largest_difference == 0.0, "bit for bit, the rest of agent 1 included, until the state was broken"
+
+
+def test_a_control_step_of_agents_fits_into_one_graph():
+    assert check_step(pair()).problems() == []
 
 
 def test_a_task_prints_its_axis_of_agents():
