@@ -432,6 +432,7 @@ def _nodes(worlds: int, pages: int, shapes: int, bulldozing: bool, device: Any) 
     nodes.entry = wp.zeros((worlds, 1 << (2 * pages - 1).bit_length()), dtype=int, device=device)
     for name in ("count", "step", "recycled"):
         setattr(nodes, name, wp.zeros(worlds, dtype=int, device=device))
+    nodes.foot = wp.zeros((worlds, shapes), dtype=wp.vec4i, device=device)
     nodes.deepest = wp.zeros((worlds, shapes), dtype=float, device=device)
     nodes.raised = wp.zeros((worlds, pages * PAGE_NODES * bulldozing), dtype=float, device=device)
     for name in ("highest", "pending"):

@@ -16,6 +16,8 @@ from simwarp.kernels.soil.footprint import (
     Pose,
     footprint_of,
     inverse_half_width,
+    keep_footprint,
+    kept_footprint,
     meets_another,
     node_below,
     node_number,
@@ -194,6 +196,7 @@ def take_pages_below(
     lift = greatest_raise(world, nodes)
     for shape in range(shapes.body.shape[0]):
         foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
+        keep_footprint(world, shape, foot, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -205,7 +208,7 @@ def take_pages_below(
     if missing == 0:
         return
     for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
+        foot = kept_footprint(world, shape, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -264,7 +267,7 @@ def press_shapes(
     world = worlds.first + index
     p = shape_pose(world, shape, dt, shapes, state)
     lift = greatest_raise(world, nodes)
-    foot = footprint_of(world, p, lift, soil, assets)
+    foot = kept_footprint(world, shape, nodes)
     total = ShapeSum()
     sunk = float(0.0)
     deepest = nodes.deepest[world, shape]
@@ -275,7 +278,7 @@ def press_shapes(
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, shape, foot, dt, p, lift, soil, shapes, state, assets)
+        crowded = meets_another(world, shape, foot, nodes)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
         page_x = int(0x7FFFFFFF)
@@ -297,7 +300,7 @@ def press_shapes(
                     area = soil.spacing * soil.spacing * b.share
                     mine = bool(True)
                     if crowded and close:
-                        mine = owns(world, shape, column, row, b, dt, p, soil, shapes, state, assets)
+                        mine = owns(world, shape, column, row, b, dt, soil, shapes, state, assets, nodes)
                     if page >= 0 and area > 0.0 and mine and close:
                         slot = slot_in(page, column, row)
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
