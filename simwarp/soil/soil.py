@@ -129,7 +129,7 @@ class Soil(Readable):
         tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         self._shapes = shape_tables(model, self.shapes)
         self._carriers = carriers_of(model, self.shapes)
-        self.bulldozing = bulldozing
+        self.bulldozing = _checked_bulldozing(bulldozing)
         self._flow = None if bulldozing is None else SoilFlow(bulldozing, self.shapes, self.spacing)
         tables.pushed = 0.0 if bulldozing is None else bulldozing.flow
         self._nodes = _nodes(worlds, self.pages, len(self.shapes), bulldozing is not None, device)
@@ -406,6 +406,12 @@ def _checked_memory(memory: Any) -> ShearMemory:
     except ValueError:
         names = " or ".join(each.value for each in ShearMemory)
         raise ModelError(f"soil: shear_memory must be {names}, got {shown(memory)}; scalar is Chrono's") from None
+
+
+def _checked_bulldozing(bulldozing: Any) -> Bulldozing | None:
+    if bulldozing is None or isinstance(bulldozing, Bulldozing):
+        return bulldozing
+    raise ModelError(f"soil: bulldozing must be a Bulldozing or None, got {shown(bulldozing)}; Bulldozing() is usual")
 
 
 def _checked_points(points: Any, model: Model) -> wp.array:

@@ -53,6 +53,12 @@ class Footprint:
 
 
 @wp.func
+def holds(foot: Footprint, column: int, row: int) -> bool:
+    """True where a node is in a footprint."""
+    return column >= foot.x0 and column <= foot.x1 and row >= foot.y0 and row <= foot.y1
+
+
+@wp.func
 def turned(axis: wp.vec3, angle: wp.vec3) -> wp.vec3:
     """A unit vector turned by a small angle, to second order: the soil is so stiff that micrometres count."""
     first = wp.cross(angle, axis)
@@ -246,9 +252,10 @@ def node_below(world: int, column: int, row: int, p: Pose, soil: SoilTables, ass
 def raised_node(below: Below, raised: float) -> Below:
     """A node whose ground was raised [m]."""
     b = below
-    b.raised = raised
-    b.height += raised
-    b.sinkage = b.normal[2] * (b.height - b.low)
+    if raised != 0.0:
+        b.raised = raised
+        b.height += raised
+        b.sinkage = b.normal[2] * (b.height - b.low)
     return b
 
 
@@ -354,7 +361,7 @@ def owns(
         f = kept_footprint(world, other, nodes)
         if other != shape and f.x0 <= column and column <= f.x1 and f.y0 <= row and row <= f.y1:
             p = shape_pose(world, other, dt, shapes, state)
-            theirs = node_below(world, column, row, p, soil, assets).sinkage
+            theirs = raised_node(node_below(world, column, row, p, soil, assets), b.raised).sinkage
             if theirs > 0.0 and (theirs > b.sinkage or (theirs == b.sinkage and other < shape)):
                 mine = False
     return mine

@@ -15,6 +15,7 @@ from simwarp.kernels.soil.footprint import (
     Below,
     Pose,
     footprint_of,
+    holds,
     inverse_half_width,
     keep_footprint,
     kept_footprint,
@@ -281,32 +282,34 @@ def press_shapes(
         crowded = meets_another(world, shape, foot, nodes)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
-        page_x = int(0x7FFFFFFF)
-        page_y = int(0)
-        page = int(-1)
+        level = foot
+        if lift > 0.0:
+            level = footprint_of(world, p, 0.0, soil, assets)  # beyond it only nodes that were raised are met
         for row in range(foot.y0, foot.y1 + 1):
+            page_x = int(0x7FFFFFFF)
+            page = int(-1)
             for column in range(foot.x0, foot.x1 + 1):
-                b = node_below(world, column, row, p, soil, assets)
-                # a node that the shape comes to within the step counts already
-                close = b.sinkage > -p.near - lift
-                if b.found == 1 and close:
-                    if column >> 3 != page_x or row >> 3 != page_y:
-                        page_x = column >> 3
-                        page_y = row >> 3
-                        page = find_page(world, page_x, page_y, nodes)
-                    if soil.pushed > 0.0 and page >= 0:
-                        b = raised_node(b, nodes.raised[world, slot_in(page, column, row)])
-                        close = b.sinkage > -p.near
+                if column >> 3 != page_x:
+                    page_x = column >> 3
+                    page = find_page(world, page_x, row >> 3, nodes)
+                slot = slot_in(page, column, row)
+                raised = float(0.0)
+                tested = page >= 0
+                if lift > 0.0 and tested:
+                    raised = nodes.raised[world, slot]
+                    tested = raised > 0.0 or holds(level, column, row)
+                if tested:
+                    b = raised_node(node_below(world, column, row, p, soil, assets), raised)
                     area = soil.spacing * soil.spacing * b.share
-                    mine = bool(True)
-                    if crowded and close:
+                    # a node that the shape comes to within the step counts already
+                    mine = b.found == 1 and b.sinkage > -p.near and area > 0.0
+                    if crowded and mine:
                         mine = owns(world, shape, column, row, b, dt, soil, shapes, state, assets, nodes)
-                    if page >= 0 and area > 0.0 and mine and close:
-                        slot = slot_in(page, column, row)
+                    if mine:
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
                         deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))
                         if column == middle_x and row == middle_y:
-                            sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2] - b.raised
+                            sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2] - raised
     nodes.deepest[world, shape] = deepest
     if soil.pushed > 0.0:
         nodes.pending[world, shape] = nodes.pending[world, shape] + soil.pushed * total.sunk
