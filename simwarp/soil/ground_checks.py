@@ -31,6 +31,9 @@ def checked_pages(pages: Any, spacing: float, least: int) -> int:
     Raises:
         ModelError: they are too few or no whole number.
     """
+    if least > MOST_PAGES:
+        most = f"at most {MOST_PAGES} pages may lie below the shapes"
+        raise ModelError(f"soil: spacing must be so wide that {most}, got {spacing:.4g} m, {least}; 0.05 suits cars")
     remedy = f"so many of {spacing * SIDE:.3g} m may lie below the shapes; raise it, or the spacing"
     return whole_number("soil", "pages", pages, least, MOST_PAGES, remedy)
 
