@@ -61,14 +61,15 @@ class Runs:
         ground: name of one of `GROUNDS`.
         first: number of the first run.
         count: of them.
+        options: further fields of the task's configuration.
     """
 
-    def __init__(self, model: str, ground: str, first: int, count: int) -> None:
+    def __init__(self, model: str, ground: str, first: int, count: int, **options: Any) -> None:
         self.first, self.count = first, count
         self.task: Any = make(
             "convoy", count, seed=SEED, first_world=first, obs="state", leaders="simulated", leading=1,
             followers=FOLLOWERS, generated=True, generated_paths=PATHS, latest_start=0.0, full=model == "full",
-            soil=GROUNDS[ground],
+            soil=GROUNDS[ground], **options,
         )  # fmt: skip
         self.task.keep_final_observations = False
         self.task.before_reset = self._look
@@ -209,11 +210,31 @@ def numbers_of(models: Sequence[str], grounds: Sequence[str]) -> dict[str, Any]:
     return found
 
 
+def paired(model: str, quantity: str) -> list[Row]:
+    """Return the differences of each ground from rigid ground, run by run: mean and 95 % interval of each vehicle.
+
+    Args:
+        model: reduced or full.
+        quantity: name of a column.
+    """
+    found = []
+    rows = {
+        ground: {(row["run"], row["vehicle"]): row for row in read_rows(path_of(model, ground))} for ground in GROUNDS
+    }
+    for ground in ("hard", "soft"):
+        for vehicle in range(FOLLOWERS + 1):
+            both = [key for key in rows[ground].keys() & rows["rigid"].keys() if key[1] == vehicle]
+            if both:
+                change = [rows[ground][key][quantity] - rows["rigid"][key][quantity] for key in sorted(both)]
+                about = {"model": model, "ground": ground, "vehicle": vehicle, "runs": len(both)}
+                found.append({**about, **mean_interval(change)})
+    return found
+
+
 def table(numbers: dict[str, Any]) -> str:
     """Return the numbers as a table in Markdown."""
     lines = [
-        "| model | ground | vehicle | runs | touches | lost | off the path over time [m] | over its way [m] | reached [m] "
-        "| failed first |",
+        "| model | ground | vehicle | runs | touches | lost | off the path [m] | by way | reached [m] | failed first |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
 
@@ -280,6 +301,12 @@ def main() -> None:
     if numbers:
         NUMBERS.write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
         print(table(numbers))
+        for model in numbers:
+            for quantity in ("deviation", "by_way"):
+                for each in paired(model, quantity):
+                    what = f"{model} {quantity} of vehicle {each['vehicle']}, {each['ground']} less rigid"
+                    interval = f"{each['mean']:+.3f} ({each['low']:+.3f} to {each['high']:+.3f}) m"
+                    print(f"{what}: {interval}, {each['runs']} runs")
         draw(numbers, PICTURE)
 
 

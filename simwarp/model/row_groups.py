@@ -2,7 +2,7 @@
 
 Vehicles that stand in one world share no joint. Their rows are ordered group by group, so that kernels factorise and
 solve one block after the other, and everything grows by the number of vehicles instead of its square or cube. Groups,
-and trees that no row reaches, are the units that contacts join to islands (`simwarp/kernels/dynamics/islands.py`).
+and trees that no row reaches, are the units that contacts join to islands (`simwarp/kernels/cones/islands.py`).
 """
 
 from __future__ import annotations

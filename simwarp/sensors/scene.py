@@ -26,6 +26,7 @@ from simwarp.model.model import Model
 from simwarp.model.shapes import checked_size, loaded_mesh
 from simwarp.sensors.cameras.appearance import AppearanceList, Texture
 from simwarp.sensors.interface import wanted_arrays
+from simwarp.sensors.soil_ground import ground_instance
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.state import State
 
@@ -436,9 +437,10 @@ class Scene(Readable):
             ModelError: the soil is of another model or on a mesh; no or several instances are its ground; or a soil
                 covers the scene already.
         """
-        from simwarp.sensors.soil_ground import ground_instance
-
-        instance = ground_instance(self, soil, ground)
+        shapes = [each.kind for each in self.visuals.instances]
+        instance = ground_instance(
+            soil, ground, model=self.model, names=self.names, kinds=shapes, bodies=self.body
+        )  # fmt: skip
         if self._view is not None:
             raise ModelError("scene: cover_with takes one soil, got a second; give both vehicles' wheels to one Soil")
         kinds = self._constants["kind"].numpy()

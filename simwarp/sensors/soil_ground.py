@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from simwarp.core.types import WORLD, ModelError, ShapeType
 
 if TYPE_CHECKING:
-    from simwarp.sensors.scene import Scene
+    from simwarp.model.model import Model
     from simwarp.soil.soil import Soil
 
 TITLES: Final = {ShapeType.PLANE: "plane", ShapeType.HEIGHT_FIELD: "height field"}
 
 
-def ground_instance(scene: Scene, soil: Soil, ground: int | str | None) -> int:
+def ground_instance(
+    soil: Soil, ground: int | str | None, *, model: Model, names: Sequence[str], kinds: Any, bodies: Any
+) -> int:
     """Index of the instance that shows the undeformed ground of a soil.
+
+    Args:
+        soil: that covers the scene.
+        ground: name or index of the instance; None: the only one of its kind on WORLD.
+        model: of the scene.
+        names, kinds, bodies: of all instances; kinds are those of shapes.
 
     Raises:
         ModelError: see `Scene.cover_with`.
     """
-    if soil.model is not scene.model:
+    if soil.model is not model:
         raise ModelError("scene: cover_with must get a soil of the scene's model, got that of another; pass its own")
     kind = ShapeType(soil.cover.terrain.kind)
     if kind not in TITLES:
@@ -29,20 +38,20 @@ def ground_instance(scene: Scene, soil: Soil, ground: int | str | None) -> int:
             f"scene: the soil's ground must be a plane or a height field to be seen, got a {kind.name.lower()}; "
             "simwarp.vehicle.ground makes one of a height field"
         )
-    kinds = np.array([instance.kind for instance in scene.visuals.instances], np.int64)
-    found = [int(index) for index in np.flatnonzero((scene.body == WORLD) & (kinds == int(kind)))]
+    fitting = (np.asarray(bodies) == WORLD) & (np.asarray(kinds) == int(kind))
+    found = [int(index) for index in np.flatnonzero(fitting)]
     if ground is None:
         if len(found) != 1:
-            names = ", ".join(scene.names[index] for index in found) or "none"
+            many = ", ".join(names[index] for index in found) or "none"
             raise ModelError(
-                f"scene: cover_with must know which {TITLES[kind]} on WORLD is the soil's ground, got {names}; "
+                f"scene: cover_with must know which {TITLES[kind]} on WORLD is the soil's ground, got {many}; "
                 "add it to the visuals, or name one with ground="
             )
         return found[0]
-    index = scene.instance(ground) if isinstance(ground, str) else int(ground)
+    index = names.index(ground) if ground in names else int(ground) if isinstance(ground, int) else -1
     if index not in found:
         raise ModelError(
             f"scene: ground of cover_with must be a {TITLES[kind]} on WORLD, got "
-            f"{scene.names[index] if 0 <= index < len(scene.names) else index}; name that of the soil"
+            f"{names[index] if 0 <= index < len(names) else ground}; name that of the soil"
         )
     return index

@@ -11,9 +11,9 @@ from simwarp.core.types import ConeSolver
 from simwarp.kernels.cones.solve import FALLBACK
 from simwarp.kernels.core.tables import StepConfig
 from simwarp.kernels.dynamics.solve_parts import (
-    newton_worlds,
+    newton_worlds_kernel,
     proximal_worlds_kernel,
-    refine_worlds,
+    refine_worlds_kernel,
     solve_worlds_kernel,
 )
 from simwarp.kernels.dynamics.step_parts import (
@@ -91,20 +91,26 @@ def _solves(arrays: StepArrays) -> list[tuple[Any, ...]]:
     """Kernels of the cone problem that may be needed, with their first inputs."""
     model = (arrays.config, arrays.topology)
     solver = ConeSolver(arrays.config.solver)
+    several = arrays.topology.unit_count > 1
+    newton, refine = newton_worlds_kernel(several=several), refine_worlds_kernel(several=several)
     commands: list[tuple[Any, ...]] = []
     if solver in (ConeSolver.PADMM, ConeSolver.INTERIOR_POINT):  # which cannot solve all
         stand_in = (_stand_in(arrays.config), arrays.topology)
-        commands.append((solve_worlds_kernel(solver, True), *stand_in))
+        commands.append((solve_worlds_kernel(solver, True, several=several), *stand_in))
         if arrays.newton:
-            commands += [(proximal_worlds_kernel(solver, True, rest), *stand_in) for rest in (False, True)]
+            commands += [
+                (proximal_worlds_kernel(solver, True, rest, several=several), *stand_in) for rest in (False, True)
+            ]
     if solver == ConeSolver.INTERIOR_POINT:
-        commands += [(newton_worlds, *model, 0), (refine_worlds, *model, 0)]
+        commands += [(newton, *model, 0), (refine, *model, 0)]
     else:
-        commands.append((solve_worlds_kernel(solver), *model))
+        commands.append((solve_worlds_kernel(solver, several=several), *model))
         if solver == ConeSolver.APGD and arrays.newton:
-            commands += [(proximal_worlds_kernel(solver, False, rest), *model) for rest in (False, True)]
+            commands += [
+                (proximal_worlds_kernel(solver, False, rest, several=several), *model) for rest in (False, True)
+            ]
     if arrays.all_solvers:
-        commands += [(newton_worlds, *model, 1), (refine_worlds, *model, 1)]
+        commands += [(newton, *model, 1), (refine, *model, 1)]
     return commands
 
 

@@ -8,6 +8,7 @@ import torch
 
 from simwarp.core.readable import Names, Readable, Row, array_text, plural
 
+from .agents import lead_of
 from .config import TaskConfig
 
 
@@ -31,7 +32,7 @@ class PrintedTask(Readable):
     def _printed_rows(self) -> dict[str, Row]:
         config: TaskConfig = self.config
         groups = [
-            f"{name} {(self.num_worlds, *shape)} {str(self.observation_dtypes[name]).rpartition('.')[2]}"
+            f"{name} {(*lead_of(self), *shape)} {str(self.observation_dtypes[name]).rpartition('.')[2]}"
             for name, shape in self.observation_shapes.items()
         ]
         steps = config.decimation if self.simulation is not None else 1

@@ -148,7 +148,7 @@ def test_what_is_refused_is_dropped_on_request(folder, capfd):
         (("cart.xml", "--picture", "gone/cart.png"), "folder gone does not exist"),
         (("cart.xml", "--save", "cart.xml"), "--save would overwrite 'cart.xml'"),
         (("model.json",), "format: must be 'simwarp model'"),
-        (("cart.xml", "--pictures", "a.png"), "did you mean --picture or --packages?"),
+        (("cart.xml", "--pictures", "a.png"), "did you mean --picture?"),
     ],
 )
 def test_mistakes_get_one_line(folder, capfd, arguments, message):

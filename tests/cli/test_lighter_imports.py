@@ -21,7 +21,8 @@ def said(*arguments: str, **variables: str) -> tuple[int, str, str]:
 COMMANDS = (
     "list", "train --help", "train ant --help", "train off-road --help --obs camera",
     "sweep ant --help", "play hexapod --help", "eval convoy --help", "view hallway --help",
-    "drive hmmwv --help", "bench ant --help", "export --help", "import --help", "verify --help", "record ant --task.dt x --help", "train nothing --help",
+    "drive hmmwv --help", "bench ant --help", "export --help", "import --help",
+    "verify --help", "record ant --task.dt x --help", "train nothing --help",
 )  # fmt: skip
 
 

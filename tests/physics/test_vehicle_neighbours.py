@@ -103,7 +103,7 @@ def on_rigid_tires(numbers: tuple[int, ...]) -> tuple[dict[int, dict[str, np.nda
     track = []
     for _ in range(50):
         sim.advance(10)
-        track.append(sim.state.body_x.numpy()[0])
+        track.append(sim.state.body_x.numpy()[0].copy())
     state, found = sim.state, {}
     for number in numbers:
         bodies = [k for k, name in enumerate(model.body_names) if name.startswith(f"v{number}_")]

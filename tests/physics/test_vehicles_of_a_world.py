@@ -14,6 +14,9 @@ from simwarp.scenery import add_vehicle_visual, convoy_visuals
 from simwarp.sensors.scene import Visuals
 from simwarp.vehicle import (
     VEHICLE_SOLVER,
+    PathTracker,
+    PathTrackingSpec,
+    Recorder,
     ScriptedDriver,
     ScriptSpec,
     SpecError,
@@ -22,12 +25,14 @@ from simwarp.vehicle import (
     add_chassis_box,
     add_payload,
     add_vehicle,
+    circle,
     maneuver,
     per_world,
     place_vehicle,
     set_up_convoy,
     with_options,
 )
+from simwarp.vehicle.results.channels import COLUMNS
 from tests.physics.sample_vehicles import shipped
 
 FULL = ScriptSpec(throttle=((0.0, 1.0),))
@@ -134,6 +139,43 @@ def test_names_take_the_prefix():
     for each in parts:
         add_vehicle_visual(visuals, each, like="hmmwv")
     assert {"v0_body", "v1_body", "v1_wheel_3"} < {instance.name for instance in visuals.instances}
+
+
+def recorded(*, as_one: bool) -> np.ndarray:
+    """Rows of the second of two vehicles, which follows a circle while torch works the pedals of the first."""
+    spec, builder = shipped("hmmwv-reduced"), ModelBuilder()
+    parts = [
+        add_vehicle(
+            builder, spec, at=sw.pose((0.0, 30.0 * k, spec.start_height)), prefix=f"v{k}_", speed=6.0
+        )
+        for k in (0, 1)
+    ]  # fmt: skip
+    model = builder.finalize(2, "cpu", per_world=per_world())
+    acting: Any = [Vehicle(each, model) for each in parts]
+    if as_one:
+        acting = Vehicles(parts, model)
+    follow = PathTrackingSpec(paths=(circle(20.0),), speed=6.0)
+    tracker = PathTracker(acting[1], follow)
+    sim = sw.Simulation(
+        model, 2.0e-3, elements=[tracker, *([acting] if as_one else acting)], solver=VEHICLE_SOLVER
+    )  # fmt: skip
+    sw.to_torch(acting[0].input)[:, 1] = 0.7
+    place_vehicle(sim, acting[1], (0.0, 0.0))
+    place_vehicle(sim, acting[0], (0.0, 60.0))
+    rows = [Recorder(sim, vehicle, slice(0, 2)) for vehicle in acting]
+    for _ in range(4):
+        sim.step(100)
+        for each in rows:
+            each.sample()
+    return np.stack([each.table() for each in rows])
+
+
+def test_drivers_recorders_and_torch_take_one_of_several():
+    found = recorded(as_one=True)
+    assert np.array_equal(found, recorded(as_one=False))
+    steer = found[1, -1, :, COLUMNS.index("steer")]
+    assert (np.abs(steer) > 0.01).all()
+    assert (found[0, -1, :, COLUMNS.index("throttle")] == np.float32(0.7)).all()
 
 
 def test_equal_prefixes_are_refused():

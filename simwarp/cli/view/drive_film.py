@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from PIL import Image
 
 from simwarp.cli import UsageError
-from simwarp.cli.view.maneuver_view import maneuver_subject
+from simwarp.cli.view.maneuver_scene import maneuver_scene
 from simwarp.core.files import write_file
 from simwarp.sensors.cameras.lights import Lighting, Sun
 from simwarp.vehicle.results.runs import Progress, Setup
@@ -58,10 +58,9 @@ class DriveFilm:
 
     def __init__(self, setup: Setup, path: Path) -> None:
         self.path = path
-        subject = maneuver_subject(setup, setup.maneuver.name)
         shot = Shot(body=setup.vehicle.parts.chassis, target=TARGET, eye=EYE, fov=0.9, turns=True)
         self._camera = FollowCamera(
-            setup.simulation, subject.scene, shot, width=SIZE[0], height=SIZE[1],
+            setup.simulation, maneuver_scene(setup), shot, width=SIZE[0], height=SIZE[1],
             lighting=Lighting(suns=(Sun(direction=SUN),), shadow_reach=30.0, fog_density=0.004),
         )  # fmt: skip
         self._start = setup.maneuver.start

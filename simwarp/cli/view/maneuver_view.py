@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Final
 
-import numpy as np
-
-from simwarp.core.types import WORLD, ModelError, pose
-from simwarp.model.builder import ModelBuilder
-from simwarp.scenery.textures import TEXTURES, ground_texture
-from simwarp.sensors.cameras.appearance import ImageTexture
-from simwarp.sensors.scene import PlainAppearanceOptions, Visuals
-from simwarp.soil.soil import Soil
+from simwarp.cli.view.maneuver_scene import maneuver_scene
+from simwarp.core.types import ModelError
 from simwarp.vehicle.results.runs import SAMPLE_TIME, Progress, Setup
 from simwarp.viewer.live.live_view import LiveView
 from simwarp.viewer.live.pacing import Pace
@@ -29,35 +22,13 @@ REST: Final = 1.0 / 30.0
 
 def maneuver_subject(setup: Setup, name: str) -> Subject:
     """A manoeuvre's simulation with the vehicle's body and its ground, as a subject that the manoeuvre moves on."""
-    from simwarp.cli.view.vehicle_subject import show_body
-    from simwarp.viewer.default_appearance import paint
-
-    simulation, parts = setup.simulation, setup.vehicle.parts
-    soil = next((each for each in simulation.elements if isinstance(each, Soil)), None)
-    builder = simulation.model.builder
-    assert isinstance(builder, ModelBuilder)
-    visuals = Visuals(builder)
-    show_body(visuals, parts)
-    if not any(instance.body == WORLD for instance in visuals.instances):
-        lean = -0.5 * math.atan(setup.maneuver.slope)
-        turn = np.array([0.0, math.sin(lean), 0.0, math.cos(lean)])
-        look: PlainAppearanceOptions = {}
-        if soil is not None:
-            image = ground_texture("sand", pixels=512)
-            look = {"texture": visuals.texture(ImageTexture(image=image, metres=(TEXTURES["sand"],) * 2))}
-        color = (0.36, 0.37, 0.38) if soil is None else (0.75, 0.68, 0.6)
-        visuals.add_plane(name="ground", pose=pose(rotation=turn), color=color, **look)
-    paint(visuals, tile=5.0)
-    scene = visuals.finalize(simulation.model)
-    if soil is not None:
-        scene.cover_with(soil)
 
     def refuse(mask: Mask | None) -> None:
         raise ModelError("drive: a manoeuvre cannot begin again, for its record would jump; start it anew")
 
-    shot = Shot(body=parts.chassis, target=(0.0, 0.0, 0.3), eye=(-7.0, -5.0, 3.2))
+    shot = Shot(body=setup.vehicle.parts.chassis, target=(0.0, 0.0, 0.3), eye=(-7.0, -5.0, 3.2))
     return Subject(
-        name, simulation, scene, SAMPLE_TIME, lambda: None, refuse, shot,
+        name, setup.simulation, maneuver_scene(setup), SAMPLE_TIME, lambda: None, refuse, shot,
         elements={"vehicle": setup.vehicle},
     )  # fmt: skip
 

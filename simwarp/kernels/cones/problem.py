@@ -79,7 +79,7 @@ class ConeScratch(ScratchGroup, prefix="cone_"):
     factor = scratch_array(wp.float32, "factor_rows", "factor_rows")  # of solvers that factorise
     wide = scratch_array(wp.float64, "wide_vectors", "wide_rows")  # of the same
 
-    # islands of the world (dynamics/islands.py), at most one for each unit
+    # islands of the world (cones/islands.py), at most one for each unit
     unit_island = scratch_array(wp.int32, "units")  # -1: no block moves the unit
     island_block = scratch_array(wp.int32, "unit_ends")  # CSR over islands
     island_dof = scratch_array(wp.int32, "unit_ends")  # the same, of tree degrees of freedom

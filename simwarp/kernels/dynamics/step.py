@@ -3,6 +3,7 @@
 import warp as wp
 
 from simwarp.core.types import WorldStatus
+from simwarp.kernels.cones.islands import leave_islands
 from simwarp.kernels.cones.problem import ConeConfig, ConeProblem
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, StateArrays
 from simwarp.kernels.core.spatial import matrix_to_float
@@ -31,7 +32,6 @@ from simwarp.kernels.dynamics.box_constraints import collect_boxes
 from simwarp.kernels.dynamics.cone_rows import apply_cones
 from simwarp.kernels.dynamics.contact_rows import collect_contacts, publish_contacts
 from simwarp.kernels.dynamics.dense_rows import factor_rows, solve_group
-from simwarp.kernels.dynamics.islands import leave_islands
 from simwarp.kernels.dynamics.joints import FREE, SHAFT, link_geometry
 from simwarp.kernels.dynamics.smooth import RIGID, apply_smooth_contacts
 from simwarp.kernels.dynamics.tree import backward_pass, factor_tree, forward_pass

@@ -9,6 +9,7 @@ from typing import Any
 import warp as wp
 
 from simwarp.core.types import ArrayLayout
+from simwarp.kernels.cones.islands import enter_islands, world_report
 from simwarp.kernels.cones.problem import SolveReport
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
 from simwarp.kernels.core.tables import StepConfig, Topology
@@ -17,7 +18,6 @@ from simwarp.kernels.dynamics.accelerations import keep_changes, record_accelera
 from simwarp.kernels.dynamics.bilateral_rows import combination_laws, loop_row_law, loop_row_wrenches
 from simwarp.kernels.dynamics.bodies import load_poses, publish_coordinates, publish_motion, total_velocities
 from simwarp.kernels.dynamics.contact_rows import list_contacts, settle_contacts, walk_contacts
-from simwarp.kernels.dynamics.islands import enter_islands, world_report
 from simwarp.kernels.dynamics.joints import joint_frames
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions

@@ -12,6 +12,7 @@ import warp as wp
 
 from simwarp.core.types import ArrayLayout
 from simwarp.kernels.cones.apgd import solve_apgd
+from simwarp.kernels.cones.islands import enter_islands, island_problem, worse
 from simwarp.kernels.cones.problem import ConeConfig, ConeProblem, ConeScratch, SolveReport
 from simwarp.kernels.cones.solve import solve_with_fallback
 from simwarp.kernels.core.fields import ContactArrays, ControlArrays, Parameters, Reports, StateArrays
@@ -30,7 +31,6 @@ from simwarp.kernels.dynamics.assembly import assemble_world, measure_world
 from simwarp.kernels.dynamics.bodies import load_poses, total_velocities
 from simwarp.kernels.dynamics.cone_rows import assemble_dense
 from simwarp.kernels.dynamics.dense_rows import padded
-from simwarp.kernels.dynamics.islands import enter_islands, island_problem, worse
 from simwarp.kernels.dynamics.position_projection import project_positions
 from simwarp.kernels.dynamics.reactions import record_reactions
 from simwarp.kernels.dynamics.step import (

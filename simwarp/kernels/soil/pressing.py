@@ -16,26 +16,27 @@ from simwarp.kernels.soil.footprint import (
     Pose,
     footprint_of,
     inverse_half_width,
+    keep_footprint,
+    kept_footprint,
     meets_another,
     node_below,
     node_number,
     owns,
+    raised_node,
     shape_pose,
     soil_at,
     surface_above,
 )
 from simwarp.kernels.soil.law import Law, law_of, press
-from simwarp.kernels.soil.level import node_drop
-from simwarp.kernels.soil.pages import find_page, take_page
+from simwarp.kernels.soil.level import greatest_raise, node_drop
+from simwarp.kernels.soil.pages import find_page, slot_in, take_page
 from simwarp.kernels.soil.soil_tables import (
     BALL,
     CAPSULE,
     K_C,
     LEAN_X,
     LEAN_Y,
-    PAGE_NODES,
     SHEAR,
-    SIDE,
     SINKAGE,
     WHEEL,
     YIELD,
@@ -62,6 +63,7 @@ class ShapeSum:
     coupling: wp.mat33
     inertia: wp.mat33
     touched: int
+    sunk: float  # sum of what nodes' drops grew by [m]
 
 
 @wp.func
@@ -126,7 +128,9 @@ def press_node(
     """Moves the memory of a node on, and adds what it does to the shape."""
     s = total
     n = b.normal
-    before = press(b.sinkage, nodes.node[world, slot, SINKAGE], nodes.node[world, slot, YIELD], law)
+    plastic = nodes.node[world, slot, SINKAGE]
+    before = press(b.sinkage, plastic, nodes.node[world, slot, YIELD], law)
+    s.sunk += (before.plastic - plastic) / n[2]
     nodes.node[world, slot, SINKAGE] = before.plastic
     nodes.node[world, slot, YIELD] = before.limit
     touched = before.pressure > 0.0
@@ -189,8 +193,10 @@ def take_pages_below(
     something stands on is given away, whatever the order of the shapes.
     """
     missing = int(0)
+    lift = greatest_raise(world, nodes)
     for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), soil, assets)
+        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
+        keep_footprint(world, shape, foot, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -202,7 +208,7 @@ def take_pages_below(
     if missing == 0:
         return
     for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), soil, assets)
+        foot = kept_footprint(world, shape, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -229,60 +235,13 @@ def take_pages(
 
 
 @wp.func
-def press_shape(
-    world: int, shape: int, dt: float, soil: SoilTables, shapes: SoilShapes, assets: Assets, state: StateArrays,
-    nodes: SoilNodes, reports: SoilReports,
-) -> ShapeSum:  # fmt: skip
-    """Force and block of one shape. Nodes are summed row by row."""
-    p = shape_pose(world, shape, dt, shapes, state)
-    foot = footprint_of(world, p, soil, assets)
-    total = ShapeSum()
-    sunk = float(0.0)
-    deepest = nodes.deepest[world, shape]
-    if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
-        copy = world_row(world, soil.parameter.shape[0])
-        kind = soil_at(world, p.x, soil)
-        inverse_b = float(0.0)
-        if soil.parameter[copy, kind, K_C] != 0.0:
-            inverse_b = inverse_half_width(world, p, foot, soil, assets)
-        law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, shape, foot, dt, p, soil, shapes, state, assets)
-        middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
-        middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
-        page_x = int(0x7FFFFFFF)
-        page_y = int(0)
-        page = int(-1)
-        for row in range(foot.y0, foot.y1 + 1):
-            for column in range(foot.x0, foot.x1 + 1):
-                b = node_below(world, column, row, p, soil, assets)
-                # a node that the shape comes to within the step counts already
-                close = b.sinkage > -p.near
-                if b.found == 1 and close:
-                    if column >> 3 != page_x or row >> 3 != page_y:
-                        page_x = column >> 3
-                        page_y = row >> 3
-                        page = find_page(world, page_x, page_y, nodes)
-                    area = soil.spacing * soil.spacing * b.share
-                    mine = bool(True)
-                    if crowded:
-                        mine = owns(world, shape, column, row, b, dt, p, soil, shapes, state, assets)
-                    if page >= 0 and area > 0.0 and mine:
-                        slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
-                        total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
-                        deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))
-                        if column == middle_x and row == middle_y:
-                            sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2]
-    nodes.deepest[world, shape] = deepest
-    reports.touched[world, shape] = total.touched
-    reports.sinkage[world, shape] = sunk
-    reports.before_v[world, shape] = p.v
-    reports.before_omega[world, shape] = p.omega
-    reports.pushed[world, shape] = total.force
-    reports.turned[world, shape] = total.moment
-    reports.mass[world, shape] = total.mass
-    reports.coupling[world, shape] = total.coupling
-    reports.inertia[world, shape] = total.inertia
-    return total
+def write_body(world: int, body: int, total: ShapeSum, control: ControlArrays):
+    """All that acts on a body from the elements so far."""
+    control.element_force[world, body] = total.force
+    control.element_torque[world, body] = total.moment
+    control.element_mass[world, body] = total.mass
+    control.element_coupling[world, body] = total.coupling
+    control.element_inertia[world, body] = total.inertia
 
 
 @wp.kernel
@@ -300,31 +259,108 @@ def press_shapes(
     reports: SoilReports,
     control: ControlArrays,
 ):
-    """Forces and implicit blocks of all bodies with shapes; dim (W, bodies). A body's shapes are summed in order."""
-    index, carrier = wp.tid()
+    """Force and block of each shape; dim (W, shapes). Nodes are summed row by row.
+
+    All in the kernel: a function of these arguments, which are kilobytes, costs 5 % where it is not inlined.
+    """
+    index, shape = wp.tid()
     world = worlds.first + index
-    body = shapes.carrier[carrier]
-    first = shapes.member_start[carrier]
-    total = press_shape(world, shapes.member[first], dt, soil, shapes, assets, state, nodes, reports)
-    for at in range(first + 1, shapes.member_start[carrier + 1]):
-        more = press_shape(world, shapes.member[at], dt, soil, shapes, assets, state, nodes, reports)
-        total.force += more.force
-        total.moment += more.moment
-        total.mass += more.mass
-        total.coupling += more.coupling
-        total.inertia += more.inertia
-    if shapes.adds[carrier] >= 1:
+    p = shape_pose(world, shape, dt, shapes, state)
+    lift = greatest_raise(world, nodes)
+    foot = kept_footprint(world, shape, nodes)
+    total = ShapeSum()
+    sunk = float(0.0)
+    deepest = nodes.deepest[world, shape]
+    if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
+        copy = world_row(world, soil.parameter.shape[0])
+        kind = soil_at(world, p.x, soil)
+        inverse_b = float(0.0)
+        if soil.parameter[copy, kind, K_C] != 0.0:
+            inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
+        law = law_of(copy, kind, inverse_b, soil.parameter)
+        crowded = meets_another(world, shape, foot, nodes)
+        middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
+        middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
+        page_x = int(0x7FFFFFFF)
+        page_y = int(0)
+        page = int(-1)
+        for row in range(foot.y0, foot.y1 + 1):
+            for column in range(foot.x0, foot.x1 + 1):
+                b = node_below(world, column, row, p, soil, assets)
+                # a node that the shape comes to within the step counts already
+                close = b.sinkage > -p.near - lift
+                if b.found == 1 and close:
+                    if column >> 3 != page_x or row >> 3 != page_y:
+                        page_x = column >> 3
+                        page_y = row >> 3
+                        page = find_page(world, page_x, page_y, nodes)
+                    if soil.pushed > 0.0 and page >= 0:
+                        b = raised_node(b, nodes.raised[world, slot_in(page, column, row)])
+                        close = b.sinkage > -p.near
+                    area = soil.spacing * soil.spacing * b.share
+                    mine = bool(True)
+                    if crowded and close:
+                        mine = owns(world, shape, column, row, b, dt, soil, shapes, state, assets, nodes)
+                    if page >= 0 and area > 0.0 and mine and close:
+                        slot = slot_in(page, column, row)
+                        total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
+                        deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))
+                        if column == middle_x and row == middle_y:
+                            sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2] - b.raised
+    nodes.deepest[world, shape] = deepest
+    if soil.pushed > 0.0:
+        nodes.pending[world, shape] = nodes.pending[world, shape] + soil.pushed * total.sunk
+    reports.touched[world, shape] = total.touched
+    reports.sinkage[world, shape] = sunk
+    reports.before_v[world, shape] = p.v
+    reports.before_omega[world, shape] = p.omega
+    reports.pushed[world, shape] = total.force
+    reports.turned[world, shape] = total.moment
+    reports.mass[world, shape] = total.mass
+    reports.coupling[world, shape] = total.coupling
+    reports.inertia[world, shape] = total.inertia
+    if shapes.alone[shape] == 1:
+        write_body(world, shapes.body[shape], total, control)
+
+
+@wp.kernel
+def carry_bodies(
+    # inputs
+    worlds: WorldRange,
+    shapes: SoilShapes,
+    reports: SoilReports,
+    # outputs
+    control: ControlArrays,
+):
+    """Forces and implicit blocks of bodies with several shapes, or on which elements before the soil act; dim
+    (W, those). A body's shapes are summed in order.
+    """
+    index, at_body = wp.tid()
+    world = worlds.first + index
+    body = shapes.shared[at_body]
+    first = shapes.member_start[at_body]
+    shape = shapes.member[first]
+    total = ShapeSum()
+    total.force = reports.pushed[world, shape]
+    total.moment = reports.turned[world, shape]
+    total.mass = reports.mass[world, shape]
+    total.coupling = reports.coupling[world, shape]
+    total.inertia = reports.inertia[world, shape]
+    for at in range(first + 1, shapes.member_start[at_body + 1]):
+        shape = shapes.member[at]
+        total.force += reports.pushed[world, shape]
+        total.moment += reports.turned[world, shape]
+        total.mass += reports.mass[world, shape]
+        total.coupling += reports.coupling[world, shape]
+        total.inertia += reports.inertia[world, shape]
+    if shapes.adds[at_body] >= 1:
         total.force += control.element_force[world, body]
         total.moment += control.element_torque[world, body]
-    if shapes.adds[carrier] == 2:
+    if shapes.adds[at_body] == 2:
         total.mass += control.element_mass[world, body]
         total.coupling += control.element_coupling[world, body]
         total.inertia += control.element_inertia[world, body]
-    control.element_force[world, body] = total.force
-    control.element_torque[world, body] = total.moment
-    control.element_mass[world, body] = total.mass
-    control.element_coupling[world, body] = total.coupling
-    control.element_inertia[world, body] = total.inertia
+    write_body(world, body, total, control)
 
 
 @wp.kernel
@@ -370,6 +406,9 @@ def clear_world(world: int, nodes: SoilNodes):
     nodes.recycled[world] = 0
     for shape in range(nodes.deepest.shape[1]):
         nodes.deepest[world, shape] = 0.0
+    for shape in range(nodes.highest.shape[1]):
+        nodes.highest[world, shape] = 0.0
+        nodes.pending[world, shape] = 0.0
     for at in range(nodes.entry.shape[1]):
         nodes.entry[world, at] = 0
 

@@ -43,6 +43,7 @@ class SoilTables:
     length: float  # over which the direction of shear relaxes [m]
     rest_time: float  # displacement that holds a node at rest, per speed [s]
     rest_speed: float  # above which a node slides [m/s]
+    pushed: float  # share of what a shape presses down that rises beside it; 0: none, and no node has a raise
     parameter: wp.array3d[float]  # (1 or W, soils, PARAMETERS)
     soil_map: wp.array3d[int]  # (1 or W, rows along y, columns along x) soils; no entries: soil 0 everywhere
     map_origin: wp.vec2d  # corner of the map's first cell, world [m]
@@ -63,7 +64,8 @@ class SoilShapes:
     half_width: wp.array[float]  # of a wheel; half the straight length of a capsule [m]
     crown: wp.array[float]  # radius of a wheel's tread across [m]; 0: it is flat
     half: wp.array[wp.vec3]  # of a box [m]
-    carrier: wp.array[int]  # bodies that have shapes, in the order of their first one
+    alone: wp.array[int]  # 1: nothing else that the soil or an element before it does acts on the body
+    shared: wp.array[int]  # the other bodies that have shapes
     member_start: wp.array[int]  # CSR over them
     member: wp.array[int]  # their shapes
     adds: wp.array[int]  # 1 where another element writes the forces of such a body first, 2: its blocks too
@@ -81,7 +83,15 @@ class SoilNodes:
     count: wp.array[int]  # (W,) pages in use
     step: wp.array[int]  # (W,) steps so far
     recycled: wp.array[int]  # (W,) pages that were taken again, with the ruts in them
+    foot: wp.array2d[wp.vec4i]  # (W, shapes) nodes below each in this step: columns from, to, rows from, to
     deepest: wp.array2d[float]  # (W, shapes) greatest drop of a node that each has left [m]
+    raised: wp.array2d[
+        float
+    ]  # (W, pages * PAGE_NODES) of the undeformed ground [m]; (W, 0) without bulldozing, so too:
+    highest: wp.array2d[
+        float
+    ]  # (W, shapes) greatest height of a node above the undeformed ground that each has left [m]
+    pending: wp.array2d[float]  # (W, shapes) sum of nodes' drops that is to rise beside each [m]
 
 
 @wp.struct

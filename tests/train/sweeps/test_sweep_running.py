@@ -6,19 +6,20 @@ import os
 import signal
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
 from simwarp.core.files import OutputError
 from simwarp.tasks import InputError, replace_fields, task_class
-from simwarp.train.config import default_config
+from simwarp.train.config import TrainConfig, default_config
 from simwarp.train.runs.checkpoint import checkpoint_name
 from simwarp.train.runs.run_folder import RunFolder
 from simwarp.train.runs.run_lock import LOCK, Writer, started
 from simwarp.train.runs.stopping import StopRequest
 from simwarp.train.sweeps import running
 from simwarp.train.sweeps.plan import SweepRun, point_label, run_name, sweep_name
-from simwarp.train.sweeps.run_state import LOG, RunState, failure
+from simwarp.train.sweeps.run_state import LOG, RunRecord, RunState, failure
 from simwarp.train.sweeps.running import RunList, SweepRunner, check_runs
 
 FAST = task_class("fast")
@@ -147,7 +148,7 @@ def test_a_failed_run_is_named_and_the_others_go_on(tmp_path):
     def fail():
         (runs[1].folder.path / LOG).write_text("iteration 1\nsimwarp: learning diverged: loss is NaN\n")
 
-    ended = []
+    ended: list[RunRecord] = []
     runner, _ = sweep(runs, Scripts(seed1=Scripted(2, 1, fail)), after=ended.append)
     assert states(runner) == {0: RunState.DONE, 1: RunState.FAILED, 2: RunState.DONE}
     assert [record.reason for record in runner.records] == ["", "learning diverged: loss is NaN", ""]
@@ -257,7 +258,8 @@ def test_names_hold_what_is_varied_and_folders_what_is_held(tmp_path):
     long = {f"key{index}": index for index in range(100)}
     assert len(point_label(long)) <= 200
     assert point_label(long) != point_label(long | {"key99": 0})
-    config, task = default_config(FAST), FAST.config_type()
+    config: TrainConfig = default_config(FAST)
+    task: Any = FAST.config_type()
     name = sweep_name("fast", config, task, ["ppo.gamma"], {})
     same = replace_fields(config, {"seed": 3, "iterations": 7, "threads": 2, "ppo.gamma": 0.5})
     assert sweep_name("fast", same, task, ["ppo.gamma"], {}) == name

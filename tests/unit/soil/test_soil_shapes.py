@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -254,7 +255,7 @@ def beside_actuators(soil_last: bool):
     soil = Soil(model, [SoilBox(body=body, half=(0.2, 0.15, 0.1))], pages=64)
     pull = SitePull(body=body, gear=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     actuators = Actuators(model, [ActuatorSpec(name="pull", site=pull)])
-    parts = [actuators, soil] if soil_last else [soil, actuators]
+    parts: list[Any] = [actuators, soil] if soil_last else [soil, actuators]
     return sw.Simulation(model, 1e-3, elements=parts, threads=1), soil, actuators
 
 

@@ -251,6 +251,35 @@ def island_start(island: int, islands: int, cone: ConeProblem) -> int:
 
 
 @wp.func
+def counted(problem: ConeProblem, config: StepConfig) -> ConeProblem:
+    """The problem with what follows from its blocks; without its Schur complement."""
+    found = problem
+    found.row_count = problem.block_row[problem.block_count]
+    found.rolling_count = 0
+    for block in range(problem.block_count):
+        if problem.block_kind[block] == ROLLING:
+            found.rolling_count = found.rolling_count + 1
+    found.dense = 0
+    if found.row_count <= config.dense_rows:
+        found.dense = 1
+    return found
+
+
+@wp.func
+def whole_problem(
+    island: int, islands: int, blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem
+) -> ConeProblem:
+    """The problem of a world of one unit, without its Schur complement; `island` and `islands` are 0."""
+    problem = cone
+    problem.block_count = blocks
+    problem.tree_dof_count = topology.tree_dof_count
+    problem.loop_count = topology.row_count
+    problem.entry_count = cone.y.shape[1]
+    problem.newton = 1
+    return counted(problem, config)
+
+
+@wp.func
 def island_problem(
     island: int, islands: int, blocks: int, topology: Topology, config: StepConfig, cone: ConeProblem
 ) -> ConeProblem:
@@ -258,12 +287,7 @@ def island_problem(
 
     It is made of views: its solution stands in `cone.gamma`. Room for S, its factors, and sums serves one at a time.
     """
-    problem = cone
-    problem.block_count = blocks
-    problem.tree_dof_count = topology.tree_dof_count
-    problem.loop_count = topology.row_count
-    problem.entry_count = cone.y.shape[1]
-    problem.newton = 1
+    problem = whole_problem(island, islands, blocks, topology, config, cone)
     if islands > 0:
         first = cone.island_block[island]
         end = cone.island_block[island + 1]
@@ -295,14 +319,7 @@ def island_problem(
         problem.y = cone.y[row:last]
         problem.w = cone.w[row:last]
         problem.vectors = cone.vectors[:, row:last]
-    problem.row_count = problem.block_row[problem.block_count]
-    problem.rolling_count = 0
-    for block in range(problem.block_count):
-        if problem.block_kind[block] == ROLLING:
-            problem.rolling_count = problem.rolling_count + 1
-    problem.dense = 0
-    if problem.row_count <= config.dense_rows:
-        problem.dense = 1
+        problem = counted(problem, config)
     return problem
 
 
