@@ -17,6 +17,7 @@ from simwarp.kernels.soil.footprint import (
     footprint_of,
     holds,
     inverse_half_width,
+    level_footprint,
     meets_another,
     node_below,
     node_number,
@@ -279,7 +280,7 @@ def press_shapes(
         crowded = meets_another(world, shape, foot, dt, p, lift, soil, shapes, state, assets)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
-        level = footprint_of(world, p, 0.0, soil, assets)  # beyond it only nodes that were raised are met
+        level = level_footprint(world, p, foot, lift, soil, assets)
         for row in range(foot.y0, foot.y1 + 1):
             page_x = int(0x7FFFFFFF)
             page = int(-1)
