@@ -203,6 +203,16 @@ def footprint_of(world: int, p: Pose, lift: float, soil: SoilTables, assets: Ass
 
 
 @wp.func
+def level_footprint(
+    world: int, p: Pose, foot: Footprint, lift: float, soil: SoilTables, assets: Assets
+) -> Footprint:  # fmt: skip
+    """The part of a footprint beyond which a shape meets only nodes that were raised."""
+    if lift == 0.0:
+        return foot
+    return footprint_of(world, p, 0.0, soil, assets)
+
+
+@wp.func
 def soil_at(world: int, x: wp.vec3d, soil: SoilTables) -> int:
     """Index of the soil at a place; outside the map that of its nearest cell."""
     rows = soil.soil_map.shape[1]

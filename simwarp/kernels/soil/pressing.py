@@ -19,6 +19,7 @@ from simwarp.kernels.soil.footprint import (
     inverse_half_width,
     keep_footprint,
     kept_footprint,
+    level_footprint,
     meets_another,
     node_below,
     node_number,
@@ -282,9 +283,7 @@ def press_shapes(
         crowded = meets_another(world, shape, foot, nodes)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
-        level = foot
-        if lift > 0.0:
-            level = footprint_of(world, p, 0.0, soil, assets)  # beyond it only nodes that were raised are met
+        level = level_footprint(world, p, foot, lift, soil, assets)
         for row in range(foot.y0, foot.y1 + 1):
             page_x = int(0x7FFFFFFF)
             page = int(-1)
