@@ -22,6 +22,7 @@ from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
+from simwarp.soil.bulldozing import Bulldozing, SoilFlow
 from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_map, checked_pages
 from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
@@ -69,6 +70,7 @@ class Soil(Readable):
         pages: of each world, 8 x 8 nodes (1.3 KiB) each.
         shear_memory: what nodes remember of shear.
         weighted: nodes count by the share of their cell that lies inside a wheel's width, or below a box.
+        bulldozing: how soil that is pressed down rises beside shapes; None: it does not.
         soil_map: (rows along y, columns along x) indices of soils, or (W, rows, columns); None: the first everywhere.
         map_origin, map_cell: corner of its first cell, and its cells' size [m].
         wheels: further shapes, after `shapes`.
@@ -94,6 +96,7 @@ class Soil(Readable):
         soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
         ground: TerrainTables | None = None, spacing: float = 0.05, pages: int = 2048,
         shear_memory: ShearMemory | str = ShearMemory.DIRECTION, weighted: bool = True, per_world: bool = False,
+        bulldozing: Bulldozing | None = None,
         soil_map: Any = None, map_origin: tuple[float, float] = (0.0, 0.0), map_cell: tuple[float, float] = (1.0, 1.0),
         wheels: Sequence[SoilShape] = (),
     ) -> None:  # fmt: skip
@@ -126,7 +129,10 @@ class Soil(Readable):
         tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         self._shapes = shape_tables(model, self.shapes)
         self._carriers = carriers_of(model, self.shapes)
-        self._nodes = _nodes(worlds, self.pages, len(self.shapes), device)
+        self.bulldozing = _checked_bulldozing(bulldozing)
+        self._flow = None if bulldozing is None else SoilFlow(bulldozing, self.shapes, self.spacing)
+        tables.pushed = 0.0 if bulldozing is None else bulldozing.flow
+        self._nodes = _nodes(worlds, self.pages, len(self.shapes), bulldozing is not None, device)
         self._reports = _reports((worlds, len(self.shapes)), device)
         each = (worlds, len(self.shapes))
         self.rest_force_b = writable(each, wp.vec3, device, label="soil.rest_force_b")
@@ -140,10 +146,13 @@ class Soil(Readable):
         return f": {kinds}, {plural(len(self.shapes), 'shape')} in each of {plural(self.model.world_count, 'world')}"
 
     def _printed_rows(self) -> Mapping[str, Row]:
-        each = PAGE_NODES * NODE_VALUES * 4
-        return {
+        each = PAGE_NODES * (NODE_VALUES + (self.bulldozing is not None)) * 4
+        rows: dict[str, Row] = {
             "nodes": f"every {self.spacing:g} m, in {self.pages} pages per world ({self.pages * each / 1e6:.2g} MB)",
         }
+        if self.bulldozing is not None:
+            rows["bulldozing"] = self.bulldozing.told()
+        return rows
 
     @property
     def wheels(self) -> tuple[SoilWheel, ...]:
@@ -314,7 +323,9 @@ class Soil(Readable):
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a snapshot keeps."""
-        names = ("node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled", "deepest")
+        names = ["node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled", "deepest"]
+        if self.bulldozing is not None:
+            names += ["raised", "highest", "pending"]
         return {name: getattr(self._nodes, name) for name in names}
 
     @property
@@ -341,6 +352,8 @@ class Soil(Readable):
         if shared:
             summed = [self._shapes, self._reports]
             launches.append(simulation.shares.record(carry_bodies, shared, inputs=summed, outputs=[control]))
+        if self._flow is not None:
+            launches.append(self._flow.record(simulation, dt, self._placed(simulation), self._nodes))
         return launches
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
@@ -395,6 +408,12 @@ def _checked_memory(memory: Any) -> ShearMemory:
         raise ModelError(f"soil: shear_memory must be {names}, got {shown(memory)}; scalar is Chrono's") from None
 
 
+def _checked_bulldozing(bulldozing: Any) -> Bulldozing | None:
+    if bulldozing is None or isinstance(bulldozing, Bulldozing):
+        return bulldozing
+    raise ModelError(f"soil: bulldozing must be a Bulldozing or None, got {shown(bulldozing)}; Bulldozing() is usual")
+
+
 def _checked_points(points: Any, model: Model) -> wp.array:
     """(1 or W, N) vec2d on the model's device."""
     worlds = model.world_count
@@ -411,7 +430,7 @@ def _checked_points(points: Any, model: Model) -> wp.array:
     return wp.array(values, dtype=wp.vec2d, ndim=2, device=model.device)
 
 
-def _nodes(worlds: int, pages: int, shapes: int, device: Any) -> Any:
+def _nodes(worlds: int, pages: int, shapes: int, bulldozing: bool, device: Any) -> Any:
     nodes: Any = SoilNodes()
     nodes.node = wp.zeros((worlds, pages * PAGE_NODES, NODE_VALUES), dtype=float, device=device)
     for name in ("place_x", "place_y", "used_at"):
@@ -419,7 +438,11 @@ def _nodes(worlds: int, pages: int, shapes: int, device: Any) -> Any:
     nodes.entry = wp.zeros((worlds, 1 << (2 * pages - 1).bit_length()), dtype=int, device=device)
     for name in ("count", "step", "recycled"):
         setattr(nodes, name, wp.zeros(worlds, dtype=int, device=device))
+    nodes.foot = wp.zeros((worlds, shapes), dtype=wp.vec4i, device=device)
     nodes.deepest = wp.zeros((worlds, shapes), dtype=float, device=device)
+    nodes.raised = wp.zeros((worlds, pages * PAGE_NODES * bulldozing), dtype=float, device=device)
+    for name in ("highest", "pending"):
+        setattr(nodes, name, wp.zeros((worlds, shapes * bulldozing), dtype=float, device=device))
     return nodes
 
 

@@ -194,6 +194,11 @@ def narrowest_width(shapes: Sequence[SoilShape]) -> float:
     return min(_row(shape).width for shape in shapes)
 
 
+def greatest_reach(shapes: Sequence[SoilShape]) -> float:
+    """Farthest that a point of a shape may be from its centre, or more [m]."""
+    return max(row.radius + row.half_width for row in map(_row, shapes))
+
+
 def pages_at_a_time(shapes: Sequence[SoilShape], spacing: float) -> int:
     """Pages that all shapes may lie on together; wheels upright and sunk to their axles."""
     side = int(SIDE) * spacing

@@ -99,5 +99,5 @@ def test_wrong_actions_worlds_and_runners_are_refused_in_one_line():
 def test_actions_reach_their_agents():
     env = parallel(start=0.0)
     env.reset()
-    env.step({"agent_1": np.float32([0.5]), "agent_0": torch.tensor([-0.25])})
+    env.step({"agent_1": np.array([0.5], np.float32), "agent_0": torch.tensor([-0.25])})
     assert env.task.action.flatten().tolist() == [-0.25, 0.5]

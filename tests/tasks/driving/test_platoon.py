@@ -9,6 +9,7 @@ from simwarp.core.interop import to_torch
 from simwarp.kernels.tasks.driving.convoy import APART, DURATION, LENGTHS, SPEED
 from simwarp.tasks import InputError
 from simwarp.tasks.driving.platoon import PlatoonTask
+from simwarp.tasks.framework.step_check import check_step
 from tests.tasks.driving.driving_checks import driving
 
 SIMULATED = {"leaders": "simulated"}
@@ -169,6 +170,10 @@ def test_followers_on_soil_stand_in_it_with_all_wheels():
     assert sinkage.shape == (1, 16)
     assert (sinkage > 0.02).all()
     assert (sinkage < 0.12).all()
+
+
+def test_a_control_step_of_a_convoy_fits_into_one_graph():
+    assert check_step(platoon(1)).problems() == []
 
 
 def test_wrong_convoys_are_refused_in_one_line():

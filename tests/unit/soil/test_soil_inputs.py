@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ def model_of(worlds: int = 1) -> sw.Model:
 
 
 WHEELS = [SoilWheel(body=0, radius=RADIUS, width=WIDTH)]
-FIELD = {"kind": sw.ShapeType.HEIGHT_FIELD}
+FIELD: Any = {"kind": sw.ShapeType.HEIGHT_FIELD}
 LEANING = (0.0, math.sin(math.radians(25.0)), 0.0, math.cos(math.radians(25.0)))
 """By 50 degrees."""
 
@@ -165,7 +166,7 @@ def test_heights_are_asked_for_at_numbers():
 def test_ground_that_leans_a_little_and_maps_that_cover_it_will_do():
     lean = (0.0, math.sin(math.radians(22.0)), 0.0, math.cos(math.radians(22.0)))
     Soil(model_of(), WHEELS, ground=ground("cpu", rotation=lean), pages=8)
-    cells = {"soil_map": [[0, 0]], "map_origin": (-4.0, -2.0), "map_cell": (4.0, 4.0)}
+    cells: Any = {"soil_map": [[0, 0]], "map_origin": (-4.0, -2.0), "map_cell": (4.0, 4.0)}
     Soil(model_of(), WHEELS, ground=ground("cpu", **FIELD), **cells)
     with pytest.raises(SpecError, match="must turn about the vertical only"):
         ground("cpu", kind=sw.ShapeType.HEIGHT_FIELD, rotation=lean)
