@@ -90,7 +90,7 @@ LEANING = (0.0, math.sin(math.radians(25.0)), 0.0, math.cos(math.radians(25.0)))
         ({"soil_map": [0, 1]}, "soil_map must be (rows, columns) or (1, rows, columns), got (2,)"),
         ({"soil": "sand"}, "preset must be soft, mid, hard, clay, snow, got 'sand'; or give a SoilSpec"),
         ({"shear_memory": "vector"}, "shear_memory must be direction or scalar, got 'vector'"),
-        ({"spacing": 1e-6}, "spacing must be so wide that at most 1048576 pages may lie below the shapes, got 1e-06 m, "),
+        ({"spacing": 1e-6}, "spacing must be so wide that at most 1048576 pages may lie below the shapes, got 1e-06"),
         ({"spacing": "0.05"}, "spacing must be positive and at most half the narrowest shape's width, 0.127 m, got"),
         ({"spacing": None}, "0.127 m, got None; 0.05 suits cars"),
         ({"spacing": 1e-320}, "0.127 m, got 1e-320; 0.05 suits cars"),
