@@ -11,22 +11,25 @@ import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, Row, plural
-from simwarp.core.types import ModelError, ShapeType, shown
+from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, number, numbers, shown
 from simwarp.kernels.soil.imprint import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.kernels.soil.level import SoilCover, find_heights
 from simwarp.kernels.soil.pressing import carry_bodies, clear_soil, press_shapes, report_shapes, take_pages
 from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
+from simwarp.model.checks import checked_flag
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
-from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_pages
-from simwarp.soil.soil_parameters import SoilSpec, soil_preset
+from simwarp.soil.bulldozing import Bulldozing, SoilFlow
+from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_map, checked_pages
+from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
     SoilShape,
     SoilWheel,
     carriers_of,
+    checked_shapes,
     narrowest_width,
     pages_at_a_time,
     shape_tables,
@@ -67,6 +70,7 @@ class Soil(Readable):
         pages: of each world, 8 x 8 nodes (1.3 KiB) each.
         shear_memory: what nodes remember of shear.
         weighted: nodes count by the share of their cell that lies inside a wheel's width, or below a box.
+        bulldozing: how soil that is pressed down rises beside shapes; None: it does not.
         soil_map: (rows along y, columns along x) indices of soils, or (W, rows, columns); None: the first everywhere.
         map_origin, map_cell: corner of its first cell, and its cells' size [m].
         wheels: further shapes, after `shapes`.
@@ -92,36 +96,43 @@ class Soil(Readable):
         soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
         ground: TerrainTables | None = None, spacing: float = 0.05, pages: int = 2048,
         shear_memory: ShearMemory | str = ShearMemory.DIRECTION, weighted: bool = True, per_world: bool = False,
+        bulldozing: Bulldozing | None = None,
         soil_map: Any = None, map_origin: tuple[float, float] = (0.0, 0.0), map_cell: tuple[float, float] = (1.0, 1.0),
         wheels: Sequence[SoilShape] = (),
     ) -> None:  # fmt: skip
         self.model = model
-        self.shapes = (*shapes, *wheels)
-        given = [soil] if isinstance(soil, SoilSpec | str) else list(soil)
-        self.soils = tuple(soil_preset(each) if isinstance(each, str) else each for each in given)
+        self.shapes = (*checked_shapes(shapes), *checked_shapes(wheels))
+        self.soils = soils_of(soil)
         self.spacing = _checked_spacing(spacing, self.shapes)
         self.pages = checked_pages(pages, self.spacing, pages_at_a_time(self.shapes, self.spacing))
         worlds, device = model.world_count, model.device
-        rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
+        rows = np.tile(
+            np.array([each.values() for each in self.soils]),
+            (worlds if checked_flag("soil", "per_world", per_world) else 1, 1, 1),
+        )
         self.parameter = writable_from(rows, wp.float32, device)
         assert rows.shape[2] == PARAMETERS
         tables: Any = SoilTables()
         self._tables = tables
         tables.spacing = self.spacing
-        tables.weighted = int(weighted)
+        tables.weighted = int(checked_flag("soil", "weighted", weighted))
         tables.scalar_shear = int(_checked_memory(shear_memory) is ShearMemory.SCALAR)
         tables.length, tables.rest_time = DIRECTION_LENGTH, REST_TIME
         tables.rest_speed = REST_SPEED
         tables.parameter = self.parameter
-        places: Any = _checked_map(soil_map, len(self.soils), worlds)
+        places: Any = checked_map(soil_map, len(self.soils), worlds)
         tables.soil_map = wp.array(places, dtype=int, device=device)
-        tables.terrain = plane(device) if ground is None else ground
-        check_ground(tables.terrain)
+        below = plane(device) if ground is None else ground
+        check_ground(below)
+        tables.terrain = below
         check_map(places.shape, map_origin, map_cell, tables.terrain, model)
         tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         self._shapes = shape_tables(model, self.shapes)
         self._carriers = carriers_of(model, self.shapes)
-        self._nodes = _nodes(worlds, self.pages, len(self.shapes), device)
+        self.bulldozing = _checked_bulldozing(bulldozing)
+        self._flow = None if bulldozing is None else SoilFlow(bulldozing, self.shapes, self.spacing)
+        tables.pushed = 0.0 if bulldozing is None else bulldozing.flow
+        self._nodes = _nodes(worlds, self.pages, len(self.shapes), bulldozing is not None, device)
         self._reports = _reports((worlds, len(self.shapes)), device)
         each = (worlds, len(self.shapes))
         self.rest_force_b = writable(each, wp.vec3, device, label="soil.rest_force_b")
@@ -135,10 +146,13 @@ class Soil(Readable):
         return f": {kinds}, {plural(len(self.shapes), 'shape')} in each of {plural(self.model.world_count, 'world')}"
 
     def _printed_rows(self) -> Mapping[str, Row]:
-        each = PAGE_NODES * NODE_VALUES * 4
-        return {
+        each = PAGE_NODES * (NODE_VALUES + (self.bulldozing is not None)) * 4
+        rows: dict[str, Row] = {
             "nodes": f"every {self.spacing:g} m, in {self.pages} pages per world ({self.pages * each / 1e6:.2g} MB)",
         }
+        if self.bulldozing is not None:
+            rows["bulldozing"] = self.bulldozing.told()
+        return rows
 
     @property
     def wheels(self) -> tuple[SoilWheel, ...]:
@@ -309,7 +323,9 @@ class Soil(Readable):
     @property
     def memory(self) -> Mapping[str, wp.array]:
         """State that a snapshot keeps."""
-        names = ("node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled", "deepest")
+        names = ["node", "place_x", "place_y", "used_at", "entry", "count", "step", "recycled", "deepest"]
+        if self.bulldozing is not None:
+            names += ["raised", "highest", "pending"]
         return {name: getattr(self._nodes, name) for name in names}
 
     @property
@@ -336,6 +352,8 @@ class Soil(Readable):
         if shared:
             summed = [self._shapes, self._reports]
             launches.append(simulation.shares.record(carry_bodies, shared, inputs=summed, outputs=[control]))
+        if self._flow is not None:
+            launches.append(self._flow.record(simulation, dt, self._placed(simulation), self._nodes))
         return launches
 
     def record_after(self, simulation: StepContext, dt: float) -> Sequence[Any]:
@@ -356,10 +374,11 @@ def _checked_spacing(spacing: float, shapes: Sequence[SoilShape]) -> float:
     if not shapes:
         raise ModelError("soil: shapes must be at least one, got none; name those that sink in")
     narrowest = narrowest_width(shapes)
-    if not 0.0 < spacing <= 0.5 * narrowest:
+    given = number(spacing)
+    if not FLOAT32_LEAST <= given <= 0.5 * narrowest:
         rule = f"positive and at most half the narrowest shape's width, {0.5 * narrowest:.4g} m"
         raise ModelError(f"soil: spacing must be {rule}, got {shown(spacing)}; 0.05 suits cars")
-    return float(spacing)
+    return given
 
 
 def _adds(soil: Soil, simulation: StepContext) -> list[int]:
@@ -389,16 +408,10 @@ def _checked_memory(memory: Any) -> ShearMemory:
         raise ModelError(f"soil: shear_memory must be {names}, got {shown(memory)}; scalar is Chrono's") from None
 
 
-def _checked_map(soil_map: Any, soils: int, worlds: int) -> np.ndarray[Any, np.dtype[np.int32]]:
-    if soil_map is None:
-        return np.zeros((1, 0, 0), np.int32)
-    values = np.asarray(soil_map)
-    values = values[None] if values.ndim == 2 else values
-    if values.ndim != 3 or values.shape[0] not in (1, worlds) or not values.size:
-        raise ModelError(f"soil: soil_map must be (rows, columns) or ({worlds}, rows, columns), got {values.shape}")
-    if values.min() < 0 or values.max() >= soils:
-        raise ModelError(f"soil: soil_map must hold indices below {soils}, got {int(values.max())}; name more soils")
-    return values.astype(np.int32)
+def _checked_bulldozing(bulldozing: Any) -> Bulldozing | None:
+    if bulldozing is None or isinstance(bulldozing, Bulldozing):
+        return bulldozing
+    raise ModelError(f"soil: bulldozing must be a Bulldozing or None, got {shown(bulldozing)}; Bulldozing() is usual")
 
 
 def _checked_points(points: Any, model: Model) -> wp.array:
@@ -409,14 +422,15 @@ def _checked_points(points: Any, model: Model) -> wp.array:
         if points.dtype is not wp.vec2d or points.ndim != 2 or points.shape[0] not in (1, worlds):
             raise ModelError(f"{rule}, got {shown(points)}; make a wp.array of dtype vec2d")
         return points
-    values = np.asarray(points, np.float64)
+    values = numbers(points)
     values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] != 2 or values.shape[0] not in (1, worlds):
-        raise ModelError(f"{rule}, got {np.shape(points)}; give x and y of each")
+        got = values.shape if values.ndim else shown(points)
+        raise ModelError(f"{rule}, got {got}; give x and y of each")
     return wp.array(values, dtype=wp.vec2d, ndim=2, device=model.device)
 
 
-def _nodes(worlds: int, pages: int, shapes: int, device: Any) -> Any:
+def _nodes(worlds: int, pages: int, shapes: int, bulldozing: bool, device: Any) -> Any:
     nodes: Any = SoilNodes()
     nodes.node = wp.zeros((worlds, pages * PAGE_NODES, NODE_VALUES), dtype=float, device=device)
     for name in ("place_x", "place_y", "used_at"):
@@ -424,7 +438,11 @@ def _nodes(worlds: int, pages: int, shapes: int, device: Any) -> Any:
     nodes.entry = wp.zeros((worlds, 1 << (2 * pages - 1).bit_length()), dtype=int, device=device)
     for name in ("count", "step", "recycled"):
         setattr(nodes, name, wp.zeros(worlds, dtype=int, device=device))
+    nodes.foot = wp.zeros((worlds, shapes), dtype=wp.vec4i, device=device)
     nodes.deepest = wp.zeros((worlds, shapes), dtype=float, device=device)
+    nodes.raised = wp.zeros((worlds, pages * PAGE_NODES * bulldozing), dtype=float, device=device)
+    for name in ("highest", "pending"):
+        setattr(nodes, name, wp.zeros((worlds, shapes * bulldozing), dtype=float, device=device))
     return nodes
 
 

@@ -7,8 +7,9 @@ from simwarp.kernels.core.fields import StateArrays
 from simwarp.kernels.core.spatial import to_double, to_float
 from simwarp.kernels.core.tables import world_row
 from simwarp.kernels.soil.level import FARTHEST
+from simwarp.kernels.soil.pages import find_page, slot_in
 from simwarp.kernels.soil.shape_surface import ball_low, box_column, capsule_low, lowest_face
-from simwarp.kernels.soil.soil_tables import BALL, BOX, CAPSULE, WHEEL, SoilShapes, SoilTables
+from simwarp.kernels.soil.soil_tables import BALL, BOX, CAPSULE, WHEEL, SoilNodes, SoilShapes, SoilTables
 from simwarp.kernels.soil.wheel_surface import Column, column_above
 from simwarp.kernels.vehicle.tires.ground import GroundPoint, ground_below
 
@@ -49,6 +50,12 @@ class Footprint:
     x1: int
     y0: int
     y1: int
+
+
+@wp.func
+def holds(foot: Footprint, column: int, row: int) -> bool:
+    """True where a node is in a footprint."""
+    return column >= foot.x0 and column <= foot.x1 and row >= foot.y0 and row <= foot.y1
 
 
 @wp.func
@@ -120,9 +127,9 @@ def node_number(x: wp.float64, offset: float, spacing: float) -> int:
 
 
 @wp.func
-def wheel_reach(p: Pose, g: GroundPoint, soil: SoilTables) -> wp.vec2:
+def wheel_reach(p: Pose, g: GroundPoint, lift: float, soil: SoilTables) -> wp.vec2:
     """How far along X and Y a wheel may touch nodes; negative where it is above the ground."""
-    deep = g.arm[2] + p.radius + wp.abs(p.moved[2]) + p.half_width * wp.abs(p.axis[2])
+    deep = g.arm[2] + p.radius + wp.abs(p.moved[2]) + p.half_width * wp.abs(p.axis[2]) + lift
     along = float(p.radius)
     if soil.terrain.kind == PLANE:
         # a leaning plane reaches the wheel earlier on its upper side
@@ -146,7 +153,7 @@ def wheel_reach(p: Pose, g: GroundPoint, soil: SoilTables) -> wp.vec2:
 
 
 @wp.func
-def shape_reach(p: Pose, g: GroundPoint, soil: SoilTables) -> wp.vec2:
+def shape_reach(p: Pose, g: GroundPoint, lift: float, soil: SoilTables) -> wp.vec2:
     """The same of the other shapes: half of the box around each, less where a round one is hardly in the ground."""
     extent = wp.vec3(p.radius, p.radius, p.radius)
     if p.kind == BOX:
@@ -154,7 +161,7 @@ def shape_reach(p: Pose, g: GroundPoint, soil: SoilTables) -> wp.vec2:
         for k in range(3):
             extent[k] = wp.dot(wp.abs(wp.vec3(axes[k, 0], axes[k, 1], axes[k, 2])), p.half)
             extent[k] += wp.where(k < 2, soil.spacing * float(soil.weighted), 0.0)
-    deep = g.arm[2] + extent[2] + p.near
+    deep = g.arm[2] + extent[2] + p.near + lift
     if p.kind == CAPSULE:
         deep += p.half_width * wp.abs(p.axis[2])
     if soil.terrain.kind == PLANE:
@@ -172,8 +179,8 @@ def shape_reach(p: Pose, g: GroundPoint, soil: SoilTables) -> wp.vec2:
 
 
 @wp.func
-def footprint_of(world: int, p: Pose, soil: SoilTables, assets: Assets) -> Footprint:
-    """The nodes that a shape may touch now or at the end of the step."""
+def footprint_of(world: int, p: Pose, lift: float, soil: SoilTables, assets: Assets) -> Footprint:
+    """The nodes that a shape may touch now or at the end of the step, on ground that rises by at most `lift` [m]."""
     foot = Footprint()
     foot.x1 = -1
     if not wp.isfinite(wp.length_sq(p.axis) + wp.length_sq(p.moved)):
@@ -183,9 +190,9 @@ def footprint_of(world: int, p: Pose, soil: SoilTables, assets: Assets) -> Footp
         return foot
     reach = wp.vec2()
     if p.kind == WHEEL:
-        reach = wheel_reach(p, g, soil)
+        reach = wheel_reach(p, g, lift, soil)
     else:
-        reach = shape_reach(p, g, soil)
+        reach = shape_reach(p, g, lift, soil)
     if reach[0] < 0.0 or not wp.isfinite(reach[0] + reach[1]):
         return foot
     foot.x0 = node_number(p.x[0], -reach[0], soil.spacing) + 1
@@ -220,6 +227,7 @@ class Below:
     sinkage: float  # of the shape's surface along the normal [m]; negative where there is none
     share: float  # of its cell that the shape covers
     low: float  # the shape's surface, from its centre [m]
+    raised: float  # of the ground by soil that was pushed aside, which height and sinkage have in them [m]
 
 
 @wp.func
@@ -237,6 +245,17 @@ def node_below(world: int, column: int, row: int, p: Pose, soil: SoilTables, ass
     b.sinkage = g.normal[2] * (b.height - above.height)
     b.share = above.share
     b.low = above.height
+    return b
+
+
+@wp.func
+def raised_node(below: Below, raised: float) -> Below:
+    """A node whose ground was raised [m]."""
+    b = below
+    if raised != 0.0:
+        b.raised = raised
+        b.height += raised
+        b.sinkage = b.normal[2] * (b.height - b.low)
     return b
 
 
@@ -277,8 +296,13 @@ def patch_of(p: Pose) -> Patch:
 
 
 @wp.func
-def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, assets: Assets) -> float:
-    """Perimeter over twice the area of the touched rectangle in the shape's axes [1/m]; 0 without one."""
+def inverse_half_width(
+    world: int, p: Pose, foot: Footprint, soil: SoilTables, assets: Assets, nodes: SoilNodes
+) -> float:  # fmt: skip
+    """Perimeter over twice the area of the touched rectangle in the shape's axes [1/m]; 0 without one.
+
+    With the raises of `nodes`; `SoilNodes()` has none.
+    """
     patch = patch_of(p)
     ax = patch.across[0]
     ay = patch.across[1]
@@ -289,6 +313,10 @@ def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, a
     for row in range(foot.y0, foot.y1 + 1):
         for column in range(foot.x0, foot.x1 + 1):
             b = node_below(world, column, row, p, soil, assets)
+            if nodes.raised.shape[1] > 0:
+                page = find_page(world, column >> 3, row >> 3, nodes)
+                if page >= 0:
+                    b = raised_node(b, nodes.raised[world, slot_in(page, column, row)])
             if b.found == 1 and b.sinkage > 0.0:
                 along = b.x * ay - b.y * ax
                 across = b.x * ax + b.y * ay
@@ -305,47 +333,46 @@ def inverse_half_width(world: int, p: Pose, foot: Footprint, soil: SoilTables, a
 
 
 @wp.func
-def reach_of(shape: int, soil: SoilTables, shapes: SoilShapes) -> float:
-    """Farthest that a shape's footprint can be from its centre, whatever it does [m]."""
-    return 3.0 * shapes.radius[shape] + shapes.half_width[shape] + soil.spacing
+def keep_footprint(world: int, shape: int, foot: Footprint, nodes: SoilNodes):
+    """For all that comes in this step."""
+    nodes.foot[world, shape] = wp.vec4i(foot.x0, foot.x1, foot.y0, foot.y1)
 
 
 @wp.func
-def far_apart(
-    world: int, shape: int, other: int, p: Pose, soil: SoilTables, shapes: SoilShapes, state: StateArrays
-) -> bool:  # fmt: skip
-    """True where two shapes can have no node in common: most of those of several vehicles, told by their places."""
-    way = state.body_x[world, shapes.body[other]] - p.x
-    reach = reach_of(shape, soil, shapes) + reach_of(other, soil, shapes) + wp.length(shapes.offset_b[other])
-    return wp.max(wp.abs(way[0]), wp.abs(way[1])) > wp.float64(reach)
+def kept_footprint(world: int, shape: int, nodes: SoilNodes) -> Footprint:
+    """Of this step."""
+    kept = nodes.foot[world, shape]
+    foot = Footprint()
+    foot.x0 = kept[0]
+    foot.x1 = kept[1]
+    foot.y0 = kept[2]
+    foot.y1 = kept[3]
+    return foot
 
 
 @wp.func
 def owns(
-    world: int, shape: int, column: int, row: int, b: Below, dt: float, at: Pose, soil: SoilTables, shapes: SoilShapes,
-    state: StateArrays, assets: Assets,
+    world: int, shape: int, column: int, row: int, b: Below, dt: float, soil: SoilTables, shapes: SoilShapes,
+    state: StateArrays, assets: Assets, nodes: SoilNodes,
 ) -> bool:  # fmt: skip
     """False where another shape is deeper at a node, or as deep and of a smaller index."""
     mine = bool(True)
     for other in range(shapes.body.shape[0]):
-        if other != shape and not far_apart(world, shape, other, at, soil, shapes, state):
+        f = kept_footprint(world, other, nodes)
+        if other != shape and f.x0 <= column and column <= f.x1 and f.y0 <= row and row <= f.y1:
             p = shape_pose(world, other, dt, shapes, state)
-            theirs = node_below(world, column, row, p, soil, assets).sinkage
+            theirs = raised_node(node_below(world, column, row, p, soil, assets), b.raised).sinkage
             if theirs > 0.0 and (theirs > b.sinkage or (theirs == b.sinkage and other < shape)):
                 mine = False
     return mine
 
 
 @wp.func
-def meets_another(
-    world: int, shape: int, foot: Footprint, dt: float, at: Pose, soil: SoilTables, shapes: SoilShapes,
-    state: StateArrays, assets: Assets,
-) -> bool:  # fmt: skip
+def meets_another(world: int, shape: int, foot: Footprint, nodes: SoilNodes) -> bool:
     """True where the footprint of another shape crosses this one's."""
     found = bool(False)
-    for other in range(shapes.body.shape[0]):
-        if other != shape and not far_apart(world, shape, other, at, soil, shapes, state):
-            f = footprint_of(world, shape_pose(world, other, dt, shapes, state), soil, assets)
-            if f.x0 <= foot.x1 and foot.x0 <= f.x1 and f.y0 <= foot.y1 and foot.y0 <= f.y1:
-                found = True
+    for other in range(nodes.foot.shape[1]):
+        f = kept_footprint(world, other, nodes)
+        if other != shape and f.x0 <= foot.x1 and foot.x0 <= f.x1 and f.y0 <= foot.y1 and foot.y0 <= f.y1:
+            found = True
     return found

@@ -9,8 +9,8 @@ import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
 from simwarp.kernels.core.tables import world_row
-from simwarp.kernels.soil.pages import find_page
-from simwarp.kernels.soil.soil_tables import PAGE_NODES, SIDE, SINKAGE, SoilNodes
+from simwarp.kernels.soil.pages import find_page, slot_in
+from simwarp.kernels.soil.soil_tables import SINKAGE, SoilNodes
 from simwarp.kernels.vehicle.tires.ground import TerrainTables, open_ground_below
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
@@ -60,14 +60,29 @@ class SurfacePoint:
 
 @wp.func
 def node_drop(world: int, slot: int, n: wp.vec3, nodes: SoilNodes) -> float:
-    """How far a node lies below the undeformed ground, whose normal is n, along the vertical [m]."""
-    return nodes.node[world, slot, SINKAGE] / n[2]
+    """How far a node lies below the undeformed ground, whose normal is n, along the vertical; negative above it [m]."""
+    drop = nodes.node[world, slot, SINKAGE] / n[2]
+    if nodes.raised.shape[1] > 0:
+        drop -= nodes.raised[world, slot]
+    return drop
 
 
 @wp.func
 def is_touched(world: int, slot: int, nodes: SoilNodes) -> bool:
     """False where a node's level is that of the undeformed ground."""
-    return nodes.node[world, slot, SINKAGE] != 0.0
+    touched = nodes.node[world, slot, SINKAGE] != 0.0
+    if nodes.raised.shape[1] > 0:
+        touched = touched or nodes.raised[world, slot] != 0.0
+    return touched
+
+
+@wp.func
+def greatest_raise(world: int, nodes: SoilNodes) -> float:
+    """How far above the undeformed ground any node of a world may lie [m]."""
+    highest = float(0.0)
+    for shape in range(nodes.highest.shape[1]):
+        highest = wp.max(highest, nodes.highest[world, shape])
+    return highest
 
 
 @wp.func
@@ -76,7 +91,7 @@ def level_range(world: int, nodes: SoilNodes) -> wp.vec2:
     deepest = float(0.0)
     for wheel in range(nodes.deepest.shape[1]):
         deepest = wp.max(deepest, nodes.deepest[world, wheel])
-    return wp.vec2(0.0, deepest)
+    return wp.vec2(greatest_raise(world, nodes), deepest)
 
 
 @wp.func
@@ -99,7 +114,7 @@ def soil_cell(world: int, column: int, row: int, x: wp.vec3d, cover: SoilCover, 
         if (i >> 3) != (column >> 3) or (j >> 3) != (row >> 3):
             here = find_page(world, i >> 3, j >> 3, cover.nodes)
         if here >= 0:
-            slots[corner] = here * PAGE_NODES + (j & (SIDE - 1)) * SIDE + (i & (SIDE - 1))
+            slots[corner] = slot_in(here, i, j)
             touched = touched or is_touched(world, slots[corner], cover.nodes)
     if not touched:
         return cell

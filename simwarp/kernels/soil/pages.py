@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, SoilNodes
+from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, SIDE, SoilNodes
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 0})
 
@@ -25,6 +25,12 @@ def find_page(world: int, x: int, y: int, nodes: SoilNodes) -> int:
         at = (at + 1) & (entries - 1)
         page = nodes.entry[world, at] - 1
     return page
+
+
+@wp.func
+def slot_in(page: int, column: int, row: int) -> int:
+    """Index of a node of a page among those of the world."""
+    return page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
 
 
 @wp.func
@@ -84,6 +90,8 @@ def take_page(world: int, x: int, y: int, step: int, nodes: SoilNodes):
         for node in range(PAGE_NODES):
             for value in range(NODE_VALUES):
                 nodes.node[world, page * PAGE_NODES + node, value] = 0.0
+            if nodes.raised.shape[1] > 0:
+                nodes.raised[world, page * PAGE_NODES + node] = 0.0
         entries = nodes.entry.shape[1]
         at = first_entry(x, y, entries)
         while nodes.entry[world, at] > 0:

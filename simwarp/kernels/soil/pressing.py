@@ -15,27 +15,29 @@ from simwarp.kernels.soil.footprint import (
     Below,
     Pose,
     footprint_of,
+    holds,
     inverse_half_width,
+    keep_footprint,
+    kept_footprint,
     meets_another,
     node_below,
     node_number,
     owns,
+    raised_node,
     shape_pose,
     soil_at,
     surface_above,
 )
 from simwarp.kernels.soil.law import Law, law_of, press
-from simwarp.kernels.soil.level import node_drop
-from simwarp.kernels.soil.pages import find_page, take_page
+from simwarp.kernels.soil.level import greatest_raise, node_drop
+from simwarp.kernels.soil.pages import find_page, slot_in, take_page
 from simwarp.kernels.soil.soil_tables import (
     BALL,
     CAPSULE,
     K_C,
     LEAN_X,
     LEAN_Y,
-    PAGE_NODES,
     SHEAR,
-    SIDE,
     SINKAGE,
     WHEEL,
     YIELD,
@@ -62,6 +64,7 @@ class ShapeSum:
     coupling: wp.mat33
     inertia: wp.mat33
     touched: int
+    sunk: float  # sum of what nodes' drops grew by [m]
 
 
 @wp.func
@@ -126,7 +129,9 @@ def press_node(
     """Moves the memory of a node on, and adds what it does to the shape."""
     s = total
     n = b.normal
-    before = press(b.sinkage, nodes.node[world, slot, SINKAGE], nodes.node[world, slot, YIELD], law)
+    plastic = nodes.node[world, slot, SINKAGE]
+    before = press(b.sinkage, plastic, nodes.node[world, slot, YIELD], law)
+    s.sunk += (before.plastic - plastic) / n[2]
     nodes.node[world, slot, SINKAGE] = before.plastic
     nodes.node[world, slot, YIELD] = before.limit
     touched = before.pressure > 0.0
@@ -189,8 +194,10 @@ def take_pages_below(
     something stands on is given away, whatever the order of the shapes.
     """
     missing = int(0)
+    lift = greatest_raise(world, nodes)
     for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), soil, assets)
+        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
+        keep_footprint(world, shape, foot, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -202,7 +209,7 @@ def take_pages_below(
     if missing == 0:
         return
     for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), soil, assets)
+        foot = kept_footprint(world, shape, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -260,7 +267,8 @@ def press_shapes(
     index, shape = wp.tid()
     world = worlds.first + index
     p = shape_pose(world, shape, dt, shapes, state)
-    foot = footprint_of(world, p, soil, assets)
+    lift = greatest_raise(world, nodes)
+    foot = kept_footprint(world, shape, nodes)
     total = ShapeSum()
     sunk = float(0.0)
     deepest = nodes.deepest[world, shape]
@@ -269,35 +277,42 @@ def press_shapes(
         kind = soil_at(world, p.x, soil)
         inverse_b = float(0.0)
         if soil.parameter[copy, kind, K_C] != 0.0:
-            inverse_b = inverse_half_width(world, p, foot, soil, assets)
+            inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, shape, foot, dt, p, soil, shapes, state, assets)
+        crowded = meets_another(world, shape, foot, nodes)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
-        page_x = int(0x7FFFFFFF)
-        page_y = int(0)
-        page = int(-1)
+        level = foot
+        if lift > 0.0:
+            level = footprint_of(world, p, 0.0, soil, assets)  # beyond it only nodes that were raised are met
         for row in range(foot.y0, foot.y1 + 1):
+            page_x = int(0x7FFFFFFF)
+            page = int(-1)
             for column in range(foot.x0, foot.x1 + 1):
-                b = node_below(world, column, row, p, soil, assets)
-                # a node that the shape comes to within the step counts already
-                close = b.sinkage > -p.near
-                if b.found == 1 and close:
-                    if column >> 3 != page_x or row >> 3 != page_y:
-                        page_x = column >> 3
-                        page_y = row >> 3
-                        page = find_page(world, page_x, page_y, nodes)
+                if column >> 3 != page_x:
+                    page_x = column >> 3
+                    page = find_page(world, page_x, row >> 3, nodes)
+                slot = slot_in(page, column, row)
+                raised = float(0.0)
+                tested = page >= 0
+                if lift > 0.0 and tested:
+                    raised = nodes.raised[world, slot]
+                    tested = raised > 0.0 or holds(level, column, row)
+                if tested:
+                    b = raised_node(node_below(world, column, row, p, soil, assets), raised)
                     area = soil.spacing * soil.spacing * b.share
-                    mine = bool(True)
-                    if crowded:
-                        mine = owns(world, shape, column, row, b, dt, p, soil, shapes, state, assets)
-                    if page >= 0 and area > 0.0 and mine:
-                        slot = page * PAGE_NODES + (row & (SIDE - 1)) * SIDE + (column & (SIDE - 1))
+                    # a node that the shape comes to within the step counts already
+                    mine = b.found == 1 and b.sinkage > -p.near and area > 0.0
+                    if crowded and mine:
+                        mine = owns(world, shape, column, row, b, dt, soil, shapes, state, assets, nodes)
+                    if mine:
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
                         deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))
                         if column == middle_x and row == middle_y:
-                            sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2]
+                            sunk = wp.max(b.sinkage, nodes.node[world, slot, SINKAGE]) / b.normal[2] - raised
     nodes.deepest[world, shape] = deepest
+    if soil.pushed > 0.0:
+        nodes.pending[world, shape] = nodes.pending[world, shape] + soil.pushed * total.sunk
     reports.touched[world, shape] = total.touched
     reports.sinkage[world, shape] = sunk
     reports.before_v[world, shape] = p.v
@@ -394,6 +409,9 @@ def clear_world(world: int, nodes: SoilNodes):
     nodes.recycled[world] = 0
     for shape in range(nodes.deepest.shape[1]):
         nodes.deepest[world, shape] = 0.0
+    for shape in range(nodes.highest.shape[1]):
+        nodes.highest[world, shape] = 0.0
+        nodes.pending[world, shape] = 0.0
     for at in range(nodes.entry.shape[1]):
         nodes.entry[world, at] = 0
 

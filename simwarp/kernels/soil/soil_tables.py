@@ -43,6 +43,7 @@ class SoilTables:
     length: float  # over which the direction of shear relaxes [m]
     rest_time: float  # displacement that holds a node at rest, per speed [s]
     rest_speed: float  # above which a node slides [m/s]
+    pushed: float  # share of what a shape presses down that rises beside it; 0: none, and no node has a raise
     parameter: wp.array3d[float]  # (1 or W, soils, PARAMETERS)
     soil_map: wp.array3d[int]  # (1 or W, rows along y, columns along x) soils; no entries: soil 0 everywhere
     map_origin: wp.vec2d  # corner of the map's first cell, world [m]
@@ -82,7 +83,15 @@ class SoilNodes:
     count: wp.array[int]  # (W,) pages in use
     step: wp.array[int]  # (W,) steps so far
     recycled: wp.array[int]  # (W,) pages that were taken again, with the ruts in them
+    foot: wp.array2d[wp.vec4i]  # (W, shapes) nodes below each in this step: columns from, to, rows from, to
     deepest: wp.array2d[float]  # (W, shapes) greatest drop of a node that each has left [m]
+    raised: wp.array2d[
+        float
+    ]  # (W, pages * PAGE_NODES) of the undeformed ground [m]; (W, 0) without bulldozing, so too:
+    highest: wp.array2d[
+        float
+    ]  # (W, shapes) greatest height of a node above the undeformed ground that each has left [m]
+    pending: wp.array2d[float]  # (W, shapes) sum of nodes' drops that is to rise beside each [m]
 
 
 @wp.struct

@@ -199,3 +199,16 @@ def test_pictures_and_maps_show_every_vehicle():
         assert torch.allclose(middle, at[:, vehicle, :2], atol=1e-4)
     assert task.step(torch.zeros(1, 2)).observations["camera"].float().std() > 1.0
     assert math.isfinite(float(task.metrics()["distance"][0]))
+
+
+def test_obstacles_are_seen_where_they_stand_and_nothing_else_is_moved_to_them():
+    task = driving("convoy", 2, obs="camera", camera_width=40, camera_height=36, **SIMULATED)
+    scene, place = task.scene(), task.obstacles.place
+    seen = to_torch(scene.x)
+    slots = [scene.instance(f"obstacle_{slot}_visual") for slot in range(task.obstacles.count)]
+    there = task.obstacles.radius > 0.0
+    assert there.any()
+    assert torch.allclose(seen[:, slots, :2][there], place[there].double(), atol=1e-5)
+    others = [index for index in range(len(scene.names)) if index not in slots]
+    assert "v0_body" in [scene.names[index] for index in others]
+    assert seen[:, others].norm(dim=2).max() < 5.0  # on bodies, or the ground
