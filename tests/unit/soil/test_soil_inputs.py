@@ -18,6 +18,8 @@ from simwarp.vehicle.tires.tires import ground
 from tests.unit.soil.soil_wheels import RADIUS, WIDTH
 
 GOOD = {"k_phi": 1e6}
+NONSENSE: Any = {"body": None, "share": 0.5, "half": 0.1, "pose": (0, 0, 0)}
+"""Of types that a checker would refuse."""
 
 
 @pytest.mark.parametrize(
@@ -123,13 +125,19 @@ def test_options_of_a_soil(options, message):
         ("b", "shapes must be a list, got 'b'; write shapes=[...]"),
         (["b"], "shapes must be of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, got 'b'; wrap it in one"),
         ([], "shapes must be at least one, got none; name those that sink in"),
-        ([SoilSphere(body=None, radius=0.1)], "body must be an integer >= 0, got None; name it, or give its index"),
-        ([SoilSphere(body=0.5, radius=0.1)], "body must be an integer >= 0 and <= 0, got 0.5; name it"),
+        (
+            [SoilSphere(body=NONSENSE["body"], radius=0.1)],
+            "body must be an integer >= 0, got None; name it, or give its index",
+        ),
+        ([SoilSphere(body=NONSENSE["share"], radius=0.1)], "body must be an integer >= 0 and <= 0, got 0.5; name it"),
         ([SoilSphere(body=sw.WORLD, radius=0.1)], "body must be an integer >= 0, got -1; name it, or give its index"),
         ([SoilSphere(body=0, radius=0.1, offset=(0.0, 1.0))], "SoilSphere: offset must be 3 finite numbers"),
-        ([SoilBox(body=0, half=0.1)], "SoilBox: half must be 3 finite numbers"),
+        ([SoilBox(body=0, half=NONSENSE["half"])], "SoilBox: half must be 3 finite numbers"),
         ([SoilBox(body=0, half=(0.1, 0.1))], "SoilBox: half must be 3 finite numbers"),
-        ([SoilBox(body=0, half=(0.1, 0.1, 0.1), pose=(0, 0, 0))], "SoilBox: pose must be a Pose, got (0, 0, 0); make"),
+        (
+            [SoilBox(body=0, half=(0.1, 0.1, 0.1), pose=NONSENSE["pose"])],
+            "SoilBox: pose must be a Pose, got (0, 0, 0); make",
+        ),
     ],
 )
 def test_shapes_of_a_soil(shapes, message):
