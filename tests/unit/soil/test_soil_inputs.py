@@ -136,7 +136,7 @@ def test_options_of_a_soil(options, message):
         ([SoilBox(body=0, half=(0.1, 0.1))], "SoilBox: half must be 3 finite numbers"),
         (
             [SoilBox(body=0, half=(0.1, 0.1, 0.1), pose=NONSENSE["pose"])],
-            "SoilBox: pose must be a Pose, got (0, 0, 0); make",
+            "SoilBox: pose must be a Pose, got (0, 0, 0)",
         ),
     ],
 )
