@@ -210,6 +210,27 @@ def numbers_of(models: Sequence[str], grounds: Sequence[str]) -> dict[str, Any]:
     return found
 
 
+def paired(model: str, quantity: str) -> list[Row]:
+    """Return the differences of each ground from rigid ground, run by run: mean and 95 % interval of each vehicle.
+
+    Args:
+        model: reduced or full.
+        quantity: name of a column.
+    """
+    found = []
+    rows = {
+        ground: {(row["run"], row["vehicle"]): row for row in read_rows(path_of(model, ground))} for ground in GROUNDS
+    }
+    for ground in ("hard", "soft"):
+        for vehicle in range(FOLLOWERS + 1):
+            both = [key for key in rows[ground].keys() & rows["rigid"].keys() if key[1] == vehicle]
+            if both:
+                change = [rows[ground][key][quantity] - rows["rigid"][key][quantity] for key in sorted(both)]
+                about = {"model": model, "ground": ground, "vehicle": vehicle, "runs": len(both)}
+                found.append({**about, **mean_interval(change)})
+    return found
+
+
 def table(numbers: dict[str, Any]) -> str:
     """Return the numbers as a table in Markdown."""
     lines = [
@@ -280,6 +301,12 @@ def main() -> None:
     if numbers:
         NUMBERS.write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
         print(table(numbers))
+        for model in numbers:
+            for quantity in ("deviation", "by_way"):
+                for each in paired(model, quantity):
+                    what = f"{model} {quantity} of vehicle {each['vehicle']}, {each['ground']} less rigid"
+                    interval = f"{each['mean']:+.3f} ({each['low']:+.3f} to {each['high']:+.3f}) m"
+                    print(f"{what}: {interval}, {each['runs']} runs")
         draw(numbers, PICTURE)
 
 

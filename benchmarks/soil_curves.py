@@ -86,10 +86,11 @@ def draw_pull(axes: Any) -> None:
             axes.plot(slips, each, style, color=COLOURS[name], lw=1.4, label=label)
     spec = with_options(load_vehicle("hmmwv"), tire="soil-rigid")
     for name in names:
-        setup = set_up(
-            spec, maneuver("drawbar", spec, duration=30.0), device="cpu", dt=2e-3,
-            elements=lambda vehicle, name=name: [soil_under(vehicle, name)],
-        )  # fmt: skip
+
+        def below(vehicle: Any, soil: str = name) -> list[Any]:
+            return [soil_under(vehicle, soil)]
+
+        setup = set_up(spec, maneuver("drawbar", spec, duration=30.0), device="cpu", dt=2e-3, elements=below)
         run = Drive(setup).run()
         run = dataclasses.replace(run, columns={key: value[run["t_s"] > 5.0] for key, value in run.columns.items()})
         told = [pull_at(run, float(slip)) for slip in slips]

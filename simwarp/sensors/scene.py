@@ -129,7 +129,7 @@ class Visuals(Readable):
         )
 
     def hide(self, *shapes: int) -> None:
-        """No ray meets these shapes."""
+        """No ray meets these shapes. Indices of instances that were added before fall: hide first, then add."""
         gone = {self.index_of(shape) for shape in shapes}
         self.instances = [instance for index, instance in enumerate(self.instances) if index not in gone]
 

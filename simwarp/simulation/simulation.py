@@ -552,6 +552,9 @@ def _checked_elements(elements: Any) -> tuple[ForceElement, ...]:
                 f"Simulation: elements must be force elements, got {shown(part)} among them; make one first, such as "
                 "Vehicle(model, ...)"
             )
+    if len({id(part) for part in listed}) < len(listed):
+        twice = next(part for k, part in enumerate(listed) if any(part is other for other in listed[:k]))
+        raise ModelError(f"Simulation: elements must stand there once each, got {type(twice).__name__} twice; drop one")
     return listed
 
 

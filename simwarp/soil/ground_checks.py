@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from simwarp.core.types import ModelError, shown
+from simwarp.core.types import ModelError, numbers, shown
 from simwarp.kernels.collision.shape import HEIGHT_FIELD, PLANE
 from simwarp.kernels.soil.soil_tables import SIDE
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
@@ -31,18 +31,44 @@ def checked_pages(pages: Any, spacing: float, least: int) -> int:
     Raises:
         ModelError: they are too few or no whole number.
     """
+    if least > MOST_PAGES:
+        most = f"at most {MOST_PAGES} pages may lie below the shapes"
+        raise ModelError(f"soil: spacing must be so wide that {most}, got {spacing:.4g} m, {least}; 0.05 suits cars")
     remedy = f"so many of {spacing * SIDE:.3g} m may lie below the shapes; raise it, or the spacing"
     return whole_number("soil", "pages", pages, least, MOST_PAGES, remedy)
 
 
-def check_ground(ground: TerrainTables) -> None:
-    """Refuses a plane that leans by more than 45 degrees."""
+def check_ground(ground: Any) -> None:
+    """Refuses what is no ground, and a plane that leans by more than 45 degrees."""
+    if getattr(ground, "_cls", None) is not TerrainTables:
+        raise ModelError(f"soil: ground must be of simwarp.vehicle.tires.ground, got {shown(ground)}; make it by that")
     if ground.kind != PLANE:
         return
     upright = float(ground.rot.numpy()[:, 2, 2].min())
     if not upright >= math.cos(STEEPEST) - 1e-6:
         lean = math.degrees(math.acos(max(-1.0, min(1.0, upright))))
         raise ModelError(f"soil: ground must lean by at most 45 degrees, got {lean:.4g}; turn it, or gravity")
+
+
+def checked_map(soil_map: Any, soils: int, worlds: int) -> npt.NDArray[np.int32]:
+    """Indices of soils, (1 or W, rows, columns); without cells where there is no map.
+
+    Raises:
+        ModelError: it has another shape, or holds anything but indices of soils.
+    """
+    if soil_map is None:
+        return np.zeros((1, 0, 0), np.int32)
+    values = numbers(soil_map)
+    values = values[None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[0] not in (1, worlds) or not values.size:
+        got = values.shape if values.ndim else shown(soil_map)
+        raise ModelError(
+            f"soil: soil_map must be (rows, columns) or ({worlds}, rows, columns), got {got}; it has numbers of soils"
+        )
+    wrong = values[~((values >= 0.0) & (values < soils) & (values == np.floor(values)))]
+    if len(wrong):
+        raise ModelError(f"soil: soil_map must hold indices below {soils}, got {wrong[0]:g}; name more soils")
+    return values.astype(np.int32)
 
 
 def check_map(
@@ -58,7 +84,8 @@ def check_map(
         model: with the height fields.
     """
     for name, pair, least in (("map_origin", origin, -math.inf), ("map_cell", cell, 0.0)):
-        if not all(math.isfinite(value) and value > least for value in pair):
+        given = numbers(pair)
+        if given.shape != (2,) or not (np.isfinite(given) & (given > least)).all():
             rule = "finite" if least < 0.0 else "finite and > 0 m"
             raise ModelError(
                 f"soil: {name} must be two numbers, {rule}, got {shown(pair)}; it has one of x and one of y"

@@ -11,23 +11,25 @@ import warp as wp
 
 from simwarp.core.arrays import writable, writable_from
 from simwarp.core.readable import Readable, Row, plural
-from simwarp.core.types import ModelError, ShapeType, shown
+from simwarp.core.types import FLOAT32_LEAST, ModelError, ShapeType, number, numbers, shown
 from simwarp.kernels.soil.imprint import find_resting_shifts, imprint_worlds, keep_forces
 from simwarp.kernels.soil.level import SoilCover, find_heights
 from simwarp.kernels.soil.pressing import carry_bodies, clear_soil, press_shapes, report_shapes, take_pages
 from simwarp.kernels.soil.soil_tables import NODE_VALUES, PAGE_NODES, PARAMETERS, SoilNodes, SoilReports, SoilTables
 from simwarp.kernels.vehicle.tires.ground import TerrainTables
+from simwarp.model.checks import checked_flag
 from simwarp.model.model import Model
 from simwarp.simulation.protocols import StepContext
 from simwarp.simulation.world_launches import WorldLaunch
 from simwarp.simulation.world_masks import mask_of_worlds
 from simwarp.soil.bulldozing import Bulldozing, SoilFlow
-from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_pages
-from simwarp.soil.soil_parameters import SoilSpec, soil_preset
+from simwarp.soil.ground_checks import MOST_PAGES, check_ground, check_map, checked_map, checked_pages
+from simwarp.soil.soil_parameters import SoilSpec, soils_of
 from simwarp.soil.soil_shapes import (
     SoilShape,
     SoilWheel,
     carriers_of,
+    checked_shapes,
     narrowest_width,
     pages_at_a_time,
     shape_tables,
@@ -99,27 +101,30 @@ class Soil(Readable):
         wheels: Sequence[SoilShape] = (),
     ) -> None:  # fmt: skip
         self.model = model
-        self.shapes = (*shapes, *wheels)
-        given = [soil] if isinstance(soil, SoilSpec | str) else list(soil)
-        self.soils = tuple(soil_preset(each) if isinstance(each, str) else each for each in given)
+        self.shapes = (*checked_shapes(shapes), *checked_shapes(wheels))
+        self.soils = soils_of(soil)
         self.spacing = _checked_spacing(spacing, self.shapes)
         self.pages = checked_pages(pages, self.spacing, pages_at_a_time(self.shapes, self.spacing))
         worlds, device = model.world_count, model.device
-        rows = np.tile(np.array([each.values() for each in self.soils]), (worlds if per_world else 1, 1, 1))
+        rows = np.tile(
+            np.array([each.values() for each in self.soils]),
+            (worlds if checked_flag("soil", "per_world", per_world) else 1, 1, 1),
+        )
         self.parameter = writable_from(rows, wp.float32, device)
         assert rows.shape[2] == PARAMETERS
         tables: Any = SoilTables()
         self._tables = tables
         tables.spacing = self.spacing
-        tables.weighted = int(weighted)
+        tables.weighted = int(checked_flag("soil", "weighted", weighted))
         tables.scalar_shear = int(_checked_memory(shear_memory) is ShearMemory.SCALAR)
         tables.length, tables.rest_time = DIRECTION_LENGTH, REST_TIME
         tables.rest_speed = REST_SPEED
         tables.parameter = self.parameter
-        places: Any = _checked_map(soil_map, len(self.soils), worlds)
+        places: Any = checked_map(soil_map, len(self.soils), worlds)
         tables.soil_map = wp.array(places, dtype=int, device=device)
-        tables.terrain = plane(device) if ground is None else ground
-        check_ground(tables.terrain)
+        below = plane(device) if ground is None else ground
+        check_ground(below)
+        tables.terrain = below
         check_map(places.shape, map_origin, map_cell, tables.terrain, model)
         tables.map_origin, tables.map_cell = wp.vec2d(*map_origin), wp.vec2d(*map_cell)
         self._shapes = shape_tables(model, self.shapes)
@@ -369,10 +374,11 @@ def _checked_spacing(spacing: float, shapes: Sequence[SoilShape]) -> float:
     if not shapes:
         raise ModelError("soil: shapes must be at least one, got none; name those that sink in")
     narrowest = narrowest_width(shapes)
-    if not 0.0 < spacing <= 0.5 * narrowest:
+    given = number(spacing)
+    if not FLOAT32_LEAST <= given <= 0.5 * narrowest:
         rule = f"positive and at most half the narrowest shape's width, {0.5 * narrowest:.4g} m"
         raise ModelError(f"soil: spacing must be {rule}, got {shown(spacing)}; 0.05 suits cars")
-    return float(spacing)
+    return given
 
 
 def _adds(soil: Soil, simulation: StepContext) -> list[int]:
@@ -408,18 +414,6 @@ def _checked_bulldozing(bulldozing: Any) -> Bulldozing | None:
     raise ModelError(f"soil: bulldozing must be a Bulldozing or None, got {shown(bulldozing)}; Bulldozing() is usual")
 
 
-def _checked_map(soil_map: Any, soils: int, worlds: int) -> np.ndarray[Any, np.dtype[np.int32]]:
-    if soil_map is None:
-        return np.zeros((1, 0, 0), np.int32)
-    values = np.asarray(soil_map)
-    values = values[None] if values.ndim == 2 else values
-    if values.ndim != 3 or values.shape[0] not in (1, worlds) or not values.size:
-        raise ModelError(f"soil: soil_map must be (rows, columns) or ({worlds}, rows, columns), got {values.shape}")
-    if values.min() < 0 or values.max() >= soils:
-        raise ModelError(f"soil: soil_map must hold indices below {soils}, got {int(values.max())}; name more soils")
-    return values.astype(np.int32)
-
-
 def _checked_points(points: Any, model: Model) -> wp.array:
     """(1 or W, N) vec2d on the model's device."""
     worlds = model.world_count
@@ -428,10 +422,11 @@ def _checked_points(points: Any, model: Model) -> wp.array:
         if points.dtype is not wp.vec2d or points.ndim != 2 or points.shape[0] not in (1, worlds):
             raise ModelError(f"{rule}, got {shown(points)}; make a wp.array of dtype vec2d")
         return points
-    values = np.asarray(points, np.float64)
+    values = numbers(points)
     values = values[None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] != 2 or values.shape[0] not in (1, worlds):
-        raise ModelError(f"{rule}, got {np.shape(points)}; give x and y of each")
+        got = values.shape if values.ndim else shown(points)
+        raise ModelError(f"{rule}, got {got}; give x and y of each")
     return wp.array(values, dtype=wp.vec2d, ndim=2, device=model.device)
 
 
@@ -443,6 +438,7 @@ def _nodes(worlds: int, pages: int, shapes: int, bulldozing: bool, device: Any) 
     nodes.entry = wp.zeros((worlds, 1 << (2 * pages - 1).bit_length()), dtype=int, device=device)
     for name in ("count", "step", "recycled"):
         setattr(nodes, name, wp.zeros(worlds, dtype=int, device=device))
+    nodes.foot = wp.zeros((worlds, shapes), dtype=wp.vec4i, device=device)
     nodes.deepest = wp.zeros((worlds, shapes), dtype=float, device=device)
     nodes.raised = wp.zeros((worlds, pages * PAGE_NODES * bulldozing), dtype=float, device=device)
     for name in ("highest", "pending"):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Final
+from collections.abc import Iterable
+from typing import Any, Final
 
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import ModelError, shown
@@ -101,3 +102,18 @@ def soil_preset(name: str) -> SoilSpec:
     if name not in PRESETS:
         raise ModelError(f"soil: preset must be {', '.join(PRESETS)}, got {shown(name)}; or give a SoilSpec")
     return PRESETS[name]
+
+
+def soils_of(given: Any) -> tuple[SoilSpec, ...]:
+    """One soil or several, each a `SoilSpec` or the name of a preset.
+
+    Raises:
+        ModelError: there is none, or one is neither.
+    """
+    listed = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
+    if not listed or not all(isinstance(each, SoilSpec | str) for each in listed):
+        raise ModelError(
+            f"soil: soil must be a SoilSpec, the name of a preset, or a list of these, got {shown(given)}; "
+            f"presets are {', '.join(PRESETS)}"
+        )
+    return tuple(soil_preset(each) if isinstance(each, str) else each for each in listed)

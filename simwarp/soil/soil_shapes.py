@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import warp as wp
 
 from simwarp.core.rotation import rotate
-from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, pose, shown
+from simwarp.core.types import ModelError, Pose, ShapeType, Vec3, finite_vector, pose, shown
 from simwarp.kernels.soil.soil_tables import BALL, BOX, CAPSULE, SIDE, WHEEL
 from simwarp.kernels.soil.soil_tables import SoilShapes as ShapeTables
-from simwarp.model.checks import finite_number, not_negative, positive_number
+from simwarp.model.checks import not_negative, positive_number, whole_number
 from simwarp.model.model import Model
 
 SIZE: Final = "give its size"
@@ -118,6 +118,22 @@ class _Row(NamedTuple):
     """Of the narrowest part that should have two nodes [m]."""
 
 
+def checked_shapes(shapes: Any) -> tuple[SoilShape, ...]:
+    """Shapes as they were given, each of a kind that sinks in.
+
+    Raises:
+        ModelError: it is no list, or something else is among them.
+    """
+    if not isinstance(shapes, Iterable) or isinstance(shapes, str):
+        raise ModelError(f"soil: shapes must be a list, got {shown(shapes)}; write shapes=[...]")
+    listed = tuple(shapes)
+    for shape in listed:
+        if type(shape) not in _ROWS:
+            names = ", ".join(kind.__name__ for kind in _ROWS)
+            raise ModelError(f"soil: shapes must be of {names}, got {shown(shape)}; wrap it in one of these")
+    return listed
+
+
 def _axis(pose: Pose, axis: Vec3) -> Any:
     return rotate(pose.rotation, np.array(axis))
 
@@ -130,7 +146,7 @@ def _wheel_row(s: SoilWheel) -> _Row:
 
 
 def _box_row(s: SoilBox) -> _Row:
-    for value in s.half:
+    for value in finite_vector("SoilBox", "half", s.half, 3):
         positive_number("SoilBox", "half", value, "m", SIZE)
     up, side = _axis(s.pose, (0.0, 0.0, 1.0)), _axis(s.pose, (1.0, 0.0, 0.0))
     around = math.hypot(*s.half)
@@ -165,9 +181,11 @@ _ROWS: Final[dict[type, Callable[[Any], _Row]]] = {
 
 
 def _row(shape: SoilShape) -> _Row:
-    if type(shape) not in _ROWS:
-        names = ", ".join(kind.__name__ for kind in _ROWS)
-        raise ModelError(f"soil: shapes must be of {names}, got {shown(shape)}; wrap it in one of these")
+    name = type(shape).__name__
+    if isinstance(shape, SoilWheel | SoilSphere):
+        finite_vector(name, "offset", shape.offset, 3)
+    elif not isinstance(shape.pose, Pose):
+        raise ModelError(f"{name}: pose must be a Pose, got {shown(shape.pose)}; make it by sw.pose")
     return _ROWS[type(shape)](shape)
 
 
@@ -203,9 +221,9 @@ def body_of(model: Model, body: int | str) -> int:
     """
     if isinstance(body, str):
         return model.body(body)
-    if not 0 <= int(body) < model.body_count:
-        raise ModelError(f"soil: body must be from 0 to {model.body_count - 1}, got {shown(body)}; the world is ground")
-    return int(body)
+    return whole_number(
+        "soil", "body", body, 0, model.body_count - 1, "name it, or give its index; the world is ground"
+    )
 
 
 def carriers_of(model: Model, shapes: Sequence[SoilShape]) -> tuple[int, ...]:
@@ -221,9 +239,6 @@ def shape_tables(model: Model, shapes: Sequence[SoilShape]) -> Any:
     """
     device = model.device
     rows = [_row(shape) for shape in shapes]
-    for row in rows:
-        for value in row.offset:
-            finite_number("soil", "offset", float(value))
     bodies = [body_of(model, shape.body) for shape in shapes]
     table: Any = ShapeTables()
 

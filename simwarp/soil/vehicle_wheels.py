@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-from simwarp.core.types import ModelError
+from simwarp.core.types import ModelError, shown
 from simwarp.soil.soil import Soil
 from simwarp.soil.soil_parameters import SoilSpec
 from simwarp.soil.soil_shapes import SoilShape, SoilWheel
@@ -35,6 +35,18 @@ def wheels_of(vehicle: Vehicle) -> list[SoilWheel]:
     ]  # fmt: skip
 
 
+def _checked_vehicles(vehicles: Any) -> list[Vehicle | Vehicles]:
+    listed = list(vehicles) if isinstance(vehicles, Iterable) else [vehicles]
+    if not listed or not all(isinstance(each, Vehicle | Vehicles) for each in listed):
+        raise ModelError(
+            f"soil_under: vehicles must be at least one Vehicle or Vehicles, got {shown(vehicles)}; "
+            "Soil takes wheels of other bodies"
+        )
+    if any(each.model is not listed[0].model for each in listed):
+        raise ModelError("soil_under: vehicles must be of one model, got several; add them all to one ModelBuilder")
+    return listed
+
+
 def soil_under(
     vehicles: Vehicle | Vehicles | Sequence[Vehicle | Vehicles],
     soil: SoilSpec | str | Sequence[SoilSpec | str] = "mid", *,
@@ -51,7 +63,7 @@ def soil_under(
     Raises:
         ModelError: the tires of one make forces of their own, or a value breaks its rule.
     """
-    given = [vehicles] if isinstance(vehicles, Vehicle | Vehicles) else list(vehicles)
+    given = _checked_vehicles([vehicles] if isinstance(vehicles, Vehicle | Vehicles) else vehicles)
     below = [[each] if isinstance(each, Vehicle) else list(each) for each in given]
     wheels = [wheels_of(vehicle) for each in below for vehicle in each]
     first_tires = given[0].tires
@@ -61,8 +73,8 @@ def soil_under(
     first = 0
     for whole, each in zip(given, below, strict=True):
         count = len(each[0].parts.sides)
-        for number, shown in enumerate((whole, *each)):
-            assert isinstance(shown.tires, SoilTires)
-            shown.tires.show(made, first + count * max(number - 1, 0))
+        for number, vehicle in enumerate((whole, *each)):
+            assert isinstance(vehicle.tires, SoilTires)
+            vehicle.tires.show(made, first + count * max(number - 1, 0))
         first += count * len(each)
     return made

@@ -17,6 +17,8 @@ import gymnasium as gym
 import numpy as np
 import torch
 
+from simwarp.core.types import numbers, shown
+
 from ..framework.errors import InputError
 from ..framework.registry import make
 from ..framework.task import Task
@@ -122,7 +124,7 @@ class TaskParallelEnv(_Base):  # type: ignore[misc,unused-ignore]
             Observations, rewards, terminations, truncations and infos of the agents that were not done before.
 
         Raises:
-            InputError: an action is missing, or of an agent that is done or none.
+            InputError: an action is missing, of an agent that is done or none, or no numbers of its space's shape.
         """
         acting = [*self.agents]
         missing = [agent for agent in acting if agent not in actions]
@@ -134,7 +136,7 @@ class TaskParallelEnv(_Base):  # type: ignore[misc,unused-ignore]
             return {}, {}, {}, {}, {}
         rows = np.zeros((1, self.task.agents, self.task.action_size), np.float32)
         for agent in acting:
-            rows[0, self._index(agent)] = np.asarray(actions[agent], dtype=np.float32)
+            rows[0, self._index(agent)] = self._numbers(agent, actions[agent])
         batch = torch.as_tensor(rows, device=self.task.device).view(self.task.action.shape)
         result = self.task.step(batch)
         self._renderer.advance()
@@ -165,6 +167,14 @@ class TaskParallelEnv(_Base):  # type: ignore[misc,unused-ignore]
 
     def close(self) -> None:
         """Nothing is held open."""
+
+    def _numbers(self, agent: str, action: Any) -> np.ndarray[Any, Any]:
+        """Return an action as float32 of its space's shape."""
+        shape = (self.task.action_size,)
+        given = numbers(action)
+        if given.shape != shape or np.isnan(given).any():
+            raise InputError(f"step: action of {agent} must be {shape} numbers in [-1, 1], got {shown(action)}")
+        return given.astype(np.float32)
 
     def _index(self, agent: str) -> int:
         return self.possible_agents.index(agent)

@@ -119,12 +119,16 @@ class PlatoonTask(ConvoyTask):
         ]
         return [*super().more_elements(model), *self._drivers]
 
+    def visuals(self, visuals: Visuals) -> None:
+        """Show what `convoy` shows, vehicles in place of leaders."""
+        visuals.hide(*self._boxes[:-1])  # before others note the indices of what they add: those behind move up
+        super().visuals(visuals)
+
     def show_leading(self, visuals: Visuals) -> None:
         """Show the other vehicles."""
         from simwarp.scenery import add_vehicle_visual
 
-        for parts, box in zip(self._parts[:-1], self._boxes[:-1], strict=True):
-            visuals.hide(box)
+        for parts in self._parts[:-1]:
             add_vehicle_visual(visuals, parts, color=(0.5, 0.05, 0.03))
 
     def bind_scene(self, scene: Scene) -> None:

@@ -7,7 +7,18 @@ import math
 import pytest
 
 from benchmarks import convoy_test
-from benchmarks.convoy_test import COLUMNS, Runs, draw, left, numbers_of, read_rows, table, vehicle_numbers, write_rows
+from benchmarks.convoy_test import (
+    COLUMNS,
+    Runs,
+    draw,
+    left,
+    numbers_of,
+    paired,
+    read_rows,
+    table,
+    vehicle_numbers,
+    write_rows,
+)
 
 
 def row(run, vehicle, reason, seconds=50.0, deviation=1.0):
@@ -56,6 +67,17 @@ def test_numbers_of_a_vehicle_and_who_failed_first():
     assert second["first"] == 2, "in run 1 the one ahead had failed before"
     assert second["touches"]["low"] < 0.5 < second["touches"]["high"]
     assert second["deviation"] == {"mean": 1.0, "low": 1.0, "high": 1.0}
+
+
+def test_grounds_are_compared_run_by_run(folder):
+    for ground, off in (("rigid", 0.0), ("hard", 0.25), ("soft", -0.5)):
+        rows = [row(run, v, "goal", deviation=1.0 + run + off) for run in range(3) for v in range(4)]
+        write_rows(folder / f"full.{ground}.csv", rows[:8] if ground == "soft" else rows)
+    found = {(each["ground"], each["vehicle"]): each for each in paired("full", "deviation")}
+    assert found["hard", 2]["mean"] == found["hard", 2]["low"] == 0.25
+    assert found["hard", 2]["runs"] == 3
+    assert found["soft", 0]["mean"] == -0.5
+    assert found["soft", 0]["runs"] == 2, "only runs that are there on both grounds"
 
 
 def test_table_and_picture_are_made_of_rows(folder):

@@ -127,9 +127,15 @@ _DOT = """
     auto dot = [](const float* __restrict__ a, const float* __restrict__ b, int n) {
         float part[4] = {0.0f, 0.0f, 0.0f, 0.0f};
         int k = 0;
+#ifdef __CUDA_ARCH__
+#pragma unroll 1
+#endif
         for (; k + 4 <= n; k += 4)
             for (int j = 0; j < 4; ++j) part[j] += a[k + j] * b[k + j];
         float total = (part[0] + part[1]) + (part[2] + part[3]);
+#ifdef __CUDA_ARCH__
+#pragma unroll 1
+#endif
         for (; k < n; ++k) total += a[k] * b[k];
         return total;
     };
@@ -155,6 +161,9 @@ _DOT = """
             if (f == 0.0f) continue;
 #pragma clang loop vectorize_width(4) interleave_count(2)
             for (int k = 0; k < near; ++k) l[k] += row[k] * f;
+#ifdef __CUDA_ARCH__
+#pragma unroll 1
+#endif
             for (int k = 0; k < far; ++k) m[k] += row[near + k] * f;
         }
     }

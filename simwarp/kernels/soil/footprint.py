@@ -343,30 +343,33 @@ def inverse_half_width(
 
 
 @wp.func
-def reach_of(shape: int, soil: SoilTables, shapes: SoilShapes) -> float:
-    """Farthest that a shape's footprint can be from its centre, whatever it does [m]."""
-    return 3.0 * shapes.radius[shape] + shapes.half_width[shape] + soil.spacing
+def keep_footprint(world: int, shape: int, foot: Footprint, nodes: SoilNodes):
+    """For all that comes in this step."""
+    nodes.foot[world, shape] = wp.vec4i(foot.x0, foot.x1, foot.y0, foot.y1)
 
 
 @wp.func
-def far_apart(
-    world: int, shape: int, other: int, p: Pose, soil: SoilTables, shapes: SoilShapes, state: StateArrays
-) -> bool:  # fmt: skip
-    """True where two shapes can have no node in common: most of those of several vehicles, told by their places."""
-    way = state.body_x[world, shapes.body[other]] - p.x
-    reach = reach_of(shape, soil, shapes) + reach_of(other, soil, shapes) + wp.length(shapes.offset_b[other])
-    return wp.max(wp.abs(way[0]), wp.abs(way[1])) > wp.float64(reach)
+def kept_footprint(world: int, shape: int, nodes: SoilNodes) -> Footprint:
+    """Of this step."""
+    kept = nodes.foot[world, shape]
+    foot = Footprint()
+    foot.x0 = kept[0]
+    foot.x1 = kept[1]
+    foot.y0 = kept[2]
+    foot.y1 = kept[3]
+    return foot
 
 
 @wp.func
 def owns(
-    world: int, shape: int, column: int, row: int, b: Below, dt: float, at: Pose, soil: SoilTables, shapes: SoilShapes,
-    state: StateArrays, assets: Assets,
+    world: int, shape: int, column: int, row: int, b: Below, dt: float, soil: SoilTables, shapes: SoilShapes,
+    state: StateArrays, assets: Assets, nodes: SoilNodes,
 ) -> bool:  # fmt: skip
     """False where another shape is deeper at a node, or as deep and of a smaller index."""
     mine = bool(True)
     for other in range(shapes.body.shape[0]):
-        if other != shape and not far_apart(world, shape, other, at, soil, shapes, state):
+        f = kept_footprint(world, other, nodes)
+        if other != shape and f.x0 <= column and column <= f.x1 and f.y0 <= row and row <= f.y1:
             p = shape_pose(world, other, dt, shapes, state)
             theirs = raised_node(node_below(world, column, row, p, soil, assets), b.raised).sinkage
             if theirs > 0.0 and (theirs > b.sinkage or (theirs == b.sinkage and other < shape)):
@@ -375,15 +378,11 @@ def owns(
 
 
 @wp.func
-def meets_another(
-    world: int, shape: int, foot: Footprint, dt: float, at: Pose, lift: float, soil: SoilTables, shapes: SoilShapes,
-    state: StateArrays, assets: Assets,
-) -> bool:  # fmt: skip
+def meets_another(world: int, shape: int, foot: Footprint, nodes: SoilNodes) -> bool:
     """True where the footprint of another shape crosses this one's."""
     found = bool(False)
-    for other in range(shapes.body.shape[0]):
-        if other != shape and not far_apart(world, shape, other, at, soil, shapes, state):
-            f = footprint_of(world, shape_pose(world, other, dt, shapes, state), lift, soil, assets)
-            if f.x0 <= foot.x1 and foot.x0 <= f.x1 and f.y0 <= foot.y1 and foot.y0 <= f.y1:
-                found = True
+    for other in range(nodes.foot.shape[1]):
+        f = kept_footprint(world, other, nodes)
+        if other != shape and f.x0 <= foot.x1 and foot.x0 <= f.x1 and f.y0 <= foot.y1 and foot.y0 <= f.y1:
+            found = True
     return found

@@ -13,6 +13,7 @@ from simwarp.kernels.soil.footprint import (
     Pose,
     footprint_of,
     inverse_half_width,
+    kept_footprint,
     meets_another,
     node_below,
     owns,
@@ -54,13 +55,13 @@ SHEARED = wp.constant(3.0)
 @wp.func
 def imprinted_below(
     world: int, shape: int, column: int, row: int, crowded: bool, p: Pose, soil: SoilTables, shapes: SoilShapes,
-    state: StateArrays, assets: Assets,
+    state: StateArrays, assets: Assets, nodes: SoilNodes,
 ) -> Below:  # fmt: skip
     """A node below a shape that stands; `found` is 0 where the shape does not press on it."""
     b = node_below(world, column, row, p, soil, assets)
     if b.sinkage <= 0.0 or b.share <= 0.0:
         b.found = 0
-    if b.found == 1 and crowded and not owns(world, shape, column, row, b, 0.0, p, soil, shapes, state, assets):
+    if b.found == 1 and crowded and not owns(world, shape, column, row, b, 0.0, soil, shapes, state, assets, nodes):
         b.found = 0
     return b
 
@@ -101,7 +102,7 @@ def imprinted_strength(pressure: float, law: Law) -> float:
 @wp.func
 def sum_imprint(
     world: int, shape: int, foot: Footprint, crowded: bool, normal: wp.vec3, fit: Imprint, law: Law, p: Pose,
-    soil: SoilTables, shapes: SoilShapes, state: StateArrays, assets: Assets,
+    soil: SoilTables, shapes: SoilShapes, state: StateArrays, assets: Assets, nodes: SoilNodes,
 ) -> ImprintSum:  # fmt: skip
     """Sums for a fit, row by row."""
     s = ImprintSum()
@@ -109,7 +110,7 @@ def sum_imprint(
     ahead = wp.cross(side, normal)
     for row in range(foot.y0, foot.y1 + 1):
         for column in range(foot.x0, foot.x1 + 1):
-            b = imprinted_below(world, shape, column, row, crowded, p, soil, shapes, state, assets)
+            b = imprinted_below(world, shape, column, row, crowded, p, soil, shapes, state, assets, nodes)
             if b.found == 1:
                 area = soil.spacing * soil.spacing * b.share
                 fresh = area * law.stiffness * wp.pow(b.sinkage, law.exponent)
@@ -130,7 +131,7 @@ def sum_imprint(
 @wp.func
 def fit_imprint(
     world: int, shape: int, foot: Footprint, crowded: bool, force: wp.vec3, torque: wp.vec3, law: Law, p: Pose,
-    soil: SoilTables, shapes: SoilShapes, state: StateArrays, assets: Assets,
+    soil: SoilTables, shapes: SoilShapes, state: StateArrays, assets: Assets, nodes: SoilNodes,
 ) -> Imprint:  # fmt: skip
     """Stresses that carry a force and a moment about the shape's centre (but for that about the normal)."""
     fit = Imprint()
@@ -138,7 +139,7 @@ def fit_imprint(
     if wp.length_sq(force) == 0.0:
         return fit
     up = wp.vec3(0.0, 0.0, 1.0)
-    total = sum_imprint(world, shape, foot, crowded, up, fit, law, p, soil, shapes, state, assets)
+    total = sum_imprint(world, shape, foot, crowded, up, fit, law, p, soil, shapes, state, assets, nodes)
     if wp.length_sq(total.pushed) == 0.0:
         return fit
     normal = wp.normalize(total.pushed)
@@ -150,7 +151,7 @@ def fit_imprint(
     along = force - pressed * normal
     fit.share = pressed / wp.length(total.pushed)
     for _ in range(FITS):
-        total = sum_imprint(world, shape, foot, crowded, normal, fit, law, p, soil, shapes, state, assets)
+        total = sum_imprint(world, shape, foot, crowded, normal, fit, law, p, soil, shapes, state, assets, nodes)
         if total.strength > 0.0:
             # what no shear can hold is left out
             fit.lean = -along / wp.max(total.strength, 1.02 * wp.length(along))
@@ -171,7 +172,7 @@ def imprint_shape(
 ):  # fmt: skip
     """Presses one shape in."""
     p = shape_pose(world, shape, 0.0, shapes, state)
-    foot = footprint_of(world, p, 0.0, soil, assets)
+    foot = kept_footprint(world, shape, nodes)
     deepest = float(0.0)
     if foot.x0 <= foot.x1 and foot.y0 <= foot.y1:
         copy = world_row(world, soil.parameter.shape[0])
@@ -180,14 +181,14 @@ def imprint_shape(
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, shape, foot, 0.0, p, 0.0, soil, shapes, state, assets)
+        crowded = meets_another(world, shape, foot, nodes)
         q = state.body_rot[world, shapes.body[shape]]
         force = to_float(wp.quat_rotate(q, to_double(force_b)))
         torque = to_float(wp.quat_rotate(q, to_double(torque_b)))
-        fit = fit_imprint(world, shape, foot, crowded, force, torque, law, p, soil, shapes, state, assets)
+        fit = fit_imprint(world, shape, foot, crowded, force, torque, law, p, soil, shapes, state, assets, nodes)
         for row in range(foot.y0, foot.y1 + 1):
             for column in range(foot.x0, foot.x1 + 1):
-                b = imprinted_below(world, shape, column, row, crowded, p, soil, shapes, state, assets)
+                b = imprinted_below(world, shape, column, row, crowded, p, soil, shapes, state, assets, nodes)
                 page = int(-1)
                 if b.found == 1:
                     page = find_page(world, column >> 3, row >> 3, nodes)

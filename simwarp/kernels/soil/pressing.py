@@ -17,6 +17,8 @@ from simwarp.kernels.soil.footprint import (
     footprint_of,
     holds,
     inverse_half_width,
+    keep_footprint,
+    kept_footprint,
     level_footprint,
     meets_another,
     node_below,
@@ -196,6 +198,7 @@ def take_pages_below(
     lift = greatest_raise(world, nodes)
     for shape in range(shapes.body.shape[0]):
         foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
+        keep_footprint(world, shape, foot, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -207,7 +210,7 @@ def take_pages_below(
     if missing == 0:
         return
     for shape in range(shapes.body.shape[0]):
-        foot = footprint_of(world, shape_pose(world, shape, dt, shapes, state), lift, soil, assets)
+        foot = kept_footprint(world, shape, nodes)
         if foot.x0 <= foot.x1:
             for y in range(foot.y0 >> 3, (foot.y1 >> 3) + 1):
                 for x in range(foot.x0 >> 3, (foot.x1 >> 3) + 1):
@@ -266,7 +269,7 @@ def press_shapes(
     world = worlds.first + index
     p = shape_pose(world, shape, dt, shapes, state)
     lift = greatest_raise(world, nodes)
-    foot = footprint_of(world, p, lift, soil, assets)
+    foot = kept_footprint(world, shape, nodes)
     total = ShapeSum()
     sunk = float(0.0)
     deepest = nodes.deepest[world, shape]
@@ -277,7 +280,7 @@ def press_shapes(
         if soil.parameter[copy, kind, K_C] != 0.0:
             inverse_b = inverse_half_width(world, p, foot, soil, assets, nodes)
         law = law_of(copy, kind, inverse_b, soil.parameter)
-        crowded = meets_another(world, shape, foot, dt, p, lift, soil, shapes, state, assets)
+        crowded = meets_another(world, shape, foot, nodes)
         middle_x = node_number(p.x[0], 0.5 * soil.spacing, soil.spacing)
         middle_y = node_number(p.x[1], 0.5 * soil.spacing, soil.spacing)
         level = level_footprint(world, p, foot, lift, soil, assets)
@@ -300,7 +303,7 @@ def press_shapes(
                     # a node that the shape comes to within the step counts already
                     mine = b.found == 1 and b.sinkage > -p.near and area > 0.0
                     if crowded and mine:
-                        mine = owns(world, shape, column, row, b, dt, p, soil, shapes, state, assets)
+                        mine = owns(world, shape, column, row, b, dt, soil, shapes, state, assets, nodes)
                     if mine:
                         total = press_node(total, slot, world, area, dt, b, p, law, soil, nodes)
                         deepest = wp.max(deepest, node_drop(world, slot, b.normal, nodes))

@@ -83,6 +83,7 @@ class SoilNodes:
     count: wp.array[int]  # (W,) pages in use
     step: wp.array[int]  # (W,) steps so far
     recycled: wp.array[int]  # (W,) pages that were taken again, with the ruts in them
+    foot: wp.array2d[wp.vec4i]  # (W, shapes) nodes below each in this step: columns from, to, rows from, to
     deepest: wp.array2d[float]  # (W, shapes) greatest drop of a node that each has left [m]
     raised: wp.array2d[
         float

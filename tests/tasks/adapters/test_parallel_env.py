@@ -84,6 +84,9 @@ def test_wrong_actions_worlds_and_runners_are_refused_in_one_line():
     env.reset()
     with pytest.raises(InputError, match=r"step needs actions of agent_0, agent_1, got no action of agent_1"):
         env.step({"agent_0": [0.0]})
+    for wrong in ([0.0, 0.0], 0.0, "left", [None], None):
+        with pytest.raises(InputError, match=r"step: action of agent_1 must be \(1,\) numbers in \[-1, 1\], got "):
+            env.step({"agent_0": [0.0], "agent_1": wrong})
     with pytest.raises(InputError, match=r"got an action of 'agent_7'"):
         env.step({"agent_0": [0.0], "agent_1": [0.0], "agent_7": [0.0]})
     with pytest.raises(InputError, match=r"task 'pair' has 3 worlds; make it with num_worlds=1"):
@@ -96,5 +99,5 @@ def test_wrong_actions_worlds_and_runners_are_refused_in_one_line():
 def test_actions_reach_their_agents():
     env = parallel(start=0.0)
     env.reset()
-    env.step({"agent_1": np.float32([0.5]), "agent_0": torch.tensor([-0.25])})
+    env.step({"agent_1": np.array([0.5], np.float32), "agent_0": torch.tensor([-0.25])})
     assert env.task.action.flatten().tolist() == [-0.25, 0.5]

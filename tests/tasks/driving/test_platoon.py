@@ -9,6 +9,7 @@ from simwarp.core.interop import to_torch
 from simwarp.kernels.tasks.driving.convoy import APART, DURATION, LENGTHS, SPEED
 from simwarp.tasks import InputError
 from simwarp.tasks.driving.platoon import PlatoonTask
+from simwarp.tasks.framework.step_check import check_step
 from tests.tasks.driving.driving_checks import driving
 
 SIMULATED = {"leaders": "simulated"}
@@ -171,6 +172,10 @@ def test_followers_on_soil_stand_in_it_with_all_wheels():
     assert (sinkage < 0.12).all()
 
 
+def test_a_control_step_of_a_convoy_fits_into_one_graph():
+    assert check_step(platoon(1)).problems() == []
+
+
 def test_wrong_convoys_are_refused_in_one_line():
     with pytest.raises(InputError, match="followers must be 1 where leaders are ghosts"):
         driving("convoy", 1, followers=2)
@@ -194,3 +199,16 @@ def test_pictures_and_maps_show_every_vehicle():
         assert torch.allclose(middle, at[:, vehicle, :2], atol=1e-4)
     assert task.step(torch.zeros(1, 2)).observations["camera"].float().std() > 1.0
     assert math.isfinite(float(task.metrics()["distance"][0]))
+
+
+def test_obstacles_are_seen_where_they_stand_and_nothing_else_is_moved_to_them():
+    task = driving("convoy", 2, obs="camera", camera_width=40, camera_height=36, **SIMULATED)
+    scene, place = task.scene(), task.obstacles.place
+    seen = to_torch(scene.x)
+    slots = [scene.instance(f"obstacle_{slot}_visual") for slot in range(task.obstacles.count)]
+    there = task.obstacles.radius > 0.0
+    assert there.any()
+    assert torch.allclose(seen[:, slots, :2][there], place[there].double(), atol=1e-5)
+    others = [index for index in range(len(scene.names)) if index not in slots]
+    assert "v0_body" in [scene.names[index] for index in others]
+    assert seen[:, others].norm(dim=2).max() < 5.0  # on bodies, or the ground

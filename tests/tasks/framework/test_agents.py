@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -10,9 +11,11 @@ import torch
 from simwarp.tasks import InputError, TaskError, make, replace_fields
 from simwarp.tasks.framework.replay import replay
 from simwarp.tasks.framework.rows import Rows
+from simwarp.tasks.framework.step_check import check_step
 from simwarp.train import TrainConfig
 from simwarp.train.algorithm.acting_rows import ActingRows
 from simwarp.train.algorithm.trainer import Trainer
+from simwarp.train.config import NetworkKind
 from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import random_policy, zero_policy
 from tests.tasks.framework.pair_task import PairConfig, PairTask, pair
@@ -126,6 +129,7 @@ def test_delays_and_noise_are_of_each_agent():
     sensing = {"policy": {"delay": (0, 3), "noise": 0.1}}
     task = PairTask(replace_fields(PairConfig(action_delay=(0, 3)), {"sensing": sensing}), 40, seed=1)
     delays = task._sensors._lines["policy"].delay.view(40, 2)
+    assert task._path._line is not None
     actions = task._path._line.delay.view(40, 2)
     assert (delays[:, 0] != delays[:, 1]).any()
     assert (actions[:, 0] != actions[:, 1]).any()
@@ -160,10 +164,15 @@ def test_a_dump_of_a_broken_world_repeats_what_its_agents_did(tmp_path):
         task.step(torch.full((3, 2, 1), 0.3))
     task.views.joint_qd[1] = torch.nan
     task.step(torch.zeros(3, 2, 1))
+    assert task.guard is not None
     task.guard.notice()
     report = replay(task.guard.write(tmp_path / "dump.npz"))
     assert report.steps > 5
     assert report.largest_difference == 0.0, "bit for bit, the rest of agent 1 included, until the state was broken"
+
+
+def test_a_control_step_of_agents_fits_into_one_graph():
+    assert check_step(pair()).problems() == []
 
 
 def test_a_task_prints_its_axis_of_agents():
@@ -178,6 +187,8 @@ def test_rows_are_those_of_worlds_agent_by_agent():
     actions = torch.linspace(-1.0, 1.0, 6).view(6, 1)
     flat, whole = rows.step(actions), other.step(actions.view(3, 2, 1))
     assert torch.equal(flat.observations["policy"], whole.observations["policy"].view(6, 4))
+    assert flat.acting is not None
+    assert whole.acting is not None
     assert torch.equal(flat.acting, whole.acting.flatten())
     with pytest.raises(TaskError, match=r"rows of actions must be \(6, 1\), got \(3, 1\)"):
         rows.step(actions[:3])
@@ -244,7 +255,7 @@ def test_learning_of_two_agents_improves_and_resumes_exactly():
 
 def test_recurrent_networks_are_refused_in_one_line():
     with pytest.raises(InputError, match=r"--network.kind recurrent: task 'pair' has 2 agents"):
-        train(network=dataclasses.replace(TrainConfig().network, kind="recurrent"))
+        train(network=dataclasses.replace(TrainConfig().network, kind=NetworkKind.RECURRENT))
 
 
 def test_wrong_shapes_numbers_and_rest_are_one_line():
@@ -260,7 +271,7 @@ def test_wrong_shapes_numbers_and_rest_are_one_line():
         Flat(PairConfig(), 3)
 
     class Restless(PairTask):
-        resting_action = (0.0, 2.0)
+        resting_action: Any = (0.0, 2.0)
 
     with pytest.raises(InputError, match="resting_action must be 1 numbers"):
         Restless(PairConfig(), 3)

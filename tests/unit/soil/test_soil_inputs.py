@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 import simwarp as sw
 from simwarp import cli
-from simwarp.soil import Soil, SoilSpec, SoilWheel, soil_under
+from simwarp.soil import Soil, SoilBox, SoilSpec, SoilSphere, SoilWheel, soil_under
 from simwarp.vehicle import Vehicle, add_vehicle, load_vehicle, per_world, with_options
 from simwarp.vehicle.spec.vehicle_spec import SpecError
 from simwarp.vehicle.tires.tires import ground
 from tests.unit.soil.soil_wheels import RADIUS, WIDTH
 
 GOOD = {"k_phi": 1e6}
+NONSENSE: Any = {"body": None, "share": 0.5, "half": 0.1, "pose": (0, 0, 0)}
+"""Of types that a checker would refuse."""
 
 
 @pytest.mark.parametrize(
@@ -61,7 +64,7 @@ def model_of(worlds: int = 1) -> sw.Model:
 
 
 WHEELS = [SoilWheel(body=0, radius=RADIUS, width=WIDTH)]
-FIELD = {"kind": sw.ShapeType.HEIGHT_FIELD}
+FIELD: Any = {"kind": sw.ShapeType.HEIGHT_FIELD}
 LEANING = (0.0, math.sin(math.radians(25.0)), 0.0, math.cos(math.radians(25.0)))
 """By 50 degrees."""
 
@@ -71,11 +74,11 @@ LEANING = (0.0, math.sin(math.radians(25.0)), 0.0, math.cos(math.radians(25.0)))
     [
         (
             {"spacing": 0.128},
-            "spacing must be positive and at most half the narrowest wheel's width, 0.127 m, got 0.128",
+            "spacing must be positive and at most half the narrowest shape's width, 0.127 m, got 0.128",
         ),
-        ({"spacing": math.nan}, "spacing must be positive and at most half the narrowest wheel's width"),
+        ({"spacing": math.nan}, "spacing must be positive and at most half the narrowest shape's width"),
         ({"spacing": 0.0}, "got 0.0; 0.05 suits cars"),
-        ({"pages": 7}, "pages must be an integer >= 8, got 7; so many of 0.4 m may lie below the wheels; raise it, or"),
+        ({"pages": 7}, "pages must be an integer >= 8, got 7; so many of 0.4 m may lie below the shapes; raise it, or"),
         ({"spacing": 0.01, "pages": 50}, "pages must be an integer >= 65, got 50; so many of 0.08 m"),
         ({"pages": 2.5}, "pages must be an integer"),
         ({"ground": {"rotation": LEANING}}, "ground must lean by at most 45 degrees, got 50; turn it, or gravity"),
@@ -89,6 +92,21 @@ LEANING = (0.0, math.sin(math.radians(25.0)), 0.0, math.cos(math.radians(25.0)))
         ({"soil_map": [0, 1]}, "soil_map must be (rows, columns) or (1, rows, columns), got (2,)"),
         ({"soil": "sand"}, "preset must be soft, mid, hard, clay, snow, got 'sand'; or give a SoilSpec"),
         ({"shear_memory": "vector"}, "shear_memory must be direction or scalar, got 'vector'"),
+        ({"spacing": 1e-6}, "spacing must be so wide that at most 1048576 pages may lie below the shapes, got 1e-06"),
+        ({"spacing": "0.05"}, "spacing must be positive and at most half the narrowest shape's width, 0.127 m, got"),
+        ({"spacing": None}, "0.127 m, got None; 0.05 suits cars"),
+        ({"spacing": 1e-320}, "0.127 m, got 1e-320; 0.05 suits cars"),
+        ({"soil": []}, "soil must be a SoilSpec, the name of a preset, or a list of these, got []; presets are soft,"),
+        ({"soil": ["mid", 3]}, "soil must be a SoilSpec, the name of a preset, or a list of these, got ['mid', 3]; "),
+        ({"soil_map": [[0.5]]}, "soil_map must hold indices below 1, got 0.5; name more soils"),
+        ({"soil_map": [[math.nan]]}, "soil_map must hold indices below 1, got nan; name more soils"),
+        ({"soil_map": [[0, -1]]}, "soil_map must hold indices below 1, got -1; name more soils"),
+        ({"soil_map": [[0, 0], [0]]}, "soil_map must be (rows, columns) or (1, rows, columns), got [[0, 0], [0]]; it"),
+        ({"soil_map": [[0]], "map_cell": 1.0}, "map_cell must be two numbers, finite and > 0 m, got 1.0; it has one"),
+        ({"soil_map": [[0]], "map_cell": (1.0, 1.0, 1.0)}, "map_cell must be two numbers, finite and > 0 m, got (1.0"),
+        ({"ground": 5}, "ground must be of simwarp.vehicle.tires.ground, got 5; make it by that"),
+        ({"weighted": "no"}, "weighted must be True or False, got 'no'; choose one"),
+        ({"per_world": 2}, "per_world must be True or False, got 2; choose one"),
     ],
 )
 def test_options_of_a_soil(options, message):
@@ -100,10 +118,63 @@ def test_options_of_a_soil(options, message):
     assert "\n" not in str(found.value)
 
 
+@pytest.mark.parametrize(
+    ("shapes", "message"),
+    [
+        (SoilSphere(body=0, radius=0.1), "shapes must be a list, got SoilSphere"),
+        ("b", "shapes must be a list, got 'b'; write shapes=[...]"),
+        (["b"], "shapes must be of SoilWheel, SoilBox, SoilSphere, SoilCapsule, SoilCylinder, got 'b'; wrap it in one"),
+        ([], "shapes must be at least one, got none; name those that sink in"),
+        (
+            [SoilSphere(body=NONSENSE["body"], radius=0.1)],
+            "body must be an integer >= 0, got None; name it, or give its index",
+        ),
+        ([SoilSphere(body=NONSENSE["share"], radius=0.1)], "body must be an integer >= 0 and <= 0, got 0.5; name it"),
+        ([SoilSphere(body=sw.WORLD, radius=0.1)], "body must be an integer >= 0, got -1; name it, or give its index"),
+        ([SoilSphere(body=0, radius=0.1, offset=(0.0, 1.0))], "SoilSphere: offset must be 3 finite numbers"),
+        ([SoilBox(body=0, half=NONSENSE["half"])], "SoilBox: half must be 3 finite numbers"),
+        ([SoilBox(body=0, half=(0.1, 0.1))], "SoilBox: half must be 3 finite numbers"),
+        (
+            [SoilBox(body=0, half=(0.1, 0.1, 0.1), pose=NONSENSE["pose"])],
+            "SoilBox: pose must be a Pose, got (0, 0, 0)",
+        ),
+    ],
+)
+def test_shapes_of_a_soil(shapes, message):
+    with pytest.raises(sw.ModelError) as found:
+        Soil(model_of(), shapes)
+    assert message in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize("vehicles", [[], 3, [3], None])
+def test_soil_lies_under_vehicles(vehicles):
+    with pytest.raises(sw.ModelError, match="soil_under: vehicles must be at least one Vehicle or Vehicles, got"):
+        soil_under(vehicles)
+
+
+def test_vehicles_of_two_models_have_no_soil_in_common():
+    message = "soil_under: vehicles must be of one model, got several; add them all to one ModelBuilder"
+    with pytest.raises(sw.ModelError, match=message):
+        soil_under([vehicle_of("soil-rigid", "soil-rigid"), vehicle_of("soil-rigid", "soil-rigid")])
+
+
+def test_a_soil_acts_once_in_a_step():
+    model = model_of()
+    soil = Soil(model, WHEELS)
+    with pytest.raises(sw.ModelError, match="Simulation: elements must stand there once each, got Soil twice; drop"):
+        sw.Simulation(model, 0.002, elements=[soil, soil])
+
+
+def test_heights_are_asked_for_at_numbers():
+    with pytest.raises(sw.ModelError, match=r"soil: points must be \(N, 2\), .*, got 'here'; give x and y of each"):
+        Soil(model_of(), WHEELS).height("here")
+
+
 def test_ground_that_leans_a_little_and_maps_that_cover_it_will_do():
     lean = (0.0, math.sin(math.radians(22.0)), 0.0, math.cos(math.radians(22.0)))
     Soil(model_of(), WHEELS, ground=ground("cpu", rotation=lean), pages=8)
-    cells = {"soil_map": [[0, 0]], "map_origin": (-4.0, -2.0), "map_cell": (4.0, 4.0)}
+    cells: Any = {"soil_map": [[0, 0]], "map_origin": (-4.0, -2.0), "map_cell": (4.0, 4.0)}
     Soil(model_of(), WHEELS, ground=ground("cpu", **FIELD), **cells)
     with pytest.raises(SpecError, match="must turn about the vertical only"):
         ground("cpu", kind=sw.ShapeType.HEIGHT_FIELD, rotation=lean)
@@ -137,7 +208,7 @@ def test_two_vehicles_of_one_prefix_are_refused():
     builder = sw.ModelBuilder()
     spec = with_options(load_vehicle("hmmwv"), tire="soil-rigid")
     add_vehicle(builder, spec, prefix="a.")
-    with pytest.raises(sw.ModelError) as found:
+    with pytest.raises(SpecError) as found:
         add_vehicle(builder, spec, prefix="a.")
     assert "\n" not in str(found.value)
     assert "a." in str(found.value)
@@ -165,7 +236,7 @@ COMMANDS = [
     (["--tire", "soil-rigid", "--soil", "sand"], "preset must be soft, mid, hard, clay, snow, got 'sand'", "SoilSpec"),
     (
         ["--tire", "soil-rigid", "--spacing", "0.2"],
-        "at most half the narrowest wheel's width, 0.127 m, got 0.2",
+        "at most half the narrowest shape's width, 0.127 m, got 0.2",
         "0.05",
     ),
     (["--tire", "soil-rigid", "--spacing", "nan"], "--spacing must be a finite number", "nan"),

@@ -211,7 +211,7 @@ def test_soil_gives_no_energy(seed):
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], "sand"), "preset must be soft, mid, hard, clay"),
         (lambda m: Soil(m, [SoilWheel(body=0, radius=0.4, width=0.2)], pages=1), "pages"),
         (lambda m: Soil(m, [SoilWheel(body="x", radius=0.4, width=0.2)]), "'x'"),
-        (lambda m: Soil(m, [SoilWheel(body=1, radius=0.4, width=WIDTH)]), "body must be from 0 to 0, got 1"),
+        (lambda m: Soil(m, [SoilWheel(body=1, radius=0.4, width=WIDTH)]), "must be an integer >= 0 and <= 0, got 1"),
         (lambda m: Soil(m, [SoilBox(body=0, half=(0.1, 0.0, 0.1))]), "SoilBox: half must be"),
         (lambda m: Soil(m, [SoilSphere(body=0, radius=0.04)]), "half the narrowest shape's width, 0.04 m, got 0.05"),
         (lambda m: Soil(m, [SoilBox(body=0, half=(2.0, 1.0, 0.1))], pages=50), "pages must be an integer >= 169"),

@@ -33,14 +33,14 @@ def press_in_turn(
         p = press(depth[k], plastic, limit, law)
         plastic = p.plastic
         limit = p.limit
-        found[k, 0] = p.pressure
-        found[k, 1] = p.plastic
-        found[k, 2] = p.limit
+        found[k, 0] = p.pressure  # type: ignore[index]
+        found[k, 1] = p.plastic  # type: ignore[index]
+        found[k, 2] = p.limit  # type: ignore[index]
 
 
 def node(soil: str, depths: np.ndarray, inverse_b: float = 0.0) -> np.ndarray:
     """(n, 3) of the kernel's law, node by node."""
-    parameter = wp.array(np.array([[PRESETS[soil].values()]]), dtype=float, device="cpu")
+    parameter: wp.array = wp.array(np.array([[PRESETS[soil].values()]]), dtype=float, device="cpu")
     found = wp.zeros((len(depths), 3), dtype=float, device="cpu")
     inputs = [wp.array(depths, dtype=float, device="cpu"), inverse_b, parameter]
     wp.launch(press_in_turn, 1, inputs=inputs, outputs=[found], device="cpu")

@@ -1,7 +1,7 @@
 """Device half of a convoy of simulated vehicles: a driver takes the first along the path, policies drive the others.
 
-Vehicles count from the head of the convoy. A follower's leaders are the vehicles ahead of it; where there are fewer than
-it was trained with, the path's schedule goes on ahead of the first.
+Vehicles count from the head of the convoy. A follower's leaders are the vehicles ahead of it; where there are fewer
+than it was trained with, the path's schedule goes on ahead of the first.
 """
 
 import warp as wp
