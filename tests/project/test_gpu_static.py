@@ -14,8 +14,10 @@ from scripts import gpu_static
 ROOT = Path(__file__).resolve().parents[2]
 REGISTERS = 168
 """A thread's share of a multiprocessor on which twelve warps work."""
-OVER_BUDGET = {"newton_worlds"}
-"""Newton steps of the interior point, in double precision: compiled only where it may run (docs/decisions.md)."""
+OVER_BUDGET = {"newton_worlds", "newton_islands", "solve_islands", "proximal_islands", "refine_islands"}
+"""Newton steps of the interior point, in double precision: compiled only where it may run (docs/decisions.md); and what
+only worlds of several units run, whose problems are views (docs/results.md, CUDA without a GPU).
+"""
 COMPILE_CPU_S = 20.0
 CODE = 300_000
 """Bytes of machine code of a module: the second-level instruction cache holds about as much."""
