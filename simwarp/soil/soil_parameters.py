@@ -3,15 +3,33 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
 from collections.abc import Iterable
 from typing import Any, Final
 
 from simwarp.core.readable import ReadableFields
 from simwarp.core.types import ModelError, shown
+from simwarp.kernels.soil import soil_tables
 
 DEEP: Final = 0.5
 """Sinkage down to which unloading must be stiffer than loading [m]."""
+
+PAGE_SIDE: Final = int(soil_tables.SIDE)
+"""Nodes along a side of a page."""
+
+
+class SoilParameter(enum.IntEnum):
+    """Columns of `Soil.parameter`, which are those of `SoilSpec.values`; the angle is there as its tangent."""
+
+    K_PHI = int(soil_tables.K_PHI)
+    K_C = int(soil_tables.K_C)
+    EXPONENT = int(soil_tables.EXPONENT)
+    COHESION = int(soil_tables.COHESION)
+    TAN_PHI = int(soil_tables.TAN_PHI)
+    SHEAR_LENGTH = int(soil_tables.SHEAR_LENGTH)
+    ELASTIC = int(soil_tables.ELASTIC)
+    DAMPING = int(soil_tables.DAMPING)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

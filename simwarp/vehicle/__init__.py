@@ -13,7 +13,14 @@ from simwarp.kernels.vehicle.tires.parameter_vector import Tmeasy as TmeasyTire
 from simwarp.vehicle.construction import VehicleParts, add_chassis_box, add_vehicle
 from simwarp.vehicle.driving.drivers import ScriptedDriver, ScriptSpec
 from simwarp.vehicle.driving.maneuvers import Maneuver, maneuver
-from simwarp.vehicle.driving.path_tracking import InteractiveDriver, LookAhead, PathTracker, PathTrackingSpec, Stanley
+from simwarp.vehicle.driving.path_tracking import (
+    InteractiveDriver,
+    LookAhead,
+    PathTracker,
+    PathTrackingSpec,
+    Stanley,
+    look_ahead_for,
+)
 from simwarp.vehicle.driving.paths import Path, bezier, circle, read_path
 from simwarp.vehicle.payload import PAYLOAD, Payload, add_payload, set_payload
 from simwarp.vehicle.placing import place_vehicle
@@ -66,6 +73,7 @@ __all__ = [
     "ground",
     "load",
     "load_vehicle",
+    "look_ahead_for",
     "maneuver",
     "option_names",
     "per_world",

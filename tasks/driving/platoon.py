@@ -107,8 +107,7 @@ class PlatoonTask(ConvoyTask):
 
     def more_elements(self, model: Model) -> list[Any]:
         """Return the drivers of the vehicles at the head."""
-        from simwarp.vehicle import PathTracker, PathTrackingSpec
-        from simwarp.vehicle.driving.path_tracking import look_ahead_for
+        from simwarp.vehicle import PathTracker, PathTrackingSpec, look_ahead_for
 
         # Until it has settled a vehicle stands on its brakes
         spec = PathTrackingSpec(

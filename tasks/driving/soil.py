@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import torch
 
 from simwarp import to_torch
-from simwarp.kernels.soil.soil_tables import COHESION, ELASTIC, EXPONENT, K_PHI, PARAMETERS, SIDE, TAN_PHI
+from simwarp.soil import PAGE_SIDE, SoilParameter
 
 if TYPE_CHECKING:
     from simwarp.sensors import Scene
@@ -34,10 +34,11 @@ GROUNDS: Final = ("hills", "ground")
 """Names of the plane or height field in a scene that shows the ground."""
 DRAWS: Final = 4
 """Numbers that a soil is drawn with."""
-LOGARITHMIC: Final = [int(K_PHI), int(ELASTIC)]
+LOGARITHMIC: Final = [SoilParameter.K_PHI, SoilParameter.ELASTIC]
 """Parameters whose logarithm is uniform."""
 DRAW_OF: Final = tuple(
-    {int(EXPONENT): 1, int(COHESION): 2, int(TAN_PHI): 3}.get(parameter, 0) for parameter in range(int(PARAMETERS))
+    {SoilParameter.EXPONENT: 1, SoilParameter.COHESION: 2, SoilParameter.TAN_PHI: 3}.get(parameter, 0)
+    for parameter in SoilParameter
 )
 """Which number each parameter is drawn with: k_c, shear length, elastic and damping go with k_phi."""
 
@@ -66,7 +67,7 @@ def pages_for(time: float, spacing: float, wheels: int, width: float) -> int:
         wheels: number of them.
         width: of the widest wheel [m].
     """
-    side = int(SIDE) * spacing
+    side = PAGE_SIDE * spacing
     way = min(USUAL_SPEED * time, LONGEST_RUT)
     tracks = 0.5 * wheels * (4.0 / math.pi) * (1.0 + width / side) / side
     return math.ceil(tracks * way) + 4 * wheels
@@ -170,7 +171,7 @@ class DrivenSoil:
         shares = self._random.uniform("soil", size=DRAWS + 1)
         rows = torch.lerp(self._low, self._high, shares.index_select(1, self._draw_of))
         rows[:, LOGARITHMIC] = rows[:, LOGARITHMIC].exp()
-        rows[:, TAN_PHI] = rows[:, TAN_PHI].tan()
+        rows[:, SoilParameter.TAN_PHI] = rows[:, SoilParameter.TAN_PHI].tan()
         return torch.where(shares[:, DRAWS:] < RIGID_SHARE, self._rigid, rows)
 
 
@@ -178,5 +179,5 @@ def _spread(row: torch.Tensor) -> torch.Tensor:
     """Return a row (8,) with logarithms and the angle in place of what is drawn by them."""
     spread = row.clone()
     spread[LOGARITHMIC] = row[LOGARITHMIC].log()
-    spread[TAN_PHI] = row[TAN_PHI].atan()
+    spread[SoilParameter.TAN_PHI] = row[SoilParameter.TAN_PHI].atan()
     return spread

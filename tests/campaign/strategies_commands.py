@@ -76,6 +76,7 @@ BASES = (
     Base("drive", ("sedan",), (("--maneuver", "constant-radius"),), runs=False),
     Base("view", ("four-bar",), (("--worlds", "1"), ("--seconds", "0.1")), runs=False),
     Base("sensor-demo", runs=False),
+    Base("sweep", ("fast",), (("--seeds", "0-1"), ("--iterations", "1")), runs=False),
     *(Base("train", (task,), TRAINING, runs=False) for task in ("ant", "hexapod", "off-road", "hallway", "convoy")),
     *(Base("eval", (task,), (("--episodes", "2"),), runs=False) for task in ("ant", "off-road", "pendulum")),
 )

@@ -80,10 +80,9 @@ def named_policy(checkpoint: Path | None) -> Path | None:
 
     A file or folder of that name where the user is comes first.
     """
-    if checkpoint is None or checkpoint.name != str(checkpoint) or checkpoint.exists():
-        return None
-    path = SHIPPED / f"{checkpoint}{SUFFIX}"
-    return path if path.is_file() else None
+    known = {path.name.removesuffix(SUFFIX): path for path in SHIPPED.glob(f"*{SUFFIX}")}
+    path = known.get(str(checkpoint))
+    return None if path is None or Path(str(checkpoint)).exists() else path
 
 
 def find_policy(task_name: str, checkpoint: Path | None, root: Path = RUNS, obs: str | None = None) -> PolicySource:

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from simwarp.tasks import InputError, TaskError, make, replace_fields
+from simwarp.tasks.framework import registry
 from simwarp.tasks.framework.replay import replay
 from simwarp.tasks.framework.rows import Rows
 from simwarp.tasks.framework.step_check import check_step
@@ -157,7 +158,8 @@ def test_a_saved_task_goes_on_exactly_with_the_same_agents_done():
         assert torch.equal(got.end_reason, wanted.end_reason)
 
 
-def test_a_dump_of_a_broken_world_repeats_what_its_agents_did(tmp_path):
+def test_a_dump_of_a_broken_world_repeats_what_its_agents_did(tmp_path, monkeypatch):
+    monkeypatch.setattr(registry, "_tasks", dict(registry._tasks))
     task = make(f"{PAIR}:PairTask", 3, seed=2, guard_steps=50)
     until_over(task, 1, worlds=[1])
     for _ in range(4):

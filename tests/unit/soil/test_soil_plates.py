@@ -27,8 +27,8 @@ def press_in_turn(
 ):  # fmt: skip
     """Pressure, plastic sinkage and limit of one node at depths in turn; dim 1."""
     law = law_of(0, 0, inverse_b, parameter)
-    plastic = wp.float32(0.0)  # a variable: what starts as a literal is a constant to Warp
-    limit = wp.float32(0.0)
+    plastic = float(0.0)  # noqa: UP018 - a literal would be a constant to Warp
+    limit = float(0.0)  # noqa: UP018
     for k in range(depth.shape[0]):
         p = press(depth[k], plastic, limit, law)
         plastic = p.plastic

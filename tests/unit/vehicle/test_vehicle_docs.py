@@ -122,6 +122,8 @@ def test_the_manoeuvres_are_listed_with_their_options():
 
 
 def held_speed(what: Maneuver) -> float:
+    if what.drawbar is not None:
+        return what.drawbar.speed
     return max(speed for _, speed in what.script.speed) if what.follow is None else what.follow.speed
 
 
