@@ -95,6 +95,22 @@ def restore_dense(problem: ConeProblem, islands: int):
         assemble_dense(problem)
 
 
+@wp.func
+def no_islands(world: int, step: StepState) -> int:
+    """Worlds of one unit are solved whole."""
+    return 0
+
+
+@wp.func
+def island_count(world: int, step: StepState) -> int:
+    """Of worlds of several units; 0: there is one that moves everything."""
+    return step.islands[world]
+
+
+VIEWS = {False: (no_islands, whole_problem), True: (island_count, island_problem)}
+"""How many problems a world has, and each of them, by whether it has several units."""
+
+
 def _kernel(function: Callable[..., None], several: bool) -> wp.Kernel:
     """A part of the step; for worlds of several units, whose islands are solved in turn, under another name.
 
@@ -116,7 +132,7 @@ def solve_worlds_kernel(solver: ConeSolver, stand_in: bool = False, *, several: 
         several: worlds have several units, which may be islands.
     """
     applies, solve = (STAND_INS[solver], descend) if stand_in else SOLVES[solver]
-    problem_of = island_problem if several else whole_problem
+    islands_of, problem_of = VIEWS[several]
 
     def solve_worlds(
         # inputs
@@ -133,9 +149,7 @@ def solve_worlds_kernel(solver: ConeSolver, stand_in: bool = False, *, several: 
         if (state.world_status[world] & NON_FINITE) != 0 or step.blocks[world] == 0:
             return
         cone = pack_cone(scratch, scratch_slot_of(world, worlds))
-        islands = int(0)
-        if wp.static(several):
-            islands = step.islands[world]
+        islands = islands_of(world, step)
         for island in range(wp.max(islands, 1)):
             problem = problem_of(island, islands, step.blocks[world], topology, config, cone)
             if applies(problem, cone_config(config)):
@@ -151,7 +165,7 @@ def proximal_worlds_kernel(solver: ConeSolver, stand_in: bool, rest: bool, *, se
     """The kernel that goes on after gradient descent by proximal Newton steps, or with the `rest` of the descent."""
     applies = STAND_INS[solver] if stand_in else always
     go_on = descend_on if rest else step_on
-    problem_of = island_problem if several else whole_problem
+    islands_of, problem_of = VIEWS[several]
 
     def proximal_worlds(
         # inputs
@@ -169,9 +183,7 @@ def proximal_worlds_kernel(solver: ConeSolver, stand_in: bool, rest: bool, *, se
             return
         cone = pack_cone(scratch, scratch_slot_of(world, worlds))
         numbers = cone_config(config)
-        islands = int(0)
-        if wp.static(several):
-            islands = step.islands[world]
+        islands = islands_of(world, step)
         for island in range(wp.max(islands, 1)):
             problem = problem_of(island, islands, step.blocks[world], topology, config, cone)
             if applies(problem, numbers) and wants_newton(problem, numbers, cone.island_residual[island]):
@@ -198,7 +210,7 @@ def newton_config(config: StepConfig, follows: int) -> ConeConfig:
 @functools.cache
 def newton_worlds_kernel(*, several: bool = False) -> wp.Kernel:
     """The kernel of Newton steps of the interior point."""
-    problem_of = island_problem if several else whole_problem
+    islands_of, problem_of = VIEWS[several]
 
     def newton_worlds(
         # inputs
@@ -217,9 +229,7 @@ def newton_worlds_kernel(*, several: bool = False) -> wp.Kernel:
             return
         scratch_slot = scratch_slot_of(world, worlds)
         cone = pack_cone(scratch, scratch_slot)
-        islands = int(0)
-        if wp.static(several):
-            islands = step.islands[world]
+        islands = islands_of(world, step)
         for island in range(wp.max(islands, 1)):
             cone.newton_steps[island] = -1
             problem = problem_of(island, islands, step.blocks[world], topology, config, cone)
@@ -245,7 +255,7 @@ def newton_worlds_kernel(*, several: bool = False) -> wp.Kernel:
 @functools.cache
 def refine_worlds_kernel(*, several: bool = False) -> wp.Kernel:
     """The kernel of the gradient steps after them."""
-    problem_of = island_problem if several else whole_problem
+    islands_of, problem_of = VIEWS[several]
 
     def refine_worlds(
         # inputs
@@ -264,9 +274,7 @@ def refine_worlds_kernel(*, several: bool = False) -> wp.Kernel:
             return
         scratch_slot = scratch_slot_of(world, worlds)
         cone = pack_cone(scratch, scratch_slot)
-        islands = int(0)
-        if wp.static(several):
-            islands = step.islands[world]
+        islands = islands_of(world, step)
         for island in range(wp.max(islands, 1)):
             if cone.newton_steps[island] >= 0:
                 problem = problem_of(island, islands, step.blocks[world], topology, config, cone)

@@ -76,7 +76,9 @@ def test_a_task_of_one_agent_has_one_name():
 
 def test_the_interface_of_pettingzoo_holds():
     testing = pytest.importorskip("pettingzoo.test")
-    testing.parallel_api_test(parallel(), num_cycles=100)
+    env = parallel()
+    testing.parallel_api_test(env, num_cycles=100)  # it raises what it finds
+    assert env.possible_agents == ["agent_0", "agent_1"]
 
 
 def test_wrong_actions_worlds_and_runners_are_refused_in_one_line():

@@ -113,8 +113,8 @@ def test_every_solver_finds_the_same(solver, dense_rows, monkeypatch):
     monkeypatch.setattr(world_launches, "has_own_slots", lambda device: True)
     parts = stepped()
     names = [command.kernel.key.rpartition("__")[2] for command in parts.physics_commands]
-    assert names.count("newton_worlds") == (2 if solver == "interior_point" else 1)
-    assert names.count("solve_worlds") == (2 if solver == "padmm" else 1)
+    assert names.count("newton_islands") == (2 if solver == "interior_point" else 1)
+    assert names.count("solve_islands") == (2 if solver == "padmm" else 1)
     np.testing.assert_allclose(parts.state.body_v.numpy(), whole.state.body_v.numpy(), atol=TOLERANCE)
     counted = parts.diagnostics.iterations.numpy()
     np.testing.assert_allclose(counted, whole.diagnostics.iterations.numpy(), atol=30)  # rounding may cost some
