@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypeAlias
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
 from simwarp.core.threads import MOST_THREADS
 from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require
+from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.plain import Settings
 from simwarp.tasks.framework.registry import task_class_of
 
@@ -195,10 +196,16 @@ def default_config(task: type[Task[Any]], config: TaskConfig | None = None) -> T
     return replace_fields(TrainConfig(), {**task.training, **task.training_by_obs.get(obs or "", {})})
 
 
-def obs_of(config: TaskConfig) -> str | None:
-    """Return which observations a task's configuration chooses (its field ``obs``); None if there is no choice."""
-    obs = getattr(config, "obs", None)
-    return str(obs.value) if isinstance(obs, enum.Enum) else None
+STUDENT: Mapping[str, Any] = {"iterations": 60, "steps_per_iteration": 16, "network.init_std": 0.2}
+"""Defaults of a student's training, beside those that its task asks for. Its actions deviate a little, so that it
+learns to come back to its teacher's way."""
+
+
+def student_config(task: type[Task[Any]], config: TaskConfig | None = None) -> TrainConfig:
+    """Return the training configuration of a student in a distillation: the task's own, and what it asks for besides
+    (``Task.distilling``).
+    """
+    return replace_fields(default_config(task, config), {**STUDENT, **task.distilling})
 
 
 _CLASSES = {

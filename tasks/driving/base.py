@@ -475,6 +475,10 @@ class DrivingTask(Task[DrivingT]):
         """Return the `exact_state` (W, N) where the policy sees images; None where it sees that state itself."""
         return None if self.camera is None else self.exact_state()
 
+    def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
+        """Return the `exact_state` beside a camera, as policies by state see it: they can teach."""
+        return {"policy": self.exact_state()} if obs == Observing.STATE.value else None
+
     def begin_step(self) -> None:
         """Clear the touches of the step before. A subclass calls ``super()`` first."""
         self._begin_drive.launch()

@@ -122,3 +122,9 @@ class TaskConfig(Settings):
     def control_dt(self) -> float:
         """Time between two actions [s]."""
         return self.dt * self.decimation
+
+
+def obs_of(config: TaskConfig) -> str | None:
+    """Return which observations a task's configuration chooses (its field ``obs``); None if there is no choice."""
+    obs = getattr(config, "obs", None)
+    return str(obs.value) if isinstance(obs, enum.Enum) else None

@@ -37,6 +37,7 @@ from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
 from .judge import Judge, Terms
 from .launching import filled, launch_over
+from .other_observations import observed_as
 from .printed_task import PrintedTask
 from .saved_task import SavedTask
 from .simulation_access import Attachments, PhysicsViews, physics_of
@@ -96,6 +97,8 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
     """Defaults of ``simwarp train`` for this task, such as ``{"iterations": 80, "ppo.gamma": 0.98}``."""
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Further defaults by the value of the configuration's field ``obs``, if there is one (``simwarp train --obs``)."""
+    distilling: ClassVar[Mapping[str, Any]] = {}
+    """Further defaults of ``simwarp distill``, such as ``{"iterations": 40}``."""
 
     further_elements: Callable[[Model], Sequence[Any]] | None = None
     """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
@@ -180,6 +183,17 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """Return (W, N) float32 of exact state that only the critic may see in training; None if there is none.
 
         Asked for by ``--network.critic privileged``, after the reset of each step: it must not change state. Optional.
+        """
+        return None
+
+    def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
+        """Return the observation groups of policies of other observations in the same worlds, exact; None of those that
+        there are not.
+
+        Asked for by ``simwarp distill``, whose teacher sees them. Optional; it must not change state.
+
+        Args:
+            obs: name of the observations, a value of the configuration's field ``obs``.
         """
         return None
 
@@ -300,6 +314,18 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """Return the privileged observations of a critic, (W, N) float32; None where the task has none."""
         with self._acting():
             return self.privileged()
+
+    def observe_as(self, obs: str | None) -> dict[str, torch.Tensor]:
+        """Return what a policy of other observations would see now, group name -> (W, ...), exact and at once.
+
+        Args:
+            obs: name of the observations; None: the task's own.
+
+        Raises:
+            InputError: the task does not offer them in this configuration.
+        """
+        with self._acting():
+            return observed_as(self, obs)
 
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1]; (W, N, A) of agents.
