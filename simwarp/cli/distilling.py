@@ -32,8 +32,8 @@ class DistillOptions(CommonOptions):
     """
 
     teacher: str | None = None
-    """Who teaches: a run, a checkpoint, or the name of a shipped policy; or the name of observations, such as state, for
-    the newest run that was trained on them, else the shipped policy."""
+    """Who teaches: a run, a checkpoint, or the name of a shipped policy; or the name of observations, such as state,
+    for the newest run that was trained on them, else the shipped policy."""
     student: str | None = None
     """Name of the observations that the student has, such as camera; by default those of the task."""
     resume: Path | None = None

@@ -33,4 +33,4 @@ def observed_as(task: Task[Any], obs: str | None) -> dict[str, torch.Tensor]:
             f"task '{task.name}'{besides} does not offer '{obs}' ones beside them: "
             f"its observations_of('{obs}') returns None"
         )
-    return check_observations(task, groups)
+    return dict(check_observations(task, groups))

@@ -45,7 +45,8 @@ class SharedDistillation(Distillation):
     """rsl-rl's distillation, with mini-batches of a whole rollout shared among threads.
 
     The student's mean action is fitted in the least squares to what the teacher would have asked for, clipped as the
-    task clips it. Recurrent students learn as in rsl-rl, one step after the other, on one thread.
+    task clips it; to ask for more than that limit where the teacher does is no error. Recurrent students learn as in
+    rsl-rl, one step after the other, on one thread.
     """
 
     threads: LearnerThreads | None = None
@@ -137,9 +138,11 @@ class SharedDistillation(Distillation):
         return sum_in_order([loss for loss, _ in found])
 
     def _loss(self, batch: RolloutStorage.Batch) -> torch.Tensor:
-        """Return the mean squared error over a share."""
-        error: torch.Tensor = (self.student(batch.observations) - batch.privileged_actions).square().mean()
-        return error
+        """Return the mean squared error over a share; none where both ask for more than the task grants."""
+        asked, told = self.student(batch.observations), batch.privileged_actions
+        beyond = asked * told > ACTION_LIMIT * ACTION_LIMIT
+        loss: torch.Tensor = torch.where(beyond & (told.abs() == ACTION_LIMIT), 0.0, asked - told).square().mean()
+        return loss
 
     def save(self) -> dict[str, Any]:
         """Return the state of student and optimiser, as a checkpoint of a policy names it."""
@@ -152,6 +155,4 @@ class SharedDistillation(Distillation):
         """Take back what `save` returned."""
         self._raw_student.load_state_dict(loaded_dict["actor_state_dict"], strict=strict)
         self.optimizer.load_state_dict(loaded_dict["optimizer_state_dict"])
-        # Of a recurrent student: where its memory is, the lessons go on
-        self.last_hidden_states = (self.student.get_hidden_state(), self.teacher.get_hidden_state())
         return True

@@ -91,7 +91,7 @@ class Distiller(Learner):
     def _make_algorithm(self, observations: TensorDict) -> SharedDistillation:
         task, lesson = self.task, self.lesson
         own = list(task.observation_shapes)
-        seen = [name for name in observations.keys() if name.startswith(TEACHER)]  # noqa: SIM118 (of a TensorDict)
+        seen = [str(name) for name in observations.keys() if str(name).startswith(TEACHER)]  # noqa: SIM118 (no dict)
         teaching = train_config_from_plain(lesson.teacher["train_config"], "train_config of the teacher")
         shapes = {name.removeprefix(TEACHER): tuple(observations[name].shape[1:]) for name in seen}
         dtypes = {name.removeprefix(TEACHER): observations[name].dtype for name in seen}
@@ -139,6 +139,12 @@ class Distiller(Learner):
     @property
     def _remembering(self) -> Sequence[MLPModel]:
         return (self.algorithm.student, self.algorithm.teacher)
+
+    def _load_worlds(self, own: dict[str, Any], where: str) -> bool:
+        same = super()._load_worlds(own, where)
+        # What the networks remember is where the next rollout begins, and its lesson
+        self.algorithm.last_hidden_states = tuple(model.get_hidden_state() for model in self._remembering)
+        return same
 
     def collect(self) -> None:
         """Fill the storage with one rollout."""
