@@ -476,7 +476,7 @@ class DrivingTask(Task[DrivingT]):
         return None if self.camera is None else self.exact_state()
 
     def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
-        """Return the `exact_state` beside a camera, as policies by state see it: they can teach."""
+        """Return the `exact_state` (W, N) beside a camera, as policies by state see it: they can teach."""
         return {"policy": self.exact_state()} if obs == Observing.STATE.value else None
 
     def begin_step(self) -> None:

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
+
+import torch
 
 from .config import obs_of
 from .errors import InputError
-from .interface_checks import check_observations
-
-if TYPE_CHECKING:
-    import torch
-
-    from .task import Task
+from .interface_checks import Worlds, check_observations
 
 
-def observed_as(task: Task[Any], obs: str | None) -> dict[str, torch.Tensor]:
+class Observed(Worlds, Protocol):
+    """Interface of a task that is observed."""
+
+    @property
+    def config(self) -> Any:
+        """Of the task."""
+        ...
+
+    def observations(self) -> dict[str, torch.Tensor]:
+        """Return the task's own observation groups."""
+        ...
+
+    def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
+        """Return the groups of other observations; None of those that there are not."""
+        ...
+
+
+def observed_as(task: Observed, obs: str | None) -> dict[str, torch.Tensor]:
     """Return the observation groups of policies of other observations, or of these, name -> (W, ...).
 
     Args:

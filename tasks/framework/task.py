@@ -187,8 +187,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         return None
 
     def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
-        """Return the observation groups of policies of other observations in the same worlds, exact; None of those that
-        there are not.
+        """Return the groups (W, ...) that a policy of other observations would see, exact; None where there are none.
 
         Asked for by ``simwarp distill``, whose teacher sees them. Optional; it must not change state.
 

@@ -154,7 +154,7 @@ class Distiller(Learner):
         self.algorithm.begin_rollout(guided, rate)
         super().collect()
 
-    def _update(self) -> dict[str, float]:
+    def _learn(self) -> dict[str, float]:
         losses: dict[str, float] = self.algorithm.update()
         return losses
 

@@ -133,7 +133,7 @@ class Learner(ABC):
         """Networks by name; ``actor`` is the one that acts. A checkpoint has the state of each as NAME_state_dict."""
 
     @abstractmethod
-    def _update(self) -> dict[str, float]:
+    def _learn(self) -> dict[str, float]:
         """Learn from the rollout in the storage, clear it, and return the mean losses."""
 
     def close(self) -> None:
@@ -182,7 +182,7 @@ class Learner(ABC):
             self.collect()
             collected = time.perf_counter()
             summary = self._totals(self.task.drain_statistics())  # complains about NaN before the optimiser meets it
-            losses = self._update()
+            losses = self._learn()
             if not all(math.isfinite(value) for value in losses.values()):
                 raise self._diverged()
         finished = time.perf_counter()

@@ -66,7 +66,7 @@ class Trainer(Learner):
         if self._acting is not None and self.env.acting is not None:
             self._acting.take(step, self.env.acting)
 
-    def _update(self) -> dict[str, float]:
+    def _learn(self) -> dict[str, float]:
         warming = self.iteration < self.config.critic_warmup
         with self._of_acting_agents():
             losses: dict[str, float] = self._warm_critic() if warming else self.algorithm.update()
