@@ -17,6 +17,7 @@ CRITIC = "critic"
 """Observation group of a privileged critic."""
 _MOST_LAYERS, _MOST_UNITS, _MOST_EPOCHS = 64, 16_384, 10_000
 _MOST_COUNTED = 2**31 - 1
+_MOST_SHIFT = 64
 """Longest axis of an array."""
 Axis: TypeAlias = Annotated[int, Ge(1), Le(_MOST_COUNTED)]
 Units: TypeAlias = Annotated[int, Ge(1), Le(_MOST_UNITS)]
@@ -75,6 +76,23 @@ class LoggerKind(enum.Enum):
     TENSORBOARD = "tensorboard"
     CSV = "csv"
     WANDB = "wandb"
+
+
+@dataclasses.dataclass(frozen=True)
+class AugmentationConfig(Settings):
+    """Bounds of random changes of uint8 images while a network learns; see ``simwarp.train.networks.augmentation``."""
+
+    shift: Annotated[int, Ge(0), Le(_MOST_SHIFT)] = 0
+    """Move images by up to as many pixels each way, edges repeated; DrQ has 4."""
+    brightness: Fraction = 0.0
+    """Make images brighter or darker by up to this, of the whole range."""
+    contrast: Fraction = 0.0
+    """Stretch or shrink differences from an image's mean by up to this factor less 1."""
+
+    @property
+    def wanted(self) -> bool:
+        """True if anything changes."""
+        return bool(self.shift or self.brightness or self.contrast)
 
 
 @dataclasses.dataclass(frozen=True)
