@@ -1,8 +1,8 @@
 """Memory that torch frees and asks for again stays with the process.
 
 Learning from images takes and frees tensors of some megabytes for every operation. The C library would hand each back
-to the system, which fills it with zeros, page by page, when it is next touched: a fourth of the time of learning by
-camera. Told to keep them, it hands the same pages out again; no number that is computed changes.
+to the system, which fills it with zeros, page by page, when it is next touched: up to a fourth of the time of learning
+by camera. Told to keep them, it hands the same pages out again; no number that is computed changes.
 """
 
 from __future__ import annotations
