@@ -15,6 +15,8 @@ from torch import nn
 from simwarp.core.constraints import Count, Positive, Whole
 from simwarp.tasks.framework.plain import Settings
 
+from ..config import AugmentationConfig
+from ..networks.augmentation import augment_groups
 from .learner_threads import LearnerThreads
 from .mini_batch_shares import Share, mini_batches_in_shares, share_bounds, share_count
 from .shared_ppo import sum_in_order
@@ -39,6 +41,8 @@ class DistillationConfig(Settings):
     """Iterations at the start in which the teacher leads in some of the worlds: in all at first, in ever fewer."""
     max_grad_norm: Positive = 1.0
     """Bound of the gradient's norm."""
+    augmentation: AugmentationConfig = dataclasses.field(default_factory=AugmentationConfig)
+    """Random changes of the images that the student learns from."""
 
 
 class SharedDistillation(Distillation):
@@ -54,9 +58,13 @@ class SharedDistillation(Distillation):
     guided: float = 0.0
     """Share of the worlds in which the teacher leads."""
 
-    def __init__(self, *arguments: Any, num_mini_batches: int = 1, **options: Any) -> None:
+    def __init__(
+        self, *arguments: Any, num_mini_batches: int = 1, augmentation: AugmentationConfig | None = None,
+        **options: Any,
+    ) -> None:  # fmt: skip
         super().__init__(*arguments, **options)
         self.num_mini_batches = num_mini_batches
+        self.augmentation = augmentation or AugmentationConfig()
         self._led: torch.Tensor | None = None
 
     def begin_rollout(self, guided: float, learning_rate: float) -> None:
@@ -123,11 +131,13 @@ class SharedDistillation(Distillation):
         # The deviation of the actions has no part in the squared error, and stays
         parameters = [one for name, one in self.student.named_parameters() if not name.startswith("distribution.")]
 
-        def learn(share: Share) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
-            loss = share.weight * self._loss(share.take())
+        def learn(share: Share, seed: int) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
+            loss = share.weight * self._loss(self._changed(share.take(), seed))
             return loss.detach(), torch.autograd.grad(loss, parameters)
 
-        found = [learn(share) for share in shares] if self.threads is None else self.threads.map(learn, shares)
+        # Drawn here, where the order is sure
+        seeds = torch.randint(2**62, (len(shares),)).tolist() if self.augmentation.wanted else [0] * len(shares)
+        found = list(map(learn, shares, seeds)) if self.threads is None else self.threads.map(learn, shares, seeds)
         self.optimizer.zero_grad()
         for parameter, *gradients in zip(parameters, *(each for _, each in found), strict=True):
             parameter.grad = sum_in_order(gradients)
@@ -136,6 +146,13 @@ class SharedDistillation(Distillation):
         nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
         self.optimizer.step()
         return sum_in_order([loss for loss, _ in found])
+
+    def _changed(self, batch: RolloutStorage.Batch, seed: int) -> RolloutStorage.Batch:
+        """Return samples with images changed at random."""
+        if self.augmentation.wanted:
+            generator = torch.Generator(self.device).manual_seed(seed)
+            batch.observations = augment_groups(batch.observations, generator, config=self.augmentation)
+        return batch
 
     def _loss(self, batch: RolloutStorage.Batch) -> torch.Tensor:
         """Return the mean squared error over a share; none where both ask for more than the task grants."""

@@ -108,6 +108,7 @@ class Distiller(Learner):
                 "learning_rate": lesson.config.learning_rate,
                 "num_learning_epochs": lesson.config.epochs,
                 "num_mini_batches": lesson.config.mini_batches,
+                "augmentation": lesson.config.augmentation,
                 "max_grad_norm": lesson.config.max_grad_norm,
                 # One optimiser step for the whole of what a recurrent student lives through
                 "gradient_length": self.config.steps_per_iteration if recurrent else 1,
