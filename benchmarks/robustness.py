@@ -311,7 +311,7 @@ def evaluate_policy(task: str, label: str, where: str, options: argparse.Namespa
     console.print(f"{task}, {label}: {source.origin}; {len(missing)} points to evaluate", highlight=False)
     if not missing:
         return True
-    points = [GridPoint(changes or {NOMINAL: True}, changed(config, changes)) for changes in missing.values()]
+    points = [GridPoint(changes or {"conditions": NOMINAL}, changed(config, changes)) for changes in missing.values()]
     names = {id(point): name for point, name in zip(points, missing, strict=True)}
     results: list[PointResult] = []
     written: list[PointResult] = []
@@ -503,7 +503,8 @@ def report(task: str, options: argparse.Namespace, console: Console) -> None:
     text = tables(task, numbers)
     write_run_file(RESULTS / f"{task}.{options.obs}.md", text.encode())
     print(text)
-    draw(task, options.obs, numbers, PICTURES / f"robustness_{task}_{options.obs}.png")
+    if any(each["axes"] or each["maps"] for each in numbers.values()):
+        draw(task, options.obs, numbers, PICTURES / f"robustness_{task}_{options.obs}.png")
 
 
 def policy_word(text: str) -> tuple[str, str]:

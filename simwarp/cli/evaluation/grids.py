@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from simwarp.cli import UsageError, shortened
 from simwarp.core.renames import RENAMED, with_new_names
-from simwarp.tasks import Range, TaskConfig
+from simwarp.tasks import Range, Sensing, TaskConfig
 from simwarp.tasks.framework.plain import plain_value
 
 if TYPE_CHECKING:
@@ -77,7 +77,8 @@ def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[st
     if "obs" in axes:
         raise UsageError("--grid obs: a policy knows one kind of observations; evaluate once per policy, with --obs")
     for key in axes:
-        check_single(key, field_of(base, key))
+        whole = named_of(base, key) and key.count(".") == 1 and not key.startswith("randomise.")
+        check_single(key, Sensing() if whole else field_of(base, key))
 
     def words_of(key: str, word: str) -> list[str]:
         if named_of(base, key):
