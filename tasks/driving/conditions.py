@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import torch
+import warp as wp
 
 from simwarp import to_torch
 from simwarp.core.interop import from_torch
@@ -237,23 +238,27 @@ class DrawnConditions:
     def _bind_image(self, clear: torch.Tensor, simulation: Any) -> torch.Tensor:
         """Record what makes the image that is seen of the clear one, (W, height, width, 3), and return its memory."""
         worlds, seen = len(self._friction), torch.zeros_like(clear)
+        self._made = wp.zeros(worlds, dtype=wp.uint64, device=str(clear.device))
         disturbance = filled(
             Disturbance,
             contrast=self.values.get("contrast", torch.ones_like(self._friction)),
             noise=self.values.get("image_noise", torch.zeros_like(self._friction)),
             stream=self._random.stream("image noise"),
+            last=self._made,
         )
         pairs = (clear[0].numel() + 1) // 2
         chunk = 1 if clear.is_cuda else pairs  # on a CPU threads share worlds
         self._disturb = simulation.shares.record(
             disturb_images, -(-pairs // chunk),
-            inputs=[chunk, from_torch(clear.view(worlds, -1)), disturbance, self._random.draws],
+            inputs=[chunk, int(chunk == pairs), from_torch(clear.view(worlds, -1)), disturbance, self._random.draws],
             outputs=[from_torch(seen.view(worlds, -1))],
         )  # fmt: skip
         return seen
 
     def draw(self, world_mask: torch.Tensor) -> None:
-        """Draw the conditions of the running episodes where ``world_mask`` (W,) is true."""
+        """Draw the conditions of the running episodes, which begin or are taken up, where ``world_mask`` is true."""
+        if self._disturb is not None:
+            self._made.zero_()
         if not self._drawn:
             return
         for name, (low, high) in self._drawn.items():
@@ -264,7 +269,8 @@ class DrawnConditions:
     def look(self) -> torch.Tensor | None:
         """Return the image (W, height, width, 3) uint8 with contrast and noise of this control step; the buffer itself.
 
-        A function of the camera's image and of draws alone: it may be called at any time.
+        A function of the camera's image, which is another one in each control step, and of draws alone: it may be
+        called at any time.
         """
         if self._disturb is not None:
             self._disturb.launch()
