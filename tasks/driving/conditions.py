@@ -13,19 +13,18 @@ import torch
 import warp as wp
 
 from simwarp import to_torch
-from simwarp.core.interop import from_torch
 from simwarp.kernels.tasks.driving.image_noise import Disturbance, disturb_images
 from simwarp.tasks import Fraction, Gt, Le, NotNegative, Positive
 
 from ..framework.config import TaskConfig, require
 from ..framework.errors import InputError
-from ..framework.launching import filled
+from ..framework.launching import filled, share_over
 from ..randomisation.uncertainty import Delay, Range, Sensing, Steps, Uncertainty
 
 if TYPE_CHECKING:
     from simwarp.sensors import Camera
-    from simwarp.simulation.world_launches import WorldLaunch
 
+    from ..framework.launching import WorldLaunch
     from ..randomisation.randomness import WorldRandom
 
 Elevation: TypeAlias = Annotated[float, Gt(0.0), Le(0.5 * math.pi)]
@@ -248,10 +247,9 @@ class DrawnConditions:
         )
         pairs = (clear[0].numel() + 1) // 2
         chunk = 1 if clear.is_cuda else pairs  # on a CPU threads share worlds
-        self._disturb = simulation.shares.record(
-            disturb_images, -(-pairs // chunk),
-            inputs=[chunk, int(chunk == pairs), from_torch(clear.view(worlds, -1)), disturbance, self._random.draws],
-            outputs=[from_torch(seen.view(worlds, -1))],
+        self._disturb = share_over(
+            simulation, disturb_images, chunk, int(chunk == pairs), clear.view(worlds, -1), disturbance,
+            self._random.draws, seen.view(worlds, -1), threads_per_world=-(-pairs // chunk),
         )  # fmt: skip
         return seen
 
