@@ -400,9 +400,8 @@ class DrivingTask(Task[DrivingT]):
         A subclass calls ``super()`` first, then makes its buffers.
         """
         self.input = to_torch(self._driven.input)
-        self.conditions = DrawnConditions(
-            self.config, self.random, self.simulation, to_torch(self._driven.tires.ground_friction), self.camera
-        )
+        friction = to_torch(self._driven.tires.ground_friction) if self.soil is None else None
+        self.conditions = DrawnConditions(self.config, self.random, self.simulation, friction, self.camera)
         self._settle()
         state = self.simulation.state
         bodies = to_torch(self.vehicle.bodies).long()

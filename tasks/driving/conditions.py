@@ -190,7 +190,7 @@ class DrawnConditions:
         config: what is fixed, and what is drawn.
         random: of the task.
         simulation: of the task.
-        friction: (W,) of the ground below the tires, written here.
+        friction: (W,) of the ground below the tires, written here; None on soil, whose own strength counts.
         camera: of the policy, with rows for each world in `ConditionsConfig.camera_arrays`; None without.
 
     Attributes:
@@ -202,23 +202,23 @@ class DrawnConditions:
     """
 
     def __init__(
-        self, config: ConditionsConfig, random: WorldRandom, simulation: Any, friction: torch.Tensor,
+        self, config: ConditionsConfig, random: WorldRandom, simulation: Any, friction: torch.Tensor | None,
         camera: Camera | None,
     ) -> None:  # fmt: skip
         self._random, self._friction = random, friction
-        spans = {name: config.span(name) for name in ("friction", *(SEEN if camera is not None else ()))}
+        self._nominal = torch.ones(simulation.model.world_count, device=str(simulation.model.device))
+        acting = (*(("friction",) if friction is not None else ()), *(SEEN if camera is not None else ()))
+        spans = {name: config.span(name) for name in acting}
         if camera is not None and camera.lights.sun_direction.shape[1] == 0:
             for name in SUN:
                 if getattr(config, name) is not None:
                     raise InputError(f"{name.replace('_', '-')}: there is no sun in this task's light; leave it away")
                 spans[name] = None
         self.values = {
-            name: torch.full_like(friction, 0.5 * (span[0] + span[1]))
+            name: torch.full_like(self._nominal, 0.5 * (span[0] + span[1]))
             for name, span in spans.items() if span is not None
         }  # fmt: skip
         self._drawn = {name: span for name, span in spans.items() if span is not None and span[0] < span[1]}
-        if "friction" in self.values and "friction" not in self._drawn:
-            self.values["friction"].fill_(spans["friction"][0])  # type: ignore[index]
         self.image = None if camera is None else to_torch(camera.data)
         self._disturb: WorldLaunch | None = None
         if camera is not None:
@@ -236,12 +236,12 @@ class DrawnConditions:
 
     def _bind_image(self, clear: torch.Tensor, simulation: Any) -> torch.Tensor:
         """Record what makes the image that is seen of the clear one, (W, height, width, 3), and return its memory."""
-        worlds, seen = len(self._friction), torch.zeros_like(clear)
+        worlds, seen = len(self._nominal), torch.zeros_like(clear)
         self._made = wp.zeros(worlds, dtype=wp.uint64, device=str(clear.device))
         disturbance = filled(
             Disturbance,
-            contrast=self.values.get("contrast", torch.ones_like(self._friction)),
-            noise=self.values.get("image_noise", torch.zeros_like(self._friction)),
+            contrast=self.values.get("contrast", self._nominal),
+            noise=self.values.get("image_noise", torch.zeros_like(self._nominal)),
             stream=self._random.stream("image noise"),
             last=self._made,
         )
@@ -277,7 +277,7 @@ class DrawnConditions:
     def _write(self) -> None:
         """Hand the values to what they act on: the same numbers again in worlds that have not drawn."""
         values = self.values
-        if "friction" in values:
+        if self._friction is not None and "friction" in values:
             self._friction.copy_(values["friction"])
         if "light" in values:
             self._exposure.copy_(values["light"])

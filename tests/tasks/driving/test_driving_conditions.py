@@ -304,3 +304,11 @@ def test_what_a_task_does_not_have_is_refused():
     assert not {"sun_elevation", "sun_azimuth"} & inside.conditions.values.keys()
     without = driving("hallway", 1, conditions="random")
     assert without.conditions.values.keys() == {"friction"}
+
+
+def test_on_soil_all_but_friction_and_tires_is_drawn():
+    task = driving("off-road", 2, **SMALL, soil="random", obstacles=0, conditions="random", max_episode_steps=2)
+    assert "friction" not in task.conditions.values
+    assert {"fog", "light"} <= task.conditions.values.keys()
+    for action in random_actions(task, 3):
+        assert torch.isfinite(task.step(action).rewards).all()
