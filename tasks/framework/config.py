@@ -15,7 +15,7 @@ from simwarp.core.constraints import Count, Ge, Le, NotNegative, Positive
 from simwarp.core.files import parse_json
 from simwarp.core.types import shown
 
-from ..randomisation.uncertainty import Curriculum, Delay, Range, Sensing
+from ..randomisation.uncertainty import Curriculum, Delay, Range, Sensing, Uncertainty
 from .errors import InputError, near_names
 from .plain import Settings, plain_value, typed
 
@@ -117,6 +117,14 @@ class TaskConfig(Settings):
         for name, kind in (("randomise", RangesByName), ("sensing", SensingByName)):
             if name in own:
                 cls.__annotations__[name] = kind
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """What is drawn in force: `randomise`, `sensing` and `action_delay`.
+
+        A configuration overrides it where fields of its own stand for some of it.
+        """
+        return Uncertainty(self.randomise, self.sensing, self.action_delay)
 
     @property
     def control_dt(self) -> float:

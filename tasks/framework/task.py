@@ -124,7 +124,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         with self._acting():
             self._allocate(seed, first_world)
             self.simulation, self._views, self.builder = physics_of(self, device)
-            self._randomiser = randomiser_of(config.randomise, self.simulation, f"task '{self.name}'")
+            self._randomiser = randomiser_of(config.uncertainty.randomise, self.simulation, f"task '{self.name}'")
             self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
             """Recorder of the last steps, for the dump of a world whose physics breaks down."""
             self._record()
@@ -473,7 +473,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self.begin_step()
         self.apply(self.action)
         groups = check_observations(self, self.observations())
-        self._sensors = Sensors(self.config.sensing, groups, self.random, self.agents)
+        self._sensors = Sensors(self.config.uncertainty.sensing, groups, self.random, self.agents)
         lead = len(lead_of(self))
         self.observation_shapes = {name: tuple(group.shape[lead:]) for name, group in groups.items()}
         self.observation_dtypes = {name: group.dtype for name, group in groups.items()}
