@@ -61,6 +61,7 @@ BASES = (
     Base("list"),
     Base("train", ("fast",), TRAINING),
     Base("train", ("pendulum",), TRAINING),
+    Base("distill", ("fast",), (("--teacher", "good/fast.pt"), *TRAINING[:-1])),
     Base("eval", ("fast",), (POLICY, ("--episodes", "2"), ("--no-baselines", ""), SHORT)),
     Base("play", ("fast",), (POLICY, ("--seconds", "0.01"), ("--num-envs", "1"))),
     Base("record", ("fast",), (POLICY, ("--episodes", "2"), SHORT)),
