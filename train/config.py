@@ -227,7 +227,7 @@ def default_config(task: type[Task[Any]], config: TaskConfig | None = None) -> T
     return replace_fields(TrainConfig(), {**task.training, **task.training_by_obs.get(obs or "", {})})
 
 
-STUDENT: Mapping[str, Any] = {"iterations": 60, "steps_per_iteration": 16, "network.init_std": 0.2}
+STUDENT: Mapping[str, Any] = {"iterations": 30, "steps_per_iteration": 16, "network.init_std": 0.2}
 """Defaults of a student's training, beside those that its task asks for. Its actions deviate a little, so that it
 learns to come back to its teacher's way."""
 

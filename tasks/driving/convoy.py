@@ -145,6 +145,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "ppo.gamma": 0.98,
         "ppo.entropy": 0.002,
     }
+    distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
     navigates: ClassVar[bool] = True
     view_distance: ClassVar[float] = 15.0
 
