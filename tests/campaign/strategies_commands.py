@@ -87,7 +87,7 @@ UNKNOWN = tuple(Base(name, runs=False) for name in COMMANDS if name not in {base
 NOT_RUN = {"--compile", "--peers"}
 """Flags that take minutes."""
 
-FOLDERS = {("eval", "plot"), ("verify", "plots"), ("new-task", "output")}
+FOLDERS = {("eval", "plot"), ("verify", "plots"), ("new-task", "output"), ("sweep", "out")}
 ENDINGS = {
     "json": "",
     "video": ".gif",
