@@ -28,7 +28,7 @@ from scipy import stats
 
 from simwarp.bench.machine import describe
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, replace_fields, task_class
-from simwarp.train.algorithm.trainer import TrainingError
+from simwarp.train.algorithm.learner import TrainingError
 from simwarp.train.config import LoggerKind, TrainConfig, default_config
 from simwarp.train.evaluation.evaluation import Evaluation, evaluate
 from simwarp.train.networks.policies import network_policy

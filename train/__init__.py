@@ -13,10 +13,13 @@ if __name__ != "simwarp.train":
 
 if TYPE_CHECKING:
     from .algorithm.cloning import CloneConfig, clone
+    from .algorithm.distillation import DistillationConfig
+    from .algorithm.distiller import Lesson
     from .algorithm.trajectories import Trajectories, load_trajectories, record, save_trajectories
     from .algorithm.vec_env import TaskVecEnv
     from .config import (
         Activation,
+        AugmentationConfig,
         Cell,
         CriticSees,
         LoggerKind,
@@ -24,37 +27,46 @@ if TYPE_CHECKING:
         NetworkKind,
         Objective,
         PPOConfig,
+        Precision,
         Schedule,
         TrainConfig,
         default_config,
+        student_config,
     )
     from .evaluation.evaluation import Evaluation, evaluate
+    from .networks.augmentation import augment
     from .networks.export import ExportFormat, export_policy
     from .networks.policies import find_policy, network_policy, random_policy, zero_policy
+    from .runs.lessons import lesson_by
     from .runs.run_folder import RunFolder, open_run
     from .runs.training import TrainResult, train
 
 _HOMES = {
     "algorithm.cloning": ("CloneConfig", "clone"),
+    "algorithm.distillation": ("DistillationConfig",),
+    "algorithm.distiller": ("Lesson",),
     "algorithm.trajectories": ("Trajectories", "load_trajectories", "record", "save_trajectories"),
     "algorithm.vec_env": ("TaskVecEnv",),
     "config": (
-        "Activation", "Cell", "CriticSees", "LoggerKind", "NetworkConfig", "NetworkKind", "Objective", "PPOConfig",
-        "Schedule", "TrainConfig", "default_config",
+        "Activation", "AugmentationConfig", "Cell", "CriticSees", "LoggerKind", "NetworkConfig", "NetworkKind",
+        "Objective", "PPOConfig", "Precision", "Schedule", "TrainConfig", "default_config", "student_config",
     ),
     "evaluation.evaluation": ("Evaluation", "evaluate"),
+    "networks.augmentation": ("augment",),
     "networks.export": ("ExportFormat", "export_policy"),
     "networks.policies": ("find_policy", "network_policy", "random_policy", "zero_policy"),
+    "runs.lessons": ("lesson_by",),
     "runs.run_folder": ("RunFolder", "open_run"),
     "runs.training": ("TrainResult", "train"),
 }  # fmt: skip
 """Module -> public names that it has."""
 
 __all__ = [
-    "Activation", "Cell", "CloneConfig", "CriticSees", "Evaluation", "ExportFormat", "LoggerKind", "NetworkConfig",
-    "NetworkKind", "Objective", "PPOConfig", "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig", "TrainResult",
-    "Trajectories", "clone", "default_config", "evaluate", "export_policy", "find_policy", "load_trajectories",
-    "network_policy", "open_run", "random_policy", "record", "save_trajectories", "train", "zero_policy",
+    "Activation", "AugmentationConfig", "Cell", "CloneConfig", "CriticSees", "DistillationConfig", "Evaluation",
+    "ExportFormat", "Lesson", "LoggerKind", "NetworkConfig", "NetworkKind", "Objective", "PPOConfig", "Precision",
+    "RunFolder", "Schedule", "TaskVecEnv", "TrainConfig", "TrainResult", "Trajectories", "augment", "clone",
+    "default_config", "evaluate", "export_policy", "find_policy", "lesson_by", "load_trajectories", "network_policy",
+    "open_run", "random_policy", "record", "save_trajectories", "student_config", "train", "zero_policy",
 ]  # fmt: skip
 
 

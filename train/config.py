@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypeAlias
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, MaxLen, MinLen, NotNegative, Positive, Whole
 from simwarp.core.threads import MOST_THREADS
 from simwarp.tasks import Task, TaskConfig, config_from_plain, replace_fields, require
+from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.plain import Settings
 from simwarp.tasks.framework.registry import task_class_of
 
@@ -17,6 +18,7 @@ CRITIC = "critic"
 """Observation group of a privileged critic."""
 _MOST_LAYERS, _MOST_UNITS, _MOST_EPOCHS = 64, 16_384, 10_000
 _MOST_COUNTED = 2**31 - 1
+_MOST_SHIFT = 64
 """Longest axis of an array."""
 Axis: TypeAlias = Annotated[int, Ge(1), Le(_MOST_COUNTED)]
 Units: TypeAlias = Annotated[int, Ge(1), Le(_MOST_UNITS)]
@@ -77,6 +79,30 @@ class LoggerKind(enum.Enum):
     WANDB = "wandb"
 
 
+class Precision(enum.Enum):
+    """Numbers that convolutions are computed with while a network learns."""
+
+    FLOAT32 = "float32"
+    BFLOAT16 = "bfloat16"
+
+
+@dataclasses.dataclass(frozen=True)
+class AugmentationConfig(Settings):
+    """Bounds of random changes of uint8 images while a network learns; see ``simwarp.train.networks.augmentation``."""
+
+    shift: Annotated[int, Ge(0), Le(_MOST_SHIFT)] = 0
+    """Move images by up to as many pixels each way, edges repeated; DrQ has 4."""
+    brightness: Fraction = 0.0
+    """Make images brighter or darker by up to this, of the whole range."""
+    contrast: Fraction = 0.0
+    """Stretch or shrink differences from an image's mean by up to this factor less 1."""
+
+    @property
+    def wanted(self) -> bool:
+        """True if anything changes."""
+        return bool(self.shift or self.brightness or self.contrast)
+
+
 @dataclasses.dataclass(frozen=True)
 class NetworkConfig(Settings):
     """Actor and critic: two networks, of the same kind unless the critic is privileged."""
@@ -101,6 +127,9 @@ class NetworkConfig(Settings):
     critic: CriticSees = CriticSees.SAME
     """same: what the actor sees, with a network of its kind; privileged: exact state that the task keeps from the
     actor, with a perceptron. Only training needs a critic."""
+    precision: Precision = Precision.FLOAT32
+    """Numbers of convolutions in training; the weights stay float32, and a finished policy acts in float32. bfloat16 is
+    faster where the processor has instructions for it (AVX-512 BF16, AMX)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,6 +206,9 @@ class TrainConfig(Settings):
 
     def validate(self) -> None:
         """Check that worlds, steps and mini-batches fit together."""
+        if self.network.precision is not Precision.FLOAT32:
+            seen = self.network.kind in _SEES_IMAGES
+            require(seen, self.network, "precision", "float32 for a network without convolutions")
         if self.network.kind is NetworkKind.RECURRENT:
             same = self.network.critic is CriticSees.SAME
             require(same, self.network, "critic", "same for a recurrent network, whose critic remembers too")
@@ -195,10 +227,16 @@ def default_config(task: type[Task[Any]], config: TaskConfig | None = None) -> T
     return replace_fields(TrainConfig(), {**task.training, **task.training_by_obs.get(obs or "", {})})
 
 
-def obs_of(config: TaskConfig) -> str | None:
-    """Return which observations a task's configuration chooses (its field ``obs``); None if there is no choice."""
-    obs = getattr(config, "obs", None)
-    return str(obs.value) if isinstance(obs, enum.Enum) else None
+STUDENT: Mapping[str, Any] = {"iterations": 30, "steps_per_iteration": 16, "network.init_std": 0.2}
+"""Defaults of a student's training, beside those that its task asks for. Its actions deviate a little, so that it
+learns to come back to its teacher's way."""
+
+
+def student_config(task: type[Task[Any]], config: TaskConfig | None = None) -> TrainConfig:
+    """Return the training configuration of a student in a distillation: the task's own, and what it asks for besides
+    (``Task.distilling``).
+    """
+    return replace_fields(default_config(task, config), {**STUDENT, **task.distilling})
 
 
 _CLASSES = {
@@ -209,6 +247,9 @@ _CLASSES = {
     NetworkKind.EARLY_FUSION: "EarlyFusion",
     NetworkKind.LATE_FUSION: "LateFusion",
 }
+
+
+_SEES_IMAGES = (NetworkKind.NATURE_CNN, NetworkKind.EARLY_FUSION, NetworkKind.LATE_FUSION)
 
 
 def _model_config(network: NetworkConfig, kind: NetworkKind, action_size: int) -> dict[str, Any]:
@@ -222,8 +263,8 @@ def _model_config(network: NetworkConfig, kind: NetworkKind, action_size: int) -
         model["hidden_dims"] = list(network.hidden)
     if kind is NetworkKind.RECURRENT:
         model |= {"rnn_type": network.cell.value, "rnn_hidden_dim": network.memory}
-    if kind in (NetworkKind.NATURE_CNN, NetworkKind.EARLY_FUSION, NetworkKind.LATE_FUSION):
-        model["action_size"] = action_size
+    if kind in _SEES_IMAGES:
+        model |= {"action_size": action_size, "precision": network.precision.value}
     return model
 
 

@@ -66,8 +66,11 @@ COMMANDS = {
         Command("view", "TARGET", "a page in the browser that shows it move", "simwarp.cli.view.viewing:run"),
         Command("eval", "TASK", "statistics of a policy over fresh worlds", "simwarp.cli.evaluation.evaluating:run"),
         Command("export", "RUN", "a policy as an ONNX or TorchScript file, checked", "simwarp.cli.export:run"),
-        Command("record", "TASK", "episodes of a policy as a file of trajectories", "simwarp.cli.record:run"),
-        Command("clone", "TASK", "a policy that imitates recorded trajectories", "simwarp.cli.clone:run"),
+        Command("record", "TASK", "episodes of a policy as a file of trajectories", "simwarp.cli.imitation.record:run"),
+        Command("clone", "TASK", "a policy that imitates recorded trajectories", "simwarp.cli.imitation.clone:run"),
+        Command(
+            "distill", "TASK", "a student learns from a teacher that sees more", "simwarp.cli.imitation.distill:run"
+        ),
         Command("import", "FILE", "a robot from MJCF, URDF, USD, STEP, SolidWorks", "simwarp.cli.robots.importing:run"),
         Command("new-task", "NAME", "a package with a task of your own, ready to change", "simwarp.cli.new_task:run"),
         Command("replay", "FILE", "the steps before a world broke down, once more", "simwarp.cli.replay:run"),
@@ -132,7 +135,7 @@ def exit_code_of(error: BaseException) -> int | None:
 def _is_shortfall(error: BaseException) -> bool:
     """Return True if the work began and could not be brought to its end: learning diverged, or a disk is full."""
     kinds = (
-        ("simwarp.train.algorithm.trainer", "TrainingError"),
+        ("simwarp.train.algorithm.learner", "TrainingError"),
         ("simwarp.core.files", "OutputError"),
         (__name__, "ShortfallError"),
     )

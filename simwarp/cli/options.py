@@ -210,17 +210,17 @@ def _expand_obs(arguments: list[str], task: str, config: Any) -> list[str]:
     return [f"--task.{word[2:]}" if word == "--obs" or word.startswith("--obs=") else word for word in arguments]
 
 
-def check_obs(task: str, config: Any, wanted: str) -> None:
+def check_obs(task: str, config: Any, wanted: str, option: str = "--obs") -> None:
     """Refuse observations that a task does not have.
 
     Raises:
         UsageError: the task has no choice, or not this one.
     """
     if not hasattr(config, "obs"):
-        raise UsageError(f"task '{task}' has no choice of observations: leave --obs away")
+        raise UsageError(f"task '{task}' has no choice of observations: leave {option} away")
     choices = [kind.value for kind in type(config.obs)]
     if wanted not in choices:
-        raise UsageError(f"--obs of task '{task}' must be {' or '.join(choices)}, got '{wanted}'")
+        raise UsageError(f"{option} of task '{task}' must be {' or '.join(choices)}, got '{wanted}'")
 
 
 def _expand_full(arguments: list[str], task: str, config: Any) -> list[str]:

@@ -6,7 +6,7 @@ import dataclasses
 import shlex
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
 from rich.console import Console
@@ -23,6 +23,9 @@ from simwarp.cli.options import (
     with_chosen_obs,
 )
 from simwarp.tasks import task_class, task_names
+
+if TYPE_CHECKING:
+    from simwarp.train.runs.training import TrainResult
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,6 +119,19 @@ def run(arguments: list[str]) -> int:
     if not processes().first:
         return INTERRUPTED if result.interrupted else DONE
     options.emit(dataclasses.asdict(result))
+    return tell_result(console, name, result, options.runs, "train")
+
+
+def tell_result(console: Console, name: str, result: TrainResult, runs: Path, command: str) -> int:
+    """Print what became of a run, and what comes next; return the exit code.
+
+    Args:
+        console: for people.
+        name: the task.
+        result: of the run.
+        runs: folder of all runs.
+        command: that goes on with it.
+    """
     state = "interrupted and saved" if result.interrupted else "done"
     console.print(
         f"{state} after {result.iterations} iterations, {result.env_steps:,} env steps, {result.wall_s:.0f} s",
@@ -126,9 +142,9 @@ def run(arguments: list[str]) -> int:
     if result.film is not None:
         console.print(f"last film       {result.film}", highlight=False, soft_wrap=True)
     if result.interrupted:
-        again = f"go on with      simwarp train {in_shell(name)} --resume {result.run}"
+        again = f"go on with      simwarp {command} {in_shell(name)} --resume {result.run}"
         console.print(again, highlight=False, soft_wrap=True)
-        _tell_next(console, name, options.runs)
+        _tell_next(console, name, runs)
         return INTERRUPTED
     if result.broken_iterations:
         print(
@@ -137,7 +153,7 @@ def run(arguments: list[str]) -> int:
             file=sys.stderr,
         )
         return FELL_SHORT
-    _tell_next(console, name, options.runs)
+    _tell_next(console, name, runs)
     return DONE
 
 

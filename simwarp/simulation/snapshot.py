@@ -181,7 +181,8 @@ def _member(archive: zipfile.ZipFile, name: str, largest: int) -> npt.NDArray[An
     """One array of the archive, of at most so many bytes."""
     info = archive.getinfo(f"{name}.npy")
     if info.file_size > largest:
-        raise FileError(f"snapshot: '{name}' has {info.file_size} bytes, more than the {largest} that belong there")
+        broken = f"snapshot '{archive.filename}' is broken"
+        raise FileError(f"{broken}: '{name}' has {info.file_size} bytes, more than the {largest} that belong there")
     content = archive.read(info)
     array: npt.NDArray[Any] = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
     return array

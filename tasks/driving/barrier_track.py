@@ -37,10 +37,6 @@ class BarrierTrackConfig(LappingConfig):
     """Physics steps per control step: ten actions a second."""
     max_episode_steps: int = 2000
     """Control steps after which an episode is truncated at the latest; ``patience`` is what counts."""
-    camera_width: int = 160
-    """Of the image [pixels]."""
-    camera_height: int = 90
-    """Of the image [pixels]."""
     camera_fov: float = math.pi / 2.0
     """Horizontal field of view [rad]."""
     tracks: int = 16

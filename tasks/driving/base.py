@@ -31,11 +31,13 @@ from simwarp.kernels.tasks.driving.base import (
 from simwarp.kernels.tasks.driving.navigation import Navigator
 from simwarp.tasks import Ge, Gt, Le, Lt, NotNegative, Positive
 
-from ..framework.config import TaskConfig
+from ..framework.config import require
 from ..framework.errors import InputError, TaskError
 from ..framework.launching import TensorFunction, filled, launch_over, share_over, zeros_of
 from ..framework.simulation_access import Attachments
 from ..framework.task import Task
+from ..randomisation.uncertainty import Uncertainty
+from .conditions import ConditionsConfig, DrawnConditions, middle
 from .navigation import Navigation
 from .soil import DrivenSoil, SoilKind
 
@@ -84,7 +86,7 @@ Pixels: TypeAlias = Annotated[int, Ge(36)]
 
 
 @dataclasses.dataclass(frozen=True)
-class DrivingConfig(TaskConfig):
+class DrivingConfig(ConditionsConfig):
     """Fields of every driving task."""
 
     dt: Positive = 0.0025
@@ -95,8 +97,6 @@ class DrivingConfig(TaskConfig):
     """camera: an image and what a vehicle measures; state: exact relative positions, which trains fast on a CPU."""
     full: bool = False
     """Drive the full vehicle model instead of the reduced one that policies are trained on."""
-    friction: Positive = 0.9
-    """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
     soil: SoilKind = SoilKind.NONE
     """Deformable ground below rigid wheels: a soil by name; random: between soft and hard, drawn for every episode, one
     in five nearly rigid. none: rigid ground below the vehicle's own tires. On soil its own strength counts in place of
@@ -115,6 +115,16 @@ class DrivingConfig(TaskConfig):
     """Images per second [Hz]; None: one at the end of each control step, as no policy sees more."""
     action_rise_time: NotNegative | tuple[NotNegative, ...] = 0.5
     """Time in which steering and pedals move from 0 to 1 [s]."""
+
+    def validate(self) -> None:
+        """Check what depends on several fields."""
+        super().validate()
+        require(self.tires is None or self.soil is SoilKind.NONE, self, "tires", "None on soil, which has its own")
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """What is drawn, mass and delays of the conditions with it."""
+        return self.uncertainty_of(super().uncertainty, camera=self.obs is Observing.CAMERA)
 
 
 DrivingT = TypeVar("DrivingT", bound=DrivingConfig)
@@ -161,6 +171,8 @@ class DrivingTask(Task[DrivingT]):
     """The vehicle at work: its inputs, tires, gear and motion; from `attach` on."""
     camera: Camera | None
     """The policy's camera; None with ``obs`` state. From `attach` on."""
+    conditions: DrawnConditions
+    """Friction, light, fog and what disturbs the image; from `setup` on."""
     soil: DrivenSoil | None
     """The soil below the wheels; None on rigid ground. From `attach` on."""
     navigation: Navigation | None
@@ -283,7 +295,7 @@ class DrivingTask(Task[DrivingT]):
         from simwarp.vehicle import load_vehicle, with_options
 
         spec = load_vehicle(self.full_name if self.config.full else self.vehicle_name)
-        tire = self.tire if self.config.soil is SoilKind.NONE else "soil-rigid"
+        tire = (self.config.tires or self.tire) if self.config.soil is SoilKind.NONE else "soil-rigid"
         return with_options(spec, tire=tire) if tire is not None else spec
 
     def make_vehicle(self, model: Model, ground: Any) -> Vehicle | Vehicles:
@@ -304,16 +316,16 @@ class DrivingTask(Task[DrivingT]):
         A subclass with sensors of its own calls ``super()`` and returns the same elements with more sensors.
         """
         from simwarp import pose
-        from simwarp.sensors import Camera, CameraConfig, Mount, Pinhole, Schedule
+        from simwarp.sensors import Camera, CameraConfig, Lighting, Mount, Pinhole, Schedule
 
         config = self.config
         ground = self.ground(model)
         self._driven = self.make_vehicle(model, ground)
-        self._driven.tires.ground_friction.fill_(config.friction)
+        self._driven.tires.ground_friction.fill_(middle(config.friction))
         self.soil = None
         if config.soil is not SoilKind.NONE:
             self.soil = DrivenSoil(
-                self._driven, config.soil, self.random, ground=ground, friction=config.friction,
+                self._driven, config.soil, self.random, ground=ground, friction=middle(config.friction),
                 spacing=config.soil_spacing, pages=config.soil_pages, time=config.control_dt * config.max_episode_steps,
             )  # fmt: skip
         below = [] if self.soil is None else [self.soil.element]
@@ -322,13 +334,15 @@ class DrivingTask(Task[DrivingT]):
         if config.obs is Observing.CAMERA:
             place = np.asarray(self.camera_place) + self.parts.reference
             rate = min(config.camera_rate or 1.0 / config.control_dt, 1.0 / config.dt)
+            lights = self.lighting()
+            suns = len(lights.suns if lights is not None else Lighting().suns)
             self.camera = Camera(
                 self._scene_of(model), Mount(body=self.parts.chassis, pose=pose(place)),
                 CameraConfig(
                     schedule=Schedule(rate=rate), width=config.camera_width, height=config.camera_height,
                     lens=Pinhole(fov=config.camera_fov),
                 ),
-                lights=self.lighting(),
+                lights=lights, per_world=config.camera_arrays(suns),
             )  # fmt: skip
             sensors.append(self.camera)
             if self.navigates:
@@ -386,6 +400,8 @@ class DrivingTask(Task[DrivingT]):
         A subclass calls ``super()`` first, then makes its buffers.
         """
         self.input = to_torch(self._driven.input)
+        friction = to_torch(self._driven.tires.ground_friction) if self.soil is None else None
+        self.conditions = DrawnConditions(self.config, self.random, self.simulation, friction, self.camera)
         self._settle()
         state = self.simulation.state
         bodies = to_torch(self.vehicle.bodies).long()
@@ -407,7 +423,6 @@ class DrivingTask(Task[DrivingT]):
         """(W,) float32: of the running episodes, in [0, 1]."""
         self.hit = to_torch(self._drive.hit)
         """(W,) bool: the chassis touched something in this control step."""
-        self._image = None if self.camera is None else to_torch(self.camera.data)
         self._record_vehicle()
         places[:, :2] -= self.pose()[0][0, :2]
         if self._scene is not None:
@@ -438,6 +453,7 @@ class DrivingTask(Task[DrivingT]):
         return [share_over(self.simulation, drive_on, path.reach, path.request, self.action, self._car, self._drive)]
 
     def _settle(self) -> None:
+        self._load()
         self.input.zero_()
         self.input[..., 2] = 1.0
         for _ in range(round(SETTLING / self.config.dt)):
@@ -447,6 +463,15 @@ class DrivingTask(Task[DrivingT]):
         self.input.zero_()
         self.simulation.keep_as_initial()
 
+    def _load(self) -> None:
+        """Let vehicles settle with the middle of the masses that episodes draw, which write them anew."""
+        span = self.config.span("mass")
+        if span is not None:
+            model = self.simulation.model
+            bodies = [model.body(name) for name in self.config.chassis_names()]
+            for name in ("body_mass", "body_inertia_b"):
+                to_torch(getattr(model, name))[:, bodies] *= middle(span)
+
     def apply(self, action: torch.Tensor) -> None:
         """Write steering, throttle and brake from ``action`` (W, A) in [-1, 1]; not called but by an override."""
         self._steer.on(action)
@@ -454,6 +479,7 @@ class DrivingTask(Task[DrivingT]):
     def reset(self, world_mask: torch.Tensor) -> None:
         """Draw a world and start in it where ``world_mask`` (W,) is true: subclasses write `draw_world` and `start`."""
         self._begin_drive_episode.on(world_mask)
+        self.conditions.draw(world_mask)
         if self.soil is not None:
             self.soil.draw(world_mask)
         self.draw_world(world_mask)
@@ -467,13 +493,16 @@ class DrivingTask(Task[DrivingT]):
 
         ``policy`` is what is `measured` beside a camera, and the `exact_state` without one.
         """
-        if self._image is None:
-            return {"policy": self.exact_state()}
-        return {"policy": self.measured(), "camera": self._image}
+        image = self.conditions.look()
+        return {"policy": self.exact_state()} if image is None else {"policy": self.measured(), "camera": image}
 
     def privileged(self) -> torch.Tensor | None:
         """Return the `exact_state` (W, N) where the policy sees images; None where it sees that state itself."""
         return None if self.camera is None else self.exact_state()
+
+    def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
+        """Return the `exact_state` (W, N) beside a camera, as policies by state see it: they can teach."""
+        return {"policy": self.exact_state()} if obs == Observing.STATE.value else None
 
     def begin_step(self) -> None:
         """Clear the touches of the step before. A subclass calls ``super()`` first."""
@@ -505,6 +534,7 @@ class DrivingTask(Task[DrivingT]):
         self.difficulty.copy_(state["difficulty"])
         if self.navigation is not None:
             self.navigation.heading.copy_(state["heading"])
+        self.conditions.draw(self._every_world)
         if self.soil is not None:
             self.soil.draw(self._every_world)
         self.draw_world(torch.ones(self.num_worlds, dtype=torch.bool, device=self.device))

@@ -118,6 +118,12 @@ class ConvoyConfig(DrivingConfig):
         if self.followers > 1:
             require(self.obs is Observing.STATE, self, "obs", "state where there are several followers")
 
+    def chassis_names(self) -> tuple[str, ...]:
+        """Return the names of all vehicles' chassis."""
+        if self.leaders is Leaders.GHOSTS:
+            return super().chassis_names()
+        return tuple(f"v{index}_chassis" for index in range(self.leading + self.followers))
+
 
 @register("convoy")
 class ConvoyTask(DrivingTask[ConvoyConfig]):
@@ -139,6 +145,7 @@ class ConvoyTask(DrivingTask[ConvoyConfig]):
         "ppo.gamma": 0.98,
         "ppo.entropy": 0.002,
     }
+    distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
     navigates: ClassVar[bool] = True
     view_distance: ClassVar[float] = 15.0
 

@@ -71,6 +71,8 @@ class OffRoadConfig(DrivingConfig):
     """Factor of their sizes."""
     hills: NotNegative = 0.0
     """Height of the hills as a share of ``hill_height``; 0: flat ground."""
+    varied: bool = False
+    """Every episode has a number of obstacles and a height of hills of its own, uniform from none up to these."""
     hill_height: Annotated[float, Gt(0.0), Le(5.0)] = 3.0
     """Greatest height above or depth below the middle at ``hills`` 1 [m]."""
     half: float = 40.0
@@ -124,6 +126,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         "ppo.gamma": 0.99,
         "ppo.entropy": 0.002,
     }
+    distilling: ClassVar[Mapping[str, Any]] = {"iterations": 60}
     vehicle_name: ClassVar[str] = "gator"
     full_name: ClassVar[str] = "gator"
     tire: ClassVar[str | None] = "tmeasy"
@@ -216,11 +219,12 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         )  # fmt: skip
         purposes = {
             "start": "start", "target": "goal", "field": "hills", "texture": "texture", "places": "places",
-            "headings": "obstacle headings",
+            "headings": "obstacle headings", "share": "shares of obstacles and hills",
         }  # fmt: skip
         return filled(
             Ground,
             in_world_axes=int(config.goal_frame is Frame.WORLD),
+            varied=int(config.varied),
             reach=_REACH,
             direction=RangeFan(_RAYS, _FAN, _REACH, self.device).direction,
             **{name: getattr(config, name) for name in named},

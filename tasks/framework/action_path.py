@@ -40,8 +40,9 @@ class ActionPath:
         self.reach = self._make_reach(config, owner, agents)
         self.limited = len(self.reach) > 0
         self.asked = torch.zeros_like(action)
-        delayed = config.action_delay[1] > 0
-        self._line = DelayLine(action, config.action_delay, "delay of actions", agents) if delayed else None
+        delay = config.uncertainty.action_delay
+        delayed = delay[1] > 0
+        self._line = DelayLine(action, delay, "delay of actions", agents) if delayed else None
         self.request = torch.zeros_like(action) if delayed else self.asked
         steps = 1 if in_physics else config.decimation
         arguments = [float(steps), self.reach, self.request, action]

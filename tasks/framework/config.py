@@ -15,7 +15,7 @@ from simwarp.core.constraints import Count, Ge, Le, NotNegative, Positive
 from simwarp.core.files import parse_json
 from simwarp.core.types import shown
 
-from ..randomisation.uncertainty import Curriculum, Delay, Range, Sensing
+from ..randomisation.uncertainty import Curriculum, Delay, Range, Sensing, Uncertainty
 from .errors import InputError, near_names
 from .plain import Settings, plain_value, typed
 
@@ -119,6 +119,20 @@ class TaskConfig(Settings):
                 cls.__annotations__[name] = kind
 
     @property
+    def uncertainty(self) -> Uncertainty:
+        """What is drawn in force: `randomise`, `sensing` and `action_delay`.
+
+        A configuration overrides it where fields of its own stand for some of it.
+        """
+        return Uncertainty(self.randomise, self.sensing, self.action_delay)
+
+    @property
     def control_dt(self) -> float:
         """Time between two actions [s]."""
         return self.dt * self.decimation
+
+
+def obs_of(config: TaskConfig) -> str | None:
+    """Return which observations a task's configuration chooses (its field ``obs``); None if there is no choice."""
+    obs = getattr(config, "obs", None)
+    return str(obs.value) if isinstance(obs, enum.Enum) else None

@@ -39,20 +39,23 @@ def launch_over(batch: Batch, kernel: wp.Kernel, *arguments: Any) -> TensorLaunc
     return TensorLaunch(kernel, batch.num_worlds, arguments, batch.device)
 
 
-def share_over(simulation: Any, kernel: wp.Kernel, *arguments: Any) -> WorldLaunch:
+def share_over(
+    simulation: Any, kernel: wp.Kernel, *arguments: Any, threads_per_world: int | None = None
+) -> WorldLaunch:  # fmt: skip
     """Record the launch of a kernel over all worlds, which threads share.
 
     Args:
         simulation: of the worlds.
         kernel: its first parameter is a ``WorldRange``.
         arguments: of the kernel after that; tensors may stand for arrays.
+        threads_per_world: second axis of the launch; None: it has but one.
     """
     kinds: list[Any] = [each.type for each in kernel.adj.args[1:]]
     inputs = [
         array_over(value, kind.dtype) if isinstance(value, torch.Tensor) else value
         for kind, value in zip(kinds, arguments, strict=True)
     ]
-    launch: WorldLaunch = simulation.shares.record(kernel, inputs=inputs)
+    launch: WorldLaunch = simulation.shares.record(kernel, threads_per_world, inputs=inputs)
     return launch
 
 

@@ -130,16 +130,16 @@ def physics_of(task: Any, device: str) -> tuple[Any, PhysicsViews | None, ModelB
     Raises:
         InputError: ``randomise`` names a parameter that the task writes itself, or there is nothing to randomise.
     """
-    config = task.config
-    check_ranges(config.randomise)
+    config, ranges = task.config, task.config.uncertainty.randomise
+    check_ranges(ranges)
     if not task.physics:
-        if config.randomise:
+        if ranges:
             raise InputError(f"randomise: task '{task.name}' has no physics whose parameters could differ")
         return None, None, None
-    drawn = drawn_parameters(config.randomise)
+    drawn = drawn_parameters(ranges)
     own = sorted({*task.per_world} & drawn)
     if own:
-        hint = "leave it away" if own[0] in config.randomise else "give body_mass inertia=False"
+        hint = "leave it away" if own[0] in ranges else "give body_mass inertia=False"
         raise InputError(f"randomise '{own[0]}': task '{task.name}' writes it itself; {hint}")
     return build_physics(
         task.build, config, task.num_worlds, device, per_world=drawn | {*task.per_world},

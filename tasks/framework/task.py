@@ -37,6 +37,7 @@ from .guard import Guard
 from .interface_checks import check_action, check_flags, check_observations, check_terms
 from .judge import Judge, Terms
 from .launching import filled, launch_over
+from .other_observations import observed_as
 from .printed_task import PrintedTask
 from .saved_task import SavedTask
 from .simulation_access import Attachments, PhysicsViews, physics_of
@@ -96,6 +97,8 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
     """Defaults of ``simwarp train`` for this task, such as ``{"iterations": 80, "ppo.gamma": 0.98}``."""
     training_by_obs: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Further defaults by the value of the configuration's field ``obs``, if there is one (``simwarp train --obs``)."""
+    distilling: ClassVar[Mapping[str, Any]] = {}
+    """Further defaults of ``simwarp distill``, such as ``{"iterations": 40}``."""
 
     further_elements: Callable[[Model], Sequence[Any]] | None = None
     """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
@@ -121,7 +124,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         with self._acting():
             self._allocate(seed, first_world)
             self.simulation, self._views, self.builder = physics_of(self, device)
-            self._randomiser = randomiser_of(config.randomise, self.simulation, f"task '{self.name}'")
+            self._randomiser = randomiser_of(config.uncertainty.randomise, self.simulation, f"task '{self.name}'")
             self.guard = Guard(self, config.guard_steps) if self.simulation and config.guard_steps else None
             """Recorder of the last steps, for the dump of a world whose physics breaks down."""
             self._record()
@@ -180,6 +183,16 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """Return (W, N) float32 of exact state that only the critic may see in training; None if there is none.
 
         Asked for by ``--network.critic privileged``, after the reset of each step: it must not change state. Optional.
+        """
+        return None
+
+    def observations_of(self, obs: str | None) -> dict[str, torch.Tensor] | None:
+        """Return the groups (W, ...) that a policy of other observations would see, exact; None where there are none.
+
+        Asked for by ``simwarp distill``, whose teacher sees them. Optional; it must not change state.
+
+        Args:
+            obs: name of the observations, a value of the configuration's field ``obs``.
         """
         return None
 
@@ -300,6 +313,18 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """Return the privileged observations of a critic, (W, N) float32; None where the task has none."""
         with self._acting():
             return self.privileged()
+
+    def observe_as(self, obs: str | None) -> dict[str, torch.Tensor]:
+        """Return what a policy of other observations would see now, group name -> (W, ...), exact and at once.
+
+        Args:
+            obs: name of the observations; None: the task's own.
+
+        Raises:
+            InputError: the task does not offer them in this configuration.
+        """
+        with self._acting():
+            return observed_as(self, obs)
 
     def step(self, action: torch.Tensor) -> StepResult:
         """Advance every world by one control step; ``action`` is (W, A), clipped to [-1, 1]; (W, N, A) of agents.
@@ -448,7 +473,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self.begin_step()
         self.apply(self.action)
         groups = check_observations(self, self.observations())
-        self._sensors = Sensors(self.config.sensing, groups, self.random, self.agents)
+        self._sensors = Sensors(self.config.uncertainty.sensing, groups, self.random, self.agents)
         lead = len(lead_of(self))
         self.observation_shapes = {name: tuple(group.shape[lead:]) for name, group in groups.items()}
         self.observation_dtypes = {name: group.dtype for name, group in groups.items()}

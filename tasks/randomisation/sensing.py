@@ -32,9 +32,8 @@ class DelayLine:
         self.least, self.largest = bounds
         self.purpose = purpose
         shape = (self.largest + 1, *like.shape)
-        # twice: moving them on takes a copy
         what = f"{purpose} up to {shown(self.largest)} steps: the last values of {like.shape[0]} worlds"
-        check_room(what, (2, *shape), like.dtype, like.device, "shorten the delay or take fewer worlds")
+        check_room(what, (1 + shape[0], *shape[1:]), like.dtype, like.device, "shorten the delay or take fewer worlds")
         self.values = torch.zeros(shape, dtype=like.dtype, device=like.device)
         """(D + 1, W, ...): the newest first."""
         self._rows = like.shape[0] * agents
@@ -42,25 +41,26 @@ class DelayLine:
         self.delay = torch.zeros(self._rows, dtype=torch.int64, device=like.device)
         """(W * N,) int64 control steps."""
         self._row = torch.arange(self._rows, device=like.device)
+        self._seen = torch.zeros_like(like)
 
     def push(self, value: torch.Tensor) -> None:
         """Take in the value of a control step."""
-        self.values[1:] = self.values[:-1].clone()
-        self.values[0] = value
+        for age in range(self.largest, 0, -1):
+            self.values[age].copy_(self.values[age - 1])
+        self.values[0].copy_(value)
 
     def fill(self, mask: torch.Tensor, value: torch.Tensor, random: WorldRandom) -> None:
         """Begin an episode in the worlds of the mask: ``value`` was there all along, and the delay is a new one."""
         where = mask.view(1, -1, *(1,) * (value.dim() - 1))
-        self.values.copy_(torch.where(where, value, self.values))
+        torch.where(where, value, self.values, out=self.values)
         drawn = random.integers(self.purpose, self.least, self.largest + 1, self._agents)
         self.delay.copy_(torch.where(mask.unsqueeze(1), drawn, self.delay.view(drawn.shape)).flatten())
 
     def read(self) -> torch.Tensor:
-        """Return (W, ...), each agent's value as late as its delay."""
-        if self._agents == 1:
-            return self.values[self.delay, self._row]
-        rows = self.values.view(self.largest + 1, self._rows, -1)
-        return rows[self.delay, self._row].view(self.values.shape[1:])
+        """Return (W, ...), each agent's value as late as its delay; in memory that the next call writes again."""
+        rows, seen = self.values.view(len(self.values) * self._rows, -1), self._seen.view(self._rows, -1)
+        torch.index_select(rows, 0, self.delay * self._rows + self._row, out=seen)
+        return self._seen
 
     def state(self, name: str) -> dict[str, torch.Tensor]:
         """Return the state that a checkpoint keeps."""

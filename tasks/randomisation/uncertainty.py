@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Final, TypeAlias
 
 from simwarp.core.constraints import As, Fraction, Ge, Le, MinLen, NotNegative, OneOrMany, Rule, RuleError, Whole
@@ -106,6 +107,21 @@ class Sensing(Settings):
     noise: NotNegative | tuple[NotNegative, ...] = 0.0
     bias: NotNegative | tuple[NotNegative, ...] = 0.0
     delay: Delay = (0, 0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Uncertainty:
+    """What a task draws, as its configuration has it in the end.
+
+    Attributes:
+        randomise: model parameter -> range.
+        sensing: observation group -> noise, bias and delay.
+        action_delay: least and largest delay of the actions [control steps].
+    """
+
+    randomise: Mapping[str, Range]
+    sensing: Mapping[str, Sensing]
+    action_delay: Delay
 
 
 class Driver(enum.Enum):

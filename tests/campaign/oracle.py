@@ -20,6 +20,12 @@ from tests.campaign.sandbox import Sandbox
 HANG = 10.0
 """Time after which something counts as hanging [s]."""
 
+START = 30.0
+"""Until a process has loaded torch and its kernels, on a busy machine [s]."""
+
+PROCESSES = {"sweep": 2}
+"""Processes that a command starts one after the other."""
+
 LONGEST_LINE = 1200
 """Characters of an error that a person still reads: a received value is shown short."""
 
@@ -175,9 +181,10 @@ def attack_command(attack: CommandAttack, sandbox: Sandbox, main: Callable[[list
         for name, data in attack.files:
             Path(name).parent.mkdir(parents=True, exist_ok=True)
             Path(name).write_bytes(data)
-        run = run_in_process(attack.words, main)
+        seconds = HANG + PROCESSES.get(attack.words[0] if attack.words else "", 0) * START
+        run = run_in_process(attack.words, main, seconds)
         if run.hung:  # a busy machine is no hang
-            run = run_in_process(attack.words, main)
+            run = run_in_process(attack.words, main, seconds)
         spoiled = [name for name, data in attack.files if not _holds(Path(name), data)]
     try:
         outcome = judge_command(attack, run, sandbox)

@@ -233,7 +233,10 @@ def step(made: sw.ModelBuilder) -> None:
 def _call(method: str, arguments: dict[str, Any]) -> Callable[[], None]:
     def call() -> None:
         made = prepared(method)
-        getattr(made, method)(**arguments)
+        result = getattr(made, method)(**arguments)
+        if method == "add_massless_body":  # which must hang on a joint and carry a body
+            made.add_joint_revolute("upper", sw.WORLD, result, axis=X)
+            made.add_joint_revolute("lower", result, 0, axis=Y)
         if method != "finalize":
             step(made)
 

@@ -61,6 +61,7 @@ BASES = (
     Base("list"),
     Base("train", ("fast",), TRAINING),
     Base("train", ("pendulum",), TRAINING),
+    Base("distill", ("fast",), (("--teacher", "good/fast.pt"), *TRAINING[:-1])),
     Base("eval", ("fast",), (POLICY, ("--episodes", "2"), ("--no-baselines", ""), SHORT)),
     Base("play", ("fast",), (POLICY, ("--seconds", "0.01"), ("--num-envs", "1"))),
     Base("record", ("fast",), (POLICY, ("--episodes", "2"), SHORT)),
@@ -86,7 +87,7 @@ UNKNOWN = tuple(Base(name, runs=False) for name in COMMANDS if name not in {base
 NOT_RUN = {"--compile", "--peers"}
 """Flags that take minutes."""
 
-FOLDERS = {("eval", "plot"), ("verify", "plots"), ("new-task", "output")}
+FOLDERS = {("eval", "plot"), ("verify", "plots"), ("new-task", "output"), ("sweep", "out")}
 ENDINGS = {
     "json": "",
     "video": ".gif",

@@ -8,13 +8,11 @@ from pathlib import Path
 import pytest
 
 from tests.campaign.fronts import FRONTS, perform
-from tests.campaign.oracle import HANG, CommandAttack, Run, judge_command
+from tests.campaign.oracle import HANG, START, CommandAttack, Run, judge_command
 from tests.campaign.strategies_commands import command_lines
 from tests.campaign.tally import campaign_seed, run_front
 
 pytestmark = pytest.mark.slow
-START = 30.0
-"""Until the installed command has loaded torch and its kernels, on a busy machine [s]."""
 
 
 @pytest.mark.parametrize("name", FRONTS)

@@ -214,6 +214,33 @@ def test_values_of_all_kinds_make_points():
         grid_points(["friction=-1"], driving([]), driving)
 
 
+def test_a_grid_reaches_into_settings_by_name():
+    base = driving(["--task.sensing", '{"policy": {"noise": 0.5}}'])
+    grids = ["sensing.policy.delay=0 0,1 2", "sensing.camera.delay=0 1", "randomise.body_mass=0.9,1.2"]
+    points: Any = grid_points(grids, base, driving)
+    assert [tuple(point.values.values()) for point in points] == [
+        ("0 0", "0 1", 0.9), ("0 0", "0 1", 1.2), ("1 2", "0 1", 0.9), ("1 2", "0 1", 1.2),
+    ]  # fmt: skip
+    sensing, mass = points[3].config.sensing, points[3].config.randomise["body_mass"]
+    assert (sensing["policy"].noise, sensing["policy"].delay) == (0.5, (1, 2))
+    assert (sensing["camera"].noise, sensing["camera"].delay) == (0.0, (0, 1))
+    assert (mass.low, mass.high, mass.only) == (1.2, 1.2, ())
+    ranges: Any = grid_points(["fog=0 0.03,0.01", "action-delay=0 0,0 2"], driving([]), driving)
+    assert [(point.config.fog, point.config.action_delay) for point in ranges] == [
+        ((0.0, 0.03), (0, 0)), ((0.0, 0.03), (0, 2)), (0.01, (0, 0)), (0.01, (0, 2)),
+    ]  # fmt: skip
+    assert ranges[1].label == "fog = 0.0 0.03, action_delay = 0 2"
+    for words, message in (
+        ("sensing=1", "takes one value of one of them, sensing.NAME.FIELD=a,b,c"),
+        ("sensing.policy=1", "name one of its fields: sensing.policy.noise, sensing.policy.bias"),
+        ("sensing.camera=1", "name one of its fields: sensing.camera.noise, sensing.camera.bias"),
+        ("sensing.policy.noises=1", "'policy'.noises: unknown key .did you mean 'noise'"),
+        ("randomise.body_mass.low=1", "'body_mass'.high: missing"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            grid_points([words], base, driving)
+
+
 @pytest.mark.parametrize(
     ("width", "parts"), [(110, ["bound \\ gain"]), (80, ["return", "ended by"]), (38, ["interval"])]
 )

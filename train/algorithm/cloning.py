@@ -21,7 +21,7 @@ from simwarp.tasks.framework.registry import origin_of
 from ..config import NetworkKind, TrainConfig, rsl_rl_config
 from ..networks.networks import check_groups
 from ..networks.policies import build_actor
-from .trainer import TrainingError
+from .learner import TrainingError
 from .trajectories import Trajectories
 
 _LARGEST_BATCH = 65_536

@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import torch
 
+from .kept_memory import keep_freed_memory
+
 ResultT = TypeVar("ResultT")
 
 
@@ -24,6 +26,7 @@ class LearnerThreads:
     """
 
     def __init__(self, count: int) -> None:
+        keep_freed_memory()
         self.count = count
         self._others = ThreadPoolExecutor(count - 1, thread_name_prefix="simwarp-learner")
 

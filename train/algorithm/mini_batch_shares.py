@@ -82,15 +82,7 @@ def share_bounds(rows: int, count: int) -> tuple[list[int], list[int]]:
 def _cut_anywhere(storage: RolloutStorage, mini_batches: int, epochs: int, count: int) -> Iterator[list[Share]]:
     rows = storage.num_envs * storage.num_transitions_per_env // mini_batches
     order = torch.randperm(mini_batches * rows, device=storage.device)
-    flat = RolloutStorage.Batch(
-        observations=storage.observations.flatten(0, 1),
-        actions=storage.actions.flatten(0, 1),
-        values=storage.values.flatten(0, 1),
-        advantages=storage.advantages.flatten(0, 1),
-        returns=storage.returns.flatten(0, 1),
-        old_actions_log_prob=storage.actions_log_prob.flatten(0, 1),
-        old_distribution_params=tuple(one.flatten(0, 1) for one in storage.distribution_params or ()),
-    )
+    flat = _flat(storage)
     for _ in range(epochs):
         for chosen in order.split(rows):
             yield [
@@ -99,22 +91,35 @@ def _cut_anywhere(storage: RolloutStorage, mini_batches: int, epochs: int, count
             ]
 
 
-def _picked(flat: Any, rows: torch.Tensor) -> RolloutStorage.Batch:
+def _flat(storage: RolloutStorage) -> RolloutStorage.Batch:
+    """Return all samples of a rollout, one step after the other."""
+    observations = storage.observations.flatten(0, 1)
+    if storage.training_type == "distillation":
+        told = storage.privileged_actions.flatten(0, 1)
+        return RolloutStorage.Batch(observations=observations, privileged_actions=told)
+    return RolloutStorage.Batch(
+        observations=observations,
+        actions=storage.actions.flatten(0, 1),
+        values=storage.values.flatten(0, 1),
+        advantages=storage.advantages.flatten(0, 1),
+        returns=storage.returns.flatten(0, 1),
+        old_actions_log_prob=storage.actions_log_prob.flatten(0, 1),
+        old_distribution_params=tuple(one.flatten(0, 1) for one in storage.distribution_params or ()),
+    )
+
+
+def _picked(flat: RolloutStorage.Batch, rows: torch.Tensor) -> RolloutStorage.Batch:
     """Return a copy of some rows of all samples."""
 
-    def pick(column: torch.Tensor) -> torch.Tensor:
-        return column.index_select(0, rows)
+    def pick(column: Any) -> Any:
+        if isinstance(column, TensorDict):
+            groups = {name: pick(group) for name, group in column.items()}
+            return TensorDict(groups, batch_size=[len(rows)])
+        if isinstance(column, tuple):
+            return tuple(pick(one) for one in column)
+        return None if column is None else column.index_select(0, rows)
 
-    groups = {name: pick(group) for name, group in flat.observations.items()}
-    return RolloutStorage.Batch(
-        observations=TensorDict(groups, batch_size=[len(rows)]),
-        actions=pick(flat.actions),
-        values=pick(flat.values),
-        advantages=pick(flat.advantages),
-        returns=pick(flat.returns),
-        old_actions_log_prob=pick(flat.old_actions_log_prob),
-        old_distribution_params=tuple(pick(parameter) for parameter in flat.old_distribution_params),
-    )
+    return RolloutStorage.Batch(**{name: pick(column) for name, column in vars(flat).items()})
 
 
 def _cut_between_worlds(batch: Any, count: int) -> list[Share]:

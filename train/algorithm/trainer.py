@@ -1,89 +1,32 @@
-"""PPO on a task, one iteration at a time, with all state in a checkpoint."""
+"""PPO on a task."""
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import io
-import math
-import time
-from collections import deque
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import Any, ClassVar
 
 import torch
-import warp as wp
+from rsl_rl.models import MLPModel
 from rsl_rl.storage import RolloutStorage
 from rsl_rl.utils import resolve_callable
+from tensordict import TensorDict
 from torch import nn
 
-from simwarp.core.files import OutputError
-from simwarp.core.memory import check_fits
-from simwarp.core.threads import thread_count
-from simwarp.tasks import NON_FINITE, EpisodeSummary, InputError, Task, config_to_plain
-from simwarp.tasks.framework.plain import typed
-from simwarp.tasks.framework.registry import origin_of
-from simwarp.tasks.framework.saved_state import check_like
+from simwarp.tasks import InputError, Task
 
 from ..config import CriticSees, TrainConfig, rsl_rl_config
 from ..networks.networks import check_groups
-from ..runs.checkpoint import check_members
-from ..runs.saved_state import check_memories, check_optimizer
 from .acting_rows import ActingRows
 from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
-from .learner_threads import LearnerThreads
+from .learner import Learner
 from .shared_ppo import SharedPPO
 from .vec_env import TaskVecEnv
 
-_WINDOW_EPISODES = 100
-_FLOAT_BYTES = 4
-_SAVED: Final[Mapping[str, Any]] = {"critic_state_dict": dict, "optimizer_state_dict": dict, "window": list}
-"""Entries beside the policy of a checkpoint that can be resumed, and their types."""
-_SAVED_BY_EACH: Final[Mapping[str, Any]] = {
-    "torch_rng": torch.Tensor,
-    "cuda_rng": torch.Tensor | None,
-    "worlds": dict,
-}
-"""Entries for each process."""
 
-
-class TrainingError(RuntimeError):
-    """Learning broke down; the message says where and what to try."""
-
-
-@dataclasses.dataclass(frozen=True)
-class IterationReport:
-    """Report of one training iteration.
-
-    Attributes:
-        iteration: iterations completed, this one included.
-        env_steps: control steps of all worlds since the beginning of the run.
-        mean_reward: mean return of the last hundred or more episodes; NaN before the first one ended.
-        mean_episode_length: mean length of the same episodes [control steps].
-        env_steps_per_s: speed of this iteration, learning included.
-        collect_s: time in the worlds and the policy [s].
-        learn_s: time in the optimiser [s].
-        values: further scalars by name: losses, reward terms, end reasons.
-        all_broken: the physics of every world broke down, and no episode ended otherwise.
-    """
-
-    iteration: int
-    env_steps: int
-    mean_reward: float
-    mean_episode_length: float
-    env_steps_per_s: float
-    collect_s: float
-    learn_s: float
-    values: dict[str, float]
-    all_broken: bool = False
-
-
-class Trainer:
-    """Worlds, networks and optimiser of one run.
-
-    The loop is written out here, over rsl-rl's PPO, because rsl-rl's own one prints, reads the device in every step
-    and can be stopped only by killing it.
+class Trainer(Learner):
+    """Worlds, an actor, a critic and their optimiser: proximal policy optimisation.
 
     Args:
         task: the worlds of this process.
@@ -91,157 +34,42 @@ class Trainer:
         group: the processes that train together; this one alone by default. They must be connected.
     """
 
+    rate_option: ClassVar[str] = "ppo.learning-rate"
+    algorithm: SharedPPO
+
     def __init__(self, task: Task[Any], config: TrainConfig, group: Processes | None = None) -> None:
         torch.manual_seed(config.seed)
-        self.task = task
-        self.config = config
-        self.group = group or Processes()
-        self.device = str(task.device)
         check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)
         task.on_iteration(0)  # the first episodes are as easy as a curriculum begins
-        self.env = TaskVecEnv(task, privileged=config.network.critic is CriticSees.PRIVILEGED)
-        settings = rsl_rl_config(config, list(task.observation_shapes), task.action_size)
-        settings["multi_gpu"] = self.group.rsl_rl()
-        self._check_rollout()
-        self._acting = (
-            ActingRows(config.steps_per_iteration, self.env.num_envs, self.device) if task.agents > 1 else None
-        )
-        kind: Any = resolve_callable(settings["algorithm"]["class_name"])
-        with contextlib.redirect_stdout(io.StringIO()):  # rsl-rl prints both networks
-            observations = self.env.get_observations()
-            self.algorithm: SharedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
-        count = thread_count(config.threads) if task.device.type == "cpu" else 1
+        env = TaskVecEnv(task, privileged=config.network.critic is CriticSees.PRIVILEGED)
+        self._acting = ActingRows(config.steps_per_iteration, env.num_envs, env.device) if task.agents > 1 else None
+        super().__init__(task, config, env, group)
         if self._acting is not None and (self.algorithm.actor.is_recurrent or self.algorithm.critic.is_recurrent):
             raise InputError(
                 f"--network.kind {config.network.kind.value}: task '{task.name}' has {task.agents} agents in each "
                 "world, which recurrent networks do not learn from; use a feed-forward one such as mlp"
             )
-        self.threads = LearnerThreads(count) if count > 1 else None
-        """Threads that learn; None where there is only the caller's."""
-        self.algorithm.threads = self.threads
-        if self.group.several:
-            self.algorithm.broadcast_parameters()
-            torch.manual_seed(config.seed + self.group.rank)  # exploration differs
-        self.iteration = 0
-        self._window: deque[tuple[int, float, float]] = deque()
-        if config.spread_start:
-            chance = torch.rand(task.num_worlds, device=self.device)
-            self.env.episode_length_buf = (chance * task.step_limit()).long().repeat_interleave(task.agents)
-        self.algorithm.train_mode()
 
-    def close(self) -> None:
-        """End the threads that learn."""
-        if self.threads is not None:
-            self.threads.close()
-
-    def _check_rollout(self) -> None:
-        """Refuse a rollout that does not fit into memory, before it is allocated.
-
-        Raises:
-            ModelError: it does not.
-        """
-        groups: dict[str, torch.Tensor] = dict(self.env.get_observations())
-        step = sum(group[0].numel() * group.element_size() for group in groups.values())
-        steps, worlds = self.config.steps_per_iteration, self.env.num_envs
-        needed = steps * worlds * (step + _FLOAT_BYTES * (4 * self.task.action_size + 6))
-        what = f"{steps} control steps of {self.config.num_envs} worlds per iteration"
-        check_fits(what, needed, wp.get_device(self.device), "take a smaller --steps-per-iteration or --num-envs")
+    def _make_algorithm(self, observations: TensorDict) -> SharedPPO:
+        settings = rsl_rl_config(self.config, list(self.task.observation_shapes), self.task.action_size)
+        settings["multi_gpu"] = self.group.rsl_rl()
+        kind: Any = resolve_callable(settings["algorithm"]["class_name"])
+        made: SharedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
+        return made
 
     @property
-    def storage(self) -> RolloutStorage:
-        """The rollout of the running iteration."""
-        return self.algorithm.storage
+    def networks(self) -> Mapping[str, MLPModel]:
+        """Actor and critic."""
+        return {"actor": self.algorithm.actor, "critic": self.algorithm.critic}
 
-    @property
-    def env_steps(self) -> int:
-        """Control steps of all worlds so far."""
-        return self.iteration * self.steps_per_iteration
-
-    @property
-    def steps_per_iteration(self) -> int:
-        """Control steps of all worlds of all processes per iteration."""
-        return self.config.steps_per_iteration * self.config.num_envs * self.group.count
-
-    def iterate(self) -> IterationReport:
-        """Collect one rollout, learn from it and report.
-
-        Raises:
-            TaskError: the task returned NaN or infinity.
-            TrainingError: a loss is no longer finite.
-        """
-        started = time.perf_counter()
-        self.task.on_iteration(self.iteration)
-        with self._watched():
-            self.collect()
-            collected = time.perf_counter()
-            summary = self._totals(self.task.drain_statistics())  # complains about NaN before the optimiser meets it
-            losses = self._learn()
-        finished = time.perf_counter()
-        self.iteration += 1
-        self._remember(summary.episodes, summary.return_sum, summary.length_sum)
-        episodes, returns, lengths = (sum(column) for column in zip(*self._window, strict=True))
-        values = {f"loss/{name}": float(value) for name, value in losses.items()}
-        values["learning_rate"] = float(self.algorithm.learning_rate)
-        values["action_std"] = float(self.algorithm.get_policy().output_std.detach().mean())
-        values["episodes"] = summary.episodes
-        ended = max(summary.episodes, 1)
-        worlds = self.group.sums({"broken": float(self.env.broken.sum())}, self.device)["broken"]
-        everywhere = worlds == self.env.num_envs * self.group.count
-        values |= {f"reward/{name}": value / ended for name, value in summary.terms.items()}
-        values |= {f"end/{name}": count for name, count in summary.end_reasons.items()}
-        return IterationReport(
-            iteration=self.iteration,
-            env_steps=self.env_steps,
-            mean_reward=returns / episodes if episodes else math.nan,
-            mean_episode_length=lengths / episodes if episodes else math.nan,
-            env_steps_per_s=self.steps_per_iteration / (finished - started),
-            collect_s=collected - started,
-            learn_s=finished - collected,
-            values=values,
-            all_broken=summary.episodes == summary.end_reasons.get(NON_FINITE, 0) and everywhere,
-        )
-
-    def collect(self) -> None:
-        """Fill the storage with one rollout and compute its returns."""
-        self.env.broken = torch.zeros_like(self.env.broken)
-        with torch.inference_mode():
-            observations = self.env.get_observations()
-            for step in range(self.config.steps_per_iteration):
-                actions = self.algorithm.act(observations)
-                observations, rewards, dones, extras = self.env.step(actions)
-                if self._acting is not None and self.env.acting is not None:
-                    self._acting.take(step, self.env.acting)
-                self.algorithm.process_env_step(observations, rewards, dones, extras)
-            self.algorithm.compute_returns(observations)
-
-    @contextlib.contextmanager
-    def _watched(self) -> Iterator[None]:
-        """Tell errors caused by a policy of NaN or of no deviation from mistakes of a task or of ours."""
-        try:
-            yield
-        except OutputError:
-            raise
-        except (RuntimeError, ValueError) as error:
-            # Sampling from such a distribution fails with words about its deviation only, a task with its own
-            if self._is_sound():
-                raise
-            raise self._diverged() from error
-
-    def _is_sound(self) -> bool:
-        """True if the policy is made of finite numbers, and its standard deviation is positive."""
-        named = dict(self.algorithm.get_policy().named_parameters())
-        sure = all(bool((value > 0.0).all()) for name, value in named.items() if name.endswith("std_param"))
-        return sure and all(bool(value.isfinite().all()) for value in named.values())
-
-    def _diverged(self) -> TrainingError:
-        return TrainingError(f"learning diverged in iteration {self.iteration + 1}; try a lower --ppo.learning-rate")
+    def _after_step(self, step: int) -> None:
+        if self._acting is not None and self.env.acting is not None:
+            self._acting.take(step, self.env.acting)
 
     def _learn(self) -> dict[str, float]:
         warming = self.iteration < self.config.critic_warmup
         with self._of_acting_agents():
             losses: dict[str, float] = self._warm_critic() if warming else self.algorithm.update()
-        if not all(math.isfinite(value) for value in losses.values()):
-            raise self._diverged()
         return losses
 
     def _of_acting_agents(self) -> contextlib.AbstractContextManager[None]:
@@ -249,24 +77,6 @@ class Trainer:
         if self._acting is None:
             return contextlib.nullcontext()
         return self._acting.alone(self.algorithm, standardise=not self.algorithm.normalize_advantage_per_mini_batch)
-
-    def _totals(self, summary: EpisodeSummary) -> EpisodeSummary:
-        """Return the statistics of all processes."""
-        if not self.group.several:
-            return summary
-        mine: dict[str, float] = {"episodes": summary.episodes, "returns": summary.return_sum}
-        mine |= {"lengths": summary.length_sum}
-        mine |= {f"term {name}": value for name, value in summary.terms.items()}
-        mine |= {f"end {name}": value for name, value in summary.end_reasons.items()}
-        total = self.group.sums(mine, self.device)
-        return EpisodeSummary(
-            episodes=round(total["episodes"]),
-            return_sum=total["returns"],
-            length_sum=total["lengths"],
-            terms={name: total[f"term {name}"] for name in summary.terms},
-            end_reasons={name: round(total[f"end {name}"]) for name in summary.end_reasons},
-            bad_values={},
-        )
 
     def _warm_critic(self) -> dict[str, float]:
         """Let only the critic learn from the rollout; the actor and its normaliser stay as they are."""
@@ -299,137 +109,7 @@ class Trainer:
             algorithm.optimizer.step()
             yield loss.detach()
 
-    def warm_start(self, content: dict[str, Any]) -> None:
-        """Take the actor of a checkpoint, its normaliser included; the critic stays as it is.
-
-        Raises:
-            InputError: its network does not fit this task and configuration.
-        """
-        policy = self.algorithm.get_policy()
-        try:
-            check_like(policy.state_dict(), content["actor_state_dict"], "actor_state_dict")
-        except InputError as error:
-            raise InputError(
-                f"the policy to start from, of task '{content['task']}', has another network than this configuration:"
-                f" give the same --network options ({error})"
-            ) from error
-        policy.load_state_dict(content["actor_state_dict"], strict=True)
-
-    def _remember(self, episodes: int, returns: float, lengths: float) -> None:
-        self._window.append((episodes, returns, lengths))
-        while (
-            len(self._window) > 1 and sum(entry[0] for entry in self._window) - self._window[0][0] >= _WINDOW_EPISODES
-        ):
-            self._window.popleft()
-
-    def checkpoint(self) -> dict[str, Any]:
-        """Return everything a resumed run needs, between two iterations. All processes must call this together."""
-        first, *others = self.group.gather(self._own_state())
-        return {
-            **origin_of(self.task.name),
-            "iteration": self.iteration,
-            "train_config": config_to_plain(self.config),
-            "task_config": config_to_plain(self.task.config),
-            **self.algorithm.save(),
-            **first,
-            "other_processes": others,
-            "window": [list(entry) for entry in self._window],
-        }
-
-    def checkpoint_of_policy(self) -> dict[str, Any]:
-        """Return what playing needs of a checkpoint, a copy. Each process may call this alone."""
-        return {
-            **origin_of(self.task.name),
-            "iteration": self.iteration,
-            "train_config": config_to_plain(self.config),
-            "task_config": config_to_plain(self.task.config),
-            "actor_state_dict": {
-                name: value.detach().clone() for name, value in self.algorithm.get_policy().state_dict().items()
-            },
-        }
-
-    def _own_state(self) -> dict[str, Any]:
-        """Return the state of each process: random numbers, worlds, and hidden states of recurrent networks."""
-        cuda = torch.cuda.get_rng_state(self.device) if self.device.startswith("cuda") else None
-        memories = (self.algorithm.actor.get_hidden_state(), self.algorithm.critic.get_hidden_state())
-        return {
-            "torch_rng": torch.get_rng_state(),
-            "cuda_rng": cuda,
-            "worlds": self.task.state_dict(),
-            "memories": [_cells(memory) for memory in memories],
-        }
-
-    def load(self, content: dict[str, Any], where: str = "checkpoint") -> bool:
-        """Go on from a checkpoint; False where its worlds could not be taken over (another number of them).
-
-        Args:
-            content: result of :meth:`checkpoint`, once; it may hold anything.
-            where: the errors begin with it.
-
-        Raises:
-            InputError: it is damaged, or its networks do not fit this task and configuration.
-        """
-        check_members(content, _SAVED, where)
-        self._load_networks(content, where)
-        self.iteration = content["iteration"]
-        self._window = deque(typed(list[tuple[int, float, float]], content["window"], f"{where}: window"))
-        owns = [content, *typed(list[dict], content.get("other_processes", []), f"{where}: other_processes")]
-        if len(owns) != self.group.count:
-            return False
-        own = owns[self.group.rank]
-        check_members(own, _SAVED_BY_EACH, where)
-        same_worlds = self._load_worlds(own, where)
-        self._load_generators(own, where)
-        return same_worlds
-
-    def _load_networks(self, content: dict[str, Any], where: str) -> None:
-        """Take over actor, critic and optimiser."""
-        try:
-            for name, module in (("actor", self.algorithm.actor), ("critic", self.algorithm.critic)):
-                check_like(module.state_dict(), content[f"{name}_state_dict"], f"{name}_state_dict")
-            check_optimizer(self.algorithm.optimizer, content["optimizer_state_dict"], "optimizer_state_dict")
-            self.algorithm.load(content, None, strict=True)
-        except (RuntimeError, ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{where} of task '{self.task.name}' has other networks than this configuration: resume with the same"
-                f" --network options and observations ({error})"
-            ) from error
-
-    def _load_worlds(self, own: dict[str, Any], where: str) -> bool:
-        """Load the worlds and the hidden states of recurrent networks; False if there are more or fewer worlds."""
-        saved, models = own["worlds"], (self.algorithm.actor, self.algorithm.critic)
-        check_members(saved, {"episode_index": torch.Tensor}, f"{where}: worlds")
-        if saved["episode_index"].dim() == 1 and len(saved["episode_index"]) != self.task.num_worlds:
-            return False
-        check_like(self.task.state_dict(), saved, f"{where}: worlds")
-        memories = own.get("memories", [[] for _ in models])
-        check_memories(models, memories, self.env.num_envs, f"{where}: memories")
-        self.task.load_state_dict(saved)
-        self.env.refresh()
-        for model, cells in zip(models, memories, strict=True):
-            if cells:
-                copies = tuple(cell.to(self.device) for cell in cells)
-                model.reset(hidden_state=copies if len(copies) > 1 else copies[0])
-        return True
-
-    def _load_generators(self, own: dict[str, Any], where: str) -> None:
-        """Take over the state of torch's random numbers."""
-        check_like(torch.get_rng_state(), own["torch_rng"], f"{where}: torch_rng")
-        try:
-            torch.set_rng_state(own["torch_rng"].cpu())
-            if own["cuda_rng"] is not None and self.device.startswith("cuda"):
-                torch.cuda.set_rng_state(own["cuda_rng"].cpu(), self.device)
-        except (RuntimeError, TypeError) as error:
-            raise InputError(f"{where}: its state of random numbers is none: {error}") from error
-
 
 def _squared_error(batch: RolloutStorage.Batch, values: torch.Tensor) -> torch.Tensor:
     """Return the mean squared error of the critic's values."""
     return (values - batch.returns).square().mean()
-
-
-def _cells(memory: torch.Tensor | tuple[torch.Tensor, ...] | None) -> list[torch.Tensor]:
-    """Return copies of the hidden state of a recurrent network: nothing, one tensor of a GRU, or two of an LSTM."""
-    if memory is None:
-        return []
-    return [cell.detach().clone() for cell in (memory if isinstance(memory, tuple) else (memory,))]

@@ -14,6 +14,9 @@ from simwarp.tasks.framework.rows import Rows
 
 from ..config import CRITIC
 
+TEACHER = "teacher "
+"""Before the names of the observation groups of a teacher."""
+
 
 class TaskVecEnv(VecEnv):
     """rsl-rl's view of a task: a row for each agent of each world.
@@ -25,12 +28,14 @@ class TaskVecEnv(VecEnv):
     Args:
         task: the worlds.
         privileged: add the group ``critic``: the exact state that only the critic sees.
+        teacher: add the groups of a teacher, each as ``teacher NAME``, that was trained on these observations; "" of a
+            task without a choice.
 
     Raises:
-        InputError: a privileged critic was asked for, and the task has nothing for it.
+        InputError: a privileged critic or a teacher was asked for, and the task has nothing for it.
     """
 
-    def __init__(self, task: Task[Any], *, privileged: bool = False) -> None:
+    def __init__(self, task: Task[Any], *, privileged: bool = False, teacher: str | None = None) -> None:
         self.task = task
         # rsl-rl bootstraps time-outs with the value before the step and never looks at the final observation
         task.keep_final_observations = False
@@ -50,6 +55,7 @@ class TaskVecEnv(VecEnv):
         self.acting: torch.Tensor | None = None
         """(rows,) bool: rows that took part in the last step; None where every row always does."""
         self._privileged = privileged
+        self._teacher = teacher
         self._groups = self.rows.restart()
 
     def __repr__(self) -> str:
@@ -72,6 +78,9 @@ class TaskVecEnv(VecEnv):
         if self._privileged:
             seen = check_observations(self.task, {CRITIC: self.task.observe_privileged()})
             groups = {**groups, **self.rows.flat(seen)}
+        if self._teacher is not None:
+            seen = self.rows.flat(self.task.observe_as(self._teacher or None))
+            groups = {**groups, **{f"{TEACHER}{name}": group for name, group in seen.items()}}
         copies = {name: group.clone() for name, group in groups.items()}
         return TensorDict(copies, batch_size=[self.num_envs], device=self.device)
 

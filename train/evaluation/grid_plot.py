@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,6 +17,8 @@ from .figure_style import GREY, INK, PALE, new_figure, save_figure, style_axes
 from .grid import POLICY_NAMES, GridPoint, PointResult, axes_of, shown, words
 
 COLOURS = {"policy": "#0b6e99", "zero": GREY, "random": "#b8470f"}
+Percent: TypeAlias = tuple[float, float, float]
+"""A rate and the bounds of its interval [%]."""
 _CELL = (1.25, 0.75)
 """Width and height of a cell of a heat map [inch]."""
 
@@ -35,7 +38,11 @@ def draw_success(path: Path, title: str, note: str, points: list[GridPoint], res
     save_figure(figure, path)
 
 
-def _percent(value: Evaluation) -> tuple[float, float, float]:
+def _percent_of(value: Evaluation | None) -> Percent | None:
+    return None if value is None else _percent(value)
+
+
+def _percent(value: Evaluation) -> Percent:
     """Success rate and the bounds of its interval [%]."""
     low, high = value.success_ci95
     return 100.0 * value.success_rate, 100.0 * low, 100.0 * high
@@ -100,11 +107,11 @@ def _heat_maps(title: str, note: str, keys: dict[str, list[Any]], results: list[
         axes = figure.add_subplot(tall, wide, index + 1)
         panels.append(axes)
         cells = {
-            (row, column): by_values.get((value, other, *facet))
+            (row, column): _percent_of(by_values.get((value, other, *facet)))
             for row, value in enumerate(rows)
             for column, other in enumerate(columns)
         }
-        image = _heat_map(axes, cells, len(rows), len(columns))
+        image = draw_heat_map(axes, cells, len(rows), len(columns))
         axes.set_xticks(range(len(columns)), [shown(value) for value in columns])
         axes.set_yticks(range(len(rows)), [shown(value) for value in rows])
         axes.set_xlabel(words(across), color=INK)
@@ -120,8 +127,17 @@ def _heat_maps(title: str, note: str, keys: dict[str, list[Any]], results: list[
     return figure
 
 
-def _heat_map(axes: Any, cells: dict[tuple[int, int], Evaluation | None], rows: int, columns: int) -> Any:
-    """Draw rates as colours, with rate and interval in every cell; cells without a result are hatched."""
+def draw_heat_map(axes: Any, cells: Mapping[tuple[int, int], Percent | None], rows: int, columns: int) -> Any:
+    """Draw rates as colours, with rate and interval in every cell; cells without a result are hatched.
+
+    Args:
+        axes: of Matplotlib.
+        cells: (row, column) -> rate and bounds of its interval [%].
+        rows, columns: numbers of them.
+
+    Returns:
+        The image, for a colour bar.
+    """
     shares = np.full((rows, columns), np.nan)
     for (row, column), value in cells.items():
         if value is None:
@@ -130,7 +146,7 @@ def _heat_map(axes: Any, cells: dict[tuple[int, int], Evaluation | None], rows: 
                 linewidth=0.0,
             )  # fmt: skip
             continue
-        share, low, high = _percent(value)
+        share, low, high = value
         shares[row, column] = share
         ink = "white" if share < 60.0 else INK
         axes.text(

@@ -30,7 +30,7 @@ from simwarp.tasks import InputError, Task, make
 from simwarp.tasks.framework.registry import task_class_of
 from simwarp.tasks.framework.rows import Rows
 
-from ..algorithm.trainer import TrainingError
+from ..algorithm.learner import TrainingError
 from ..config import task_config_from_plain
 from ..runs.run_folder import read_policy
 from .policies import NetworkPolicy, network_policy

@@ -18,7 +18,7 @@ from torch import nn
 
 from simwarp.tasks import InputError
 
-from ..config import NetworkKind
+from ..config import NetworkKind, Precision
 
 _NATURE = ((32, 8, 4), (64, 4, 2), (64, 3, 1))
 """Channels, kernel and stride of the three convolutions (Mnih et al. 2015)."""
@@ -85,10 +85,16 @@ class Recurrent(RNNModel):
 
 
 class NatureEncoder(nn.Module):
-    """Three convolutions over (N, H, W, C) images, flattened to (N, ``size``)."""
+    """Three convolutions over (N, H, W, C) images, flattened to (N, ``size``).
 
-    def __init__(self, shape: tuple[int, int, int]) -> None:
+    Args:
+        shape: height, width and channels of an image.
+        precision: numbers to compute with in training mode; in evaluation mode they are float32, and weights always.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], precision: Precision = Precision.FLOAT32) -> None:
         super().__init__()
+        self.precision = precision
         height, width, channels = shape
         layers: list[nn.Module] = []
         for filters, kernel, stride in _NATURE:
@@ -96,17 +102,37 @@ class NatureEncoder(nn.Module):
             nn.init.xavier_normal_(convolution.weight)
             if convolution.bias is not None:
                 nn.init.zeros_(convolution.bias)
-            layers += [convolution, nn.ReLU()]
+            layers += [convolution, nn.ReLU(inplace=True)]
             channels = filters
+        # The last non-linearity comes after the flattening, which changes no number: gradients of plain rows go
+        # backwards through it at once, those of channels last only one by one
+        layers.insert(-1, nn.Flatten())
         self.layers = nn.Sequential(*layers)
         self.size = nature_size(height, width)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """Return the features of uint8 images, shifted to about [-0.5, 0.5], or of float ones as they are."""
+        if self.training and self.precision is Precision.BFLOAT16:
+            return self._in_bfloat16(image)
         # In place: a batch of images as numbers is the largest thing in training, and made anew for each network
         pixels = image.float().sub_(127.0).div_(255.0) if image.dtype == torch.uint8 else image
         features: torch.Tensor = self.layers(pixels.movedim(-1, -3))
         return features.flatten(1)
+
+    def _in_bfloat16(self, image: torch.Tensor) -> torch.Tensor:
+        # 0 to 255 less 127 has no rounding error in bfloat16: the division by 255 is the first weights' part
+        bytes_in = image.dtype == torch.uint8
+        features = image.to(torch.bfloat16)
+        features = (features.sub_(127.0) if bytes_in else features).movedim(-1, -3)
+        scale = 255.0 if bytes_in else 1.0
+        for layer in self.layers:
+            if isinstance(layer, nn.Conv2d):
+                assert layer.bias is not None
+                weight, bias = (layer.weight / scale).bfloat16(), layer.bias.bfloat16()
+                features, scale = nn.functional.conv2d(features, weight, bias, layer.stride), 1.0
+            else:
+                features = layer(features)
+        return features.float()
 
 
 def _layers(sizes: list[int], activation: type[nn.Module], last: bool) -> nn.Sequential:
@@ -127,6 +153,7 @@ class ImageModel(MLPModel):
         action_size: number of actions; the sizing rules count in it, the critic's too.
         activation: name of the non-linearity of the linear layers; convolutions have ReLU.
         tanh_output: bound the mean action to (-1, 1).
+        precision: value of a :class:`~simwarp.train.config.Precision`, of the convolutions in training mode.
         options: obs_normalization and distribution_cfg of rsl-rl.
     """
 
@@ -142,6 +169,7 @@ class ImageModel(MLPModel):
         activation: str = "relu",
         tanh_output: bool = False,
         obs_normalization: bool = False,
+        precision: str = Precision.FLOAT32.value,
         **options: Any,
     ) -> None:
         vectors = any(obs[group].dim() == 2 for group in obs_groups[obs_set])
@@ -155,7 +183,9 @@ class ImageModel(MLPModel):
             **options,
         )
         self.image_groups = list(self._image_shapes)
-        self.encoders = nn.ModuleList(NatureEncoder(shape) for shape in self._image_shapes.values())
+        self.encoders = nn.ModuleList(
+            NatureEncoder(shape, Precision(precision)) for shape in self._image_shapes.values()
+        )
         features = sum(nature_size(shape[0], shape[1]) for shape in self._image_shapes.values())
         outputs = output_dim if self.distribution is None else self.distribution.input_dim
         self.mlp = self.make_layers(features, action_size, outputs, _ACTIVATIONS[activation])

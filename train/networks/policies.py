@@ -15,11 +15,12 @@ from tensordict import TensorDict
 from simwarp.core.readable import Readable
 from simwarp.core.types import shown
 from simwarp.tasks import InputError, Task, task_class
+from simwarp.tasks.framework.config import obs_of
 from simwarp.tasks.framework.registry import task_word
 from simwarp.tasks.framework.saved_state import check_like
 
-from ..algorithm.trainer import TrainingError
-from ..config import obs_of, rsl_rl_config, train_config_from_plain
+from ..algorithm.learner import TrainingError
+from ..config import rsl_rl_config, train_config_from_plain
 from ..runs.checkpoint import SUFFIX, load_checkpoint
 from ..runs.run_folder import RUNS, latest_run, read_policy
 from .networks import check_groups

@@ -17,7 +17,7 @@ from ..config import LoggerKind
 from .progress_table import ProgressTable
 from .run_files import append_whole
 from .run_folder import RunFolder
-from ..algorithm.trainer import IterationReport
+from ..algorithm.learner import IterationReport
 
 _COLUMNS = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "env_steps_per_s")
 

@@ -10,7 +10,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
-from ..algorithm.trainer import IterationReport
+from ..algorithm.learner import IterationReport
 
 _PLAIN_INTERVAL = 5.0
 _SMOOTHING = 0.2

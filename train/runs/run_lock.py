@@ -23,7 +23,7 @@ from typing import Final, Self
 from simwarp.core.files import FileError, OutputError, output_error, parse_json
 from simwarp.tasks import InputError, config_from_plain
 
-from ..algorithm.trainer import TrainingError
+from ..algorithm.learner import TrainingError
 
 LOCK: Final = "writer.json"
 _PATIENCE = 5.0

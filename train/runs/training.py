@@ -16,19 +16,22 @@ from simwarp.core.readable import ReadableFields
 from simwarp.core.threads import default_threads
 from simwarp.core.files import OutputError, output_error
 from simwarp.core.types import shown
-from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, task_class
+from simwarp.tasks import InputError, Task, TaskConfig, config_to_plain, make, task_class
 from simwarp.tasks.framework.registry import origin_of
 
 from ..config import LoggerKind, TrainConfig, check_configs
 from ..evaluation.learning_curve import draw_learning_curve
 from ..algorithm.distributed import Processes, connect, processes
+from .lessons import planned_lesson, saved_lesson
 from .loggers import RunLog, check_logger
 from .progress import ProgressDisplay
 from .run_files import write_json
 from .run_folder import CONFIG, RUNS, WARM_START, RunFolder, check_root, create_run, open_run, provenance, read_policy
 from .run_lock import RunLock, writing
 from .stopping import StopRequest, stop_on_signals
-from ..algorithm.trainer import IterationReport, Trainer, TrainingError
+from ..algorithm.distiller import Distiller, Lesson
+from ..algorithm.learner import IterationReport, Learner, TrainingError
+from ..algorithm.trainer import Trainer
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +61,7 @@ class FilmMaker(Protocol):
     every: int
     """Iterations from film to film; one more is made at the end."""
 
-    def make(self, trainer: Trainer, path: Path) -> None:
+    def make(self, trainer: Learner, path: Path) -> None:
         """Write a film of the present policy, and leave all of the training as it is."""
 
 
@@ -70,6 +73,7 @@ def train(
     root: Path = RUNS,
     resume: Path | None = None,
     warm_start: Path | None = None,
+    lesson: Lesson | None = None,
     take_over: bool = False,
     console: Console | None = None,
     films: FilmMaker | None = None,
@@ -85,6 +89,8 @@ def train(
         root: folder of all runs.
         resume: run folder to go on with, in place of a new one; one without a checkpoint begins at its beginning.
         warm_start: checkpoint or run whose actor a new run starts from.
+        lesson: a teacher, from whom the policy of a new run learns by distillation; None: it learns by PPO. A run that
+            is resumed goes on as it was.
         take_over: resume a run that a process elsewhere has locked, and that is known to write it no more.
         console: for the progress; standard output by default.
         films: makes films of the policy for the run folder; None: there are none.
@@ -103,10 +109,11 @@ def train(
     config = dataclasses.replace(config, threads=group.threads(config.threads))
     torch.set_num_threads(config.torch_threads)
     check_logger(config.logger)
+    if resume is not None and lesson is not None:
+        raise InputError("a teacher begins a new run and --resume goes on with one: give one of them")
     if resume is not None and warm_start is not None:
         raise InputError("--warm-start begins a new run and --resume goes on with one: give one of them")
     start = None if warm_start is None else _start_policy(warm_start, task_name)
-    description = run_description(task_name, config, task_config, warm_start)
     with contextlib.ExitStack() as held:
         saved: tuple[Path, dict[str, Any]] | None = None
         lock: RunLock | None = None
@@ -123,7 +130,10 @@ def train(
             if saved is None:
                 console.print("the run has no checkpoint yet: it begins at iteration 0", highlight=False)
                 start = _start_of_run(resume, task_name)
-        trainer = _trainer(task_name, config, task_config, group, device, console)
+            lesson = _lesson_of_run(resume, saved)
+        description = run_description(task_name, config, task_config, warm_start, lesson)
+        task = _worlds(task_name, config, task_config, group, device, console)
+        trainer = Trainer(task, config, group) if lesson is None else Distiller(task, config, lesson, group)
         held.callback(trainer.close)
         if saved is not None and not trainer.load(saved[1], f"checkpoint {saved[0]}"):
             console.print(
@@ -143,27 +153,36 @@ def train(
 
 
 def run_description(
-    task_name: str, config: TrainConfig, task_config: TaskConfig, warm_start: Path | None = None
-) -> dict[str, Any]:
-    """Return what ``config.json`` of a run says: the task and its file, configurations, the policy to start from."""
+    task_name: str, config: TrainConfig, task_config: TaskConfig, warm_start: Path | None = None,
+    lesson: Lesson | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Return what ``config.json`` of a run says: the task and its file, configurations, the policy to start from, and
+    the teacher.
+    """
     configs = {"train_config": config_to_plain(config), "task_config": config_to_plain(task_config)}
     start = {} if warm_start is None else {WARM_START: str(warm_start)}
-    return {**origin_of(task_name), **configs, **start}
+    return {**origin_of(task_name), **configs, **start, **({} if lesson is None else lesson.described())}
 
 
-def _trainer(
+def _worlds(
     task_name: str, config: TrainConfig, task_config: TaskConfig, group: Processes, device: str, console: Console
-) -> Trainer:
-    """Build the worlds of this process, and networks for them."""
+) -> Task[Any]:
+    """Build the worlds of this process."""
     # Kernels are compiled once per machine, which takes a while in which nothing else is shown
     console.print(f"building {config.num_envs} worlds of '{task_name}' on {device} ...", highlight=False)
     first_world = group.rank * config.num_envs
     with default_threads(config.threads):
-        task = make(
+        return make(
             task_name, config.num_envs, device=device, seed=config.seed, config=task_config, first_world=first_world,
             capture=config.capture,
         )  # fmt: skip
-    return Trainer(task, config, group)
+
+
+def _lesson_of_run(resume: Path, saved: tuple[Path, dict[str, Any]] | None) -> Lesson | None:
+    """Return the lesson of a run that is resumed; None where it has no teacher."""
+    if saved is not None:
+        return saved_lesson(saved[1], f"checkpoint {saved[0]}")
+    return planned_lesson(open_run(resume).load_config(), str(resume / CONFIG))
 
 
 def _kept(folder: RunFolder) -> str:
@@ -174,7 +193,7 @@ def _kept(folder: RunFolder) -> str:
     return f"run {folder.path} is saved up to {files[-1].name}"
 
 
-def _folder(trainer: Trainer, root: Path, resume: Path | None, description: dict[str, Any]) -> RunFolder:
+def _folder(trainer: Learner, root: Path, resume: Path | None, description: dict[str, Any]) -> RunFolder:
     """Make or open the run folder, in the first process; the others receive its path."""
     path: Path | None = None
     if trainer.group.first:
@@ -191,7 +210,7 @@ def _folder(trainer: Trainer, root: Path, resume: Path | None, description: dict
     return RunFolder(told)
 
 
-def _keep_breaks(trainer: Trainer, folder: RunFolder) -> None:
+def _keep_breaks(trainer: Learner, folder: RunFolder) -> None:
     """Let the task write the first breakdown of its physics to the run folder, for ``simwarp replay``."""
     guard = getattr(trainer.task, "guard", None)
     if guard is not None:
@@ -237,7 +256,7 @@ def _stops(group: Processes, stop: StopRequest, device: str) -> bool:
     return group.sums({"stop": float(stop.requested)}, device)["stop"] > 0.0
 
 
-def _save(trainer: Trainer, folder: RunFolder, lock: RunLock | None) -> Path:
+def _save(trainer: Learner, folder: RunFolder, lock: RunLock | None) -> Path:
     """Write a checkpoint, all processes together; return its path."""
     content = trainer.checkpoint()
     if trainer.group.first:
@@ -248,7 +267,7 @@ def _save(trainer: Trainer, folder: RunFolder, lock: RunLock | None) -> Path:
     return folder.checkpoint_path(content["iteration"])
 
 
-def _film(trainer: Trainer, folder: RunFolder, films: FilmMaker, display: ProgressDisplay) -> Path | None:
+def _film(trainer: Learner, folder: RunFolder, films: FilmMaker, display: ProgressDisplay) -> Path | None:
     """Make a film in the first process; a policy that cannot be shown is no reason to stop."""
     path = folder.film(trainer.iteration)
     if trainer.group.first:
@@ -274,7 +293,7 @@ def _log_of(
 
 
 def _run(
-    trainer: Trainer, folder: RunFolder, lock: RunLock | None, console: Console, description: dict[str, Any],
+    trainer: Learner, folder: RunFolder, lock: RunLock | None, console: Console, description: dict[str, Any],
     films: FilmMaker | None = None,
 ) -> TrainResult:  # fmt: skip
     config, group = trainer.config, trainer.group

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from simwarp.cli import UsageError, shortened
 from simwarp.core.renames import RENAMED, with_new_names
-from simwarp.tasks import TaskConfig
+from simwarp.tasks import Range, Sensing, TaskConfig
 from simwarp.tasks.framework.plain import plain_value
 
 if TYPE_CHECKING:
@@ -76,11 +77,65 @@ def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[st
     if "obs" in axes:
         raise UsageError("--grid obs: a policy knows one kind of observations; evaluate once per policy, with --obs")
     for key in axes:
-        check_single(key, field_of(base, key))
-    points = combinations(
-        axes, lambda key, word: option_words(f"task.{key}", word, field_of(base, key), f"--grid {key}"), parse, field_of
-    )
+        whole = named_of(base, key) and key.count(".") == 1 and not key.startswith("randomise.")
+        check_single(key, Sensing() if whole else field_of(base, key))
+
+    def words_of(key: str, word: str) -> list[str]:
+        if named_of(base, key):
+            return [f"--task.{key}={word}"]  # no option: `with_named` makes one of all of its kind
+        return option_words(f"task.{key}", word, field_of(base, key), f"--grid {key}")
+
+    points = combinations(axes, words_of, lambda words: parse(with_named(words, base)), field_of)
     return [GridPoint(values, config) for values, config in points]
+
+
+def named_of(config: TaskConfig, key: str) -> bool:
+    """Return True if a key reaches into settings by name: ``sensing.camera.delay``, ``randomise.body_mass``."""
+    field, dot, _ = key.partition(".")
+    return bool(dot) and isinstance(getattr(config, field, None), Mapping)
+
+
+def with_named(words: Sequence[str], base: TaskConfig) -> list[str]:
+    """Return words of the command line in which settings by name are one JSON object for each of their fields.
+
+    ``--task.sensing.camera.delay=0 1`` changes one value of what the configuration has; a range without the name of a
+    value, ``--task.randomise.body_mass=1.2``, is held at it.
+
+    Args:
+        words: of the command line.
+        base: the configuration without them.
+    """
+    usual: list[str] = []
+    named: dict[str, dict[str, dict[str, Any]]] = {}
+    for word in words:
+        key, _, value = word.removeprefix("--task.").partition("=")
+        if not named_of(base, key):
+            usual.append(word)
+            continue
+        field, name, *inner = key.split(".", 2)
+        settings = named.setdefault(field, plain_value({at: entry_of(it) for at, it in getattr(base, field).items()}))
+        entry = settings.setdefault(name, {})
+        if inner:
+            entry[inner[0]] = _json_value(value)
+        else:
+            entry |= {"low": _json_value(value), "high": _json_value(value)}
+    return usual + [f"--task.{field}={json.dumps(settings)}" for field, settings in named.items()]
+
+
+def entry_of(settings: Any) -> dict[str, Any]:
+    """Return the fields of settings by name."""
+    return {field.name: getattr(settings, field.name) for field in dataclasses.fields(settings)}
+
+
+def _json_value(word: str) -> Any:
+    """Return a word as JSON has it: a number, several of them, or text."""
+    values: list[Any] = []
+    for part in word.split():
+        try:
+            values.append(json.loads(part))
+        except ValueError:
+            values.append(part)
+    return values[0] if len(values) == 1 else values
 
 
 def combinations(
@@ -103,23 +158,31 @@ def combinations(
     points = []
     for words in itertools.product(*axes.values()):
         found = parse([part for key, word in zip(axes, words, strict=True) for part in words_of(key, word)])
-        points.append(({key: plain_value(read(found, key)) for key in axes}, found))
+        points.append(({key: told_value(read(found, key)) for key in axes}, found))
     for index, (key, written) in enumerate(axes.items()):  # 0.1 and 0.10 are two words for one value
         stride = math.prod(len(other) for other in list(axes.values())[index + 1 :])
         refuse_twice(key, [str(values[key]) for values, _ in points[::stride][: len(written)]])
     return points
 
 
+def told_value(value: Any) -> Any:
+    """Return a value of a grid's key as JSON has it; several numbers are one text, as on the command line."""
+    if isinstance(value, Range):
+        return value.low
+    return " ".join(map(str, value)) if isinstance(value, tuple) else plain_value(value)
+
+
 def check_single(key: str, value: Any) -> None:
-    """Refuse fields of the task that are no number and no word: commas stand between the values of a grid.
+    """Refuse fields of the task that are neither numbers nor a word, nor settings of one name.
 
     Raises:
         UsageError: it is one.
     """
-    check_field(f"--grid {key}", key, value)
-    if isinstance(value, Mapping | tuple):
-        option = f"--task.{key.replace('_', '-')}"
-        raise UsageError(f"--grid {key}: takes fields that are one number or word; evaluate once per value of {option}")
+    if isinstance(value, Mapping):
+        remedy = f"{key}.NAME.FIELD=a,b,c" + (f" or {key}.NAME=a,b,c" if key == "randomise" else "")
+        raise UsageError(f"--grid {key}: takes one value of one of them, {remedy}")
+    if not isinstance(value, Range):
+        check_field(f"--grid {key}", key, value)
 
 
 def check_field(told: str, key: str, value: Any) -> None:
@@ -147,7 +210,7 @@ def option_words(name: str, word: str, value: Any, told: str) -> list[str]:
     """
     *owners, last = name.replace("_", "-").split(".")
     prefix = "".join(f"{owner}." for owner in owners)
-    if isinstance(value, tuple):
+    if isinstance(value, tuple) or (isinstance(value, int | float) and " " in word):
         return [f"--{prefix}{last}", *word.split()]
     if not isinstance(value, bool):
         return [f"--{prefix}{last}={word}"]
@@ -159,6 +222,9 @@ def option_words(name: str, word: str, value: Any, told: str) -> list[str]:
 def field_of(config: Any, key: str) -> Any:
     """Return a field, ``curriculum.up`` reaching into another; None if there is none."""
     for part in key.split("."):
+        if isinstance(config, Mapping):
+            config = config.get(part)
+            continue
         known = dataclasses.is_dataclass(config) and part in {field.name for field in dataclasses.fields(config)}
         config = getattr(config, part) if known else None
     return config

@@ -72,7 +72,7 @@ def format_of(path: Path) -> Format:
     if not found:
         known = ", ".join(dict.fromkeys(suffix for kind in FORMATS for suffix in kind.suffixes))
         hint = f"; expand it: {expansion_of(path)}" if suffix == ".xacro" else f"; files end in {known}"
-        raise UsageError(f"no reader is for '{shortened(path.name)}'{hint}")
+        raise UsageError(f"no reader is for '{shortened(str(path))}'{hint}")
     file = source_file(path, "robot", (suffix,))
     if len(found) == 1:
         return found[0]

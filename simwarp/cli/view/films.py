@@ -12,7 +12,7 @@ from simwarp.cli import UsageError
 from simwarp.cli.view.task_subject import task_subject
 from simwarp.core.threads import default_threads
 from simwarp.tasks import Task, make
-from simwarp.train.algorithm.trainer import Trainer
+from simwarp.train.algorithm.learner import Learner
 from simwarp.train.evaluation.play import record
 from simwarp.train.networks.policies import network_policy, zero_policy
 from simwarp.viewer.live.live_view import LiveView
@@ -86,7 +86,7 @@ class TrainingFilms:
         self.every = every
         self._task: Task[Any] | None = None
 
-    def make(self, trainer: Trainer, path: Path) -> None:
+    def make(self, trainer: Learner, path: Path) -> None:
         """Writes a film of the present policy.
 
         Raises:

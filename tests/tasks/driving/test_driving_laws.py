@@ -20,12 +20,15 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "soil": ("off-road", {"soil": "random", "obstacles": 6}),
     "seen convoy": ("convoy", {**SMALL, "generated": True}),
     "seen hallway": ("hallway", {**SMALL, "tracks": 2, "start": "anywhere"}),
+    "drawn": ("obstacle-avoidance", {**SMALL, "conditions": "random"}),
 }
 SLOW: dict[str, tuple[str, dict[str, Any]]] = {
     "pedals": ("hallway", {"pedals": True, "tracks": 2}),
     "seen road": ("obstacle-avoidance", SMALL),
     "seen track": ("barrier-track", SMALL),
     "seen hills 50": ("off-road", {**SMALL, "hills": 1.0, "obstacles": 50}),
+    "drawn hallway": ("hallway", {**SMALL, "tracks": 2, "conditions": "random"}),
+    "drawn convoy": ("convoy", {"conditions": "random"}),
 }
 
 
@@ -63,7 +66,7 @@ def assert_equal(first, second, pick=slice(None), other=slice(None)):
             assert torch.equal(value[pick], right[name][other]), f"{name} in step {step}"
 
 
-@pytest.mark.quick("obstacle-avoidance", "hallway", "seen hallway")
+@pytest.mark.quick("obstacle-avoidance", "hallway", "seen hallway", "drawn")
 def test_the_seed_alone_decides_not_the_past(case):
     name, task = case
     actions = random_actions(task, STEPS)
@@ -87,7 +90,7 @@ def test_a_disturbed_world_disturbs_no_other(case):
     assert not torch.equal(first[-1]["policy"][1], second[-1]["policy"][1])
 
 
-@pytest.mark.quick("obstacle-avoidance", "hallway", "off-road", "seen hallway")
+@pytest.mark.quick("obstacle-avoidance", "hallway", "off-road", "seen hallway", "drawn")
 def test_worlds_depend_neither_on_how_many_there_are_nor_on_which_process_has_them(case):
     name, task = case
     actions = random_actions(task, STEPS)
@@ -95,7 +98,7 @@ def test_worlds_depend_neither_on_how_many_there_are_nor_on_which_process_has_th
     assert_equal(first, roll(build(name, worlds=2, first_world=1), actions[:, 1:]), [1, 2])
 
 
-@pytest.mark.quick("obstacle-avoidance", "hallway", "convoy", "seen hallway")
+@pytest.mark.quick("obstacle-avoidance", "hallway", "convoy", "seen hallway", "drawn")
 def test_a_saved_state_goes_on_exactly(case):
     """In a task that was made with another seed and has driven elsewhere, in the middle of an episode."""
     name, task = case
@@ -112,13 +115,14 @@ def test_a_saved_state_goes_on_exactly(case):
     assert_equal(expected, roll(other, actions[5:], seed=None))
 
 
-@pytest.mark.quick("none-2")
+@pytest.mark.quick("none-2", "drawn-11")
 @pytest.mark.parametrize("stop", [2, 11])
-@pytest.mark.parametrize("soil", ["none", "random"])
+@pytest.mark.parametrize("soil", ["none", "random", "drawn"])
 def test_what_the_guard_keeps_repeats_a_drive(stop, soil, tmp_path):
     """One world alone, from its reset or from a snapshot: the world around it is drawn again."""
     curriculum = Curriculum(driver=Driver.PROGRESS)
-    task = driving("off-road", 3, seed=5, guard_steps=6, hills=1.0, curriculum=curriculum, soil=soil)
+    drawn = {"conditions": "random"} if soil == "drawn" else {"soil": soil}
+    task = driving("off-road", 3, seed=5, guard_steps=6, hills=1.0, curriculum=curriculum, **drawn)
     task.on_iteration(0)
     task.level.fill_(0.8)
     task.restart(seed=6)

@@ -29,8 +29,8 @@ SHAPES = {
     "obstacle-avoidance": (38, 3, (45, 80, 3)),
     "off-road": (38, 6, (45, 80, 3)),
     "convoy": (34, 6, (45, 80, 3)),
-    "hallway": (17, 3, (90, 160, 3)),
-    "barrier-track": (18, 3, (90, 160, 3)),
+    "hallway": (17, 3, (45, 80, 3)),
+    "barrier-track": (18, 3, (45, 80, 3)),
 }
 WIDTH, HEIGHT = 80, 45
 

@@ -8,7 +8,8 @@ import torch
 
 from simwarp import cli
 from simwarp.tasks import make, replace_fields
-from simwarp.train.algorithm.trainer import Trainer, TrainingError
+from simwarp.train.algorithm.learner import TrainingError
+from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import Cell, NetworkKind, TrainConfig
 from simwarp.train.networks import export
 from simwarp.train.networks.export import ExportFormat, export_policy, load_exported

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from simwarp import cli
 from simwarp.tasks import InputError
-from simwarp.train.algorithm.trainer import TrainingError
+from simwarp.train.algorithm.learner import TrainingError
 from simwarp.train.runs import run_lock, training
 from simwarp.train.runs.run_lock import LOCK, Writer, started, writing
 from tests.train.runs.trained_run import QUIET, run

@@ -13,7 +13,8 @@ import torch
 from rich.console import Console
 
 from simwarp.tasks import InputError, config_to_plain, make, replace_fields, task_class
-from simwarp.train.algorithm.trainer import Trainer, TrainingError
+from simwarp.train.algorithm.learner import TrainingError
+from simwarp.train.algorithm.trainer import Trainer
 from simwarp.train.config import (
     default_config,
     rsl_rl_config,

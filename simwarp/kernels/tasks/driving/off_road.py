@@ -43,6 +43,7 @@ class Ground:
     radius: float
     goal_radius: wp.float64
     clearance: float
+    varied: int  # 1: every episode has shares of obstacles and hills of its own
     in_world_axes: int  # 1: the goal is observed in axes of the world
     progress_weight: wp.float64
     goal_weight: float
@@ -56,6 +57,7 @@ class Ground:
     texture: wp.array[wp.uint64]
     places: wp.array[wp.uint64]
     headings: wp.array[wp.uint64]
+    share: wp.array[wp.uint64]
     ground: int  # its instance in the scene
     shown: wp.array2d[int]  # (W, I) textures of the scene; of no length: there is none
     textures: wp.array[int]
@@ -81,6 +83,14 @@ def goal_angle(world: int, ground: Ground, draws: Draws) -> float:
     """Where on the circle its goal is [rad]."""
     turn = uniform_at(episode_key(ground.target, world, draws), 0, -0.5 * PI, 0.5 * PI)
     return start_angle(world, ground, draws) + PI + turn
+
+
+@wp.func
+def share_of(world: int, column: int, ground: Ground, draws: Draws) -> float:
+    """Part of the obstacles (column 0) or of the hills' height (1) that an episode has."""
+    if ground.varied == 0:
+        return 1.0
+    return uniform_at(episode_key(ground.share, world, draws), column, 0.0, 1.0)
 
 
 @wp.func
@@ -125,6 +135,7 @@ def draw_ground(
     if fields > 0:
         field = int(uniform_at(episode_key(ground.field, world, draws), 0, 0.0, float(fields)))
         rise = wp.clamp(2.0 * drive.difficulty[world] - 1.0, 0.0, 1.0)
+        rise = rise * share_of(world, 1, ground, draws)
         choose_hill(world, field, rise * ground.hills * ground.hill_height, hills)
     if ground.shown.shape[0] > 0:
         count = float(ground.textures.shape[0])
@@ -158,7 +169,8 @@ def draw_obstacles(
             free = wp.length(tried - start) > clear and wp.length(tried - goal) > clear
             if free or i == 0:
                 place = tried
-    wanted = wp.rint(float(ground.obstacles) * wp.min(2.0 * drive.difficulty[world], 1.0))
+    most = float(ground.obstacles) * share_of(world, 0, ground, draws)
+    wanted = wp.rint(most * wp.min(2.0 * drive.difficulty[world], 1.0))
     present = free and float(slot) < wanted
     heading = uniform_at(episode_key(ground.headings, world, draws), slot, -PI, PI)
     sunk = 0.1 * (thing.scale * slots.tallness[thing.kind])

@@ -1,0 +1,1 @@
+"""Commands that learn from what others do: ``record``, ``clone``, ``distill``."""

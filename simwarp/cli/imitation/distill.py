@@ -1,0 +1,136 @@
+"""``simwarp distill``."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from simwarp.cli import DONE, INTERRUPTED, UsageError
+from simwarp.cli.options import (
+    HELP,
+    CommonOptions,
+    check_obs,
+    expand_shorthands,
+    option_value,
+    parse_options,
+    take_task,
+    task_options,
+    with_chosen_obs,
+)
+from simwarp.cli.training import tell_result
+from simwarp.tasks import task_class, task_names
+
+
+@dataclasses.dataclass(frozen=True)
+class DistillOptions(CommonOptions):
+    """Teach a student with one set of observations what a teacher with another does, while the student leads.
+
+    The run folder is as that of a training: it plays, evaluates, exports, and starts a training.
+    """
+
+    teacher: str | None = None
+    """Who teaches: a run, a checkpoint, or the name of a shipped policy; or the name of observations, such as state,
+    for the newest run that was trained on them, else the shipped policy."""
+    student: str | None = None
+    """Name of the observations that the student has, such as camera; by default those of the task."""
+    resume: Path | None = None
+    """Run folder to go on with; its configuration is the default of all other options."""
+    take_over: tyro.conf.FlagCreatePairsOff[bool] = False
+    """Resume a run that a process on another machine has locked, and that you know to be written no more."""
+    runs: Path = Path("runs")
+    """Folder in which run folders are made, as TASK/TIME."""
+
+
+def read_options(word: str, arguments: list[str]) -> Any:
+    """Return the options of the command: its own, and those of the training, the lessons and the task.
+
+    Raises:
+        UsageError: an option is wrong.
+        InputError: the run that is resumed cannot be read.
+    """
+    cls = task_class(word)
+    student = option_value(arguments, "--student")
+    base = cls.config_type()
+    if student is not None:
+        check_obs(cls.name, base, student, "--student")
+        arguments = [*arguments, "--task.obs", student]
+    arguments = expand_shorthands(arguments, cls.name, base)
+    from simwarp.train.algorithm.distillation import DistillationConfig
+    from simwarp.train.config import student_config, task_config_from_plain, train_config_from_plain
+    from simwarp.train.runs.lessons import distillation_config
+    from simwarp.train.runs.run_folder import CONFIG, open_run
+
+    task_config = with_chosen_obs(arguments, base)
+    config, lessons = student_config(cls, task_config), DistillationConfig()
+    resume = option_value(arguments, "--resume")
+    if resume is not None:
+        saved, where = open_run(Path(resume)).load_config(), str(Path(resume) / CONFIG)
+        found = distillation_config(saved, where)
+        if found is None:
+            raise UsageError(f"run {resume} has no teacher: go on with `simwarp train {word} --resume {resume}`")
+        if saved["task"] == cls.name:
+            lessons = found
+            config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
+            task_config = task_config_from_plain(cls, saved["task_config"], f"{where}: task_config")
+    kind = task_options(
+        "DistillCommand", DistillOptions, flat_train=config, distillation=lessons, task=task_config
+    )  # fmt: skip
+    options: Any = parse_options(kind, arguments, f"simwarp distill {word}")
+    if options.flat_train.ppo != config.ppo:
+        raise UsageError("--ppo options are those of `simwarp train`; those of lessons begin with --distillation")
+    if options.flat_train.critic_warmup != config.critic_warmup:
+        raise UsageError("--critic-warmup is an option of `simwarp train`; lessons have no critic")
+    return options
+
+
+def run(arguments: list[str]) -> int:
+    """Distil as the arguments say; 130 after an interruption."""
+    resumed = option_value(arguments, "--resume")
+    word, arguments = take_task(arguments, "distill", task_names(), run=resumed)
+    name = task_class(word).name
+    teacher = option_value(arguments, "--teacher")
+    if not HELP & set(arguments) and (teacher is None) == (resumed is None):
+        remedy = "give one of them" if teacher else f"usage: simwarp distill {word} --teacher state --student camera"
+        raise UsageError(f"--teacher begins a new run and --resume goes on with one; {remedy}")
+    options = read_options(word, arguments)
+    options.check()
+    from simwarp.train.algorithm.distributed import processes
+    from simwarp.train.runs.lessons import lesson_by
+    from simwarp.train.runs.training import train
+
+    lesson = None
+    console = options.console()
+    if options.teacher is not None:
+        path, origin = _teacher_of(name, options)
+        console.print(f"teacher         {origin}", highlight=False, soft_wrap=True)
+        lesson = lesson_by(path, name, options.distillation)
+    result = train(
+        name, options.flat_train, options.task, root=options.runs, resume=options.resume, lesson=lesson,
+        take_over=options.take_over, console=console,
+    )  # fmt: skip
+    if not processes().first:
+        return INTERRUPTED if result.interrupted else DONE
+    options.emit(dataclasses.asdict(result))
+    return tell_result(console, name, result, options.runs, "distill")
+
+
+def _teacher_of(name: str, options: Any) -> tuple[Path, str]:
+    """Return the file of the teacher's policy, and where it came from.
+
+    Raises:
+        InputError: there is none.
+        UsageError: it needs no training.
+    """
+    from simwarp.train.networks.policies import UNTRAINED, find_policy
+
+    if options.teacher in UNTRAINED:
+        raise UsageError(f"--teacher {options.teacher}: nothing is to be learnt from it; name observations or a policy")
+    choices = [kind.value for kind in type(options.task.obs)] if hasattr(options.task, "obs") else []
+    if options.teacher in choices:
+        found = find_policy(name, None, options.runs, options.teacher)
+    else:
+        found = find_policy(name, Path(options.teacher), options.runs)
+    return found.path, found.origin

@@ -1,0 +1,298 @@
+"""Conditions of driving: grip, mass, daylight, fog, camera and delays; each fixed, or drawn for world and episode."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
+
+import torch
+import warp as wp
+
+from simwarp import to_torch
+from simwarp.kernels.tasks.driving.image_noise import Disturbance, disturb_images
+from simwarp.tasks import Fraction, Gt, Le, NotNegative, Positive
+
+from ..framework.config import TaskConfig, require
+from ..framework.errors import InputError
+from ..framework.launching import filled, share_over
+from ..randomisation.uncertainty import Delay, Range, Sensing, Steps, Uncertainty
+
+if TYPE_CHECKING:
+    from simwarp.sensors import Camera
+
+    from ..framework.launching import WorldLaunch
+    from ..randomisation.randomness import WorldRandom
+
+Elevation: TypeAlias = Annotated[float, Gt(0.0), Le(0.5 * math.pi)]
+Span: TypeAlias = tuple[float, float]
+"""Bounds between which a condition is drawn."""
+
+RANDOM_RANGES: Final[Mapping[str, Span]] = MappingProxyType(
+    {
+        "friction": (0.5, 1.0),
+        "mass": (0.9, 1.3),
+        "light": (0.35, 1.5),
+        "sun_elevation": (math.radians(10.0), math.radians(80.0)),
+        "sun_azimuth": (-math.pi, math.pi),
+        "fog": (0.0, 0.03),
+        "image_noise": (0.0, 0.05),
+        "contrast": (0.7, 1.3),
+        "image_delay": (0, 1),
+        "action_delay": (0, 1),
+    }
+)
+"""What `Conditions.RANDOM` draws; why these: docs/driving.md."""
+NEUTRAL: Final[Mapping[str, Any]] = MappingProxyType(
+    {
+        "mass": 1.0, "light": 1.0, "sun_elevation": None, "sun_azimuth": None, "fog": 0.0, "image_noise": 0.0,
+        "contrast": 1.0, "image_delay": 0, "action_delay": (0, 0),
+    }
+)  # fmt: skip
+"""Values that leave everything as the task is built."""
+SEEN: Final = ("light", "sun_elevation", "sun_azimuth", "fog", "image_noise", "contrast")
+"""Conditions that only a camera notices."""
+SUN: Final = ("sun_elevation", "sun_azimuth")
+RAYLEIGH: Final = (0.046, 0.108, 0.265)
+"""Optical depth of clear air towards the zenith at 680, 550 and 440 nm: scattering at sea level of 5.8, 13.5 and
+33.1e-6 /m (Bruneton and Neyret 2008) over a height of 8 km."""
+
+
+class Conditions(enum.Enum):
+    """What a condition that is left at its default is."""
+
+    NOMINAL = "nominal"
+    RANDOM = "random"
+
+
+@dataclasses.dataclass(frozen=True)
+class ConditionsConfig(TaskConfig):
+    """Conditions in which a vehicle is driven: one number, or two between which each world's episodes are drawn."""
+
+    conditions: Conditions = Conditions.NOMINAL
+    """random: each condition below that is left at its default is drawn for every world and episode, in the ranges of
+    docs/driving.md; two equal numbers hold one fixed."""
+    friction: Positive | tuple[Positive, Positive] = 0.9
+    """Of the ground. Tires' curves hold as written where it is the friction they were measured at, mostly 0.8."""
+    mass: Positive | tuple[Positive, Positive] = 1.0
+    """Factor of the chassis' mass and inertia: a load that is spread over it."""
+    light: Positive | tuple[Positive, Positive] = 1.0
+    """Factor of all light, to a camera of fixed exposure: 1 a bright day, 0.1 dusk."""
+    sun_elevation: Elevation | tuple[Elevation, Elevation] | None = None
+    """Of the sun above the horizon [rad]: lower is redder, with longer shadows. None: as the task's light has it."""
+    sun_azimuth: float | tuple[float, float] | None = None
+    """Of the sun, from the world's X towards Y [rad]. None: as the task's light has it."""
+    fog: NotNegative | tuple[NotNegative, NotNegative] = 0.0
+    """Density b [1/m]: of the light of a thing at distance d, exp(-b d) is left; one sees 3.9 / b far."""
+    image_noise: Fraction | tuple[Fraction, Fraction] = 0.0
+    """Standard deviation of the noise of each value of a pixel, which is 0 to 1."""
+    contrast: Positive | tuple[Positive, Positive] = 1.0
+    """Factor of the distance of the image's values from grey."""
+    image_delay: Steps | Delay = 0
+    """Of the image [control steps]."""
+    tires: str | None = None
+    """Tire model: one of those that are shipped for the vehicle, such as pacejka2002, or a .json file. None: the
+    task's."""
+
+    def validate(self) -> None:
+        """Check that bounds are in order, and that nothing is said twice."""
+        super().validate()
+        for name in RANDOM_RANGES:
+            value = getattr(self, name)
+            if isinstance(value, tuple):
+                require(value[0] <= value[1], self, name, "one number, or two in order, least and largest")
+        said = "body_mass" in self.randomise and self.mass != NEUTRAL["mass"]
+        require(not said, self, "mass", "1 where randomise has a range of body_mass")
+        said = "camera" in self.sensing and self.image_delay != NEUTRAL["image_delay"]
+        require(not said, self, "image_delay", "0 where sensing says what the camera's delay is")
+
+    def span(self, name: str) -> Span | None:
+        """Return the bounds between which a condition is drawn, equal where it is fixed; None: nothing changes it.
+
+        Args:
+            name: one of `RANDOM_RANGES`.
+        """
+        value = getattr(self, name)
+        default = next(field.default for field in dataclasses.fields(self) if field.name == name)
+        by_hand = {"mass": "body_mass" in self.randomise, "image_delay": "camera" in self.sensing}
+        if self.conditions is Conditions.RANDOM and value == default and not by_hand.get(name, False):
+            return RANDOM_RANGES[name]
+        if value == NEUTRAL.get(name, ()):
+            return None
+        low, high = value if isinstance(value, tuple) else (value, value)
+        return low, high
+
+    def chassis_names(self) -> tuple[str, ...]:
+        """Return the names of the bodies that `mass` acts on."""
+        return ("chassis",)
+
+    def uncertainty_of(self, own: Uncertainty, *, camera: bool) -> Uncertainty:
+        """Return what is drawn with mass and delays in it.
+
+        Args:
+            own: what `randomise`, `sensing` and `action_delay` say.
+            camera: True if there is one.
+        """
+        randomise, sensing, action_delay = dict(own.randomise), dict(own.sensing), own.action_delay
+        mass, late, act_late = (self.span(name) for name in ("mass", "image_delay", "action_delay"))
+        if mass is not None:
+            randomise["body_mass"] = Range(*mass, only=self.chassis_names())
+        if late is not None and camera:
+            sensing["camera"] = Sensing(delay=_whole(late))
+        if act_late is not None:
+            action_delay = _whole(act_late)
+        return Uncertainty(randomise, sensing, action_delay)
+
+    def camera_arrays(self, suns: int) -> tuple[str, ...]:
+        """Return the names of the camera's arrays that differ by world.
+
+        Args:
+            suns: number of suns in the task's light.
+        """
+        arrays: list[str] = []
+        if self.span("light") is not None:
+            arrays.append("exposure")
+        if self.span("fog") is not None:
+            arrays.append("fog_density")
+        if suns and any(self.span(name) is not None for name in SUN):
+            arrays += ["sun_direction", "sun_color"]
+        return tuple(arrays)
+
+
+def _whole(span: Span) -> Delay:
+    return int(span[0]), int(span[1])
+
+
+def middle(value: float | Span) -> float:
+    """Return a number, or the middle between two."""
+    return 0.5 * (value[0] + value[1]) if isinstance(value, tuple) else value
+
+
+def air_mass(elevation: torch.Tensor) -> torch.Tensor:
+    """Return how much air is in the way of the sun, as a multiple of that towards the zenith (Kasten and Young 1989).
+
+    Args:
+        elevation: of the sun [rad].
+    """
+    degrees = elevation * (180.0 / math.pi)
+    return 1.0 / (elevation.sin() + 0.50572 * (degrees + 6.07995) ** -1.6364)
+
+
+class DrawnConditions:
+    """Conditions of all worlds at work: writes those that are not neutral, and draws those that have a range.
+
+    Mass and delays are not here: `ConditionsConfig.uncertainty_of` hands them to what draws parameters and delays.
+
+    Args:
+        config: what is fixed, and what is drawn.
+        random: of the task.
+        simulation: of the task.
+        friction: (W,) of the ground below the tires, written here; None on soil, whose own strength counts.
+        camera: of the policy, with rows for each world in `ConditionsConfig.camera_arrays`; None without.
+
+    Attributes:
+        values: name -> (W,) float32, of the running episodes; those that are neutral are not there.
+        image: (W, height, width, 3) uint8, what the camera gives in the end; None without one.
+
+    Raises:
+        InputError: there is a place of the sun where the task's light has none.
+    """
+
+    def __init__(
+        self, config: ConditionsConfig, random: WorldRandom, simulation: Any, friction: torch.Tensor | None,
+        camera: Camera | None,
+    ) -> None:  # fmt: skip
+        self._random, self._friction = random, friction
+        self._nominal = torch.ones(simulation.model.world_count, device=str(simulation.model.device))
+        acting = (*(("friction",) if friction is not None else ()), *(SEEN if camera is not None else ()))
+        spans = {name: config.span(name) for name in acting}
+        if camera is not None and camera.lights.sun_direction.shape[1] == 0:
+            for name in SUN:
+                if getattr(config, name) is not None:
+                    raise InputError(f"{name.replace('_', '-')}: there is no sun in this task's light; leave it away")
+                spans[name] = None
+        self.values = {
+            name: torch.full_like(self._nominal, 0.5 * (span[0] + span[1]))
+            for name, span in spans.items() if span is not None
+        }  # fmt: skip
+        self._drawn = {name: span for name, span in spans.items() if span is not None and span[0] < span[1]}
+        self.image = None if camera is None else to_torch(camera.data)
+        self._disturb: WorldLaunch | None = None
+        if camera is not None:
+            self._bind_lights(camera)
+        if self.image is not None and {"image_noise", "contrast"} & self.values.keys():
+            self.image = self._bind_image(self.image, simulation)
+        self._write()
+
+    def _bind_lights(self, camera: Camera) -> None:
+        lights = camera.lights
+        self._exposure, self._fog = to_torch(camera.image_processing.exposure), to_torch(lights.fog_density)
+        self._sun, self._sun_color = to_torch(lights.sun_direction), to_torch(lights.sun_color)
+        self._built_sun, self._built_color = self._sun.clone(), self._sun_color.clone()
+        self._depth = torch.tensor(RAYLEIGH, device=self._sun.device)
+
+    def _bind_image(self, clear: torch.Tensor, simulation: Any) -> torch.Tensor:
+        """Record what makes the image that is seen of the clear one, (W, height, width, 3), and return its memory."""
+        worlds, seen = len(self._nominal), torch.zeros_like(clear)
+        self._made = wp.zeros(worlds, dtype=wp.uint64, device=str(clear.device))
+        disturbance = filled(
+            Disturbance,
+            contrast=self.values.get("contrast", self._nominal),
+            noise=self.values.get("image_noise", torch.zeros_like(self._nominal)),
+            stream=self._random.stream("image noise"),
+            last=self._made,
+        )
+        pairs = (clear[0].numel() + 1) // 2
+        chunk = 1 if clear.is_cuda else pairs  # on a CPU threads share worlds
+        self._disturb = share_over(
+            simulation, disturb_images, chunk, int(chunk == pairs), clear.view(worlds, -1), disturbance,
+            self._random.draws, seen.view(worlds, -1), threads_per_world=-(-pairs // chunk),
+        )  # fmt: skip
+        return seen
+
+    def draw(self, world_mask: torch.Tensor) -> None:
+        """Draw the conditions of the running episodes, which begin or are taken up, where ``world_mask`` is true."""
+        if self._disturb is not None:
+            self._made.zero_()
+        if not self._drawn:
+            return
+        for name, (low, high) in self._drawn.items():
+            drawn = self._random.uniform(f"condition {name}", low, high).squeeze(1)
+            self.values[name].copy_(torch.where(world_mask, drawn, self.values[name]))
+        self._write()
+
+    def look(self) -> torch.Tensor | None:
+        """Return the image (W, height, width, 3) uint8 with contrast and noise of this control step; the buffer itself.
+
+        A function of the camera's image, which is another one in each control step, and of draws alone: it may be
+        called at any time.
+        """
+        if self._disturb is not None:
+            self._disturb.launch()
+        return self.image
+
+    def _write(self) -> None:
+        """Hand the values to what they act on: the same numbers again in worlds that have not drawn."""
+        values = self.values
+        if self._friction is not None and "friction" in values:
+            self._friction.copy_(values["friction"])
+        if "light" in values:
+            self._exposure.copy_(values["light"])
+        if "fog" in values:
+            self._fog.copy_(values["fog"])
+        if any(name in values for name in SUN):
+            self._write_sun()
+
+    def _write_sun(self) -> None:
+        """Turn the first sun, and let the air redden it: as built where it stands as built."""
+        x, y, z = self._built_sun[:, 0].unbind(1)
+        built = z.asin()
+        elevation = self.values.get("sun_elevation", built)
+        azimuth = self.values.get("sun_azimuth", torch.atan2(y, x))
+        level = elevation.cos()
+        self._sun[:, 0] = torch.stack([level * azimuth.cos(), level * azimuth.sin(), elevation.sin()], dim=1)
+        more = (air_mass(elevation) - air_mass(built)).unsqueeze(1)
+        self._sun_color[:, 0] = self._built_color[:, 0] * (-self._depth * more).exp()

@@ -1,0 +1,169 @@
+"""Robustness of policies: points of the axes and maps, rows that are kept, tables and pictures made of them."""
+
+import csv
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from benchmarks import robustness
+from benchmarks.robustness import (
+    AXES,
+    COLUMNS,
+    DRAWN,
+    MAPS,
+    NOMINAL,
+    axes_of_task,
+    changed,
+    key_of,
+    labels_of,
+    main,
+    nominal_config,
+    numbers_of,
+    path_of,
+    read_rows,
+    tables,
+    wanted_points,
+)
+from simwarp.tasks import task_class
+from simwarp.tasks.driving.conditions import RANDOM_RANGES, Conditions
+from simwarp.train.evaluation.evaluation import wilson_interval
+from simwarp.train.evaluation.grid import EvaluationStoppedError
+from simwarp.train.networks.policies import find_policy
+
+ROAD = "obstacle-avoidance"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(robustness, "RESULTS", tmp_path / "rows")
+    monkeypatch.setattr(robustness, "PICTURES", tmp_path)
+    return tmp_path
+
+
+def write(label, counts, digest="abc", episodes=10):
+    path = path_of(ROAD, "camera", label)
+    path.parent.mkdir(exist_ok=True)
+    new = not path.exists()
+    with path.open("a", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if new:
+            writer.writerow(COLUMNS)
+        for point, successes in counts.items():
+            writer.writerow((digest, point, episodes, successes, 0, 0, 1.0, 90.0, json.dumps({"goal": successes}), 1.0))
+
+
+def test_axes_are_all_conditions_and_those_of_the_task():
+    assert set(AXES) == {*RANDOM_RANGES, "tires", "full"}
+    road = axes_of_task(ROAD, "camera", tuple(AXES))
+    assert set(road) == set(AXES)
+    assert road["tires"].values == ("own", "fiala", "lugre", "pacejka2002", "pacejka89", "tmsimple")
+    assert set(axes_of_task(ROAD, "state", tuple(AXES))) == {"friction", "mass", "action_delay", "tires", "full"}
+    assert "full" not in axes_of_task("off-road", "camera", tuple(AXES))
+
+
+def test_points_are_there_once_and_change_what_they_say():
+    config = task_class(ROAD).config_type()
+    axes = axes_of_task(ROAD, "camera", tuple(AXES))
+    points = wanted_points(config, axes, tuple(MAPS))
+    assert list(points)[:2] == [NOMINAL, DRAWN]
+    on_axes = sum(len(axis.values) - 1 for axis in axes.values())
+    cells = sum(
+        key_of(config, changes) not in wanted_points(config, axes, ())
+        for each in MAPS.values() for line in each.changes() for changes in line
+    )  # fmt: skip
+    assert len(points) == 2 + on_axes + cells
+    configs = {json.dumps(str(changed(config, changes))) for changes in points.values()}
+    assert len(configs) == len(points)  # no point stands for another one
+    some = changed(config, points["friction=0.5 mass=1.4"])
+    assert (some.friction, some.mass, some.fog) == (0.5, 1.4, 0.0)
+    assert changed(config, points["action_delay=2"]).action_delay == (2, 2)
+    assert changed(config, points["tires=fiala"]).tires == "fiala"
+    assert changed(config, {"tires": "own"}) == config
+    assert changed(config, points[DRAWN]).conditions is Conditions.RANDOM
+    assert list(wanted_points(config, {"fog": axes["fog"]}, tuple(MAPS)))[2:] == [
+        f"fog={value}" for value in axes["fog"].values if value
+    ]  # a map needs both of its axes
+
+
+def test_the_nominal_point_is_that_of_the_task_whatever_was_trained_in():
+    source = find_policy(ROAD, Path("shipped"), obs="camera")
+    drawn = {**source.content["task_config"], "conditions": "random", "fog": [0.0, 0.02], "friction": 0.4}
+    object.__setattr__(source, "content", {**source.content, "task_config": drawn})
+    config = nominal_config(source, ROAD)
+    assert (config.conditions, config.fog, config.friction) == (Conditions.NOMINAL, 0.0, 0.9)
+    assert (config.obs.value, config.camera_width) == ("camera", 80)
+
+
+def test_rows_count_for_the_policy_that_was_evaluated_last(folder):
+    write("shipped", {NOMINAL: 9, "fog=0.02": 4})
+    assert {point: row["successes"] for point, row in read_rows(path_of(ROAD, "camera", "shipped")).items()} == {
+        NOMINAL: 9, "fog=0.02": 4,
+    }  # fmt: skip
+    write("shipped", {NOMINAL: 30}, episodes=30)
+    assert read_rows(path_of(ROAD, "camera", "shipped"))[NOMINAL]["episodes"] == 30
+    write("shipped", {NOMINAL: 1}, digest="other")
+    assert list(read_rows(path_of(ROAD, "camera", "shipped"))) == [NOMINAL]
+    assert len(read_rows(path_of(ROAD, "camera", "shipped"), "abc")) == 2
+
+
+def test_tables_and_pictures_have_a_line_for_each_policy(folder):
+    config = task_class(ROAD).config_type()
+    points = wanted_points(config, axes_of_task(ROAD, "camera", ("fog", "light", "tires")), ("fog-light",))
+    write("shipped", dict.fromkeys(points, 7))
+    write("drawn", {point: 9 for point in points if point != "fog=0.02"})
+    assert labels_of(ROAD, "camera", ["shipped"]) == ["shipped", "drawn"]
+    assert main([ROAD, "--report-only"]) == 0
+    numbers = json.loads((folder / "rows" / f"{ROAD}.camera.json").read_text())
+    assert numbers["machine"]["cpu"]
+    shipped = numbers["policies"]["shipped"]
+    assert [cell["success"] for cell in shipped["axes"]["fog"]] == [0.7] * 7
+    assert [cell["low"] for cell in shipped["axes"]["fog"]] == [wilson_interval(7, 10)[0]] * 7
+    assert len(numbers["policies"]["drawn"]["axes"]["fog"]) == 6
+    assert numbers["policies"]["drawn"]["maps"]["fog-light"][2][2] is None
+    text = (folder / "rows" / f"{ROAD}.camera.md").read_text()
+    assert "|  | 0.02 | 70.0 (40 to 89) | – |" in text
+    assert text == tables(ROAD, numbers_of(ROAD, "camera", ["shipped", "drawn"]))
+    with Image.open(folder / f"robustness_{ROAD}_camera.png") as image:
+        assert image.size[0] == 1100
+
+
+def test_nothing_is_evaluated_twice_and_an_interruption_keeps_what_is_there(folder, monkeypatch):
+    arguments = [ROAD, "--obs", "state", "--episodes", "2", "--axes", "mass", "--maps"]
+    evaluate, seen = robustness.evaluate_grid, []
+
+    def stopped(task, policy, points, settings, **options):
+        seen.append([point.label for point in points])
+        if len(seen) == 1:
+            evaluate(task, policy, points[:1], settings, **options)
+            os.kill(os.getpid(), signal.SIGINT)
+        evaluate(task, policy, points[1:] if len(seen) == 1 else points, settings, **options)
+
+    monkeypatch.setattr(robustness, "evaluate_grid", stopped)
+    assert main(arguments) == 130
+    rows = read_rows(path_of(ROAD, "state", "shipped"))
+    assert list(rows) == [NOMINAL]
+    assert rows[NOMINAL]["episodes"] == 2
+    masses = [value for value in AXES["mass"].values if value != 1.0]
+    monkeypatch.setattr(robustness, "wanted_points", lambda *_: {NOMINAL: {}, "mass=2.0": {"mass": 2.0}})
+    assert main(arguments) == 0
+    assert seen == [
+        ["conditions = nominal", "conditions = random", *(f"mass = {mass:g}" for mass in masses)],
+        ["mass = 2"],
+    ]
+    assert list(read_rows(path_of(ROAD, "state", "shipped"))) == [NOMINAL, "mass=2.0"]
+    assert main(arguments) == 0
+    assert len(seen) == 2
+
+
+def test_a_stopped_evaluation_says_so(folder, monkeypatch, capsys):
+    def stop(*_, **__):
+        raise EvaluationStoppedError("fog = 0.02", 3, {})
+
+    monkeypatch.setattr(robustness, "evaluate_grid", stop)
+    options = ["--obs", "state", "--episodes", "2"]
+    assert main([ROAD, *options]) == 130
+    assert "stopped at fog = 0.02; the same command goes on" in capsys.readouterr().err

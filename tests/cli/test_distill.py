@@ -1,0 +1,95 @@
+"""``simwarp distill``: the keys of its results, who teaches, going on, and what a user may get wrong."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from simwarp import cli
+
+TASK = f"{Path(__file__).parents[1] / 'train' / 'algorithm' / 'two_sights.py'}:TwoSights"
+SMALL = ["--num-envs", "8", "--iterations", "2", "--steps-per-iteration", "4", "--device", "cpu", "--threads", "1"]
+KEYS = {"run", "iterations", "env_steps", "env_steps_per_s", "wall_s", "mean_reward", "mean_episode_length"}
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory):
+    """A folder with a run of the task by place."""
+    folder = tmp_path_factory.mktemp("distill")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert cli.main(["train", TASK, "--obs", "place", *SMALL]) == 0
+    return folder
+
+
+@pytest.fixture
+def simwarp(taught, monkeypatch, capfd):
+    """Run the command in that folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(taught)
+
+    def run(*arguments):
+        capfd.readouterr()
+        code = cli.main(list(arguments))
+        out, err = capfd.readouterr()
+        return code, out, "".join(line for line in err.splitlines(keepends=True) if not line.startswith("Warp"))
+
+    return run
+
+
+def test_a_student_is_taught_by_the_newest_run_goes_on_and_is_evaluated(simwarp):
+    code, out, err = simwarp("distill", TASK, "--teacher", "place", *SMALL, "--json", "result.json")
+    assert (code, err) == (0, "")
+    assert "teacher         newest run" in out
+    result = json.loads(Path("result.json").read_text(encoding="utf-8"))
+    assert set(result) >= KEYS
+    assert (result["iterations"], result["env_steps"]) == (2, 2 * 8 * 4)
+    config = json.loads((Path(result["run"]) / "config.json").read_text(encoding="utf-8"))
+    assert config["task_config"]["obs"] == "readings"
+    assert config["distillation"]["config"]["epochs"] == 2
+    head = (Path(result["run"]) / "progress.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert "loss/behavior" in head
+    for command in ("distill", "train"):  # a run is gone on with as what it is
+        code, out, err = simwarp(command, TASK, "--resume", result["run"], "--iterations", "3", "--json", "-")
+        assert (code, json.loads(out)["iterations"]) == (0, 3)
+        (Path(result["run"]) / "checkpoints" / "iteration_000003.pt").unlink()
+    code, out, err = simwarp("eval", TASK, "--checkpoint", result["run"], "--episodes", "4", "--json", "-")
+    assert code == 0
+    code, out, err = simwarp("export", result["run"])
+    assert code == 0, err
+
+
+def test_a_student_may_be_told_the_same_as_its_teacher(simwarp):
+    run = next(Path("runs/two-sights").iterdir())
+    code, _, err = simwarp("distill", TASK, "--teacher", str(run), "--student", "place", *SMALL)
+    assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "usage: simwarp distill"),
+        (["--teacher", "place", "--resume", "runs"], "--teacher begins a new run and --resume goes on with one"),
+        (["--teacher", "nobody"], "nobody"),
+        (["--teacher", "zero"], "nothing is to be learnt from it"),
+        (["--teacher", "readings", "--runs", "empty"], "no policy for task 'two-sights' with readings observations"),
+        (["--teacher", "place", "--student", "sonar"], "--student of task 'two-sights' must be place or readings"),
+        (["--teacher", "place", "--ppo.gamma", "0.9"], "--ppo options are those of `simwarp train`"),
+        (["--teacher", "place", "--critic-warmup", "3"], "lessons have no critic"),
+        (["--teacher", "place", "--distillation.epochs", "0"], "distillation.epochs must be at least 1, got 0"),
+        (["--resume", "RUN"], "has no teacher: go on with `simwarp train"),
+    ],
+)
+@pytest.mark.sweep
+def test_a_mistake_gets_one_line_and_exit_code_2(simwarp, arguments, message):
+    run = next(path for path in Path("runs/two-sights").iterdir() if _is_by_place(path))
+    code, out, err = simwarp("distill", TASK, *(str(run) if word == "RUN" else word for word in arguments))
+    assert code == 2
+    assert message in err
+    assert err.startswith("simwarp: ")
+    assert err.count("\n") == 1
+    assert "Traceback" not in out + err
+
+
+def _is_by_place(run):
+    config = json.loads((run / "config.json").read_text(encoding="utf-8"))
+    return "distillation" not in config and config["task_config"]["obs"] == "place"
