@@ -158,7 +158,7 @@ def test_a_student_comes_to_do_what_its_teacher_does(tmp_path):
     task = make(SIGHTS, 64, config=configured("readings"))
     student = network_policy(content, task)
     seen = task.restart()
-    told = (GAIN * task.x).clamp(-1.0, 1.0)
+    told = (GAIN * task.observe_as("place")["policy"][:, 0]).clamp(-1.0, 1.0)
     assert float((student(seen)[:, 0].clamp(-1.0, 1.0) - told).abs().mean()) < 0.1
     good = evaluate(task, student, 64, seed=1)
     assert good.success_rate == 1.0

@@ -39,6 +39,7 @@ def test_each_image_is_changed_by_itself():
     images = pictures()
     changes = draw_changes(5, AugmentationConfig(shift=4, brightness=0.2, contrast=0.5), seeded())
     together = change(images, changes)
+    assert changes.tones is not None
     for one in range(5):
         alone = ImageChanges(changes.shift[one : one + 1], 4, changes.tones[:, one : one + 1])
         assert torch.equal(change(images[one : one + 1], alone)[0], together[one])

@@ -48,6 +48,7 @@ def reference(encoder, image):
     """The three convolutions in float64, written out: a window at a time."""
     numbers = (image.numpy().astype(np.float64) - 127.0) / 255.0
     for layer in (layer for layer in encoder.layers if isinstance(layer, torch.nn.Conv2d)):
+        assert layer.bias is not None
         weight, bias = (part.detach().numpy().astype(np.float64) for part in (layer.weight, layer.bias))
         size, step = layer.kernel_size[0], layer.stride[0]
         rows, columns = ((side - size) // step + 1 for side in numbers.shape[1:3])
