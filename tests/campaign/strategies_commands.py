@@ -266,6 +266,8 @@ def _sized(option: Option, texts: st.SearchStrategy[Value]) -> st.SearchStrategy
 def _tuple_values(kind: Any, option: Option) -> st.SearchStrategy[tuple[Value, ...]]:
     """One hostile item, or a wrong number of them."""
     items = typing.get_args(kind)
+    if items[0] is str:  # any word will do, or none of this kind of target
+        return odd_texts.map(lambda text: (Value("1", EITHER), Value(text, EITHER)))
     texts = integer_texts if items[0] is int else float_texts
     one = _sized(option, texts)
     if Ellipsis in items:
