@@ -2,7 +2,7 @@
 
     python benchmarks/driving_curves.py [RUN ...]
 
-Each RUN, a folder that ``simwarp train`` made, replaces the table of its task and observations; then the picture is
+Each RUN, a folder that ``simwarp train`` or ``distill`` made, replaces the table of its task and observations; then the picture is
 drawn from all tables: the share of episodes that succeeded while it learnt, exploration included.
 """
 
@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.ticker import EngFormatter, PercentFormatter
 
 from simwarp.tasks import task_class
+from simwarp.train.algorithm.distiller import LESSON
 from simwarp.train.evaluation.figure_style import new_figure, save_figure
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_folder import RunFolder, open_run
@@ -25,7 +26,8 @@ ROOT = Path(__file__).resolve().parents[1]
 TABLES = ROOT / "benchmarks" / "results" / "driving"
 PICTURE = ROOT / "docs" / "images" / "driving_learning_curves.png"
 COLUMNS = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_length", "episodes", "successes")
-COLOURS = {"state": "tab:blue", "camera": "tab:orange"}
+COLOURS = {"state": "tab:blue", "camera": "tab:orange", "camera.distilled": "tab:green"}
+LABELS = {"camera.distilled": "by camera, from the policy by state"}
 EPISODES = 256
 """At least so many episodes are counted together."""
 
@@ -34,7 +36,8 @@ def write_table(run: Path) -> Path:
     """Write what a run's progress says, shortened, and return where."""
     folder = open_run(run)
     saved = folder.load_config()
-    path = TABLES / f"{saved['task']}.{saved['task_config']['obs']}.csv"
+    kind = ".distilled" if LESSON in saved else ""
+    path = TABLES / f"{saved['task']}.{saved['task_config']['obs']}{kind}.csv"
     write_progress(folder, path)
     return path
 
@@ -69,7 +72,7 @@ def draw(picture: Path) -> None:
     """Draw all tables, a panel per task."""
     tables: dict[str, dict[str, Path]] = {}
     for path in sorted(TABLES.glob("*.csv")):
-        name, obs = path.stem.split(".")
+        name, obs = path.stem.split(".", 1)
         tables.setdefault(name, {})[obs] = path
     across = 3
     down = -(-len(tables) // across)
@@ -79,7 +82,7 @@ def draw(picture: Path) -> None:
         for obs, path in sorted(paths.items(), reverse=True):
             with path.open(encoding="utf-8") as file:
                 rows = list(csv.DictReader(file))
-            axes.plot(*success(rows), color=COLOURS[obs], label=f"by {obs}")
+            axes.plot(*success(rows), color=COLOURS[obs], label=LABELS.get(obs, f"by {obs}"))
         axes.set_title(name)
         axes.set_ylim(0.0, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))

@@ -1,7 +1,11 @@
-"""Putting a trained policy into the package: ``python -m simwarp.train.networks.shipping RUN``, from a checkout.
+"""Putting a trained policy into the package: ``python -m simwarp.train.networks.shipping RUN [--nominal]``, from a
+checkout.
 
 Writes ``shipped/TASK.pt`` (the actor alone) and ``shipped/TASK.json`` (command, revision, versions, what it reached);
 ``TASK.OBS`` where the task has a choice of observations, ``TASK.OBS.soil`` where it was trained on soil.
+
+A policy brings the configuration of its worlds with it, where its evaluation begins. With ``--nominal`` that is the
+task's own instead of the one that it was trained in, such as worlds that vary.
 """
 
 from __future__ import annotations
@@ -12,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from simwarp.core.files import read_json
-from simwarp.tasks import task_class
+from simwarp.tasks import config_to_plain, task_class
 
+from ..algorithm.distiller import TAUGHT_BY
 from ..config import task_config_from_plain
 from ..evaluation.evaluation import evaluate_with_baselines
 from ..runs.checkpoint import SUFFIX, inference_only, save_checkpoint
@@ -25,11 +30,23 @@ _EPISODES = 256
 _SEED = 1_000_003
 
 
-def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
-    """Evaluate the newest checkpoint of a run and write it, with its provenance, to ``target``."""
+def ship(run: Path, target: Path = SHIPPED, *, nominal: bool = False) -> dict[str, Any]:
+    """Evaluate the newest checkpoint of a run and write it, with its provenance, to ``target``.
+
+    Args:
+        run: folder of the run.
+        target: folder of the policies.
+        nominal: ship it with the configuration that its task has by default, on the ground that it was trained on.
+    """
     folder = open_run(run)
-    content = inference_only(folder.load_latest()[1])
-    name = content["task"]
+    whole = folder.load_latest()[1]
+    content = inference_only(whole)
+    name, trained = content["task"], content["task_config"]
+    usual = config_to_plain(task_class(name).config_type())
+    varied = {key: value for key, value in trained.items() if usual.get(key) != value}
+    if nominal:
+        kept = {key: trained[key] for key in ("obs", "soil") if key in trained}
+        content["task_config"] = usual | kept
     results = evaluate_with_baselines(
         name,
         lambda task: network_policy(content, task),
@@ -42,10 +59,11 @@ def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
         "task": name,
         "iterations": content["iteration"],
         **made,
+        "trained_on": varied,
+        **({"teacher": _teacher(whole)} if TAUGHT_BY in whole else {}),
         "evaluation": {"seed": _SEED} | {key: value.as_json() for key, value in results.items()},
     }
     target.mkdir(exist_ok=True)
-    trained = content["task_config"]
     soil = "soil" if trained.get("soil", "none") != "none" else None
     title = ".".join(part for part in (name, trained.get("obs"), soil) if part is not None)
     save_checkpoint(target / f"{title}{SUFFIX}", content)
@@ -53,5 +71,11 @@ def ship(run: Path, target: Path = SHIPPED) -> dict[str, Any]:
     return record
 
 
+def _teacher(content: dict[str, Any]) -> dict[str, Any]:
+    """Return what is told of the teacher of a distillation."""
+    teacher = content[TAUGHT_BY]
+    return {"obs": teacher["task_config"].get("obs"), "iterations": teacher["iteration"]}
+
+
 if __name__ == "__main__":
-    print(json.dumps(ship(Path(sys.argv[1]))["evaluation"], indent=2))
+    print(json.dumps(ship(Path(sys.argv[1]), nominal="--nominal" in sys.argv)["evaluation"], indent=2))
