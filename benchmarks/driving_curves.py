@@ -2,8 +2,8 @@
 
     python benchmarks/driving_curves.py [RUN ...]
 
-Each RUN, a folder that ``simwarp train`` or ``distill`` made, replaces the table of its task and observations; then the picture is
-drawn from all tables: the share of episodes that succeeded while it learnt, exploration included.
+Each RUN, a folder that ``simwarp train`` or ``distill`` made, replaces the table of its task and observations; then the
+picture is drawn from all tables: the share of episodes that succeeded while it learnt, exploration included.
 """
 
 from __future__ import annotations
