@@ -25,6 +25,7 @@ from simwarp.cli.options import (
 from simwarp.tasks import task_class, task_names
 
 if TYPE_CHECKING:
+    from simwarp.train.config import TrainConfig
     from simwarp.train.runs.training import TrainResult
 
 
@@ -70,24 +71,39 @@ def read_options(word: str, arguments: list[str], command: str, base: type[Start
     arguments = expand_shorthands(arguments, name, cls.config_type())
     # Only now what takes seconds to import: an unknown task is known at once
     from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
-    from simwarp.train.runs.run_folder import CONFIG, open_run, read_policy
+    from simwarp.train.runs.run_folder import CONFIG, open_run
 
     task_config = with_chosen_obs(arguments, cls.config_type())
     config = default_config(cls, task_config)
-    resume, start = option_value(arguments, "--resume"), option_value(arguments, "--warm-start")
+    resume = option_value(arguments, "--resume")
     if resume is not None:
         saved = open_run(Path(resume)).load_config()
         if saved["task"] == name:
             where = str(Path(resume) / CONFIG)
             config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
             task_config = task_config_from_plain(cls, saved["task_config"], f"{where}: task_config")
-    if start is not None:
-        path, content = read_policy(Path(start))
-        if content["task"] == name:
-            network = train_config_from_plain(content["train_config"], f"checkpoint {path}: train_config").network
-            config = dataclasses.replace(config, network=network)
+    config = with_network_of_start(arguments, name, config)
     kind = task_options(f"{command.capitalize()}Command", base, flat_train=config, task=task_config)
     return parse_options(kind, arguments, f"simwarp {command} {word}")
+
+
+def with_network_of_start(arguments: list[str], task: str, config: TrainConfig) -> TrainConfig:
+    """Return a configuration with the networks of the policy that arguments start from, if they name one.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    from simwarp.train.config import train_config_from_plain
+    from simwarp.train.runs.run_folder import read_policy
+
+    start = option_value(arguments, "--warm-start")
+    if start is None:
+        return config
+    path, content = read_policy(Path(start))
+    if content["task"] != task:
+        return config
+    network = train_config_from_plain(content["train_config"], f"checkpoint {path}: train_config").network
+    return dataclasses.replace(config, network=network)
 
 
 def run(arguments: list[str]) -> int:

@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 
 from simwarp import cli
+from simwarp.train.runs.checkpoint import load_checkpoint
 
 TASK = f"{Path(__file__).parents[1] / 'train' / 'algorithm' / 'two_sights.py'}:TwoSights"
 SMALL = ["--num-envs", "8", "--iterations", "2", "--steps-per-iteration", "4", "--device", "cpu", "--threads", "1"]
@@ -62,6 +64,19 @@ def test_a_student_may_be_told_the_same_as_its_teacher(simwarp):
     run = next(Path("runs/two-sights").iterdir())
     code, _, err = simwarp("distill", TASK, "--teacher", str(run), "--student", "place", *SMALL)
     assert (code, err) == (0, "")
+
+
+def test_a_student_learns_on_from_what_it_was_taught_before(simwarp):
+    teacher = str(next(path for path in Path("runs/two-sights").iterdir() if _is_by_place(path)))
+    _, out, _ = simwarp("distill", TASK, "--teacher", teacher, *SMALL, "--network.hidden", "7", "--json", "-")
+    first = load_checkpoint(Path(json.loads(out)["checkpoint"]))["actor_state_dict"]
+    start = ["--warm-start", json.loads(out)["run"], "--distillation.learning-rate", "1e-12"]
+    code, out, err = simwarp("distill", TASK, "--teacher", teacher, *SMALL, *start, "--json", "-")
+    assert code == 0, err
+    second = load_checkpoint(Path(json.loads(out)["checkpoint"]))["actor_state_dict"]
+    for name, value in first.items():
+        if "normalizer" not in name:
+            torch.testing.assert_close(second[name], value, atol=1e-9, rtol=0.0)
 
 
 @pytest.mark.parametrize(

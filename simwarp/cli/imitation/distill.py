@@ -11,7 +11,6 @@ import tyro
 from simwarp.cli import DONE, INTERRUPTED, UsageError
 from simwarp.cli.options import (
     HELP,
-    CommonOptions,
     check_obs,
     expand_shorthands,
     option_value,
@@ -20,12 +19,12 @@ from simwarp.cli.options import (
     task_options,
     with_chosen_obs,
 )
-from simwarp.cli.training import tell_result
+from simwarp.cli.training import StartOptions, tell_result, with_network_of_start
 from simwarp.tasks import task_class, task_names
 
 
 @dataclasses.dataclass(frozen=True)
-class DistillOptions(CommonOptions):
+class DistillOptions(StartOptions):
     """Teach a student with one set of observations what a teacher with another does, while the student leads.
 
     The run folder is as that of a training: it plays, evaluates, exports, and starts a training.
@@ -75,6 +74,7 @@ def read_options(word: str, arguments: list[str]) -> Any:
             lessons = found
             config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
             task_config = task_config_from_plain(cls, saved["task_config"], f"{where}: task_config")
+    config = with_network_of_start(arguments, cls.name, config)
     kind = task_options(
         "DistillCommand", DistillOptions, flat_train=config, distillation=lessons, task=task_config
     )  # fmt: skip
@@ -96,7 +96,7 @@ def run(arguments: list[str]) -> int:
         remedy = "give one of them" if teacher else f"usage: simwarp distill {word} --teacher state --student camera"
         raise UsageError(f"--teacher begins a new run and --resume goes on with one; {remedy}")
     options = read_options(word, arguments)
-    options.check()
+    options.check(options.warm_start)
     from simwarp.train.algorithm.distributed import processes
     from simwarp.train.runs.lessons import lesson_by
     from simwarp.train.runs.training import train
@@ -108,7 +108,8 @@ def run(arguments: list[str]) -> int:
         console.print(f"teacher         {origin}", highlight=False, soft_wrap=True)
         lesson = lesson_by(path, name, options.distillation)
     result = train(
-        name, options.flat_train, options.task, root=options.runs, resume=options.resume, lesson=lesson,
+        name, options.flat_train, options.task, root=options.runs, resume=options.resume,
+        warm_start=options.warm_start, lesson=lesson,
         take_over=options.take_over, console=console,
     )  # fmt: skip
     if not processes().first:
