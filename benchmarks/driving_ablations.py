@@ -26,18 +26,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
-
-from benchmarks import comparing  # noqa: E402
-from benchmarks.comparing import Arm, Budget, Quantity, Study  # noqa: E402
-from simwarp.core.warp_start import start_warp  # noqa: E402
-from simwarp.tasks.driving.base import Frame, Observing  # noqa: E402
-from simwarp.tasks.driving.lapping import Start  # noqa: E402
-from simwarp.tasks.randomisation.uncertainty import Driver  # noqa: E402
-from simwarp.train.config import NetworkKind  # noqa: E402
+from benchmarks import comparing
+from benchmarks.comparing import Arm, Budget, Quantity, Result, Study
+from simwarp.tasks.driving.base import Frame, Observing
+from simwarp.tasks.driving.lapping import Start
+from simwarp.tasks.randomisation.uncertainty import Driver
+from simwarp.train.config import NetworkKind
+from simwarp.train.evaluation.figure_style import new_figure, save_figure
 
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
 STARTING = 8.0
@@ -162,12 +159,9 @@ USUAL = ("fusion", "frame", "curriculum", "start", "minibatch")
 
 
 def study(name: str, options: argparse.Namespace) -> Study:
-    """Return a ablation with the budget and the folders of the command line."""
+    """Return an ablation with the budget and the folders of the command line."""
     ablation = ABLATIONS[name]
-    given = {key: getattr(options, key) for key in ("iterations", "num_envs", "episodes", "evaluations")}
-    if not ablation.budget.evaluations:
-        given["evaluations"] = None
-    budget = dataclasses.replace(ablation.budget, **{key: value for key, value in given.items() if value is not None})
+    budget = comparing.chosen_budget(ablation.budget, options)
     key, metric = ablation.metric
     return Study(
         task=ablation.task,
@@ -182,6 +176,7 @@ def study(name: str, options: argparse.Namespace) -> Study:
         out=options.out / name,
         runs=options.runs / name,
         seeds=options.seeds,
+        title=ablation.title,
         device=options.device,
         jobs=options.jobs,
         config=ablation.config,
@@ -224,54 +219,32 @@ def estimate(studies: Mapping[str, Study]) -> str:
 # ---- what came out -----------------------------------------------------------------------------------------------
 
 
-def draw(studies: Mapping[str, Study], results: Mapping[str, dict[str, list[comparing.Result]]], picture: Path) -> None:
+def draw(studies: Mapping[str, Study], results: Mapping[str, dict[str, list[Result]]], picture: Path) -> None:
     """Draw one panel per ablation."""
     columns = min(3, len(results))
     rows = math.ceil(len(results) / columns)
-    figure = comparing.new_figure(5.0 * columns, 3.8 * rows)
+    figure = new_figure(5.0 * columns, 3.8 * rows)
     for index, (name, runs) in enumerate(results.items()):
         axes = figure.add_subplot(rows, columns, index + 1)
         arms = studies[name].arms
         comparing.draw_panel(axes, [(runs[arm], arms[arm]) for arm in arms])
         axes.set_xlim(left=0.0)
-        axes.set_title(ABLATIONS[name].title, fontsize="medium")
+        axes.set_title(studies[name].title, fontsize="medium")
         axes.set_ylabel("mean return in evaluation" if studies[name].budget.evaluations else "mean return in training")
         axes.legend(loc="best", fontsize="small")
-    comparing.save_figure(figure, picture)
-
-
-def report(name: str, asked: Study, results: Mapping[str, list[comparing.Result]]) -> None:
-    """Print the tables of a ablation and write its summary."""
-    summary = comparing.write_summary(asked, results)
-    quantities = asked.quantities
-    print(f"{ABLATIONS[name].title}\n")
-    print(comparing.table(summary["means"], f"mean of {asked.seeds} seeds, 95 %", quantities) + "\n")
-    if summary["differences"]:
-        against = {arm: f"{arm} minus {asked.arms[arm].against}" for arm in summary["differences"]}
-        rows = {against[arm]: row for arm, row in summary["differences"].items()}
-        print(comparing.table(rows, "paired by seed", quantities) + "\n")
+    save_figure(figure, picture, dpi=110)
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Read the options."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = comparing.study_parser(
+        __doc__, seeds=3, results="driving", runs="driving-ablations", picture="driving_ablations.png"
+    )
     parser.add_argument("--ablations", default=",".join(USUAL), help=f"by comma, of {', '.join(ABLATIONS)}")
-    parser.add_argument("--seeds", type=int, default=3, help="seeds 0, 1, ... of each arm")
-    parser.add_argument("--iterations", type=int, help="training iterations of every run")
-    parser.add_argument("--num-envs", type=int, help="worlds of every run")
-    parser.add_argument("--episodes", type=int, help="episodes of every evaluation")
-    parser.add_argument("--evaluations", type=int, help="evaluations on the way, where the curve is made of them")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--jobs", type=int, default=1, help="trainings at a time, one thread each")
-    parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results" / "driving", help="results")
-    parser.add_argument("--runs", type=Path, default=Path("runs") / "driving-ablations", help="run folders")
-    parser.add_argument("--plot", action="store_true", help="draw the learning curves")
-    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "images" / "driving_ablations.png")
+    parser.add_argument("--evaluations", type=int, help="policies that are evaluated, where more than the final one is")
     parser.add_argument("--dry-run", action="store_true", help="tell what there is to do, and do nothing")
-    parser.add_argument("--report-only", action="store_true", help="no new runs: what is there is reported")
-    options = parser.parse_args(arguments)
+    options = comparing.read_options(parser, arguments)
     options.ablations = comparing.chosen(parser, "--ablations", options.ablations, ABLATIONS)
-    comparing.require_positive(parser, options, "seeds", "jobs", "iterations", "num_envs", "episodes", "evaluations")
     return options
 
 
@@ -281,30 +254,8 @@ def work(options: argparse.Namespace) -> int:
     if options.dry_run:
         print(estimate(studies))
         return 0
-    start_warp()
-    for asked in studies.values():
-        comparing.load(asked)  # a foreign budget is told before hours of work
-    if not options.report_only:
-        console = Console(stderr=True)
-        for name, asked in studies.items():
-            comparing.run_missing(asked, console, f"{name}: ")
-    loaded = {name: comparing.load(asked) for name, asked in studies.items()}
-    results = {name: runs for name, runs in loaded.items() if any(runs.values())}
-    if not results:
-        print(f"driving_ablations: there are no results in {options.out}", file=sys.stderr)
-        return 2
-    for name, runs in results.items():
-        report(name, studies[name], runs)
-    if options.plot:
-        draw(studies, results, options.picture)
-        print(options.picture)
-    return 0
-
-
-def main() -> int:
-    options = parse(sys.argv[1:])
-    return comparing.exit_code("driving_ablations", lambda: work(options))
+    return comparing.carry_out(studies, options, draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(comparing.exit_code("driving_ablations", lambda: work(parse(sys.argv[1:]))))
