@@ -1,8 +1,8 @@
 """Comparisons of ways to train: the same seeds and budget for each, trained as a sweep, reported with intervals.
 
-What the scripts share that compare: each is a table of arms and what it reports of them. A run is an ordinary run folder.
-Its result is one JSON file, after which the folder may go; a run whose file exists is skipped, one that was interrupted
-or killed goes on from its last checkpoint.
+What the scripts share that compare: each is a table of arms and what it reports of them. A run is an ordinary run
+folder. Its result is one JSON file, after which the folder may go; a run whose file exists is skipped, one that was
+interrupted or killed goes on from its last checkpoint.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Arm:
         label: name in the picture.
         against: name of the arm it is compared with; empty: none.
         train: changed fields of the training configuration.
-        task: changed fields of the task's configuration.
+        task: changed fields of the task's configuration; a function takes the budget and returns the value.
         colour: of its curve.
         line: style of its curve.
     """
@@ -126,35 +126,50 @@ class Study:
         arms: configurations that are compared, by name.
         budget: of every run.
         quantities: reported quantities of a run, by the key in its result.
+        title: of the tables, and of its panel in a picture.
+        config: fields of the task's configuration that all arms share.
+        evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.
         out: folder of the results.
         runs: folder of the run folders.
         seeds: 0, 1, ... of each arm.
-        title: of the tables, and of its panel in a picture.
         device: device of the training.
         jobs: trainings at a time, one thread each.
-        train: fields of the training configuration that all arms share.
-        config: fields of the task's configuration that all arms share.
-        evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.
     """
 
     task: str
     arms: Mapping[str, Arm]
     budget: Budget
     quantities: Mapping[str, Quantity]
-    out: Path
-    runs: Path
-    seeds: int
-    title: str = ""
-    device: str = "cpu"
-    jobs: int = 1
-    train: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    title: str
     config: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     evaluation: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    out: Path = Path()
+    runs: Path = Path("runs")
+    seeds: int = 1
+    device: str = "cpu"
+    jobs: int = 1
+
+    def asked(self, options: argparse.Namespace, name: str = "") -> Study:
+        """Return it with the budget and the folders of the command line, of :func:`study_parser`.
+
+        Args:
+            options: that were read.
+            name: of its folders within those that are given.
+        """
+        names = [field.name for field in dataclasses.fields(Budget)]
+        given = {key: value for key in names if (value := getattr(options, key, None)) is not None}
+        if not self.budget.evaluations:
+            given.pop("evaluations", None)
+        return dataclasses.replace(
+            self, budget=dataclasses.replace(self.budget, **given), out=options.out / name, runs=options.runs / name,
+            seeds=options.seeds, device=options.device, jobs=options.jobs,
+        )  # fmt: skip
 
     def settings(self, name: str, seed: int) -> tuple[TrainConfig, TaskConfig]:
         """Return the training and the task configuration of a run."""
         kind, arm, budget = task_class(self.task), self.arms[name], self.budget
-        config = replace_fields(kind.config_type(), {**self.config, **arm.task})
+        fields = {key: value(budget) if callable(value) else value for key, value in arm.task.items()}
+        config = replace_fields(kind.config_type(), {**self.config, **fields})
         common = {
             "iterations": budget.iterations,
             "num_envs": budget.num_envs,
@@ -165,7 +180,7 @@ class Study:
         }
         if budget.evaluations:
             common |= {"save_interval": max(1, budget.iterations // budget.evaluations), "keep_checkpoints": 0}
-        return replace_fields(default_config(kind, config), {**common, **self.train, **arm.train}), config
+        return replace_fields(default_config(kind, config), {**common, **arm.train}), config
 
     def result_path(self, name: str, seed: int) -> Path:
         """Return the path of a run's result."""
@@ -311,7 +326,7 @@ def train(
     """
     if not wanted:
         return
-    console.print(f"{study.title or study.task}: {len(wanted)} runs are missing", highlight=False)
+    console.print(f"{study.title}: {len(wanted)} runs are missing", highlight=False)
     runs = [sweep_run(study, *pair) for pair in wanted]
 
     def after(record: RunRecord) -> None:
@@ -467,13 +482,6 @@ def read_options(parser: argparse.ArgumentParser, arguments: list[str]) -> argpa
         if isinstance(value, int) and not isinstance(value, bool) and value < 1:
             parser.error(f"--{name.replace('_', '-')} must be at least 1")
     return options
-
-
-def chosen_budget(usual: Budget, options: argparse.Namespace) -> Budget:
-    """Return a budget, changed by the options that are given; there are evaluations on the way only where it has them."""
-    names = [field.name for field in dataclasses.fields(Budget) if field.name != "evaluations" or usual.evaluations]
-    given = {name: getattr(options, name, None) for name in names}
-    return dataclasses.replace(usual, **{name: value for name, value in given.items() if value is not None})
 
 
 def chosen(parser: argparse.ArgumentParser, option: str, given: str, known: Mapping[str, Any]) -> list[str]:

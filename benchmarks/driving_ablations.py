@@ -19,12 +19,10 @@ curve is that of evaluations in the same ones. --iterations and its like replace
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -43,157 +41,101 @@ SMALL = {"camera_width": 48, "camera_height": 36}
 """An image at which a CPU learns."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Ablation:
-    """A comparison.
-
-    Attributes:
-        title: of its panel in the picture.
-        task: a registered task.
-        arms: configurations that are compared, given the budget.
-        budget: of every run.
-        metric: the task's own number that is reported.
-        speed: environment steps per CPU-second, learning included, as measured; for the estimate alone.
-        episode_steps: the longest an episode may be; for the estimate alone.
-        config: fields of the task's configuration that all arms share.
-        evaluation: fields of the task's configuration that all arms are evaluated with.
-    """
-
-    title: str
-    task: str
-    arms: Callable[[Budget], dict[str, Arm]]
-    budget: Budget
-    metric: tuple[str, Quantity]
-    speed: float
-    episode_steps: int
-    config: Mapping[str, Any]
-    evaluation: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-
-def fusion(budget: Budget) -> dict[str, Arm]:
-    """Compare the networks."""
+def reported(key: str, heading: str, digits: int) -> dict[str, Quantity]:
+    """Return what is reported, given a number of the task's own."""
     return {
-        "early": Arm("early fusion", train={"network.kind": NetworkKind.EARLY_FUSION}),
-        "late": Arm("late fusion", "early", train={"network.kind": NetworkKind.LATE_FUSION}, colour=COLOURS[1]),
+        "final_return": Quantity("return", "mean_return", 2),
+        f"final_{key}": Quantity(heading, key, digits),
+        "success_rate": comparing.SUCCESS,
+        "area": Quantity("area under the curve", "", 2),
     }
 
 
-def frame(budget: Budget) -> dict[str, Arm]:
-    """Compare the axes, without obstacles and with them."""
-    arms = {}
-    for count, line in ((0, "--"), (30, "-")):
-        for axes, against, colour in (
-            (Frame.VEHICLE, "", COLOURS[0]),
-            (Frame.WORLD, f"{Frame.VEHICLE.value}-{count}", COLOURS[1]),
-        ):
-            task = {"goal_frame": axes, "obstacles": count}
-            label = f"{axes.value}'s axes, {count} obstacles"
-            arms[f"{axes.value}-{count}"] = Arm(label, against, task=task, colour=colour, line=line)
-    return arms
-
-
-def curriculum(budget: Budget) -> dict[str, Arm]:
-    """Compare a level that rises over three fifths of the training with the full one from the start."""
-    rising = {
-        "curriculum.driver": Driver.ITERATION,
-        "curriculum.first": 0,
-        "curriculum.last": max(1, round(0.6 * budget.iterations)),
-    }
-    return {
-        "curriculum": Arm("curriculum", task=rising),
-        "at-once": Arm("hills from the start", "curriculum", colour=COLOURS[1]),
-    }
-
-
-def start(budget: Budget) -> dict[str, Arm]:
-    """Compare where episodes begin."""
-    return {
-        "turn": Arm("start on a turn", task={"start": Start.TURN}),
-        "straight": Arm("start on a straight", "turn", task={"start": Start.STRAIGHT}, colour=COLOURS[1]),
-    }
-
-
-def minibatch(budget: Budget) -> dict[str, Arm]:
-    """Compare numbers of mini-batches with the default one, four."""
-    return {
-        f"parts-{count}": Arm(
-            f"{count} mini-batches",
-            "" if count == 4 else "parts-4",
-            train={"ppo.mini_batches": count},
-            colour=colour,
-        )
-        for count, colour in zip((2, 4, 16, 64), COLOURS, strict=True)
-    }
-
-
-TO_GOAL = ("final_distance", Quantity("distance to the goal [m]", "distance", 1))
-LAPS = ("final_laps", Quantity("laps", "laps", 2))
+TO_GOAL = reported("distance", "distance to the goal [m]", 1)
+LAPS = reported("laps", "laps", 2)
 STATE, CAMERA = {"obs": Observing.STATE}, {"obs": Observing.CAMERA, **SMALL}
+RISING = {
+    "curriculum.driver": Driver.ITERATION,
+    "curriculum.first": 0,
+    "curriculum.last": lambda budget: max(1, round(0.6 * budget.iterations)),
+}
+"""A level that rises over three fifths of the training."""
+STARTS = {
+    "turn": Arm("start on a turn", task={"start": Start.TURN}),
+    "straight": Arm("start on a straight", "turn", task={"start": Start.STRAIGHT}, colour=COLOURS[1]),
+}
 ABLATIONS = {
-    "fusion": Ablation(
-        "early or late fusion", "off-road", fusion, Budget(150, 32, 64), TO_GOAL, 450.0, 200,
-        config=CAMERA | {"obstacles": 30},
+    "fusion": Study(
+        "off-road",
+        {
+            "early": Arm("early fusion", train={"network.kind": NetworkKind.EARLY_FUSION}),
+            "late": Arm("late fusion", "early", train={"network.kind": NetworkKind.LATE_FUSION}, colour=COLOURS[1]),
+        },
+        Budget(150, 32, 64), TO_GOAL, "early or late fusion", config=CAMERA | {"obstacles": 30},
     ),
-    "frame": Ablation(
-        "goal in the vehicle's or the world's axes", "off-road", frame, Budget(120, 64, 100), TO_GOAL, 1800.0, 200,
-        config=STATE,
+    "frame": Study(
+        "off-road",
+        {
+            f"{axes.value}-{count}": Arm(
+                f"{axes.value}'s axes, {count} obstacles", f"{Frame.VEHICLE.value}-{count}" if colour else "",
+                task={"goal_frame": axes, "obstacles": count}, colour=COLOURS[colour], line=line,
+            )
+            for count, line in ((0, "--"), (30, "-"))
+            for colour, axes in enumerate((Frame.VEHICLE, Frame.WORLD))
+        },
+        Budget(120, 64, 100), TO_GOAL, "goal in the vehicle's or the world's axes", config=STATE,
     ),
-    "curriculum": Ablation(
-        "curriculum or hills from the start", "off-road", curriculum, Budget(60, 64, 64, 10), TO_GOAL, 1640.0, 200,
+    "curriculum": Study(
+        "off-road",
+        {
+            "curriculum": Arm("curriculum", task=RISING),
+            "at-once": Arm("hills from the start", "curriculum", colour=COLOURS[1]),
+        },
+        Budget(60, 64, 64, 10), TO_GOAL, "curriculum or hills from the start",
         config=STATE | {"obstacles": 30, "hills": 1.0}, evaluation={"curriculum.driver": Driver.NONE},
     ),
-    "start": Ablation(
-        "start on a turn or a straight", "hallway", start, Budget(24, 64, 32, 8), LAPS, 830.0, 930,
+    "start": Study(
+        "hallway", STARTS, Budget(24, 64, 32, 8), LAPS, "start on a turn or a straight",
         config=STATE, evaluation={"start": Start.ANYWHERE},
     ),
-    "start-camera": Ablation(
-        "start on a turn or a straight, by camera", "hallway", start, Budget(150, 32, 32, 5), LAPS, 340.0, 930,
+    "start-camera": Study(
+        "hallway", STARTS, Budget(150, 32, 32, 5), LAPS, "start on a turn or a straight, by camera",
         config=CAMERA, evaluation={"start": Start.ANYWHERE},
     ),
-    "minibatch": Ablation(
-        "number of mini-batches", "off-road", minibatch, Budget(80, 64, 100), TO_GOAL, 1450.0, 200,
-        config=STATE,
+    "minibatch": Study(
+        "off-road",
+        {
+            f"parts-{count}": Arm(
+                f"{count} mini-batches", "" if count == 4 else "parts-4",
+                train={"ppo.mini_batches": count}, colour=colour,
+            )
+            for count, colour in zip((2, 4, 16, 64), COLOURS, strict=True)
+        },
+        Budget(80, 64, 100), TO_GOAL, "number of mini-batches", config=STATE,
     ),
 }  # fmt: skip
 USUAL = ("fusion", "frame", "curriculum", "start", "minibatch")
-
-
-def study(name: str, options: argparse.Namespace) -> Study:
-    """Return an ablation with the budget and the folders of the command line."""
-    ablation = ABLATIONS[name]
-    budget = comparing.chosen_budget(ablation.budget, options)
-    key, metric = ablation.metric
-    return Study(
-        task=ablation.task,
-        arms=ablation.arms(budget),
-        budget=budget,
-        quantities={
-            "final_return": dataclasses.replace(comparing.RETURN, digits=2),
-            key: metric,
-            "success_rate": comparing.SUCCESS,
-            "area": dataclasses.replace(comparing.AREA, digits=2),
-        },
-        out=options.out / name,
-        runs=options.runs / name,
-        seeds=options.seeds,
-        title=ablation.title,
-        device=options.device,
-        jobs=options.jobs,
-        config=ablation.config,
-        evaluation=ablation.evaluation,
-    )
+SPEEDS = {
+    "fusion": (450.0, 200),
+    "frame": (1800.0, 200),
+    "curriculum": (1640.0, 200),
+    "start": (830.0, 930),
+    "start-camera": (340.0, 930),
+    "minibatch": (1450.0, 200),
+}
+"""Of the estimate: environment steps per CPU-second, learning included, as measured; longest episode [steps]."""
 
 
 # ---- what it costs -----------------------------------------------------------------------------------------------
 
 
-def cost(ablation: Ablation, asked: Study) -> tuple[int, float]:
+def cost(name: str, asked: Study) -> tuple[int, float]:
     """Return the training steps of a run, and the CPU time it takes with its evaluations at most [s]."""
-    budget = asked.budget
+    budget, (speed, episode_steps) = asked.budget, SPEEDS[name]
     config, _ = asked.settings(next(iter(asked.arms)), 0)
     steps = config.iterations * config.num_envs * config.steps_per_iteration
-    evaluated = max(1, budget.evaluations) * budget.episodes * ablation.episode_steps
-    return steps, STARTING + (steps + evaluated) / ablation.speed
+    evaluated = max(1, budget.evaluations) * budget.episodes * episode_steps
+    return steps, STARTING + (steps + evaluated) / speed
 
 
 def estimate(studies: Mapping[str, Study]) -> str:
@@ -204,7 +146,7 @@ def estimate(studies: Mapping[str, Study]) -> str:
     ]
     total = 0.0
     for name, asked in studies.items():
-        steps, seconds = cost(ABLATIONS[name], asked)
+        steps, seconds = cost(name, asked)
         missing = len(asked.missing())
         total += missing * seconds
         lines.append(
@@ -250,7 +192,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 def work(options: argparse.Namespace) -> int:
     """Do the runs that are missing, and report all."""
-    studies = {name: study(name, options) for name in options.ablations}
+    studies = {name: ABLATIONS[name].asked(options, name) for name in options.ablations}
     if options.dry_run:
         print(estimate(studies))
         return 0

@@ -31,43 +31,29 @@ from simwarp.train.config import Objective
 from simwarp.train.evaluation.figure_style import new_figure, save_figure
 
 BASELINE = "baseline"
-BUDGET = Budget(75, 512, 64)
-QUANTITIES = {
-    "final_return": comparing.RETURN,
-    "final_distance": Quantity("distance in 10 s [m]", "distance", 2),
-    "success_rate": comparing.SUCCESS,
-    "area": comparing.AREA,
-}
-"""Key of a run's numbers -> what it is."""
 CONFIGURATIONS = {
     BASELINE: Arm("baseline"),
     "unscaled": Arm("unscaled", BASELINE, train={"network.normalise": False}),
     "quaternion": Arm("quaternion", BASELINE, task={"orientation": Orientation.QUATERNION}),
     "kl-penalty": Arm("KL penalty", BASELINE, train={"ppo.objective": Objective.KL_PENALTY}),
 }
+STUDY = Study(
+    "ant", CONFIGURATIONS, Budget(75, 512, 64),
+    quantities={
+        "final_return": comparing.RETURN,
+        "final_distance": Quantity("distance in 10 s [m]", "distance", 2),
+        "success_rate": comparing.SUCCESS,
+        "area": comparing.AREA,
+    },
+    title="scaling, orientation and objective on the ant",
+)  # fmt: skip
 OPPOSITES = {"unscaled": "scaled", "quaternion": "Euler angles", "kl-penalty": "clipping"}
 """Labels of the baseline beside a configuration, in the picture."""
 
 
-def study(options: argparse.Namespace) -> Study:
-    """Return the study."""
-    return Study(
-        task="ant",
-        arms={name: CONFIGURATIONS[name] for name in options.configurations},
-        budget=comparing.chosen_budget(BUDGET, options),
-        quantities=QUANTITIES,
-        out=options.out,
-        runs=options.runs,
-        seeds=options.seeds,
-        title="the ant",
-        device=options.device,
-        jobs=options.jobs,
-    )
-
-
 def draw(studies: Mapping[str, Study], found: Mapping[str, dict[str, list[Result]]], picture: Path) -> None:
     """Draw one panel per comparison: mean return over environment steps with its 95 % band."""
-    results = found["ant"]
+    results = found[STUDY.task]
     compared = [name for name in results if name != BASELINE and results[name]]
     figure = new_figure(4.0 * max(1, len(compared)), 3.4)
     first = None
@@ -96,7 +82,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 def work(options: argparse.Namespace) -> int:
     """Do the runs that are missing, and report all."""
-    return comparing.carry_out({"ant": study(options)}, options, draw)
+    arms = {name: CONFIGURATIONS[name] for name in options.configurations}
+    asked = dataclasses.replace(STUDY, arms=arms).asked(options)
+    return comparing.carry_out({asked.task: asked}, options, draw)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ def study(folder, **changes):
         arms={"few": Arm("few"), "many": Arm("many", "few", train={"ppo.mini_batches": 8}, task={"gain": 0.2})},
         budget=Budget(4, 8, 6, 2),
         quantities=QUANTITIES,
+        title="few or many",
         out=folder / "out",
         runs=folder / "runs",
         seeds=2,
