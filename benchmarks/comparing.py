@@ -186,10 +186,13 @@ class Study:
         """Return the path of a run's result."""
         return self.out / f"{name}-{seed}.json"
 
+    def wanted(self) -> list[tuple[str, int]]:
+        """Return arm and seed of all runs, seed by seed, so that an early stop leaves whole pairs."""
+        return [(name, seed) for seed in range(self.seeds) for name in self.arms]
+
     def missing(self) -> list[tuple[str, int]]:
-        """Return the runs without a result, seed by seed, so that an early stop leaves whole pairs."""
-        wanted = [(name, seed) for seed in range(self.seeds) for name in self.arms]
-        return [pair for pair in wanted if not self.result_path(*pair).is_file()]
+        """Return the runs without a result."""
+        return [pair for pair in self.wanted() if not self.result_path(*pair).is_file()]
 
 
 @dataclasses.dataclass(frozen=True)
