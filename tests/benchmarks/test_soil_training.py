@@ -10,12 +10,15 @@ from benchmarks import soil_training
 from benchmarks.comparing import Budget
 from benchmarks.soil_training import GROUNDS, STUDY
 from simwarp.tasks.driving.base import Observing
+from simwarp.tasks.driving.off_road import OffRoadConfig
 from simwarp.tasks.driving.soil import SoilKind
 
 
 def test_arms_differ_in_the_ground_alone():
     (soil, soft), (rigid, hard) = (STUDY.settings(name, 0) for name in ("random", "rigid"))
     assert soil == rigid
+    assert isinstance(soft, OffRoadConfig)
+    assert isinstance(hard, OffRoadConfig)
     assert (soft.soil, hard.soil) == (SoilKind.RANDOM, SoilKind.NONE)
     assert dataclasses.replace(soft, soil=SoilKind.NONE) == hard
     assert hard.obs is Observing.STATE
