@@ -11,6 +11,7 @@ from rich.console import Console
 from benchmarks import comparing
 from benchmarks.comparing import Arm, Budget, Quantity, Study
 from simwarp.tasks import InputError
+from simwarp.train.algorithm.learner import TrainingError
 from simwarp.train.runs.run_lock import writing
 
 QUIET = Console(quiet=True)
@@ -76,6 +77,20 @@ def test_a_run_goes_on_from_its_last_checkpoint(tmp_path, monkeypatch):
     assert asked.missing() == []
     assert list(run.parent.iterdir()) == [run]
     assert comparing.load(asked)["few"][0]["curve"]["env_steps"] == [128.0, 256.0, 384.0, 512.0]
+
+
+@pytest.mark.slow
+def test_a_failed_run_is_named_and_the_others_have_their_results(tmp_path):
+    asked = study(tmp_path, seeds=1, arms={"good": Arm("good"), "bad": Arm("bad")}, jobs=2)
+    bad = comparing.sweep_run(asked, "bad", 0)
+    bad.prepare(asked.task)
+    damaged = bad.folder.checkpoint_path(2)
+    damaged.parent.mkdir(exist_ok=True)
+    damaged.write_bytes(b"no checkpoint")
+    with pytest.raises(TrainingError, match=r"1 runs failed: bad-8x4,seed=0: .*iteration_000002\.pt"):
+        comparing.run_missing(asked, QUIET)
+    assert asked.missing() == [("bad", 0)]
+    assert [result["configuration"] for result in comparing.load(asked)["good"]] == ["good"]
 
 
 def test_two_commands_do_not_train_one_study(tmp_path):
