@@ -1,6 +1,7 @@
 """Comparisons of ways to train: the same seeds and budget for each, trained as a sweep, reported with intervals.
 
-What the scripts share that compare. A run's result is one JSON file; a run whose file exists is skipped, one that was
+What the scripts share that compare: each is a table of arms and what it reports of them. A run is an ordinary run
+folder. Its result is one JSON file, after which the folder may go; a run whose file exists is skipped, one that was
 interrupted or killed goes on from its last checkpoint.
 """
 
@@ -12,7 +13,7 @@ import json
 import math
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,29 +21,30 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 from rich.console import Console
 from scipy import stats
 
 from simwarp.bench.machine import describe
+from simwarp.core.warp_start import start_warp
 from simwarp.tasks import InputError, TaskConfig, config_to_plain, make, replace_fields, task_class
 from simwarp.train.algorithm.learner import TrainingError
 from simwarp.train.config import LoggerKind, TrainConfig, default_config
 from simwarp.train.evaluation.evaluation import Evaluation, evaluate
 from simwarp.train.networks.policies import network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
-from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_files import write_json
 from simwarp.train.runs.run_folder import RunFolder, git_revision
+from simwarp.train.runs.run_lock import writing
 from simwarp.train.runs.stopping import stop_on_signals
 from simwarp.train.sweeps.launchers import LocalLauncher
 from simwarp.train.sweeps.plan import SweepRun, run_name
+from simwarp.train.sweeps.ranking import REWARD, result_of
 from simwarp.train.sweeps.run_state import RunRecord, RunState
 from simwarp.train.sweeps.running import RunList, SweepRunner, check_runs
 from simwarp.train.sweeps.sweep_display import SweepDisplay
 
+ROOT = Path(__file__).resolve().parents[1]
 EVALUATION_SEED = 1_000_003
 CONFIDENCE = 0.95
 BAND_SEEDS = 5
@@ -58,7 +60,7 @@ class Arm:
         label: name in the picture.
         against: name of the arm it is compared with; empty: none.
         train: changed fields of the training configuration.
-        task: changed fields of the task's configuration.
+        task: changed fields of the task's configuration; a function takes the budget and returns the value.
         colour: of its curve.
         line: style of its curve.
     """
@@ -124,33 +126,50 @@ class Study:
         arms: configurations that are compared, by name.
         budget: of every run.
         quantities: reported quantities of a run, by the key in its result.
+        title: of the tables, and of its panel in a picture.
+        config: fields of the task's configuration that all arms share.
+        evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.
         out: folder of the results.
         runs: folder of the run folders.
         seeds: 0, 1, ... of each arm.
         device: device of the training.
         jobs: trainings at a time, one thread each.
-        train: fields of the training configuration that all arms share.
-        config: fields of the task's configuration that all arms share.
-        evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.
     """
 
     task: str
     arms: Mapping[str, Arm]
     budget: Budget
     quantities: Mapping[str, Quantity]
-    out: Path
-    runs: Path
-    seeds: int
-    device: str = "cpu"
-    jobs: int = 1
-    train: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    title: str
     config: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     evaluation: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    out: Path = Path()
+    runs: Path = Path("runs")
+    seeds: int = 1
+    device: str = "cpu"
+    jobs: int = 1
+
+    def asked(self, options: argparse.Namespace, name: str = "") -> Study:
+        """Return it with the budget and the folders of the command line, of :func:`study_parser`.
+
+        Args:
+            options: that were read.
+            name: of its folders within those that are given.
+        """
+        names = [field.name for field in dataclasses.fields(Budget)]
+        given = {key: value for key in names if (value := getattr(options, key, None)) is not None}
+        if not self.budget.evaluations:
+            given.pop("evaluations", None)
+        return dataclasses.replace(
+            self, budget=dataclasses.replace(self.budget, **given), out=options.out / name, runs=options.runs / name,
+            seeds=options.seeds, device=options.device, jobs=options.jobs,
+        )  # fmt: skip
 
     def settings(self, name: str, seed: int) -> tuple[TrainConfig, TaskConfig]:
         """Return the training and the task configuration of a run."""
         kind, arm, budget = task_class(self.task), self.arms[name], self.budget
-        config = replace_fields(kind.config_type(), {**self.config, **arm.task})
+        fields = {key: value(budget) if callable(value) else value for key, value in arm.task.items()}
+        config = replace_fields(kind.config_type(), {**self.config, **fields})
         common = {
             "iterations": budget.iterations,
             "num_envs": budget.num_envs,
@@ -161,16 +180,19 @@ class Study:
         }
         if budget.evaluations:
             common |= {"save_interval": max(1, budget.iterations // budget.evaluations), "keep_checkpoints": 0}
-        return replace_fields(default_config(kind, config), {**common, **self.train, **arm.train}), config
+        return replace_fields(default_config(kind, config), {**common, **arm.train}), config
 
     def result_path(self, name: str, seed: int) -> Path:
         """Return the path of a run's result."""
         return self.out / f"{name}-{seed}.json"
 
+    def wanted(self) -> list[tuple[str, int]]:
+        """Return arm and seed of all runs, seed by seed, so that an early stop leaves whole pairs."""
+        return [(name, seed) for seed in range(self.seeds) for name in self.arms]
+
     def missing(self) -> list[tuple[str, int]]:
-        """Return the runs without a result, seed by seed, so that an early stop leaves whole pairs."""
-        wanted = [(name, seed) for seed in range(self.seeds) for name in self.arms]
-        return [pair for pair in wanted if not self.result_path(*pair).is_file()]
+        """Return the runs without a result."""
+        return [pair for pair in self.wanted() if not self.result_path(*pair).is_file()]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,20 +223,17 @@ def t_quantile(count: int) -> float:
 # ---- one run -----------------------------------------------------------------------------------------------------
 
 
-def learning_curve(folder: RunFolder) -> tuple[dict[str, list[float]], float]:
+def learning_curve(record: RunRecord) -> tuple[dict[str, list[float]], float]:
     """Return a run's curve by column, and the seconds its iterations took."""
-    rows = read_progress(folder.progress)
-    steps = [int(row["env_steps"]) for row in rows]
-    speeds = [float(row["env_steps_per_s"]) for row in rows]
-    wall = sum(part / speed for part, speed in zip(np.diff([0, *steps]), speeds, strict=True))
-    curve: dict[str, list[float]] = {"env_steps": [float(count) for count in steps]}
-    for column in ("mean_reward", "mean_episode_length"):
+    results = {column: result_of(record, column, ()) for column in (REWARD, "mean_episode_length")}
+    curve = {"env_steps": results[REWARD].steps}
+    for column, found in results.items():
         # Nothing is known before the first episode ends: the first value stands for what came before it
-        values = np.array([float(row[column]) for row in rows])
+        values = np.array(found.curve)
         known = np.flatnonzero(np.isfinite(values))
         values[: known[0] if len(known) else 0] = values[known[0]] if len(known) else 0.0
         curve[column] = [round(float(value), 4) for value in values]
-    return curve, float(wall)
+    return curve, results[REWARD].train_s
 
 
 def area(curve: dict[str, list[float]]) -> float:
@@ -225,37 +244,32 @@ def area(curve: dict[str, list[float]]) -> float:
     return float(np.trapezoid(values, steps) / (steps[-1] - steps[0]))
 
 
-def assess(study: Study, folder: RunFolder, config: TrainConfig, task_config: TaskConfig) -> dict[int, Evaluation]:
+def assess(study: Study, run: SweepRun, task_config: TaskConfig) -> dict[int, Evaluation]:
     """Return statistics over fresh worlds, of the final policy or of several, by their iterations."""
+    config, path = run.config, run.folder.checkpoint_path
     iterations = [config.iterations]
     if study.budget.evaluations:
         last = range(config.save_interval, config.iterations, config.save_interval)
-        iterations = [*[iteration for iteration in last if folder.checkpoint_path(iteration).is_file()], *iterations]
+        iterations = [*[iteration for iteration in last if path(iteration).is_file()], *iterations]
     episodes = study.budget.episodes
     task = make(study.task, episodes, device=study.device, seed=EVALUATION_SEED, config=task_config)
     found = {}
     for iteration in iterations:
-        policy = network_policy(load_checkpoint(folder.checkpoint_path(iteration)), task)
+        policy = network_policy(load_checkpoint(path(iteration)), task)
         found[iteration] = evaluate(task, policy, episodes, EVALUATION_SEED)
     return found
 
 
-def sweep_run(study: Study, name: str, seed: int) -> SweepRun:
-    """Return the training of a run as sweeps know it."""
-    config, task_config = study.settings(name, seed)
-    label = f"{name}-{config.num_envs}x{config.iterations}"
-    return SweepRun(label, {}, config, task_config, RunFolder(study.runs / run_name(label, seed)))
-
-
-def conclude(study: Study, name: str, seed: int, folder: RunFolder) -> None:
-    """Evaluate a run that was trained, and write its result."""
-    config, task_config = study.settings(name, seed)
-    curve, wall = learning_curve(folder)
+def conclude(study: Study, name: str, record: RunRecord) -> None:
+    """Evaluate a run of an arm that was trained, and write its result."""
+    run = record.run
+    config, task_config = run.config, run.task_config
+    curve, wall = learning_curve(record)
     evaluated = replace_fields(task_config, study.evaluation)
-    evaluations = assess(study, folder, config, evaluated)
+    evaluations = assess(study, run, evaluated)
     content: Result = {
         "configuration": name,
-        "seed": seed,
+        "seed": run.seed,
         "budget": study.budget.plain(),
         "command": shlex.join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]]),
         "revision": git_revision().get("revision"),
@@ -278,7 +292,7 @@ def conclude(study: Study, name: str, seed: int, folder: RunFolder) -> None:
         }
     for key, quantity in study.quantities.items():
         content[key] = content["evaluation"][quantity.source] if quantity.source else area(shown(content))
-    write_json(study.result_path(name, seed), content)
+    write_json(study.result_path(name, run.seed), content)
 
 
 def shown(result: Result) -> dict[str, list[float]]:
@@ -287,27 +301,44 @@ def shown(result: Result) -> dict[str, list[float]]:
     return curve
 
 
-def run_missing(study: Study, console: Console, title: str = "") -> None:
-    """Do the runs that have no result yet, or go on with those that were interrupted.
+# ---- all runs ----------------------------------------------------------------------------------------------------
+
+
+def sweep_run(study: Study, name: str, seed: int) -> SweepRun:
+    """Return the training of a run as sweeps know it."""
+    config, task_config = study.settings(name, seed)
+    label = f"{name}-{config.num_envs}x{config.iterations}"
+    return SweepRun(label, {"arm": name}, config, task_config, RunFolder(study.runs / run_name(label, seed)))
+
+
+def train(
+    study: Study, wanted: Sequence[tuple[str, int]], console: Console, conclude: Callable[[str, RunRecord], None]
+) -> None:
+    """Train runs as a sweep, or go on with those that were interrupted.
+
+    Args:
+        study: what they are of.
+        wanted: arms and seeds, in the order in which they begin.
+        console: for the output.
+        conclude: called with the arm and the record of each run that is trained.
 
     Raises:
+        InputError: a folder holds a run of another configuration, or another process trains this study.
         KeyboardInterrupt: someone asked to stop; what was learnt is saved.
-        TrainingError: runs failed; the others have their results.
+        TrainingError: runs failed; the others are concluded.
     """
-    study.out.mkdir(parents=True, exist_ok=True)
-    missing = {(run := sweep_run(study, *pair)).name: (pair, run) for pair in study.missing()}
-    if not missing:
+    if not wanted:
         return
-    console.print(f"{title}{len(missing)} runs are missing", highlight=False)
+    console.print(f"{study.title}: {len(wanted)} runs are missing", highlight=False)
+    runs = [sweep_run(study, *pair) for pair in wanted]
 
     def after(record: RunRecord) -> None:
         if record.state is RunState.DONE:
-            (name, seed), run = missing[record.run.name]
-            conclude(study, name, seed, run.folder)
+            conclude(record.run.values["arm"], record)
 
-    runs = [run for _, run in missing.values()]
     check_runs(study.task, runs)
-    with SweepDisplay(console, len(runs), study.jobs) as display, stop_on_signals() as stop:
+    study.runs.mkdir(parents=True, exist_ok=True)
+    with writing(study.runs), SweepDisplay(console, len(runs), study.jobs) as display, stop_on_signals() as stop:
         runner = SweepRunner(
             study.task, RunList(runs), LocalLauncher(study.task),
             jobs=study.jobs, watcher=display, retry=True, after=after,
@@ -316,8 +347,14 @@ def run_missing(study: Study, console: Console, title: str = "") -> None:
     failed = [f"{record.run.name}: {record.reason}" for record in runner.records if record.state is RunState.FAILED]
     if failed:
         raise TrainingError(f"{len(failed)} runs failed: {'; '.join(failed)}")
-    if study.missing():
+    if sum(record.state is RunState.DONE for record in runner.records) < len(runs):
         raise KeyboardInterrupt
+
+
+def run_missing(study: Study, console: Console) -> None:
+    """Do the runs that have no result yet; raises what :func:`train` does."""
+    study.out.mkdir(parents=True, exist_ok=True)
+    train(study, study.missing(), console, lambda name, record: conclude(study, name, record))
 
 
 # ---- what came out -----------------------------------------------------------------------------------------------
@@ -413,28 +450,41 @@ def draw_panel(axes: Axes, curves: list[tuple[list[Result], Arm]]) -> None:
     axes.grid(alpha=0.3)
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return a figure that no window shows [inches]."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def save_figure(figure: Figure, picture: Path) -> None:
-    """Write a picture."""
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(picture, dpi=110)
-
-
 # ---- the command line --------------------------------------------------------------------------------------------
 
 
-def require_positive(parser: argparse.ArgumentParser, options: argparse.Namespace, *names: str) -> None:
-    """Refuse options that are given and below 1."""
-    for name in names:
-        value = getattr(options, name)
-        if value is not None and value < 1:
+def study_parser(about: str | None, *, seeds: int, results: str, runs: str, picture: str) -> argparse.ArgumentParser:
+    """Return the options that all comparisons have.
+
+    Args:
+        about: what the script does.
+        seeds: of each arm, by default.
+        results: folder of the results, under `benchmarks/results`.
+        runs: folder of the run folders, under `runs`.
+        picture: name in `docs/images`.
+    """
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=seeds, help="seeds 0, 1, ... of each arm")
+    parser.add_argument("--iterations", type=int, help="training iterations of every run")
+    parser.add_argument("--num-envs", type=int, help="worlds of every run")
+    parser.add_argument("--episodes", type=int, help="episodes of every evaluation")
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--jobs", type=int, default=1, help="trainings at a time, one thread each")
+    parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results" / results, help="results")
+    parser.add_argument("--runs", type=Path, default=Path("runs") / runs, help="run folders")
+    parser.add_argument("--plot", action="store_true", help="draw the learning curves")
+    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "images" / picture)
+    parser.add_argument("--report-only", action="store_true", help="no new runs: what is there is reported")
+    return parser
+
+
+def read_options(parser: argparse.ArgumentParser, arguments: list[str]) -> argparse.Namespace:
+    """Read the options; numbers that are below 1 are refused."""
+    options = parser.parse_args(arguments)
+    for name, value in vars(options).items():
+        if isinstance(value, int) and not isinstance(value, bool) and value < 1:
             parser.error(f"--{name.replace('_', '-')} must be at least 1")
+    return options
 
 
 def chosen(parser: argparse.ArgumentParser, option: str, given: str, known: Mapping[str, Any]) -> list[str]:
@@ -444,6 +494,46 @@ def chosen(parser: argparse.ArgumentParser, option: str, given: str, known: Mapp
     if unknown:
         parser.error(f"{option}: {', '.join(sorted(unknown))} not among {', '.join(known)}")
     return names
+
+
+def report(study: Study, results: Mapping[str, list[Result]]) -> None:
+    """Print the tables of a study, and write its summary."""
+    summary = write_summary(study, results)
+    print(f"{study.title}\n")
+    print(table(summary["means"], f"mean of {study.seeds} seeds, 95 %", study.quantities) + "\n")
+    if summary["differences"]:
+        rows = {f"{arm} minus {study.arms[arm].against}": row for arm, row in summary["differences"].items()}
+        print(table(rows, "paired by seed", study.quantities) + "\n")
+
+
+def carry_out(
+    studies: Mapping[str, Study],
+    options: argparse.Namespace,
+    draw: Callable[[Mapping[str, Study], Mapping[str, dict[str, list[Result]]], Path], None],
+) -> int:
+    """Do the runs of studies that are missing, report all, and draw them where asked for.
+
+    Args:
+        studies: by name.
+        options: of :func:`study_parser`.
+        draw: given the studies, their results by arm, and the picture.
+    """
+    start_warp()
+    for study in studies.values():
+        load(study)  # a foreign budget is told before hours of work
+    if not options.report_only:
+        for study in studies.values():
+            run_missing(study, Console(stderr=True))
+    results = {name: found for name, study in studies.items() if any((found := load(study)).values())}
+    if not results:
+        raise InputError(f"there are no results in {options.out}")
+    for name, found in results.items():
+        report(studies[name], found)
+    if options.plot:
+        options.picture.parent.mkdir(parents=True, exist_ok=True)
+        draw(studies, results, options.picture)
+        print(options.picture)
+    return 0
 
 
 def exit_code(script: str, work: Callable[[], int]) -> int:

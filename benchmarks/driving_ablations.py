@@ -19,25 +19,20 @@ curve is that of evaluations in the same ones. --iterations and its like replace
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-from rich.console import Console
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
-
-from benchmarks import comparing  # noqa: E402
-from benchmarks.comparing import Arm, Budget, Quantity, Study  # noqa: E402
-from simwarp.core.warp_start import start_warp  # noqa: E402
-from simwarp.tasks.driving.base import Frame, Observing  # noqa: E402
-from simwarp.tasks.driving.lapping import Start  # noqa: E402
-from simwarp.tasks.randomisation.uncertainty import Driver  # noqa: E402
-from simwarp.train.config import NetworkKind  # noqa: E402
+from benchmarks import comparing
+from benchmarks.comparing import Arm, Budget, Quantity, Result, Study
+from simwarp.tasks.driving.base import Frame, Observing
+from simwarp.tasks.driving.lapping import Start
+from simwarp.tasks.randomisation.uncertainty import Driver
+from simwarp.train.config import NetworkKind
+from simwarp.train.evaluation.figure_style import new_figure, save_figure
 
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
 STARTING = 8.0
@@ -46,159 +41,101 @@ SMALL = {"camera_width": 48, "camera_height": 36}
 """An image at which a CPU learns."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Ablation:
-    """A comparison.
-
-    Attributes:
-        title: of its panel in the picture.
-        task: a registered task.
-        arms: configurations that are compared, given the budget.
-        budget: of every run.
-        metric: the task's own number that is reported.
-        speed: environment steps per CPU-second, learning included, as measured; for the estimate alone.
-        episode_steps: the longest an episode may be; for the estimate alone.
-        config: fields of the task's configuration that all arms share.
-        evaluation: fields of the task's configuration that all arms are evaluated with.
-    """
-
-    title: str
-    task: str
-    arms: Callable[[Budget], dict[str, Arm]]
-    budget: Budget
-    metric: tuple[str, Quantity]
-    speed: float
-    episode_steps: int
-    config: Mapping[str, Any]
-    evaluation: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-
-def fusion(budget: Budget) -> dict[str, Arm]:
-    """Compare the networks."""
+def reported(key: str, heading: str, digits: int) -> dict[str, Quantity]:
+    """Return what is reported, given a number of the task's own."""
     return {
-        "early": Arm("early fusion", train={"network.kind": NetworkKind.EARLY_FUSION}),
-        "late": Arm("late fusion", "early", train={"network.kind": NetworkKind.LATE_FUSION}, colour=COLOURS[1]),
+        "final_return": Quantity("return", "mean_return", 2),
+        f"final_{key}": Quantity(heading, key, digits),
+        "success_rate": comparing.SUCCESS,
+        "area": Quantity("area under the curve", "", 2),
     }
 
 
-def frame(budget: Budget) -> dict[str, Arm]:
-    """Compare the axes, without obstacles and with them."""
-    arms = {}
-    for count, line in ((0, "--"), (30, "-")):
-        for axes, against, colour in (
-            (Frame.VEHICLE, "", COLOURS[0]),
-            (Frame.WORLD, f"{Frame.VEHICLE.value}-{count}", COLOURS[1]),
-        ):
-            task = {"goal_frame": axes, "obstacles": count}
-            label = f"{axes.value}'s axes, {count} obstacles"
-            arms[f"{axes.value}-{count}"] = Arm(label, against, task=task, colour=colour, line=line)
-    return arms
-
-
-def curriculum(budget: Budget) -> dict[str, Arm]:
-    """Compare a level that rises over three fifths of the training with the full one from the start."""
-    rising = {
-        "curriculum.driver": Driver.ITERATION,
-        "curriculum.first": 0,
-        "curriculum.last": max(1, round(0.6 * budget.iterations)),
-    }
-    return {
-        "curriculum": Arm("curriculum", task=rising),
-        "at-once": Arm("hills from the start", "curriculum", colour=COLOURS[1]),
-    }
-
-
-def start(budget: Budget) -> dict[str, Arm]:
-    """Compare where episodes begin."""
-    return {
-        "turn": Arm("start on a turn", task={"start": Start.TURN}),
-        "straight": Arm("start on a straight", "turn", task={"start": Start.STRAIGHT}, colour=COLOURS[1]),
-    }
-
-
-def minibatch(budget: Budget) -> dict[str, Arm]:
-    """Compare numbers of mini-batches with the default one, four."""
-    return {
-        f"parts-{count}": Arm(
-            f"{count} mini-batches",
-            "" if count == 4 else "parts-4",
-            train={"ppo.mini_batches": count},
-            colour=colour,
-        )
-        for count, colour in zip((2, 4, 16, 64), COLOURS, strict=True)
-    }
-
-
-TO_GOAL = ("final_distance", Quantity("distance to the goal [m]", "distance", 1))
-LAPS = ("final_laps", Quantity("laps", "laps", 2))
+TO_GOAL = reported("distance", "distance to the goal [m]", 1)
+LAPS = reported("laps", "laps", 2)
 STATE, CAMERA = {"obs": Observing.STATE}, {"obs": Observing.CAMERA, **SMALL}
+RISING = {
+    "curriculum.driver": Driver.ITERATION,
+    "curriculum.first": 0,
+    "curriculum.last": lambda budget: max(1, round(0.6 * budget.iterations)),
+}
+"""A level that rises over three fifths of the training."""
+STARTS = {
+    "turn": Arm("start on a turn", task={"start": Start.TURN}),
+    "straight": Arm("start on a straight", "turn", task={"start": Start.STRAIGHT}, colour=COLOURS[1]),
+}
 ABLATIONS = {
-    "fusion": Ablation(
-        "early or late fusion", "off-road", fusion, Budget(150, 32, 64), TO_GOAL, 450.0, 200,
-        config=CAMERA | {"obstacles": 30},
+    "fusion": Study(
+        "off-road",
+        {
+            "early": Arm("early fusion", train={"network.kind": NetworkKind.EARLY_FUSION}),
+            "late": Arm("late fusion", "early", train={"network.kind": NetworkKind.LATE_FUSION}, colour=COLOURS[1]),
+        },
+        Budget(150, 32, 64), TO_GOAL, "early or late fusion", config=CAMERA | {"obstacles": 30},
     ),
-    "frame": Ablation(
-        "goal in the vehicle's or the world's axes", "off-road", frame, Budget(120, 64, 100), TO_GOAL, 1800.0, 200,
-        config=STATE,
+    "frame": Study(
+        "off-road",
+        {
+            f"{axes.value}-{count}": Arm(
+                f"{axes.value}'s axes, {count} obstacles", f"{Frame.VEHICLE.value}-{count}" if colour else "",
+                task={"goal_frame": axes, "obstacles": count}, colour=COLOURS[colour], line=line,
+            )
+            for count, line in ((0, "--"), (30, "-"))
+            for colour, axes in enumerate((Frame.VEHICLE, Frame.WORLD))
+        },
+        Budget(120, 64, 100), TO_GOAL, "goal in the vehicle's or the world's axes", config=STATE,
     ),
-    "curriculum": Ablation(
-        "curriculum or hills from the start", "off-road", curriculum, Budget(60, 64, 64, 10), TO_GOAL, 1640.0, 200,
+    "curriculum": Study(
+        "off-road",
+        {
+            "curriculum": Arm("curriculum", task=RISING),
+            "at-once": Arm("hills from the start", "curriculum", colour=COLOURS[1]),
+        },
+        Budget(60, 64, 64, 10), TO_GOAL, "curriculum or hills from the start",
         config=STATE | {"obstacles": 30, "hills": 1.0}, evaluation={"curriculum.driver": Driver.NONE},
     ),
-    "start": Ablation(
-        "start on a turn or a straight", "hallway", start, Budget(24, 64, 32, 8), LAPS, 830.0, 930,
+    "start": Study(
+        "hallway", STARTS, Budget(24, 64, 32, 8), LAPS, "start on a turn or a straight",
         config=STATE, evaluation={"start": Start.ANYWHERE},
     ),
-    "start-camera": Ablation(
-        "start on a turn or a straight, by camera", "hallway", start, Budget(150, 32, 32, 5), LAPS, 340.0, 930,
+    "start-camera": Study(
+        "hallway", STARTS, Budget(150, 32, 32, 5), LAPS, "start on a turn or a straight, by camera",
         config=CAMERA, evaluation={"start": Start.ANYWHERE},
     ),
-    "minibatch": Ablation(
-        "number of mini-batches", "off-road", minibatch, Budget(80, 64, 100), TO_GOAL, 1450.0, 200,
-        config=STATE,
+    "minibatch": Study(
+        "off-road",
+        {
+            f"parts-{count}": Arm(
+                f"{count} mini-batches", "" if count == 4 else "parts-4",
+                train={"ppo.mini_batches": count}, colour=colour,
+            )
+            for count, colour in zip((2, 4, 16, 64), COLOURS, strict=True)
+        },
+        Budget(80, 64, 100), TO_GOAL, "number of mini-batches", config=STATE,
     ),
 }  # fmt: skip
 USUAL = ("fusion", "frame", "curriculum", "start", "minibatch")
-
-
-def study(name: str, options: argparse.Namespace) -> Study:
-    """Return a ablation with the budget and the folders of the command line."""
-    ablation = ABLATIONS[name]
-    given = {key: getattr(options, key) for key in ("iterations", "num_envs", "episodes", "evaluations")}
-    if not ablation.budget.evaluations:
-        given["evaluations"] = None
-    budget = dataclasses.replace(ablation.budget, **{key: value for key, value in given.items() if value is not None})
-    key, metric = ablation.metric
-    return Study(
-        task=ablation.task,
-        arms=ablation.arms(budget),
-        budget=budget,
-        quantities={
-            "final_return": dataclasses.replace(comparing.RETURN, digits=2),
-            key: metric,
-            "success_rate": comparing.SUCCESS,
-            "area": dataclasses.replace(comparing.AREA, digits=2),
-        },
-        out=options.out / name,
-        runs=options.runs / name,
-        seeds=options.seeds,
-        device=options.device,
-        jobs=options.jobs,
-        config=ablation.config,
-        evaluation=ablation.evaluation,
-    )
+SPEEDS = {
+    "fusion": (450.0, 200),
+    "frame": (1800.0, 200),
+    "curriculum": (1640.0, 200),
+    "start": (830.0, 930),
+    "start-camera": (340.0, 930),
+    "minibatch": (1450.0, 200),
+}
+"""Of the estimate: environment steps per CPU-second, learning included, as measured; longest episode [steps]."""
 
 
 # ---- what it costs -----------------------------------------------------------------------------------------------
 
 
-def cost(ablation: Ablation, asked: Study) -> tuple[int, float]:
+def cost(name: str, asked: Study) -> tuple[int, float]:
     """Return the training steps of a run, and the CPU time it takes with its evaluations at most [s]."""
-    budget = asked.budget
+    budget, (speed, episode_steps) = asked.budget, SPEEDS[name]
     config, _ = asked.settings(next(iter(asked.arms)), 0)
     steps = config.iterations * config.num_envs * config.steps_per_iteration
-    evaluated = max(1, budget.evaluations) * budget.episodes * ablation.episode_steps
-    return steps, STARTING + (steps + evaluated) / ablation.speed
+    evaluated = max(1, budget.evaluations) * budget.episodes * episode_steps
+    return steps, STARTING + (steps + evaluated) / speed
 
 
 def estimate(studies: Mapping[str, Study]) -> str:
@@ -209,7 +146,7 @@ def estimate(studies: Mapping[str, Study]) -> str:
     ]
     total = 0.0
     for name, asked in studies.items():
-        steps, seconds = cost(ABLATIONS[name], asked)
+        steps, seconds = cost(name, asked)
         missing = len(asked.missing())
         total += missing * seconds
         lines.append(
@@ -224,87 +161,43 @@ def estimate(studies: Mapping[str, Study]) -> str:
 # ---- what came out -----------------------------------------------------------------------------------------------
 
 
-def draw(studies: Mapping[str, Study], results: Mapping[str, dict[str, list[comparing.Result]]], picture: Path) -> None:
+def draw(studies: Mapping[str, Study], results: Mapping[str, dict[str, list[Result]]], picture: Path) -> None:
     """Draw one panel per ablation."""
     columns = min(3, len(results))
     rows = math.ceil(len(results) / columns)
-    figure = comparing.new_figure(5.0 * columns, 3.8 * rows)
+    figure = new_figure(5.0 * columns, 3.8 * rows)
     for index, (name, runs) in enumerate(results.items()):
         axes = figure.add_subplot(rows, columns, index + 1)
         arms = studies[name].arms
         comparing.draw_panel(axes, [(runs[arm], arms[arm]) for arm in arms])
         axes.set_xlim(left=0.0)
-        axes.set_title(ABLATIONS[name].title, fontsize="medium")
+        axes.set_title(studies[name].title, fontsize="medium")
         axes.set_ylabel("mean return in evaluation" if studies[name].budget.evaluations else "mean return in training")
         axes.legend(loc="best", fontsize="small")
-    comparing.save_figure(figure, picture)
-
-
-def report(name: str, asked: Study, results: Mapping[str, list[comparing.Result]]) -> None:
-    """Print the tables of a ablation and write its summary."""
-    summary = comparing.write_summary(asked, results)
-    quantities = asked.quantities
-    print(f"{ABLATIONS[name].title}\n")
-    print(comparing.table(summary["means"], f"mean of {asked.seeds} seeds, 95 %", quantities) + "\n")
-    if summary["differences"]:
-        against = {arm: f"{arm} minus {asked.arms[arm].against}" for arm in summary["differences"]}
-        rows = {against[arm]: row for arm, row in summary["differences"].items()}
-        print(comparing.table(rows, "paired by seed", quantities) + "\n")
+    save_figure(figure, picture, dpi=110)
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Read the options."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = comparing.study_parser(
+        __doc__, seeds=3, results="driving", runs="driving-ablations", picture="driving_ablations.png"
+    )
     parser.add_argument("--ablations", default=",".join(USUAL), help=f"by comma, of {', '.join(ABLATIONS)}")
-    parser.add_argument("--seeds", type=int, default=3, help="seeds 0, 1, ... of each arm")
-    parser.add_argument("--iterations", type=int, help="training iterations of every run")
-    parser.add_argument("--num-envs", type=int, help="worlds of every run")
-    parser.add_argument("--episodes", type=int, help="episodes of every evaluation")
-    parser.add_argument("--evaluations", type=int, help="evaluations on the way, where the curve is made of them")
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--jobs", type=int, default=1, help="trainings at a time, one thread each")
-    parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results" / "driving", help="results")
-    parser.add_argument("--runs", type=Path, default=Path("runs") / "driving-ablations", help="run folders")
-    parser.add_argument("--plot", action="store_true", help="draw the learning curves")
-    parser.add_argument("--picture", type=Path, default=ROOT / "docs" / "images" / "driving_ablations.png")
+    parser.add_argument("--evaluations", type=int, help="policies that are evaluated, where more than the final one is")
     parser.add_argument("--dry-run", action="store_true", help="tell what there is to do, and do nothing")
-    parser.add_argument("--report-only", action="store_true", help="no new runs: what is there is reported")
-    options = parser.parse_args(arguments)
+    options = comparing.read_options(parser, arguments)
     options.ablations = comparing.chosen(parser, "--ablations", options.ablations, ABLATIONS)
-    comparing.require_positive(parser, options, "seeds", "jobs", "iterations", "num_envs", "episodes", "evaluations")
     return options
 
 
 def work(options: argparse.Namespace) -> int:
     """Do the runs that are missing, and report all."""
-    studies = {name: study(name, options) for name in options.ablations}
+    studies = {name: ABLATIONS[name].asked(options, name) for name in options.ablations}
     if options.dry_run:
         print(estimate(studies))
         return 0
-    start_warp()
-    for asked in studies.values():
-        comparing.load(asked)  # a foreign budget is told before hours of work
-    if not options.report_only:
-        console = Console(stderr=True)
-        for name, asked in studies.items():
-            comparing.run_missing(asked, console, f"{name}: ")
-    loaded = {name: comparing.load(asked) for name, asked in studies.items()}
-    results = {name: runs for name, runs in loaded.items() if any(runs.values())}
-    if not results:
-        print(f"driving_ablations: there are no results in {options.out}", file=sys.stderr)
-        return 2
-    for name, runs in results.items():
-        report(name, studies[name], runs)
-    if options.plot:
-        draw(studies, results, options.picture)
-        print(options.picture)
-    return 0
-
-
-def main() -> int:
-    options = parse(sys.argv[1:])
-    return comparing.exit_code("driving_ablations", lambda: work(options))
+    return comparing.carry_out(studies, options, draw)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(comparing.exit_code("driving_ablations", lambda: work(parse(sys.argv[1:]))))

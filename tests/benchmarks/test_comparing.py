@@ -1,5 +1,6 @@
 """What the scripts share that compare ways to train, on a task without physics."""
 
+import argparse
 import dataclasses
 import json
 
@@ -10,6 +11,8 @@ from rich.console import Console
 from benchmarks import comparing
 from benchmarks.comparing import Arm, Budget, Quantity, Study
 from simwarp.tasks import InputError
+from simwarp.train.algorithm.learner import TrainingError
+from simwarp.train.runs.run_lock import writing
 
 QUIET = Console(quiet=True)
 QUANTITIES = {"final_return": comparing.RETURN, "area": comparing.AREA}
@@ -21,6 +24,7 @@ def study(folder, **changes):
         arms={"few": Arm("few"), "many": Arm("many", "few", train={"ppo.mini_batches": 8}, task={"gain": 0.2})},
         budget=Budget(4, 8, 6, 2),
         quantities=QUANTITIES,
+        title="few or many",
         out=folder / "out",
         runs=folder / "runs",
         seeds=2,
@@ -73,6 +77,45 @@ def test_a_run_goes_on_from_its_last_checkpoint(tmp_path, monkeypatch):
     assert asked.missing() == []
     assert list(run.parent.iterdir()) == [run]
     assert comparing.load(asked)["few"][0]["curve"]["env_steps"] == [128.0, 256.0, 384.0, 512.0]
+
+
+@pytest.mark.slow
+def test_a_failed_run_is_named_and_the_others_have_their_results(tmp_path):
+    asked = study(tmp_path, seeds=1, arms={"good": Arm("good"), "bad": Arm("bad")}, jobs=2)
+    bad = comparing.sweep_run(asked, "bad", 0)
+    bad.prepare(asked.task)
+    damaged = bad.folder.checkpoint_path(2)
+    damaged.parent.mkdir(exist_ok=True)
+    damaged.write_bytes(b"no checkpoint")
+    with pytest.raises(TrainingError, match=r"1 runs failed: bad-8x4,seed=0: .*iteration_000002\.pt"):
+        comparing.run_missing(asked, QUIET)
+    assert asked.missing() == [("bad", 0)]
+    assert [result["configuration"] for result in comparing.load(asked)["good"]] == ["good"]
+
+
+def test_two_commands_do_not_train_one_study(tmp_path):
+    asked = study(tmp_path)
+    asked.runs.mkdir()
+    with writing(asked.runs), pytest.raises(InputError, match="is being written"):
+        comparing.run_missing(asked, QUIET)
+    assert not list(asked.runs.glob("*,seed=*"))
+
+
+def test_a_field_may_follow_from_the_budget(tmp_path):
+    arms = {"short": Arm("short", task={"max_episode_steps": lambda budget: 5 * budget.iterations})}
+    asked = study(tmp_path, arms=arms)
+    options = argparse.Namespace(
+        out=tmp_path, runs=tmp_path, seeds=3, device="cpu", jobs=2, iterations=6, evaluations=3
+    )
+    longer = asked.asked(options, "name")
+    assert (asked.settings("short", 0)[1].max_episode_steps, longer.settings("short", 0)[1].max_episode_steps) == (
+        20,
+        30,
+    )
+    assert longer.budget == Budget(6, 8, 6, 3)
+    assert (longer.out, longer.seeds, longer.jobs) == (tmp_path / "name", 3, 2)
+    # A study without evaluations on the way gets none by an option that is meant for others
+    assert dataclasses.replace(asked, budget=Budget(4, 8, 6)).asked(options).budget == Budget(6, 8, 6)
 
 
 def test_results_of_another_budget_are_refused(tmp_path):

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.comparing import Budget, Quantity
+from benchmarks import comparing
+from benchmarks.comparing import Budget
 from simwarp.tasks import replace_fields
 from simwarp.tasks.driving.base import Frame, Observing
 from simwarp.tasks.driving.lapping import Start
@@ -30,15 +31,19 @@ def script():
     del sys.modules[spec.name]
 
 
+def asked(script, options):
+    return {name: script.ABLATIONS[name].asked(options, name) for name in options.ablations}
+
+
 @pytest.fixture
 def usual(script, tmp_path):
     """The studies of a plain call."""
     options = script.parse(["--out", str(tmp_path)])
-    return {name: script.study(name, options) for name in options.ablations}
+    return asked(script, options)
 
 
-def settings(asked):
-    return {name: asked.settings(name, 1) for name in asked.arms}
+def settings(study):
+    return {name: study.settings(name, 1) for name in study.arms}
 
 
 def test_arms_differ_in_what_they_are_compared_by(usual):
@@ -50,16 +55,16 @@ def test_arms_differ_in_what_they_are_compared_by(usual):
         "start": lambda train, task: (train, dataclasses.replace(task, start=Start.TURN)),
         "minibatch": lambda train, task: (replace_fields(train, {"ppo.mini_batches": 4}), task),
     }
-    for name, asked in usual.items():
-        made = settings(asked)
-        for arm, known in asked.arms.items():
+    for name, study in usual.items():
+        made = settings(study)
+        for arm, known in study.arms.items():
             if known.against:
                 assert made[arm] != made[known.against]
                 assert same[name](*made[arm]) == same[name](*made[known.against]), (name, arm)
 
 
 def test_the_findings_are_those_of_the_thesis(usual):
-    made = {name: settings(asked) for name, asked in usual.items()}
+    made = {name: settings(study) for name, study in usual.items()}
     kinds = {arm: train.network.kind for arm, (train, _) in made["fusion"].items()}
     assert kinds == {"early": NetworkKind.EARLY_FUSION, "late": NetworkKind.LATE_FUSION}
     task = made["fusion"]["late"][1]
@@ -87,9 +92,9 @@ def test_the_findings_are_those_of_the_thesis(usual):
 
 def test_all_findings_take_an_afternoon_and_a_dry_run_says_so(script, usual, capsys, tmp_path):
     seconds = 0.0
-    for name, asked in usual.items():
-        _, each = script.cost(script.ABLATIONS[name], asked)
-        seconds += len(asked.missing()) * each
+    for name, study in usual.items():
+        _, each = script.cost(name, study)
+        seconds += len(study.missing()) * each
     assert 1.0 < seconds / 3600.0 < 3.1
     assert script.work(script.parse(["--dry-run", "--out", str(tmp_path / "none")])) == 0
     told = capsys.readouterr().out
@@ -97,8 +102,9 @@ def test_all_findings_take_an_afternoon_and_a_dry_run_says_so(script, usual, cap
     assert not (tmp_path / "none").exists()
     budgets = script.parse(["--ablations", "frame,start", "--iterations", "7", "--evaluations", "2", "--seeds", "1"])
     assert budgets.ablations == ["frame", "start"]
-    assert script.study("frame", budgets).budget == Budget(7, 64, 100)
-    assert script.study("start", budgets).budget == Budget(7, 64, 32, 2)
+    short = asked(script, budgets)
+    assert short["frame"].budget == Budget(7, 64, 100)
+    assert short["start"].budget == Budget(7, 64, 32, 2)
     with pytest.raises(SystemExit):
         script.parse(["--ablations", "frame,fusoin"])
 
@@ -106,9 +112,9 @@ def test_all_findings_take_an_afternoon_and_a_dry_run_says_so(script, usual, cap
 def stand_in(monkeypatch, script, name):
     """Let a task without physics have a ablation's arms and budget."""
     ablation = script.ABLATIONS[name]
-    arms = {arm: dataclasses.replace(known, task={}) for arm, known in ablation.arms(ablation.budget).items()}
-    metric = ("final_distance", Quantity("distance [m]", "final_distance", 2))
-    quick = {"task": "fast", "arms": lambda budget: arms, "config": {}, "evaluation": {}, "metric": metric}
+    arms = {arm: dataclasses.replace(known, task={}) for arm, known in ablation.arms.items()}
+    quick = {"task": "fast", "arms": arms, "config": {}, "evaluation": {}}
+    quick["quantities"] = {"final_return": comparing.RETURN, "area": comparing.AREA}
     monkeypatch.setitem(script.ABLATIONS, name, dataclasses.replace(ablation, **quick))
 
 
@@ -127,8 +133,8 @@ def test_runs_are_done_once_reported_and_drawn(script, monkeypatch, capsys, tmp_
         "--runs",
         str(tmp_path / "runs"),
     ]
-    asked = script.parse([*small, "--plot", "--picture", str(tmp_path / "curves.png")])
-    assert script.work(asked) == 0
+    options = script.parse([*small, "--plot", "--picture", str(tmp_path / "curves.png")])
+    assert script.work(options) == 0
     told = capsys.readouterr().out
     assert "| at-once minus curriculum | " in told
     assert "| parts-64 minus parts-4 | " in told
@@ -140,5 +146,5 @@ def test_runs_are_done_once_reported_and_drawn(script, monkeypatch, capsys, tmp_
     summary = json.loads((tmp_path / "out" / "minibatch" / "summary.json").read_text(encoding="utf-8"))
     assert set(summary["differences"]) == {"parts-2", "parts-16", "parts-64"}
     times = [path.stat().st_mtime_ns for path in files]
-    assert script.work(asked) == 0
+    assert script.work(options) == 0
     assert [path.stat().st_mtime_ns for path in files] == times

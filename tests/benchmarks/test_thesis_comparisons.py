@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from argparse import Namespace
 from pathlib import Path
 
 import pytest
@@ -91,18 +90,7 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
 
 def test_the_configurations_differ_in_one_thing_each(script):
     names = list(script.CONFIGURATIONS)
-    options = Namespace(
-        configurations=names,
-        iterations=3,
-        num_envs=8,
-        episodes=4,
-        seeds=1,
-        jobs=1,
-        device="cpu",
-        out=Path(),
-        runs=Path(),
-    )
-    made = {name: script.study(options).settings(name, 0) for name in names}
+    made = {name: script.STUDY.settings(name, 0) for name in names}
     train, task = made["baseline"]
     assert made["unscaled"] == (replace_fields(train, {"network.normalise": False}), task)
     assert made["kl-penalty"][0].ppo.objective.value == "kl-penalty"
