@@ -109,10 +109,9 @@ def train(
     config = dataclasses.replace(config, threads=group.threads(config.threads))
     torch.set_num_threads(config.torch_threads)
     check_logger(config.logger)
-    if resume is not None and lesson is not None:
-        raise InputError("a teacher begins a new run and --resume goes on with one: give one of them")
-    if resume is not None and warm_start is not None:
-        raise InputError("--warm-start begins a new run and --resume goes on with one: give one of them")
+    for given, word in ((warm_start, "--warm-start"), (lesson, "a teacher")):
+        if resume is not None and given is not None:
+            raise InputError(f"{word} begins a new run and --resume goes on with one: give one of them")
     start = None if warm_start is None else _start_policy(warm_start, task_name)
     with contextlib.ExitStack() as held:
         saved: tuple[Path, dict[str, Any]] | None = None
@@ -136,9 +135,7 @@ def train(
         trainer = Trainer(task, config, group) if lesson is None else Distiller(task, config, lesson, group)
         held.callback(trainer.close)
         if saved is not None and not trainer.load(saved[1], f"checkpoint {saved[0]}"):
-            console.print(
-                "the checkpoint has another number of worlds or processes: the worlds start afresh", soft_wrap=True
-            )
+            console.print("the checkpoint is of other worlds or processes: the worlds start afresh", soft_wrap=True)
         if start is not None:
             trainer.warm_start(start)
         folder = _folder(trainer, root, resume, description)
