@@ -89,8 +89,7 @@ def train(
         root: folder of all runs.
         resume: run folder to go on with, in place of a new one; one without a checkpoint begins at its beginning.
         warm_start: checkpoint or run whose actor a new run starts from.
-        lesson: a teacher, from whom the policy of a new run learns by distillation; None: it learns by PPO. A run that
-            is resumed goes on as it was.
+        lesson: a teacher, from whom the policy of a new run learns by distillation; None: it learns by PPO.
         take_over: resume a run that a process elsewhere has locked, and that is known to write it no more.
         console: for the progress; standard output by default.
         films: makes films of the policy for the run folder; None: there are none.
@@ -139,10 +138,9 @@ def train(
         if start is not None:
             trainer.warm_start(start)
         folder = _folder(trainer, root, resume, description)
+        console.print(f"run folder {folder.path}", highlight=False, soft_wrap=True)
         if lock is None and group.first:
             lock = held.enter_context(writing(folder.path))
-        _keep_breaks(trainer, folder)
-        console.print(f"run folder {folder.path}", highlight=False, soft_wrap=True)
         try:
             return _run(trainer, folder, lock, console, description, films)
         except OutputError as error:
@@ -204,7 +202,9 @@ def _folder(trainer: Learner, root: Path, resume: Path | None, description: dict
             write_json(path / CONFIG, description | kept)
             write_json(path / f"provenance_{trainer.iteration:06d}.json", provenance())
     told: Path = trainer.group.gather(path)[0]
-    return RunFolder(told)
+    folder = RunFolder(told)
+    _keep_breaks(trainer, folder)
+    return folder
 
 
 def _keep_breaks(trainer: Learner, folder: RunFolder) -> None:
