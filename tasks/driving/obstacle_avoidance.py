@@ -92,7 +92,7 @@ class ObstacleAvoidanceTask(DrivingTask[ObstacleAvoidanceConfig]):
         "ppo.gamma": 0.99,
         "ppo.entropy": 0.002,
     }
-    distilling: ClassVar[Mapping[str, Any]] = {"iterations": 20}
+    distilling: ClassVar[Mapping[str, Any]] = {"iterations": 40}
 
     def build_world(self, builder: ModelBuilder) -> None:
         """Three pillars; a reset moves them across the road."""
