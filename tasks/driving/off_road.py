@@ -126,7 +126,7 @@ class OffRoadTask(DrivingTask[OffRoadConfig]):
         "ppo.gamma": 0.99,
         "ppo.entropy": 0.002,
     }
-    distilling: ClassVar[Mapping[str, Any]] = {"iterations": 90}
+    distilling: ClassVar[Mapping[str, Any]] = {"iterations": 120}
     vehicle_name: ClassVar[str] = "gator"
     full_name: ClassVar[str] = "gator"
     tire: ClassVar[str | None] = "tmeasy"

@@ -220,9 +220,9 @@ def test_json_on_the_command_line_is_read_as_files_are(text, reason):
 @pytest.mark.parametrize(
     ("texts", "words"),
     [
-        (["randomise={}"], "--grid randomise: takes fields that are one number or word"),
-        (['randomise={"body_mass": {"low": 1, "high": 2}},{}'], "--grid randomise: takes fields"),
-        (["action_delay=0,1"], "evaluate once per value of --task.action-delay"),
+        (["randomise={}"], "--grid randomise: takes one value of one of them, randomise.NAME.FIELD"),
+        (['randomise={"body_mass": {"low": 1, "high": 2}},{}'], "--grid randomise: takes one value of one of them"),
+        (["action_delay=0,1"], "--task.action-delay'. Expected 2 values"),
         (["curriculum=1"], "name one of its fields: curriculum.driver"),
         (["curriculum.upp=1"], "unknown option --task.curriculum.upp"),
         (["dt.real=1"], "unknown option --task.dt.real"),

@@ -85,7 +85,7 @@ def grid_points(texts: Sequence[str], base: TaskConfig, parse: Callable[[list[st
             return [f"--task.{key}={word}"]  # no option: `with_named` makes one of all of its kind
         return option_words(f"task.{key}", word, field_of(base, key), f"--grid {key}")
 
-    points = combinations(axes, words_of, lambda words: parse(with_named(words, base)), field_of)
+    points = combinations(axes, words_of, lambda words: parse(with_named(words, base)), field_of, told_value)
     return [GridPoint(values, config) for values, config in points]
 
 
@@ -143,6 +143,7 @@ def combinations(
     words_of: Callable[[str, str], list[str]],
     parse: Callable[[list[str]], ConfigT],
     read: Callable[[ConfigT, str], Any],
+    told: Callable[[Any], Any] = plain_value,
 ) -> list[tuple[dict[str, Any], ConfigT]]:
     """Return the values, as JSON has them, and the configuration of every combination.
 
@@ -151,6 +152,7 @@ def combinations(
         words_of: returns the words of the command line for a key and one of its words.
         parse: returns the configuration with further words of the command line.
         read: returns the value of a key in a configuration.
+        told: returns a value as it is told.
 
     Raises:
         UsageError: a value is wrong, or stands there twice.
@@ -158,7 +160,7 @@ def combinations(
     points = []
     for words in itertools.product(*axes.values()):
         found = parse([part for key, word in zip(axes, words, strict=True) for part in words_of(key, word)])
-        points.append(({key: told_value(read(found, key)) for key in axes}, found))
+        points.append(({key: told(read(found, key)) for key in axes}, found))
     for index, (key, written) in enumerate(axes.items()):  # 0.1 and 0.10 are two words for one value
         stride = math.prod(len(other) for other in list(axes.values())[index + 1 :])
         refuse_twice(key, [str(values[key]) for values, _ in points[::stride][: len(written)]])
