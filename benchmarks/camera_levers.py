@@ -205,7 +205,7 @@ def measure(case: Case) -> dict[str, Any]:
         "teacher_s": round(teaching, 1),
         "seconds": round(teaching + found["seconds"], 1),
         "reached": found["reached"],
-        "success_rate": read_json(evaluated, "evaluation")["policy"]["success_rate"],
+        "success_rate": read_json(evaluated, "evaluation")["success_rate"],
         "revision": git_revision().get("revision"),
         "machine": describe(wp.get_device("cpu")),
     }
