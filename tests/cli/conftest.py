@@ -18,6 +18,19 @@ def row_keys():
 
 
 @pytest.fixture
+def command(capfd):
+    """Run a command: exit code, standard output, standard error without what Warp says of its own."""
+
+    def run(*arguments):
+        capfd.readouterr()
+        code = cli.main(list(arguments))
+        out, err = capfd.readouterr()
+        return code, out, "".join(line for line in err.splitlines(keepends=True) if not line.startswith("Warp"))
+
+    return run
+
+
+@pytest.fixture
 def bench(capfd):
     """Run the command: exit code, JSON (None without), standard error."""
 

@@ -24,17 +24,10 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def simwarp(folder, monkeypatch, capfd):
+def simwarp(folder, monkeypatch, command):
     """Run a command in that folder: exit code, standard output, standard error."""
     monkeypatch.chdir(folder)
-
-    def run(*arguments):
-        capfd.readouterr()
-        code = cli.main(list(arguments))
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
+    return command
 
 
 def test_train_writes_the_keys_of_the_contract_and_says_where_things_are(folder, simwarp):

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from simwarp import cli
 from simwarp.cli.sweeping import parse_seeds, read_plan, search_words
 from simwarp.train.runs.checkpoint import load_checkpoint
 from simwarp.train.runs.progress_table import read_progress
@@ -20,17 +19,10 @@ SMALL = ["--device", "cpu", "--num-envs", "8", "--steps-per-iteration", "4"]
 
 
 @pytest.fixture
-def simwarp(tmp_path, monkeypatch, capfd):
+def simwarp(tmp_path, monkeypatch, command):
     """Run a command in an empty folder: exit code, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        capfd.readouterr()
-        code = cli.main(list(arguments))
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
+    return command
 
 
 def start(folder, *arguments):

@@ -78,9 +78,7 @@ class Distiller(Learner):
     rate_option: ClassVar[str] = "distillation.learning-rate"
     algorithm: SharedDistillation
 
-    def __init__(
-        self, task: Task[Any], config: TrainConfig, lesson: Lesson, group: Processes | None = None
-    ) -> None:  # fmt: skip
+    def __init__(self, task: Task[Any], config: TrainConfig, lesson: Lesson, group: Processes | None = None) -> None:
         torch.manual_seed(config.seed)
         refuse_agents(task, "and a student is one", "distil with one")
         check_groups(config.network.kind, task.name, task.observation_shapes, task.observation_dtypes)

@@ -94,9 +94,7 @@ class Learner(ABC):
     algorithm: Any
     """rsl-rl's algorithm: its networks, optimiser and rollout."""
 
-    def __init__(
-        self, task: Task[Any], config: TrainConfig, env: TaskVecEnv, group: Processes | None = None
-    ) -> None:  # fmt: skip
+    def __init__(self, task: Task[Any], config: TrainConfig, env: TaskVecEnv, group: Processes | None = None) -> None:
         self.task = task
         self.config = config
         self.env = env

@@ -75,9 +75,7 @@ def read_options(word: str, arguments: list[str]) -> Any:
             config = train_config_from_plain(saved["train_config"], f"{where}: train_config")
             task_config = task_config_from_plain(cls, saved["task_config"], f"{where}: task_config")
     config = with_network_of_start(arguments, cls.name, config)
-    kind = task_options(
-        "DistillCommand", DistillOptions, flat_train=config, distillation=lessons, task=task_config
-    )  # fmt: skip
+    kind = task_options("DistillCommand", DistillOptions, flat_train=config, distillation=lessons, task=task_config)
     options: Any = parse_options(kind, arguments, f"simwarp distill {word}")
     if options.flat_train.ppo != config.ppo:
         raise UsageError("--ppo options are those of `simwarp train`; those of lessons begin with --distillation")
@@ -109,8 +107,7 @@ def run(arguments: list[str]) -> int:
         lesson = lesson_by(path, name, options.distillation)
     result = train(
         name, options.flat_train, options.task, root=options.runs, resume=options.resume,
-        warm_start=options.warm_start, lesson=lesson,
-        take_over=options.take_over, console=console,
+        warm_start=options.warm_start, lesson=lesson, take_over=options.take_over, console=console,
     )  # fmt: skip
     if not processes().first:
         return INTERRUPTED if result.interrupted else DONE

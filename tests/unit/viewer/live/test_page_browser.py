@@ -136,6 +136,7 @@ def test_shift_and_the_left_button_lift_an_ant(view, page):
     release.perform()
     ActionChains(page).key_up(Keys.SHIFT).perform()
     until(lambda: torso(view)[2] < rest[2] + 0.05, "the ant is not let go")
+    assert np.isfinite(torso(view)).all()
 
 
 def test_on_a_phone_the_panels_are_folded_and_everything_is_in_sight(view):
