@@ -29,7 +29,9 @@ COLUMNS = ("iteration", "env_steps", "wall_s", "mean_reward", "mean_episode_leng
 COLOURS = {"state": "tab:blue", "camera": "tab:orange", "camera.distilled": "tab:green"}
 LABELS = {"camera.distilled": "by camera, from the policy by state"}
 EPISODES = 256
-"""At least so many episodes are counted together."""
+"""At least so many episodes are counted together, where a success is told as a number."""
+DRAWN_TOGETHER = 16, 256
+"""Least and most of them in the picture, where a tenth of all is counted: students live through few long episodes."""
 
 
 def write_table(run: Path) -> Path:
@@ -57,13 +59,13 @@ def write_progress(folder: RunFolder, path: Path) -> None:
             )
 
 
-def success(rows: list[dict[str, str]]) -> tuple[np.ndarray, np.ndarray]:
-    """Return environment steps, and the share of the last :data:`EPISODES` or more episodes that succeeded."""
+def success(rows: list[dict[str, str]], episodes: int = EPISODES) -> tuple[np.ndarray, np.ndarray]:
+    """Return environment steps, and the share of the last ``episodes`` or more that succeeded."""
     steps, ended, good = (np.array([float(row[key]) for row in rows]) for key in ("env_steps", "episodes", "successes"))
     ended, good = (np.concatenate([[0.0], np.cumsum(values)]) for values in (ended, good))
     last = np.arange(1, len(ended))
-    first = np.maximum(np.searchsorted(ended, ended[1:] - EPISODES, side="right") - 1, 0)
-    enough = ended[1:] >= EPISODES
+    first = np.maximum(np.searchsorted(ended, ended[1:] - episodes, side="right") - 1, 0)
+    enough = ended[1:] >= episodes
     share = (good[last] - good[first]) / np.maximum(ended[last] - ended[first], 1.0)
     return steps[enough], share[enough]
 
@@ -82,7 +84,12 @@ def draw(picture: Path) -> None:
         for obs, path in sorted(paths.items(), reverse=True):
             with path.open(encoding="utf-8") as file:
                 rows = list(csv.DictReader(file))
-            axes.plot(*success(rows), color=COLOURS[obs], label=LABELS.get(obs, f"by {obs}"))
+            tenth = round(0.1 * sum(float(row["episodes"]) for row in rows))
+            axes.plot(
+                *success(rows, int(np.clip(tenth, *DRAWN_TOGETHER))),
+                color=COLOURS[obs],
+                label=LABELS.get(obs, f"by {obs}"),
+            )
         axes.set_title(name)
         axes.set_ylim(0.0, 1.02)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
@@ -90,7 +97,8 @@ def draw(picture: Path) -> None:
         axes.set_xlabel("environment steps")
         axes.set_ylabel("success")
         axes.grid(alpha=0.3)
-        axes.legend(loc="lower right", fontsize="small")
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower right", bbox_to_anchor=(0.97, 0.15))
     save_figure(figure, picture)
 
 
