@@ -5,13 +5,13 @@ A task makes one (:func:`ground_of`) and calls
 - :meth:`FlatGround.build` in ``build``, :meth:`FlatGround.bind` in ``setup``;
 - :meth:`FlatGround.choose` in ``reset``, before it places the robot in the middle, where the ground is level and at
   height 0 on all patches;
-- :meth:`FlatGround.record` once per control step, after the physics: what the curriculum judges by;
+- :meth:`FlatGround.record` once per control step, in ``rewards``: what the curriculum judges by;
 - :meth:`FlatGround.scan`, :meth:`FlatGround.height` and :meth:`FlatGround.outside` wherever it needs them;
 - :meth:`FlatGround.climb` in ``on_iteration``, :meth:`FlatGround.extra_state` and
   :meth:`FlatGround.load_extra_state` in its own, :meth:`FlatGround.metrics` in ``metrics``, and
   :meth:`FlatGround.scene` in ``scene``;
 
-and returns :attr:`FlatGround.model_arrays` in ``per_world``.
+and has ``per_world = RoughGround.model_arrays``, on flat ground too.
 """
 
 from __future__ import annotations
@@ -144,13 +144,11 @@ class FlatGround:
         stand: height of the base over the feet of the robot that stands [m].
 
     Attributes:
-        model_arrays: model parameters that it writes, for ``per_world``.
         start: height of the ground below a robot that starts in the middle [m].
         shape: index of the ground among the shapes, once built.
         level: (W,) int64, of the patches that worlds show, once bound.
     """
 
-    model_arrays: ClassVar[tuple[str, ...]] = ()
     scene_arrays: ClassVar[tuple[str, ...]] = ()
     start: ClassVar[float] = 0.0
     shape: int
@@ -212,13 +210,12 @@ class FlatGround:
         """Return (W,) bool: the base, at (W, 2 or 3) [m], is on the level rim, beyond which there is no ground."""
         return self._outside
 
-    def record(self, velocity: torch.Tensor, command: torch.Tensor, remaining: torch.Tensor) -> None:
-        """Count a control step for the curriculum.
+    def record(self, velocity: torch.Tensor, command: torch.Tensor) -> None:
+        """Count a control step for the curriculum; the clock of its episodes has counted it already.
 
         Args:
             velocity: (W, 2) of the bases [m/s].
             command: (W, 2) velocities that they should have, in the same axes [m/s].
-            remaining: (W,) time that is left of the episode after this step [s].
         """
 
     def climb(self, climbing: bool = True) -> None:
@@ -279,6 +276,11 @@ class RoughGround(FlatGround):
         scan: grid of the height scan.
         stand: height of the base over the feet of the robot that stands [m].
         patch: sizes of the patches.
+
+    Attributes:
+        model_arrays: model parameters that it writes, for ``per_world``.
+        reach: distance from the middle, along x or y, at which a base is outside [m].
+        kind: (W,) int64, index among the configured kinds, once bound.
     """
 
     model_arrays: ClassVar[tuple[str, ...]] = ("shape_asset",)
@@ -351,7 +353,8 @@ class RoughGround(FlatGround):
         tables = [self._patches, model.assets]
         self._height = TensorFunction(tell_heights, tables, height, device, dimensions=2)
         self._scan = TensorFunction(scan_field, [*numbers, *tables], height, device, dimensions=2)
-        self._walk = TensorFunction(record_walk, [task.config.control_dt, self._climb], [], device)
+        timed = [task.episode_clock, task.config.max_episode_steps, task.config.control_dt]
+        self._walk = TensorFunction(record_walk, [*timed, self._climb], [], device)
         self._record_launches()
         self._climbs = False
         if config.climbing is Climbing.ALWAYS:
@@ -389,15 +392,14 @@ class RoughGround(FlatGround):
         """Return (W,) bool: the base, at (W, 2 or 3) [m], is on the level rim, beyond which there is no ground."""
         return position[:, :2].abs().amax(dim=1) > self.reach
 
-    def record(self, velocity: torch.Tensor, command: torch.Tensor, remaining: torch.Tensor) -> None:
+    def record(self, velocity: torch.Tensor, command: torch.Tensor) -> None:
         """Count a control step for the curriculum; see :class:`FlatGround`.
 
         Args:
             velocity: (W, 2) of the bases [m/s].
             command: (W, 2) velocities that they should have, in the same axes [m/s].
-            remaining: (W,) time that is left of the episode after this step [s].
         """
-        self._walk(*(part.float().contiguous() for part in (velocity, command, remaining)))
+        self._walk(velocity.float().contiguous(), command.float().contiguous())
 
     def climb(self, climbing: bool = True) -> None:
         """Let levels follow what robots achieve, from their next episodes on; or no more. Twice is as once."""

@@ -134,7 +134,7 @@ def show_patches(patches: Patches, climb: Climb):
 @wp.kernel
 def record_walk(
     # inputs
-    velocity: wp.array[wp.vec2], command: wp.array[wp.vec2], remaining: wp.array[float], dt: float,
+    velocity: wp.array[wp.vec2], command: wp.array[wp.vec2], clock: wp.array[wp.int64], limit: int, dt: float,
     # outputs
     climb: Climb,
 ):  # fmt: skip
@@ -145,7 +145,8 @@ def record_walk(
         along = wp.dot(velocity[world], command[world]) / speed
         climb.walked[world] = climb.walked[world] + dt * wp.min(along, speed)
         climb.asked[world] = climb.asked[world] + dt * speed
-    climb.expected[world] = climb.asked[world] + speed * remaining[world]
+    left = wp.max(wp.int64(limit) - clock[world], wp.int64(0))
+    climb.expected[world] = climb.asked[world] + speed * dt * float(left)
 
 
 @wp.func
