@@ -27,8 +27,8 @@ Nodes = npt.NDArray[np.int64]
 
 LEVELS: Final = 10
 """Levels of difficulty, 0 to 9."""
-_COLORS: Final = ("440154", "3b528b", "21918c", "5ec962", "fde725")
-"""Of the levels from the easiest to the hardest: dark violet, blue, green, yellow, which everybody can tell apart."""
+_COLORS: Final = ("5f6fc0", "3f97b8", "5fc08a", "c8d85a", "fff07a")
+"""Of the levels from the easiest to the hardest: blue, green, yellow, ever brighter, so that everybody can tell them."""
 _BOXES: Final = 60
 """Boxes and pits of `GroundKind.STEPS`; later ones lie over earlier ones."""
 
@@ -177,7 +177,7 @@ def ground_patch(
 
 
 def level_colors() -> Array:
-    """(levels, 3) linear albedos by which pictures tell levels apart, from violet over green to yellow."""
+    """(levels, 3) linear albedos by which pictures tell levels apart, from blue over green to yellow."""
     anchors = np.array([tone(code) for code in _COLORS])
     place = np.linspace(0.0, len(anchors) - 1.0, LEVELS)
     index = np.minimum(place.astype(int), len(anchors) - 2)
