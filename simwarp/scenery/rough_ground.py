@@ -28,7 +28,7 @@ Nodes = npt.NDArray[np.int64]
 LEVELS: Final = 10
 """Levels of difficulty, 0 to 9."""
 _COLORS: Final = ("5f6fc0", "3f97b8", "5fc08a", "c8d85a", "fff07a")
-"""Of the levels from the easiest to the hardest: blue, green, yellow, ever brighter, so that everybody can tell them."""
+"""Of the levels from the easiest to the hardest: ever brighter, so that everybody can tell them apart."""
 _BOXES: Final = 60
 """Boxes and pits of `GroundKind.STEPS`; later ones lie over earlier ones."""
 

@@ -27,6 +27,7 @@ import warp as wp
 
 from simwarp.kernels.tasks.locomotion.ground import (
     Climb,
+    Heights,
     Patches,
     Rules,
     choose_patch,
@@ -37,11 +38,12 @@ from simwarp.kernels.tasks.locomotion.ground import (
     tell_heights,
 )
 from simwarp.scenery.rough_ground import LEVELS, GroundKind, GroundPatch, ground_patch, level_colors
-from simwarp.tasks import Ge, Le, NotNegative, Positive
+from simwarp.tasks import Ge, Le, NotNegative
 
 from ...framework.config import require
 from ...framework.launching import TensorFunction, TensorLaunch, fill, filled
 from ...framework.plain import Settings
+from .height_scan import GridScan, ScanConfig
 
 if TYPE_CHECKING:
     from simwarp import Material, ModelBuilder
@@ -49,7 +51,7 @@ if TYPE_CHECKING:
 
     from ...framework.task import Task
 
-__all__ = ["Climbing", "FlatGround", "Ground", "RoughConfig", "RoughGround", "ScanConfig", "ground_of"]
+__all__ = ["Climbing", "FlatGround", "Ground", "RoughConfig", "RoughGround", "ground_of"]
 
 ANY_LEVEL = -1
 
@@ -67,32 +69,6 @@ class Climbing(enum.Enum):
     NEVER = "never"
     TRAINING = "training"
     ALWAYS = "always"
-
-
-@dataclasses.dataclass(frozen=True)
-class ScanConfig(Settings):
-    """Grid of the height scan, in the axes of the robot's heading, centred below its base.
-
-    Attributes:
-        ahead, across: number of points along and across the heading.
-        spacing: of the points [m].
-        limit: heights beyond this, above or below the feet of a standing robot, are cut off [m].
-    """
-
-    NAMED: ClassVar[bool] = True
-    ahead: Annotated[int, Ge(1), Le(101)] = 11
-    across: Annotated[int, Ge(1), Le(101)] = 7
-    spacing: Positive = 0.1
-    limit: Positive = 0.5
-
-    def points(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """(N, 2) points ahead and to the left [m]: row by row from behind, each from right to left."""
-        x, y = ((np.arange(count) - 0.5 * (count - 1)) * self.spacing for count in (self.ahead, self.across))
-        return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float32)
-
-    def names(self) -> list[str]:
-        """Names of the N points, for ``observation_names``."""
-        return [f"ground {x:+.2f} ahead {y:+.2f} left" for x, y in self.points().tolist()]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,14 +152,7 @@ class FlatGround:
         device = task.device
         self.level = torch.zeros(task.num_worlds, dtype=torch.int64, device=device)
         self._outside = torch.zeros(task.num_worlds, dtype=torch.bool, device=device)
-        numbers = [self.grid(device), self.stand, self.scanned.limit]
-        self._scan = TensorFunction(
-            scan_plane, numbers, [(torch.float32, ())], device, dimensions=2
-        )  # fmt: skip
-
-    def grid(self, device: torch.device) -> torch.Tensor:
-        """(N, 2) points of the scan ahead and to the left [m]."""
-        return torch.from_numpy(self.scanned.points()).to(device)
+        self._scan = GridScan(scan_plane, self.scanned, self.stand, task.num_worlds, device)
 
     def choose(self, world_mask: torch.Tensor) -> None:
         """Give the worlds of a mask (W,) bool the ground of their next episode."""
@@ -203,8 +172,7 @@ class FlatGround:
             position: (W, 3) of the bases, world [m].
             yaw: (W,) headings [rad].
         """
-        worlds = (len(position), len(self.scanned.points()))
-        return self._scan(position.float().contiguous(), shape=worlds)[0]
+        return self._scan(position, yaw)
 
     def outside(self, position: torch.Tensor) -> torch.Tensor:
         """Return (W,) bool: the base, at (W, 2 or 3) [m], is on the level rim, beyond which there is no ground."""
@@ -349,10 +317,17 @@ class RoughGround(FlatGround):
         self.level, self.kind = self._state["level"], self._state["kind"]
         self._climb = filled(Climb, **self._state)
         self._draws = task.random.draws
-        height, numbers = [(torch.float32, ())], [self.grid(device), self.stand, self.scanned.limit]
-        tables = [self._patches, model.assets]
-        self._height = TensorFunction(tell_heights, tables, height, device, dimensions=2)
-        self._scan = TensorFunction(scan_field, [*numbers, *tables], height, device, dimensions=2)
+        heights = filled(
+            Heights,
+            shape=self.shape,
+            nodes=2 * self.patch.half + 1,
+            scale=1.0 / self.patch.spacing,
+            shape_asset=model.shape_asset,
+            start=model.assets.field_start,
+            height=model.assets.field_height,
+        )
+        self._height = TensorFunction(tell_heights, [heights], [(torch.float32, ())], device, dimensions=2)
+        self._scan = GridScan(scan_field, self.scanned, self.stand, worlds, device, [heights])
         timed = [task.episode_clock, task.config.max_episode_steps, task.config.control_dt]
         self._walk = TensorFunction(record_walk, [*timed, self._climb], [], device)
         self._record_launches()
@@ -379,14 +354,13 @@ class RoughGround(FlatGround):
     def scan(self, position: torch.Tensor, yaw: torch.Tensor) -> torch.Tensor:
         """Return heights (W, N) [m] below the grid; see :class:`FlatGround`.
 
-        They are looked up in the height field. Rays give the same (:class:`RayScan`) and cost more.
+        They are looked up in the height field. Rays (``height_scan.RayScan``) tell the same and cost more.
 
         Args:
             position: (W, 3) of the bases, world [m].
             yaw: (W,) headings [rad].
         """
-        shape = (len(position), len(self.scanned.points()))
-        return self._scan(position.float().contiguous(), yaw.float().contiguous(), shape=shape)[0]
+        return self._scan(position, yaw)
 
     def outside(self, position: torch.Tensor) -> torch.Tensor:
         """Return (W,) bool: the base, at (W, 2 or 3) [m], is on the level rim, beyond which there is no ground."""
