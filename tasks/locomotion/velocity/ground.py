@@ -25,7 +25,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.locomotion.ground import (
+from simwarp.kernels.tasks.locomotion.walking_ground import (
     Climb,
     Heights,
     Patches,

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.locomotion.ground import scan_rays
+from simwarp.kernels.tasks.locomotion.walking_ground import scan_rays
 from simwarp.tasks import Ge, Le, Positive
 
 from ...framework.launching import TensorLaunch

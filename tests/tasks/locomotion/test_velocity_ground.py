@@ -10,12 +10,14 @@ import torch
 
 import simwarp as sw
 from simwarp.core.interop import to_torch
+from simwarp.core.types import ShapeType
 from simwarp.scenery import LEVELS, GroundKind, GroundPatch, ground_patch, height_at, level_colors
 from simwarp.sensors import Visuals
 from simwarp.tasks import InputError
 from simwarp.tasks.framework.plain import config_from_plain, config_to_plain
 from simwarp.tasks.locomotion.velocity.ground import Climbing, Ground, RoughConfig, RoughGround, ground_of
 from simwarp.tasks.locomotion.velocity.height_scan import RayScan, ScanConfig
+from simwarp.viewer.live.batches import Batches
 from tests.reference.levels import Climber
 from tests.tasks.locomotion.rolling_task import RADIUS, Rolling, rolling
 
@@ -347,6 +349,20 @@ def test_patches_have_the_color_of_their_level():
     ball = to_torch(scene.color)[:, scene.instance("ball")]
     assert (ball == ball[0]).all()
     assert len(rolling(2, ground=Ground.FLAT).scene().names) == 2
+
+
+def test_the_live_viewer_shows_each_patch_in_the_color_of_its_level():
+    task = rolling(9)
+    shown = Batches(task.scene(), list(range(9)))
+    for _ in range(2):
+        patches = [batch for batch in shown.batches if batch.key[0] == ShapeType.HEIGHT_FIELD]
+        seen = {int(row): color for batch in patches for row, color in zip(batch.rows, batch.colors, strict=True)}
+        assert sorted(seen) == list(range(9))
+        for world, level in enumerate(task.ground.level.tolist()):
+            # times the mean of the checker's squares; in bytes
+            np.testing.assert_allclose(seen[world], 255.0 * 0.925 * level_colors()[level], atol=1.0)
+        task.restart()
+        assert shown.read_scenery()
 
 
 def test_configurations_are_held_to_their_rules():
