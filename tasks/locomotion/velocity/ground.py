@@ -122,12 +122,14 @@ class FlatGround:
     Attributes:
         start: height of the ground below a robot that starts in the middle [m].
         shape: index of the ground among the shapes, once built.
-        level: (W,) int64, of the patches that worlds show, once bound.
+        kind, level: (W,) int64, of the patches that worlds show, the kind among the configured ones; once bound. Of a
+            plane they are 0.
     """
 
     scene_arrays: ClassVar[tuple[str, ...]] = ()
     start: ClassVar[float] = 0.0
     shape: int
+    kind: torch.Tensor
     level: torch.Tensor
 
     def __init__(self, scan: ScanConfig, stand: float) -> None:
@@ -150,7 +152,7 @@ class FlatGround:
     def bind(self, task: Task[Any]) -> None:
         """Make tables of a task's worlds; its simulation exists."""
         device = task.device
-        self.level = torch.zeros(task.num_worlds, dtype=torch.int64, device=device)
+        self.kind, self.level = torch.zeros(2, task.num_worlds, dtype=torch.int64, device=device)
         self._outside = torch.zeros(task.num_worlds, dtype=torch.bool, device=device)
         self._scan = GridScan(scan_plane, self.scanned, self.stand, task.num_worlds, device)
 
@@ -248,7 +250,6 @@ class RoughGround(FlatGround):
     Attributes:
         model_arrays: model parameters that it writes, for ``per_world``.
         reach: distance from the middle, along x or y, at which a base is outside [m].
-        kind: (W,) int64, index among the configured kinds, once bound.
     """
 
     model_arrays: ClassVar[tuple[str, ...]] = ("shape_asset",)

@@ -129,6 +129,7 @@ def test_a_scan_is_the_ground_below_the_grid_over_the_feet(kind):
 
 def test_rays_see_what_is_looked_up():
     task = rolling(30, rough=EVERY)
+    assert task.builder is not None
     visuals = Visuals(task.builder)
     visuals.hide(*(index for index, shape in enumerate(task.builder.shapes) if shape.name == "ball"))
     rays = RayScan(visuals.finalize(task.simulation.model), task.simulation, task.config.scan, RADIUS)
@@ -302,14 +303,14 @@ def test_only_worlds_of_the_mask_get_another_patch():
 
 
 def test_a_resumed_run_goes_on_bit_by_bit():
-    config = {"rough": RoughConfig(climbing=Climbing.TRAINING, first=4)}
-    task = rolling(5, seed=2, **config)
+    config = RoughConfig(climbing=Climbing.TRAINING, first=4)
+    task = rolling(5, seed=2, rough=config)
     task.on_iteration(0)
     action = torch.tensor([0.6, 0.1]) * torch.ones(5, 2)
     for _ in range(55):
         task.step(action)
     saved = task.state_dict()
-    other = rolling(5, seed=9, **config)
+    other = rolling(5, seed=9, rough=config)
     other.load_state_dict(saved)
     shown = [to_torch(each.simulation.model.shape_asset)[:, each.ground.shape] for each in (task, other)]
     assert torch.equal(*shown)
