@@ -54,6 +54,8 @@ if TYPE_CHECKING:
 __all__ = ["Climbing", "FlatGround", "Ground", "RoughConfig", "RoughGround", "ground_of"]
 
 ANY_LEVEL = -1
+BEYOND = 0.5
+"""Distance of a base from the platform at which its feet are off it [m]."""
 
 
 class Ground(enum.Enum):
@@ -229,10 +231,10 @@ class RoughGround(FlatGround):
 
     **Levels.** A world that climbs keeps its kind of ground. After an episode it goes up where its robot walked more
     than ``up`` times the way that a patch has room for, from the middle to the rim, or that it was commanded to walk,
-    whichever is the smaller; it goes down where it covered less than ``down`` times the commanded way; who masters the
-    last level goes to a random one (Rudin et al. 2021, sec. IV). The way counts along the command and no faster than
-    it: a robot that slides, or runs ahead, gains nothing. An episode that ends by a fall is held to the way that was
-    still to come.
+    whichever is the smaller, and was off the platform with all feet: circles on level ground gain nothing. It goes
+    down where it covered less than ``down`` times the commanded way; who masters the last level goes to a random one
+    (Rudin et al. 2021, sec. IV). The way counts along the command and no faster than it: a robot that slides, or runs
+    ahead, gains nothing. An episode that ends by a fall is held to the way that was still to come.
 
     The framework's :class:`~simwarp.tasks.Curriculum` does not fit: its level is a share of difficulty that every
     success raises and every failure lowers. Here a level is one of ten patches, most episodes end neither in success
@@ -305,12 +307,17 @@ class RoughGround(FlatGround):
             first=config.first,
             fixed=config.level,
             reach=self.reach,
+            beyond=0.5 * self.patch.platform + BEYOND,
             up=config.up,
             down=config.down,
             least=config.least,
             **{name: task.random.stream(purpose) for name, purpose in streams.items()},
         )
-        flags, whole, lengths = ("climbing", "judged"), ("kind", "level", "variant"), ("walked", "asked", "expected")
+        flags, whole, lengths = (
+            ("climbing", "judged"),
+            ("kind", "level", "variant"),
+            ("walked", "asked", "expected", "farthest"),
+        )
         dtypes = {torch.int32: flags, torch.int64: whole, torch.float32: lengths}
         self._state = {
             name: torch.zeros(worlds, dtype=dtype, device=device) for dtype, names in dtypes.items() for name in names
@@ -331,6 +338,7 @@ class RoughGround(FlatGround):
         self._scan = GridScan(scan_field, self.scanned, self.stand, worlds, device, [heights])
         timed = [task.episode_clock, task.config.max_episode_steps, task.config.control_dt]
         self._walk = TensorFunction(record_walk, [*timed, self._climb], [], device)
+        self._place = task.map_position
         self._record_launches()
         self._climbs = False
         if config.climbing is Climbing.ALWAYS:
@@ -368,13 +376,15 @@ class RoughGround(FlatGround):
         return position[:, :2].abs().amax(dim=1) > self.reach
 
     def record(self, velocity: torch.Tensor, command: torch.Tensor) -> None:
-        """Count a control step for the curriculum; see :class:`FlatGround`.
+        """Count a control step for the curriculum; see :class:`FlatGround`. Bases are at ``Task.map_position``.
 
         Args:
             velocity: (W, 2) of the bases [m/s].
             command: (W, 2) velocities that they should have, in the same axes [m/s].
         """
-        self._walk(velocity.float().contiguous(), command.float().contiguous())
+        place = self._place()
+        assert place is not None
+        self._walk(*(part.float().contiguous() for part in (velocity, command, place)))
 
     def climb(self, climbing: bool = True) -> None:
         """Let levels follow what robots achieve, from their next episodes on; or no more. Twice is as once."""

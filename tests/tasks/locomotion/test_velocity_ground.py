@@ -45,12 +45,12 @@ def put(task: Rolling, x: torch.Tensor, y: torch.Tensor, z: torch.Tensor | float
     to_torch(task.simulation.state.body_omega).zero_()
 
 
-def finish(task: Rolling, walked: torch.Tensor, asked: torch.Tensor, mask: torch.Tensor | None = None) -> None:
-    """End an episode in which so much was walked, and so much commanded [m]."""
+def finish(task: Rolling, walked: float, asked: float) -> None:
+    """End an episode in which so much was walked, up to the rim, and so much commanded [m]."""
     state = task.ground.extra_state()
-    for name, values in (("walked", walked), ("asked", asked), ("expected", asked)):
-        state[f"ground_{name}"].copy_(values)
-    task.ground.choose(torch.ones(task.num_worlds, dtype=torch.bool) if mask is None else mask)
+    for name, value in (("walked", walked), ("asked", asked), ("expected", asked), ("farthest", 3.4)):
+        state[f"ground_{name}"].fill_(value)
+    task.ground.choose(torch.ones(task.num_worlds, dtype=torch.bool))
 
 
 # ---- heights -----------------------------------------------------------------------------------------------------
@@ -179,7 +179,7 @@ def test_without_training_levels_and_kinds_are_drawn():
     counts = torch.bincount(task.ground.level, minlength=LEVELS)
     assert counts.min() > 10
     before = task.ground.level.clone()
-    finish(task, torch.full((300,), 100.0), torch.full((300,), 10.0))
+    finish(task, 100.0, 10.0)
     task.restart()  # the next episodes
     assert not torch.equal(before, task.ground.level)
     assert task.metrics()["level"].tolist() == task.ground.level.tolist()
@@ -195,12 +195,12 @@ def test_a_climb_begins_on_the_first_levels_and_keeps_the_kind():
     # running episodes go on as they were
     assert torch.equal(task.ground.level, shown[0])
     assert torch.equal(task.ground.kind, shown[1])
-    finish(task, torch.full((30,), 100.0), torch.full((30,), 10.0))
+    finish(task, 100.0, 10.0)
     assert set(task.ground.level.tolist()) == {0, 1, 2}
     first = task.ground.level.clone()
     assert task.ground.kind.tolist() == [0, 1] * 15
     task.on_iteration(1)  # again is as once
-    finish(task, torch.full((30,), 100.0), torch.full((30,), 10.0))
+    finish(task, 100.0, 10.0)
     assert torch.equal(task.ground.level, first + 1)
     assert task.ground.kind.tolist() == [0, 1] * 15
     never = rolling(30, rough=RoughConfig(climbing=Climbing.NEVER))
@@ -216,8 +216,8 @@ def test_levels_follow_the_way_that_was_walked():
     ground, dt = task.ground, task.config.control_dt
     assert isinstance(ground, RoughGround)
     judged = {"up": 0, "down": 0, "stay": 0, "mastered": 0}
-    for _ in range(4):
-        climbers = [Climber(int(level), reach=3.5, up=0.75, down=0.5, least=1.0) for level in ground.level]
+    for _ in range(6):
+        climbers = [Climber(int(level), reach=3.5, beyond=1.5, up=0.75, down=0.5, least=1.0) for level in ground.level]
         # long episodes, of steps of a second: from none to twice the command, which is none in every tenth world
         command = torch.randn(worlds, 2, generator=draws) * (torch.rand(worlds, 1, generator=draws) > 0.1)
         share, aside = torch.rand(2, worlds, 1, generator=draws) * 2.0 - 0.2
@@ -227,6 +227,8 @@ def test_levels_follow_the_way_that_was_walked():
             task.episode_clock.copy_(torch.where(going, step + 1, task.episode_clock))
             velocity = share * command + aside * command.flip(1) * torch.tensor([-1.0, 1.0])
             left = (task.config.max_episode_steps - task.episode_clock) * dt
+            place = torch.randn(worlds, 3, generator=draws)
+            task.views.body_q[:, task.ball, :3] = place
             before = {name: values.clone() for name, values in ground.extra_state().items()}
             for _ in range(40):  # of 0.02 s
                 ground.record(velocity, command)
@@ -234,7 +236,7 @@ def test_levels_follow_the_way_that_was_walked():
                 values.copy_(torch.where(going, values, before[name]))
             for world, climber in enumerate(climbers):
                 for _ in range(40 if going[world] else 0):
-                    climber.walk(velocity[world].numpy(), command[world].numpy(), dt, float(left[world]))
+                    climber.walk(velocity[world].numpy(), command[world].numpy(), place[world], dt, float(left[world]))
         ground.choose(torch.ones(worlds, dtype=torch.bool))
         for world, climber in enumerate(climbers):
             verdict, level = climber.judge(), int(ground.level[world])
@@ -252,7 +254,7 @@ def test_who_masters_the_last_level_goes_to_any():
     task = rolling(200, rough=RoughConfig(climbing=Climbing.ALWAYS))
     for level in range(LEVELS):
         assert task.ground.level.tolist() == [level] * 200
-        finish(task, torch.full((200,), 10.0), torch.full((200,), 10.0))
+        finish(task, 10.0, 10.0)
     counts = torch.bincount(task.ground.level, minlength=LEVELS)
     # 20 worlds on each of ten levels, five standard deviations of 4.2
     assert counts.min() > 0
@@ -263,7 +265,7 @@ def test_an_episode_that_was_not_to_walk_decides_nothing():
     task = rolling(3, rough=RoughConfig(climbing=Climbing.ALWAYS, first=LEVELS - 1))
     before = task.ground.level.clone()
     for walked in (0.0, 0.9, 5.0):
-        finish(task, torch.full((3,), walked), torch.full((3,), 0.9))
+        finish(task, walked, 0.9)
         assert torch.equal(task.ground.level, before)
 
 

@@ -48,6 +48,7 @@ class Rules:
     first: int  # worlds begin to climb on levels 0 to this
     fixed: int  # level of worlds that do not climb; -1: any
     reach: float  # distance from the middle to where a patch is left [m]
+    beyond: float  # distance from the middle that is to be exceeded to go up [m]
     up: float  # share of the way that is enough to go up
     down: float  # share of the commanded way below which a world goes down
     least: float  # commanded way below which nothing is decided [m]
@@ -69,6 +70,7 @@ class Climb:
     walked: wp.array[float]  # way along the command in this episode [m]
     asked: wp.array[float]  # way that was commanded so far [m]
     expected: wp.array[float]  # and up to the end of the episode, if it goes on as now [m]
+    farthest: wp.array[float]  # from the middle, along x or y, in this episode [m]
 
 
 @wp.func
@@ -98,7 +100,7 @@ def level_after(world: int, levels: int, rules: Rules, draws: Draws, climb: Clim
         return whole_at(rules.begin, world, draws, rules.first + 1)
     if expected < rules.least:
         return level
-    if walked > rules.up * wp.min(rules.reach, expected):
+    if walked > rules.up * wp.min(rules.reach, expected) and climb.farthest[world] > rules.beyond:
         if level + wp.int64(1) < wp.int64(levels):
             return level + wp.int64(1)
         return whole_at(rules.level, world, draws, levels)
@@ -133,6 +135,7 @@ def choose_patch(
     climb.walked[world] = 0.0
     climb.asked[world] = 0.0
     climb.expected[world] = 0.0
+    climb.farthest[world] = 0.0
     show_patch(world, patches, climb)
 
 
@@ -145,7 +148,8 @@ def show_patches(patches: Patches, climb: Climb):
 @wp.kernel
 def record_walk(
     # inputs
-    velocity: wp.array[wp.vec2], command: wp.array[wp.vec2], clock: wp.array[wp.int64], limit: int, dt: float,
+    velocity: wp.array[wp.vec2], command: wp.array[wp.vec2], position: wp.array[wp.vec3], clock: wp.array[wp.int64],
+    limit: int, dt: float,
     # outputs
     climb: Climb,
 ):  # fmt: skip
@@ -156,6 +160,8 @@ def record_walk(
         along = wp.dot(velocity[world], command[world]) / speed
         climb.walked[world] = climb.walked[world] + dt * wp.min(along, speed)
         climb.asked[world] = climb.asked[world] + dt * speed
+    away = wp.max(wp.abs(position[world][0]), wp.abs(position[world][1]))
+    climb.farthest[world] = wp.max(climb.farthest[world], away)
     left = wp.max(wp.int64(limit) - clock[world], wp.int64(0))
     climb.expected[world] = climb.asked[world] + speed * dt * float(left)
 
