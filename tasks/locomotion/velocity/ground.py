@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     from ...framework.task import Task
 
-__all__ = ["Climbing", "FlatGround", "Ground", "RoughConfig", "RoughGround", "ground_of"]
+__all__ = ["Climbing", "FlatGround", "Ground", "RoughConfig", "RoughGround", "ScanConfig", "ground_of"]
 
 ANY_LEVEL = -1
 BEYOND = 0.5
