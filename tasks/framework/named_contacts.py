@@ -72,6 +72,12 @@ class NamedContacts(Readable):
             columns = [model.shape_names.index(name) for name in names]
             bodies = [int(model.topology.shape_body.numpy()[column]) for column in columns]
             offsets = model.shape_x.numpy()[0, columns]
+            if min(bodies) < 0:
+                fixed = names[bodies.index(min(bodies))]
+                raise InputError(
+                    f"task '{owner}': contacts must be of shapes that move, got {shown(fixed)}, which is fixed to the "
+                    "world; ask for those of what touches it"
+                )
         else:
             self._source = to_torch(contacts.body_contact_force)
             columns = bodies = [model.body(name) for name in names]
