@@ -322,8 +322,9 @@ def push_force(
 ) -> torch.Tensor:  # fmt: skip
     """Return (W, 3) F = m dv / T, horizontal forces that kick the robot for one control step [N].
 
-    Its momentum changes by m dv. The direction is uniform over the circle, |dv| uniform up to ``speed``. Zero in all but one of ``every`` steps; that
-    one is another in each world and episode. Called in ``begin_step``, for ``body_force`` of the trunk.
+    Its momentum changes by m dv. The direction is uniform over the circle, |dv| uniform up to ``speed``. Zero in all
+    but one of ``every`` steps; that one is another in each world and episode. For ``body_force`` of the trunk, in
+    ``begin_step``.
 
     Args:
         random: of the task.

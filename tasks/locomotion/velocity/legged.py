@@ -1,0 +1,154 @@
+"""Base of tasks of robots on legs with position drives: names of their parts, stance, actions, starts, pushes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
+
+import torch
+
+from simwarp import to_torch
+from simwarp.tasks import Ge, NotNegative, Positive
+
+from ...framework.config import TaskConfig
+from ...framework.task import Task
+from . import pieces
+
+if TYPE_CHECKING:
+    from simwarp import ModelBuilder, SolverOptions
+
+
+@dataclasses.dataclass(frozen=True)
+class LeggedConfig(TaskConfig):
+    """Fields of every robot on legs."""
+
+    dt: float = 0.005
+    """Physics step [s]."""
+    decimation: int = 4
+    """Physics steps per control step; one action lasts decimation * dt seconds."""
+    max_episode_steps: int = 1000
+    """Control steps after which an episode is truncated: 20 s."""
+    action_scale: Positive = 0.5
+    """How far a full action moves the target of a joint away from the stance [rad]."""
+    start_angle: Annotated[float, Ge(0.0)] = 0.1
+    """Largest deviation of a joint from the stance at the start [rad]."""
+    push_speed: NotNegative = 0.0
+    """Largest change of speed that a push gives the robot [m/s]; 0: nothing pushes it."""
+    push_time: Positive = 4.0
+    """Time between two pushes [s]."""
+
+    def steps_in(self, time: float) -> int:
+        """Return the control steps in a time [s], at least 1."""
+        return max(1, round(time / self.control_dt))
+
+
+LeggedT = TypeVar("LeggedT", bound=LeggedConfig)
+
+
+class LeggedTask(Task[LeggedT]):
+    """A robot on legs. A subclass names its parts and writes `robot`, observations, rewards and ends."""
+
+    trunk: ClassVar[str]
+    """Body that carries the legs, x forward; the shape of this name must not touch anything."""
+    feet: ClassVar[Sequence[str]]
+    """Shapes, or bodies, that stand on the ground."""
+    stance: ClassVar[Mapping[str, float]]
+    """Joint -> angle that actions are deviations from, in the order of the actions [rad]."""
+    height: ClassVar[float]
+    """Of the frame of `base` over the ground in the stance [m]."""
+    base: ClassVar[str] = "base"
+    """Free joint of the trunk, which places the robot."""
+
+    @abstractmethod
+    def robot(self) -> ModelBuilder:
+        """Return the robot with position drives at the joints of `stance`, and its ground."""
+
+    def build(self, builder: ModelBuilder) -> ModelBuilder:
+        """The robot on its ground."""
+        return self.robot()
+
+    def solver_options(self) -> SolverOptions:
+        """Contacts to 1 mm/s, which no gait notices."""
+        from simwarp import SolverOptions
+
+        return SolverOptions(tolerance=1e-3)
+
+    @property
+    def action_joints(self) -> Sequence[str]:
+        """The joints of the stance."""
+        return tuple(self.stance)
+
+    @property
+    def action_scale(self) -> Sequence[float]:
+        """Deviations of full actions [rad]."""
+        return (self.config.action_scale,) * self.action_size
+
+    @property
+    def default_positions(self) -> Sequence[float]:
+        """The stance [rad]."""
+        return tuple(self.stance.values())
+
+    def setup(self) -> None:
+        """Allocate buffers, and find the robot's parts.
+
+        Afterwards there are ``body``, index of the trunk; ``on_feet`` and ``on_trunk``, contacts by name; ``before``
+        and ``rates_before``, (W, J) action and rates [rad/s] of the step before.
+        """
+        model, device = self.simulation.model, self.device
+        self.body = model.body(self.trunk)
+        self.on_feet, self.on_trunk = self.contacts(*self.feet), self.contacts(self.trunk)
+        self._columns = torch.tensor([model.dof(joint) for joint in self.stance], device=device)
+        self._stance = torch.tensor(self.default_positions, device=device)
+        self._targets = to_torch(self.simulation.control.joint_target_q)
+        self._mass = float(model.body_mass.numpy()[0].sum())
+        self._place = model.dof(self.base)
+        self._start = torch.zeros(self.num_worlds, model.dof_count, device=device)
+        self._at_rest = torch.zeros_like(self._start)
+        self.before, self.rates_before = torch.zeros_like(self.action), torch.zeros_like(self.action)
+
+    @property
+    def angles(self) -> torch.Tensor:
+        """(W, J) of the joints, from the stance [rad]."""
+        return self.views.joint_q[:, self._columns] - self._stance
+
+    @property
+    def rates(self) -> torch.Tensor:
+        """(W, J) of the joints [rad/s]."""
+        return self.views.joint_qd[:, self._columns]
+
+    def begin_step(self) -> None:
+        """Store what a difference needs; push, where there are pushes."""
+        config = self.config
+        self.before.copy_(self.action)
+        self.rates_before.copy_(self.rates)
+        if config.push_speed > 0.0:
+            self.views.body_force[:, self.body] = pieces.push_force(
+                self.random, self.episode_steps, every=config.steps_in(config.push_time), speed=config.push_speed,
+                mass=self._mass, period=config.control_dt,
+            )  # fmt: skip
+
+    def apply(self, action: torch.Tensor) -> None:
+        """Set the targets of the drives, from the stance."""
+        self._targets[:, self._columns] = self._stance + self.config.action_scale * action
+
+    def reset(self, world_mask: torch.Tensor) -> None:
+        """Start near the stance in the middle of the ground, with any heading."""
+        self._start[:, self._place + 2] = self.height + 0.02  # legs that are less bent are longer
+        self._start[:, self._place + 5] = self.random.uniform("heading", -math.pi, math.pi)[:, 0]
+        angles = pieces.start_around(self.random, "angles", self._stance, self.config.start_angle)
+        self._start[:, self._columns] = angles
+        self.simulation.set_joint_state(world_mask, self._start, self._at_rest)
+        for buffer in (self.before, self.rates_before):
+            buffer.masked_fill_(world_mask.unsqueeze(1), 0.0)
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return what differences need."""
+        return {"before": self.before, "rates_before": self.rates_before}
+
+    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+        """Take it back."""
+        for name, values in self.extra_state().items():
+            values.copy_(state[name])
