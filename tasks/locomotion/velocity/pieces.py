@@ -164,18 +164,18 @@ def tracking(error: torch.Tensor, width: float) -> torch.Tensor:
     return torch.exp(-(error / width).square())
 
 
-def air_time(landed: torch.Tensor, moving: torch.Tensor, *, least: float, longest: float = 0.5) -> torch.Tensor:
-    """Return (W,) sum over feet that land now of min(t_air, longest) - least, where the robot is to move [s].
+def air_time(landed: torch.Tensor, moving: torch.Tensor, *, least: float, longest: float) -> torch.Tensor:
+    """Return (W,) sum over feet that land now of clamp(t_air, least, longest) - least, where the robot is to move [s].
 
-    Longer swings than ``least`` are paid for, shorter ones cost: feet are lifted rather than dragged or trembling.
+    Feet are lifted rather than dragged; what trembles earns nothing, and hopping on three legs no more than walking.
 
     Args:
         landed: (W, N) time in the air before the touch that began in this step, else 0 [s] (``feet.landed``).
         moving: (W,) 1 where the robot is to move.
-        least: swing that is neither paid for nor costs [s].
+        least: swing up to which nothing is paid [s].
         longest: swing beyond which nothing more is paid [s].
     """
-    return ((landed.clamp(max=longest) - least) * (landed > 0.0)).sum(dim=1) * moving
+    return (landed.clamp(least, longest) - least).sum(dim=1) * moving
 
 
 def standing_still(joint_error: torch.Tensor, moving: torch.Tensor) -> torch.Tensor:

@@ -51,7 +51,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     action_size: int = 12
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 300, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
-        "network.init_std": 0.5, "ppo.gamma": 0.98, "ppo.desired_kl": 0.015, "ppo.entropy": 0.002,
+        "network.init_std": 0.5, "ppo.gamma": 0.97, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
     }  # fmt: skip
     trunk, feet, stance, height = "trunk", QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT
 
@@ -101,14 +101,14 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         terms = {
             "speed": 2.0 * pieces.tracking(speed_error, 0.5),
             "turn": 1.0 * pieces.tracking(turn_error, 0.5),
-            "bounce": -2.0 * pieces.bouncing(velocity),
-            "rock": -0.05 * pieces.rocking(turning),
+            "bounce": -1.0 * pieces.bouncing(velocity),
+            "rock": -0.02 * pieces.rocking(turning),
             "tilt": -2.5 * pieces.tilt(pieces.projected_gravity(self.views, self.body)),
             "posture": -0.1 * pieces.squares(self.angles),
-            "acceleration": -2.5e-7 * pieces.squares((self.rates - self.rates_before) / period),
-            "smooth": -0.02 * pieces.squares(self.action - self.before),
-            "swing": 5.0 * pieces.air_time(self.on_feet.landed, moving, least=0.2),
-            "slip": -0.1 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
+            "acceleration": -1e-7 * pieces.squares((self.rates - self.rates_before) / period),
+            "smooth": -0.01 * pieces.squares(self.action - self.before),
+            "swing": 3.0 * pieces.air_time(self.on_feet.landed, moving, least=0.1, longest=0.35),
+            "slip": -0.05 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
         }
         return {name: period * term for name, term in terms.items()}
 
