@@ -164,18 +164,18 @@ def tracking(error: torch.Tensor, width: float) -> torch.Tensor:
     return torch.exp(-(error / width).square())
 
 
-def air_time(landed: torch.Tensor, moving: torch.Tensor, *, least: float, longest: float) -> torch.Tensor:
-    """Return (W,) sum over feet that land now of clamp(t_air, least, longest) - least, where the robot is to move [s].
+def swinging(time_in_air: torch.Tensor, moving: torch.Tensor, *, least: float, longest: float) -> torch.Tensor:
+    """Return (W,) number of feet with least < t_air < longest, where the robot is to move.
 
-    Feet are lifted rather than dragged; what trembles earns nothing, and hopping on three legs no more than walking.
+    Feet that tremble earn nothing, nor does one that stays up. Over a swing the pay adds up to
+    clamp(t_air, least, longest) - least, the usual pay for a landing.
 
     Args:
-        landed: (W, N) time in the air before the touch that began in this step, else 0 [s] (``feet.landed``).
+        time_in_air: (W, N) since feet touched last [s] (``feet.time_in_air``).
         moving: (W,) 1 where the robot is to move.
-        least: swing up to which nothing is paid [s].
-        longest: swing beyond which nothing more is paid [s].
+        least, longest: part of a swing that is paid for [s].
     """
-    return (landed.clamp(least, longest) - least).sum(dim=1) * moving
+    return ((time_in_air > least) & (time_in_air < longest)).sum(dim=1) * moving
 
 
 def standing_still(joint_error: torch.Tensor, moving: torch.Tensor) -> torch.Tensor:

@@ -51,7 +51,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     action_size: int = 12
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 300, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
-        "network.init_std": 0.5, "ppo.gamma": 0.97, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
+        "network.init_std": 0.5, "ppo.gamma": 0.98, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
     }  # fmt: skip
     trunk, feet, stance, height = "trunk", QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT
 
@@ -90,7 +90,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         return {"policy": torch.cat([*seen, self.command, self.angles, self.rates, self.action], dim=1)}
 
     def rewards(self) -> dict[str, torch.Tensor]:
-        """Return the terms; weights are per second."""
+        """Return the terms; weights are per second, but for that of a fall."""
         velocity, turning = (
             pieces.velocity_in_body(self.views, self.body),
             pieces.turning_in_body(self.views, self.body),
@@ -107,10 +107,11 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             "posture": -0.1 * pieces.squares(self.angles),
             "acceleration": -1e-7 * pieces.squares((self.rates - self.rates_before) / period),
             "smooth": -0.01 * pieces.squares(self.action - self.before),
-            "swing": 3.0 * pieces.air_time(self.on_feet.landed, moving, least=0.1, longest=0.35),
+            "swing": 0.5 * pieces.swinging(self.on_feet.time_in_air, moving, least=0.1, longest=0.3),
             "slip": -0.05 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
         }
-        return {name: period * term for name, term in terms.items()}
+        paid = {name: period * term for name, term in terms.items()}
+        return {**paid, "fall": -1.0 * self.terminations()["fell"]}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``fell``: the trunk touches something, or is tilted by more than 60 degrees."""
