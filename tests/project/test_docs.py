@@ -51,6 +51,7 @@ EXAMPLES = {
     "scenery.py": ["--width", "80", "--plot", "scenery.png"],
     "import_robots.py": [],
     "randomise.py": ["--worlds", "3", "--seconds", "4"],
+    "rough_ground.py": ["--width", "40", "--levels", "0", "9", "--plot", "rough_ground.png"],
     "sensors.py": ["--worlds", "3", "--seconds", "1", "--plot", "sensors.png"],
     "train_cleanrl_style.py": ["--task", "fast", "--worlds", "32", "--steps", "20000", "--device", "cpu"],
     "train_sb3.py": ["--task", "fast", "--worlds", "32", "--steps", "20000"],
@@ -70,7 +71,7 @@ DECIMAL = re.compile(r"(-?\d+\.\d+(?:e[+-]\d+)?)")
 LONG = {
     "drive_and_clone.py",
     "train_cleanrl_style.py", "train_sb3.py", "train_skrl.py", "vehicles_on_ice.py", "scenery.py", "sensors.py",
-    "randomise.py",
+    "randomise.py", "rough_ground.py",
     "driving.md", "sensors.md", "training.md",
     "cart_pole.py", "contacts.py", "four_bar.py", "scenery.md", "vehicles.md", "walking.md",
     "write-a-task.md",
@@ -157,6 +158,8 @@ def test_an_example_runs(name, tmp_path):
         # 4 m/s and a friction of 0.9: not below v² / (2 mu g) = 0.9 m; on ice not below 4 m
         assert 0.8 < stops["dry"] < stops["wet"] < stops["ice"]
         assert stops["ice"] > 4.0
+    if name == "rough_ground.py":
+        assert "20 patches" in printed
     if name == "sensors.py":
         # 20 frames of one second: the deviation of what is seen is off by a sixth, one in a thousand by half
         noises = re.findall(r"GPS noise (\S+) m, seen (\S+) m", printed)
