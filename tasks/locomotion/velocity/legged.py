@@ -1,51 +1,27 @@
-"""Base of tasks of robots on legs with position drives: names of their parts, stance, actions, starts, pushes."""
+"""Base of tasks of robots on legs with position drives: parts by name, stance, actions, ground, starts, pushes."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import torch
 
 from simwarp import to_torch
-from simwarp.tasks import Ge, NotNegative, Positive
 
-from ...framework.config import TaskConfig
+from ...framework.rotations import heading_of
 from ...framework.task import Task
 from . import pieces
+from .config import VelocityConfig
+from .ground import RoughGround, ground_of
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
+    from simwarp.sensors import Scene
 
-
-@dataclasses.dataclass(frozen=True)
-class LeggedConfig(TaskConfig):
-    """Fields of every robot on legs."""
-
-    dt: float = 0.005
-    """Physics step [s]."""
-    decimation: int = 4
-    """Physics steps per control step; one action lasts decimation * dt seconds."""
-    max_episode_steps: int = 1000
-    """Control steps after which an episode is truncated: 20 s."""
-    action_scale: Positive = 0.5
-    """How far a full action moves the target of a joint away from the stance [rad]."""
-    start_angle: Annotated[float, Ge(0.0)] = 0.1
-    """Largest deviation of a joint from the stance at the start [rad]."""
-    push_speed: NotNegative = 0.0
-    """Largest change of speed that a push gives the robot [m/s]; 0: nothing pushes it."""
-    push_time: Positive = 4.0
-    """Time between two pushes [s]."""
-
-    def steps_in(self, time: float) -> int:
-        """Return the control steps in a time [s], at least 1."""
-        return max(1, round(time / self.control_dt))
-
-
-LeggedT = TypeVar("LeggedT", bound=LeggedConfig)
+LeggedT = TypeVar("LeggedT", bound=VelocityConfig)
 
 
 class LeggedTask(Task[LeggedT]):
@@ -61,14 +37,25 @@ class LeggedTask(Task[LeggedT]):
     """Of the frame of `base` over the ground in the stance [m]."""
     base: ClassVar[str] = "base"
     """Free joint of the trunk, which places the robot."""
+    friction: ClassVar[float] = 1.0
+    """Of the ground; where it meets a foot, the smaller one counts."""
+    per_world: ClassVar[tuple[str, ...]] = RoughGround.model_arrays
 
     @abstractmethod
     def robot(self) -> ModelBuilder:
-        """Return the robot with position drives at the joints of `stance`, and its ground."""
+        """Return the robot without a ground, with position drives at the joints of `stance`.
+
+        Its shapes meet those of group 2.
+        """
 
     def build(self, builder: ModelBuilder) -> ModelBuilder:
         """The robot on its ground."""
-        return self.robot()
+        from simwarp import Material
+
+        config, robot = self.config, self.robot()
+        self.ground = ground_of(config.ground, self.height, rough=config.rough, scan=config.scan)
+        self.ground.build(robot, material=Material(friction=self.friction), group=2)
+        return robot
 
     def solver_options(self) -> SolverOptions:
         """Contacts to 1 mm/s, which no gait notices."""
@@ -98,6 +85,7 @@ class LeggedTask(Task[LeggedT]):
         and ``rates_before``, (W, J) action and rates [rad/s] of the step before.
         """
         model, device = self.simulation.model, self.device
+        self.ground.bind(self)
         self.body = model.body(self.trunk)
         self.on_feet, self.on_trunk = self.contacts(*self.feet), self.contacts(self.trunk)
         self._columns = torch.tensor([model.dof(joint) for joint in self.stance], device=device)
@@ -106,6 +94,7 @@ class LeggedTask(Task[LeggedT]):
         self._mass = float(model.body_mass.numpy()[0].sum())
         self._place = model.dof(self.base)
         self._start = torch.zeros(self.num_worlds, model.dof_count, device=device)
+        self._start[:, self._place + 2] = self.height + 0.02  # legs that are less bent are longer
         self._at_rest = torch.zeros_like(self._start)
         self.before, self.rates_before = torch.zeros_like(self.action), torch.zeros_like(self.action)
 
@@ -118,6 +107,11 @@ class LeggedTask(Task[LeggedT]):
     def rates(self) -> torch.Tensor:
         """(W, J) of the joints [rad/s]."""
         return self.views.joint_qd[:, self._columns]
+
+    def heights(self) -> torch.Tensor:
+        """Return (W, N) heights of the ground around, over that of a standing robot's feet [m]."""
+        place = self.views.body_q[:, self.body]
+        return self.ground.scan(place[:, :3], heading_of(place[:, 3:]))
 
     def begin_step(self) -> None:
         """Store what a difference needs; push, where there are pushes."""
@@ -134,9 +128,13 @@ class LeggedTask(Task[LeggedT]):
         """Set the targets of the drives, from the stance."""
         self._targets[:, self._columns] = self._stance + self.config.action_scale * action
 
+    def truncations(self) -> dict[str, torch.Tensor]:
+        """Return ``edge``: the robot has come to the rim of rough ground."""
+        return {"edge": self.ground.outside(self.views.body_q[:, self.body, :3])}
+
     def reset(self, world_mask: torch.Tensor) -> None:
         """Start near the stance in the middle of the ground, with any heading."""
-        self._start[:, self._place + 2] = self.height + 0.02  # legs that are less bent are longer
+        self.ground.choose(world_mask)
         self._start[:, self._place + 5] = self.random.uniform("heading", -math.pi, math.pi)[:, 0]
         angles = pieces.start_around(self.random, "angles", self._stance, self.config.start_angle)
         self._start[:, self._columns] = angles
@@ -144,11 +142,21 @@ class LeggedTask(Task[LeggedT]):
         for buffer in (self.before, self.rates_before):
             buffer.masked_fill_(world_mask.unsqueeze(1), 0.0)
 
-    def extra_state(self) -> dict[str, torch.Tensor]:
-        """Return what differences need."""
-        return {"before": self.before, "rates_before": self.rates_before}
+    def on_iteration(self, iteration: int) -> None:
+        """In training, levels of rough ground follow what robots achieve."""
+        super().on_iteration(iteration)
+        self.ground.climb()
 
-    def load_extra_state(self, state: Mapping[str, torch.Tensor]) -> None:
+    def scene(self) -> Scene:
+        """The ground with the colours of its levels, and the robot."""
+        return self.ground.scene(self)
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return what differences need, and the levels of the ground."""
+        return {"before": self.before, "rates_before": self.rates_before, **self.ground.extra_state()}
+
+    def load_extra_state(self, state: Mapping[str, Any]) -> None:
         """Take it back."""
+        self.ground.load_extra_state(state)
         for name, values in self.extra_state().items():
             values.copy_(state[name])

@@ -2,48 +2,32 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import torch
 
 from simwarp.scenes import QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT, quadruped, show_quadruped
-from simwarp.tasks import Fraction, Positive
 
 from ...framework.command import Command
 from ...framework.config import TaskConfig
 from ...framework.registry import register
 from . import pieces
-from .legged import LeggedConfig, LeggedTask
+from .config import Seen, VelocityConfig
+from .legged import LeggedTask
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder
     from simwarp.sensors import Visuals
 
 
-@dataclasses.dataclass(frozen=True)
-class VelocityConfig(LeggedConfig):
-    """Configuration of :class:`QuadrupedVelocity`."""
-
-    max_speed: Positive = 1.0
-    """Bound of the commanded speed ahead and back [m/s]."""
-    max_sideways: Positive = 0.5
-    """Bound of the commanded speed to either side [m/s]."""
-    max_turn: Positive = 1.0
-    """Bound of the commanded turn about the vertical [rad/s]."""
-    command_time: Positive = 5.0
-    """Time between two commands [s]."""
-    standing: Fraction = 0.0
-    """Share of commands that are to stand."""
-    heading: bool = False
-    """Command headings, drawn over the whole circle, in place of turns."""
-
-
 @register("quadruped-velocity")
 class QuadrupedVelocity(LeggedTask[VelocityConfig]):
-    """Observation ``policy`` (W, 12 + 3 J), J joints: velocity and angular velocity of the trunk and where down is, in
-    its axes; command; angles from the stance, rates; last action.
+    """What the robot feels (9 + 3 J numbers, J joints): angular velocity of the trunk and where down is, in its axes;
+    the command; angles from the stance, rates; last action.
+
+    Observation ``policy``: velocity of the trunk in its axes, and that; with ``scan`` heights of the ground around as
+    well; with ``history`` what the robot feels now and felt in the control steps before.
     """
 
     summary: ClassVar[str] = "quadruped: four legs follow commanded velocities and turns, 12 position drives"
@@ -57,7 +41,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
 
     def robot(self) -> ModelBuilder:
         """The quadruped of :mod:`simwarp.scenes`."""
-        return quadruped()
+        return quadruped(ground=False)
 
     def visuals(self, visuals: Visuals) -> None:
         """Show its motors as well."""
@@ -66,9 +50,13 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     @property
     def observation_names(self) -> Mapping[str, Sequence[str]]:
         """What the class says, component by component."""
-        command, joints = ("ahead", "left", "turn"), self.action_joints
-        parts = {"velocity": 3, "turning": 3, "down": 3, "command": command, "angle": joints, "rate": joints}
-        return {"policy": pieces.names_of(**parts, action=joints)}
+        joints, steps = self.action_joints, self.config.history
+        sent = {"command": ("ahead", "left", "turn"), "angle": joints, "rate": joints, "action": joints}
+        felt = pieces.names_of(turning=3, down=3, **sent)
+        if self.config.obs is Seen.HISTORY:
+            return {"policy": [f"{name} {age} steps ago" for age in range(steps) for name in felt]}
+        around = self.config.scan.names() if self.config.obs is Seen.SCAN else []
+        return {"policy": [*pieces.names_of(velocity=3), *felt, *around]}
 
     def setup(self) -> None:
         """Allocate commands and errors."""
@@ -77,17 +65,30 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         self.most = torch.tensor([config.max_speed, config.max_sideways, config.max_turn], device=device)
         self.command, self.heading = torch.zeros(worlds, 3, device=device), torch.zeros(worlds, device=device)
         self.errors, self.error_sums = torch.zeros(worlds, 2, device=device), torch.zeros(worlds, 2, device=device)
+        self.past = torch.zeros(worlds, config.history - 1, self.felt().shape[1], device=device)  # the newest first
 
     def begin_step(self) -> None:
-        """Add the errors of the step before."""
-        super().begin_step()
+        """Add the errors of the step before; remember what was felt."""
         self.error_sums.add_(self.errors)
+        if self.config.history > 1:
+            self.past.copy_(torch.cat([self.felt().unsqueeze(1), self.past[:, :-1]], dim=1))
+        super().begin_step()
+
+    def felt(self) -> torch.Tensor:
+        """Return (W, 9 + 3 J) what the robot feels."""
+        turning, down = (tell(self.views, self.body) for tell in (pieces.turning_in_body, pieces.projected_gravity))
+        return torch.cat([turning, down, self.command, self.angles, self.rates, self.action], dim=1)
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy``."""
-        tellers = (pieces.velocity_in_body, pieces.turning_in_body, pieces.projected_gravity)
-        seen = [tell(self.views, self.body) for tell in tellers]
-        return {"policy": torch.cat([*seen, self.command, self.angles, self.rates, self.action], dim=1)}
+        return self.observations_of(self.config.obs.value)
+
+    def observations_of(self, obs: str | None) -> dict[str, torch.Tensor]:
+        """Return ``policy`` of other observations: for teachers."""
+        if obs == Seen.HISTORY.value:
+            return {"policy": torch.cat([self.felt(), self.past.flatten(1)], dim=1)}
+        exact = [pieces.velocity_in_body(self.views, self.body), self.felt()]
+        return {"policy": torch.cat([*exact, self.heights()] if obs == Seen.SCAN.value else exact, dim=1)}
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms; weights are per second, but for that of a fall."""
@@ -97,6 +98,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         )
         speed_error, turn_error = pieces.speed_error(velocity, self.command), pieces.turn_error(turning, self.command)
         self.errors.copy_(torch.stack((speed_error, turn_error), dim=1))
+        self.ground.record(velocity[:, :2], self.command[:, :2])
         period, moving = self.config.control_dt, pieces.is_moving(self.command)
         terms = {
             "speed": 2.0 * pieces.tracking(speed_error, 0.5),
@@ -110,8 +112,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             "swing": 0.5 * pieces.swinging(self.on_feet.time_in_air, moving, least=0.1, longest=0.3),
             "slip": -0.05 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
         }
-        paid = {name: period * term for name, term in terms.items()}
-        return {**paid, "fall": -1.0 * self.terminations()["fell"]}
+        return {**{name: period * term for name, term in terms.items()}, "fall": -1.0 * self.terminations()["fell"]}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``fell``: the trunk touches something, or is tilted by more than 60 degrees."""
@@ -121,7 +122,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     def metrics(self) -> dict[str, torch.Tensor]:
         """Return ``success``: no fall; and means over the episode, ``speed_error`` [m/s] and ``turn_error`` [rad/s]."""
         means = (self.error_sums + self.errors) / self.episode_steps.clamp(min=1).unsqueeze(1)
-        return {"success": ~self.terminations()["fell"], "speed_error": means[:, 0], "turn_error": means[:, 1]}
+        own = {"success": ~self.terminations()["fell"], "speed_error": means[:, 0], "turn_error": means[:, 1]}
+        return {**own, **self.ground.metrics()}
 
     def reset(self, world_mask: torch.Tensor) -> None:
         """Start anew; draw the commands whose time has come, in the other worlds too."""
@@ -135,6 +137,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             self.command[:, 2] = pieces.turn_towards(rotation, self.heading, gain=1.0, most=config.max_turn)
         for buffer in (self.errors, self.error_sums):
             buffer.masked_fill_(world_mask.unsqueeze(1), 0.0)
+        self.past.copy_(torch.where(world_mask.view(-1, 1, 1), self.felt().unsqueeze(1), self.past))
 
     def commands(self) -> dict[str, Command]:
         """Return speeds ahead and to the left [m/s], and the turn [rad/s]."""
@@ -143,5 +146,5 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         """Return commands and errors of the running episodes, too."""
-        own = {name: getattr(self, name) for name in ("command", "heading", "errors", "error_sums")}
+        own = {name: getattr(self, name) for name in ("command", "heading", "errors", "error_sums", "past")}
         return {**super().extra_state(), **own}
