@@ -35,7 +35,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     action_size: int = 12
     training: ClassVar[Mapping[str, Any]] = {
         "iterations": 300, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
-        "network.init_std": 0.5, "ppo.gamma": 0.98, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
+        "network.init_std": 0.5, "ppo.gamma": 0.985, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
     }  # fmt: skip
     trunk, feet, stance, height = "trunk", QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT
 
@@ -103,16 +103,16 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         terms = {
             "speed": 2.0 * pieces.tracking(speed_error, 0.5),
             "turn": 1.0 * pieces.tracking(turn_error, 0.5),
-            "bounce": -1.0 * pieces.bouncing(velocity),
+            "bounce": -2.0 * pieces.bouncing(velocity),
             "rock": -0.02 * pieces.rocking(turning),
             "tilt": -2.5 * pieces.tilt(pieces.projected_gravity(self.views, self.body)),
             "posture": -0.1 * pieces.squares(self.angles),
             "acceleration": -1e-7 * pieces.squares((self.rates - self.rates_before) / period),
             "smooth": -0.01 * pieces.squares(self.action - self.before),
-            "swing": 0.5 * pieces.swinging(self.on_feet.time_in_air, moving, least=0.1, longest=0.3),
+            "swing": 0.25 * pieces.swinging(self.on_feet.time_in_air, moving, least=0.1, longest=0.3),
             "slip": -0.05 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
         }
-        return {**{name: period * term for name, term in terms.items()}, "fall": -1.0 * self.terminations()["fell"]}
+        return {**{name: period * term for name, term in terms.items()}, "fall": -2.0 * self.terminations()["fell"]}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``fell``: the trunk touches something, or is tilted by more than 60 degrees."""

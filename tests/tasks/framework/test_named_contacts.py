@@ -21,7 +21,7 @@ class BallsConfig(TaskConfig):
 
 
 class BallsTask(Task[BallsConfig]):
-    """A ball of 2 kg at rest and one of 1 kg that falls from half a metre; bodies and shapes have names of their own."""
+    """A ball of 2 kg at rest, and one of 1 kg that falls from half a metre."""
 
     config_type = BallsConfig
     action_size = 1
@@ -75,9 +75,9 @@ def test_forces_are_weights_and_times_are_those_of_a_fall():
             assert felt.landed[0].tolist() == pytest.approx([0.0, 0.30], abs=1e-5)
         else:
             assert felt.landed[0].tolist() == [0.0, 0.0]
-        if step > 1:
-            assert felt.force[0, 0].tolist() == pytest.approx([0.0, 0.0, 2.0 * G], rel=1e-4, abs=1e-3)
-    assert felt.force[0, 1].tolist() == pytest.approx([0.0, 0.0, G], rel=1e-4, abs=1e-3)
+        # The solve stops at 1e-5 m/s: of 2 kg in 5 ms that is 4 mN, and what is left of one step comes in the next
+        assert felt.force[0, 0].tolist() == pytest.approx([0.0, 0.0, 2.0 * G], abs=0.01)
+    assert felt.force[0, 1].tolist() == pytest.approx([0.0, 0.0, G], abs=0.01)
 
 
 def test_parts_are_where_they_are_and_move_as_they_do():
