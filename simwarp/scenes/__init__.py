@@ -32,7 +32,7 @@ from simwarp.scenes.mechanisms import (
     pendulum,
     slider_crank,
 )
-from simwarp.scenes.phantomx import HEXAPOD_LIMIT, hexapod
+from simwarp.scenes.phantomx import HEXAPOD_LIMIT, HEXAPOD_STANCE, hexapod
 from simwarp.scenes.quadruped import (
     QUADRUPED_FEET,
     QUADRUPED_FOOT_RADIUS,
@@ -52,6 +52,7 @@ __all__ = [
     "ANT_LIMB_RADIUS",
     "FLIP_INTERVAL",
     "HEXAPOD_LIMIT",
+    "HEXAPOD_STANCE",
     "IRB120",
     "PENDULUM_PERIOD",
     "QUADRUPED_FEET",

@@ -97,6 +97,11 @@ class NamedContacts(Readable):
     def _printed_rows(self) -> dict[str, Row]:
         return {"names": Names(len(self.names), self.names)}
 
+    @property
+    def phases(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """``time_in_air`` and ``time_in_contact``."""
+        return self.time_in_air, self.time_in_contact
+
     def _turned_offsets(self) -> torch.Tensor:
         """Return (W, N, 3) from centres of mass to the parts, axes of the world [m]."""
         return in_world_axes(self._views.body_q[:, self._bodies, 3:], self._offsets)

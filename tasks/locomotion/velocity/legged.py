@@ -87,11 +87,13 @@ class LeggedTask(Task[LeggedT]):
         model, device = self.simulation.model, self.device
         self.ground.bind(self)
         self.body = model.body(self.trunk)
-        self.on_feet, self.on_trunk = self.contacts(*self.feet), self.contacts(self.trunk)
+        self._mass = float(model.body_mass.numpy()[0].sum())
+        light = 0.01 * 9.81 * self._mass  # a hundredth of the weight: no touch by mistake, and none missed
+        self.on_feet = self.contacts(*self.feet, threshold=light)
+        self.on_trunk = self.contacts(self.trunk, threshold=light)
         self._columns = torch.tensor([model.dof(joint) for joint in self.stance], device=device)
         self._stance = torch.tensor(self.default_positions, device=device)
         self._targets = to_torch(self.simulation.control.joint_target_q)
-        self._mass = float(model.body_mass.numpy()[0].sum())
         self._place = model.dof(self.base)
         self._start = torch.zeros(self.num_worlds, model.dof_count, device=device)
         self._start[:, self._place + 2] = self.height + 0.02  # legs that are less bent are longer

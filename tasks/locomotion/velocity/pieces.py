@@ -164,18 +164,21 @@ def tracking(error: torch.Tensor, width: float) -> torch.Tensor:
     return torch.exp(-(error / width).square())
 
 
-def swinging(time_in_air: torch.Tensor, moving: torch.Tensor, *, least: float, longest: float) -> torch.Tensor:
-    """Return (W,) number of feet with least < t_air < longest, where the robot is to move.
+def stepping(
+    time_in_air: torch.Tensor, time_in_contact: torch.Tensor, moving: torch.Tensor, *, least: float, longest: float
+) -> torch.Tensor:  # fmt: skip
+    """Return (W,) number of feet whose swing or stance has lasted least < t < longest, where the robot is to move.
 
-    Feet that tremble earn nothing, nor does one that stays up. Over a swing the pay adds up to
-    clamp(t_air, least, longest) - least, the usual pay for a landing.
+    The usual pay for a landing, clamp(t_air, least, longest) - least, comes as it is earned, and stances earn it too:
+    otherwise two feet hop while the others stay up. Feet that tremble, stand for long or stay up earn nothing.
 
     Args:
-        time_in_air: (W, N) since feet touched last [s] (``feet.time_in_air``).
+        time_in_air, time_in_contact: (W, N) of the feet, one of them 0 [s] (``feet.time_in_air`` and so on).
         moving: (W,) 1 where the robot is to move.
-        least, longest: part of a swing that is paid for [s].
+        least, longest: part of a swing or stance that is paid for [s].
     """
-    return ((time_in_air > least) & (time_in_air < longest)).sum(dim=1) * moving
+    lasted = torch.maximum(time_in_air, time_in_contact)
+    return ((lasted > least) & (lasted < longest)).sum(dim=1) * moving
 
 
 def standing_still(joint_error: torch.Tensor, moving: torch.Tensor) -> torch.Tensor:

@@ -101,15 +101,15 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         self.ground.record(velocity[:, :2], self.command[:, :2])
         period, moving = self.config.control_dt, pieces.is_moving(self.command)
         terms = {
-            "speed": 2.0 * pieces.tracking(speed_error, 0.5),
-            "turn": 1.0 * pieces.tracking(turn_error, 0.5),
+            "speed": 2.0 * pieces.tracking(speed_error, 0.5 * self.config.max_speed),
+            "turn": 1.0 * pieces.tracking(turn_error, 0.5 * self.config.max_turn),
             "bounce": -2.0 * pieces.bouncing(velocity),
             "rock": -0.02 * pieces.rocking(turning),
             "tilt": -2.5 * pieces.tilt(pieces.projected_gravity(self.views, self.body)),
             "posture": -0.1 * pieces.squares(self.angles),
             "acceleration": -1e-7 * pieces.squares((self.rates - self.rates_before) / period),
             "smooth": -0.01 * pieces.squares(self.action - self.before),
-            "swing": 0.25 * pieces.swinging(self.on_feet.time_in_air, moving, least=0.1, longest=0.3),
+            "steps": 0.25 * pieces.stepping(*self.on_feet.phases, moving, least=0.1, longest=0.3),
             "slip": -0.05 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
         }
         return {**{name: period * term for name, term in terms.items()}, "fall": -2.0 * self.terminations()["fell"]}

@@ -127,12 +127,14 @@ def test_rewards_of_feet():
     assert pieces.stumbling(torch.zeros(1, 4, 3)).item() == 0.0
 
 
-def test_feet_are_paid_for_swings_that_are_long_enough():
+def test_feet_are_paid_for_swings_and_stances_of_the_right_length():
     in_air = torch.tensor([[0.0, 0.05, 0.2, 0.9], [0.3, 0.3, 0.0, 0.0]])
-    assert pieces.swinging(in_air, torch.tensor([1.0, 0.0]), least=0.1, longest=0.4).tolist() == [1.0, 0.0]
+    standing = torch.tensor([[0.15, 0.0, 0.0, 0.0], [0.0, 0.0, 0.2, 0.2]])
+    moving = torch.tensor([1.0, 0.0])
+    assert pieces.stepping(in_air, standing, moving, least=0.1, longest=0.4).tolist() == [2.0, 0.0]
     for swing in (0.06, 0.24, 0.5):
         times = torch.arange(0.0, swing, 1e-4).view(-1, 1)
-        paid = 1e-4 * pieces.swinging(times, torch.ones(len(times)), least=0.1, longest=0.4).sum()
+        paid = 1e-4 * pieces.stepping(times, 0.0 * times, torch.ones(len(times)), least=0.1, longest=0.4).sum()
         assert float(paid) == pytest.approx(min(max(swing, 0.1), 0.4) - 0.1, abs=2e-4)  # two steps of the sum
 
 
