@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from simwarp.core.types import PositionDrive
@@ -45,7 +45,7 @@ class HexapodVelocity(QuadrupedVelocity):
     action_size: int = 18
     training: ClassVar[Mapping[str, Any]] = {**QuadrupedVelocity.training, "network.init_std": 0.4}
     trunk: ClassVar[str] = "base"
-    feet: ClassVar[Sequence[str]] = tuple(f"foot_{leg}" for leg in _LEGS)
+    feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)
     stance: ClassVar[Mapping[str, float]] = {f"{k}_{leg}": 0.0 for k in ("hip", "femur", "tibia") for leg in _LEGS}
     height: ClassVar[float] = HEXAPOD_STANCE
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+import simwarp as sw
 from simwarp.core.interop import to_torch
 from simwarp.tasks import check_step, make, replace_fields
 from simwarp.tasks.locomotion.velocity import quadruped
@@ -19,6 +20,7 @@ from simwarp.train.evaluation.evaluation import evaluate
 from simwarp.train.networks.policies import find_policy, network_policy, zero_policy
 from simwarp.train.runs.training import train
 
+GO2 = Path(__file__).parents[4] / "../shared/reference/robots/mjcf/go2/go2.xml"
 JOINTS = {"quadruped-velocity": 12, "hexapod-velocity": 18}
 both = pytest.mark.parametrize("name", list(JOINTS))
 grounds = pytest.mark.parametrize("ground", list(Ground))
@@ -252,6 +254,32 @@ def test_rough_ground_ends_at_its_edge_and_tells_its_level():
     assert result.truncated.tolist() == [False, True]
     assert task.end_reasons[result.end_reason[1]] == "edge"
     assert (result.metrics["level"] >= 0.0).all()
+
+
+@pytest.mark.skipif(not GO2.exists(), reason="no reference robots here")
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_an_imported_robot_is_another_subclass():
+    class Imported(QuadrupedVelocity):
+        trunk, base, height = "base_link", "joint0", 0.29
+        feet = ("FL", "FR", "RL", "RR")
+
+        def robot(self):
+            robot = sw.importers.load_mjcf(GO2)
+            for joint in self.stance:
+                robot.set_drive(joint, sw.PositionDrive(stiffness=40.0, damping=1.0, effort_limit=23.7))
+            return robot.builder
+
+        def visuals(self, visuals):
+            """As in the file."""
+
+    task = Imported(VelocityConfig(start_angle=0.0), 2)
+    own = make("quadruped-velocity", 2)
+    assert task.observation_names == own.observation_names
+    for _ in range(150):
+        result = task.step(idle(task))
+    assert not result.terminated.any()
+    weight = 9.81 * float(task.simulation.model.body_mass.numpy()[0].sum())
+    assert task.on_feet.force[:, :, 2].sum(dim=1).tolist() == pytest.approx([weight] * 2, rel=0.02)  # to 1e-3 m/s
 
 
 # ---- laws of every task ---------------------------------------------------------------------------------------------
