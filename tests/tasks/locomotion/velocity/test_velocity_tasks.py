@@ -279,7 +279,8 @@ def test_an_imported_robot_is_another_subclass():
         result = task.step(idle(task))
     assert not result.terminated.any()
     weight = 9.81 * float(task.simulation.model.body_mass.numpy()[0].sum())
-    assert task.on_feet.force[:, :, 2].sum(dim=1).tolist() == pytest.approx([weight] * 2, rel=0.02)  # to 1e-3 m/s
+    # It still sways: at 0.3 m/s2 some 3 % of the weight are inertia
+    assert task.on_feet.force[:, :, 2].sum(dim=1).tolist() == pytest.approx([weight] * 2, rel=0.05)
 
 
 # ---- laws of every task ---------------------------------------------------------------------------------------------
