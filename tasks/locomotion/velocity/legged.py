@@ -14,7 +14,7 @@ from simwarp import to_torch
 from ...framework.rotations import heading_of
 from ...framework.task import Task
 from . import pieces
-from .config import VelocityConfig
+from .config import Seen, VelocityConfig
 from .ground import RoughGround, ground_of
 
 if TYPE_CHECKING:
@@ -88,7 +88,8 @@ class LeggedTask(Task[LeggedT]):
         self.ground.bind(self)
         self.body = model.body(self.trunk)
         self._mass = float(model.body_mass.numpy()[0].sum())
-        light = 0.01 * 9.81 * self._mass  # a hundredth of the weight: no touch by mistake, and none missed
+        self._weight = 9.81 * self._mass
+        light = 0.01 * self._weight  # no touch by mistake, and none missed
         self.on_feet = self.contacts(*self.feet, threshold=light)
         self.on_trunk = self.contacts(self.trunk, threshold=light)
         self._columns = torch.tensor([model.dof(joint) for joint in self.stance], device=device)
@@ -114,6 +115,12 @@ class LeggedTask(Task[LeggedT]):
         """Return (W, N) heights of the ground around, over that of a standing robot's feet [m]."""
         place = self.views.body_q[:, self.body]
         return self.ground.scan(place[:, :3], heading_of(place[:, 3:]))
+
+    def privileged(self) -> torch.Tensor | None:
+        """Return the observations with a scan, and forces on the feet as shares of the weight, for a critic alone."""
+        groups = self.observations_of(Seen.SCAN.value)
+        assert groups is not None  # all tasks on legs have them
+        return torch.cat([groups["policy"], self.on_feet.force.flatten(1) / self._weight], dim=1)
 
     def begin_step(self) -> None:
         """Store what a difference needs; push, where there are pushes."""

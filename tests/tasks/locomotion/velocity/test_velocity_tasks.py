@@ -111,6 +111,16 @@ def test_teachers_see_more_of_the_same_worlds(ground):
     np.testing.assert_allclose(heights, sunk, atol=1e-5)
 
 
+def test_a_critic_may_see_the_ground_and_the_feet():
+    task = make("quadruped-velocity", 2, obs=Seen.HISTORY)
+    for _ in range(50):
+        task.step(idle(task))
+    seen = task.observe_privileged()
+    assert torch.equal(seen[:, :125], task.observe_as("scan")["policy"])
+    upwards = seen[:, 125:].view(2, 4, 3)[:, :, 2]
+    assert upwards.sum(dim=1).tolist() == pytest.approx([1.0, 1.0], abs=0.05)  # it still sways a little
+
+
 # ---- rewards and metrics --------------------------------------------------------------------------------------------
 
 
