@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from simwarp.core.types import ModelError, shown
-from simwarp.model.checks import checked_member, positive_number, whole_number
+from simwarp.model.checks import checked_choice, positive_number, whole_number
 from simwarp.scenery.solids import between, stream, tone
 
 Array = npt.NDArray[np.float64]
@@ -28,7 +28,7 @@ Nodes = npt.NDArray[np.int64]
 LEVELS: Final = 10
 """Levels of difficulty, 0 to 9."""
 _COLORS: Final = ("5f6fc0", "3f97b8", "5fc08a", "c8d85a", "fff07a")
-"""Of the levels from the easiest to the hardest: blue, green, yellow, ever brighter, so that everybody can tell them."""
+"""Of the levels from the easiest to the hardest: ever brighter, so that everybody can tell them apart."""
 _BOXES: Final = 60
 """Boxes and pits of `GroundKind.STEPS`; later ones lie over earlier ones."""
 
@@ -74,6 +74,10 @@ class GroundPatch:
         gap: width of the gaps [m].
         land: width of the ground between gaps [m].
         depth: of what is between stones, and of gaps [m].
+
+    Raises:
+        ModelError: a size is not positive, the side is no even number of cells, or nothing is left between the platform
+            and the rim.
     """
 
     side: float = 8.0
@@ -94,12 +98,7 @@ class GroundPatch:
     depth: float = 0.6
 
     def __post_init__(self) -> None:
-        """Hold the sizes to their rules.
-
-        Raises:
-            ModelError: a size is not positive, the side is no even number of cells, or nothing is left between the
-                platform and the rim.
-        """
+        """Hold the sizes to their rules."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             unit = "rad" if field.name == "slope" else "m"
@@ -168,7 +167,8 @@ def ground_patch(
     Raises:
         ModelError: there is no such kind or level, or the seed is no whole number.
     """
-    chosen = checked_member("ground_patch", "kind", kind, GroundKind)
+    names = [each.value for each in GroundKind]
+    chosen = kind if isinstance(kind, GroundKind) else GroundKind(checked_choice("ground_patch", "kind", kind, names))
     sizes = GroundPatch() if patch is None else patch
     whole_number("ground_patch", "level", level, 0, LEVELS - 1, "pass a level")
     whole_number("ground_patch", "seed", seed, 0, 2**63 - 1, "pass a seed")
@@ -181,7 +181,8 @@ def level_colors() -> Array:
     anchors = np.array([tone(code) for code in _COLORS])
     place = np.linspace(0.0, len(anchors) - 1.0, LEVELS)
     index = np.minimum(place.astype(int), len(anchors) - 2)
-    return np.concatenate([between(anchors[i], anchors[i + 1], [t - i]) for i, t in zip(index, place, strict=True)])
+    rows = [between(anchors[i], anchors[i + 1], [t - i]) for i, t in zip(index, place, strict=True)]
+    return np.concatenate(rows).astype(np.float64)
 
 
 def _rings(patch: GroundPatch) -> Nodes:
@@ -192,7 +193,7 @@ def _rings(patch: GroundPatch) -> Nodes:
 
 def _axis(patch: GroundPatch) -> Array:
     """(columns,) coordinates of the nodes [m]."""
-    return np.arange(-patch.half, patch.half + 1) * patch.spacing
+    return np.arange(-patch.half, patch.half + 1, dtype=np.float64) * patch.spacing
 
 
 def _between(patch: GroundPatch, heights: Array, blend: float = 0.4) -> Array:

@@ -25,8 +25,9 @@ import numpy as np
 import torch
 import warp as wp
 
-from simwarp.kernels.tasks.locomotion.ground import (
+from simwarp.kernels.tasks.locomotion.walking_ground import (
     Climb,
+    Heights,
     Patches,
     Rules,
     choose_patch,
@@ -37,11 +38,12 @@ from simwarp.kernels.tasks.locomotion.ground import (
     tell_heights,
 )
 from simwarp.scenery.rough_ground import LEVELS, GroundKind, GroundPatch, ground_patch, level_colors
-from simwarp.tasks import Ge, Le, NotNegative, Positive
+from simwarp.tasks import Ge, Le, NotNegative
 
 from ...framework.config import require
 from ...framework.launching import TensorFunction, TensorLaunch, fill, filled
 from ...framework.plain import Settings
+from .height_scan import GridScan, ScanConfig
 
 if TYPE_CHECKING:
     from simwarp import Material, ModelBuilder
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
 __all__ = ["Climbing", "FlatGround", "Ground", "RoughConfig", "RoughGround", "ScanConfig", "ground_of"]
 
 ANY_LEVEL = -1
+BEYOND = 0.5
+"""Distance of a base from the platform at which its feet are off it [m]."""
 
 
 class Ground(enum.Enum):
@@ -67,32 +71,6 @@ class Climbing(enum.Enum):
     NEVER = "never"
     TRAINING = "training"
     ALWAYS = "always"
-
-
-@dataclasses.dataclass(frozen=True)
-class ScanConfig(Settings):
-    """Grid of the height scan, in the axes of the robot's heading, centred below its base.
-
-    Attributes:
-        ahead, across: number of points along and across the heading.
-        spacing: of the points [m].
-        limit: heights beyond this, above or below the feet of a standing robot, are cut off [m].
-    """
-
-    NAMED: ClassVar[bool] = True
-    ahead: Annotated[int, Ge(1), Le(101)] = 11
-    across: Annotated[int, Ge(1), Le(101)] = 7
-    spacing: Positive = 0.1
-    limit: Positive = 0.5
-
-    def points(self) -> np.ndarray[Any, np.dtype[np.float32]]:
-        """(N, 2) points ahead and to the left [m]: row by row from behind, each from right to left."""
-        x, y = ((np.arange(count) - 0.5 * (count - 1)) * self.spacing for count in (self.ahead, self.across))
-        return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float32)
-
-    def names(self) -> list[str]:
-        """Names of the N points, for ``observation_names``."""
-        return [f"ground {x:+.2f} ahead {y:+.2f} left" for x, y in self.points().tolist()]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,12 +124,14 @@ class FlatGround:
     Attributes:
         start: height of the ground below a robot that starts in the middle [m].
         shape: index of the ground among the shapes, once built.
-        level: (W,) int64, of the patches that worlds show, once bound.
+        kind, level: (W,) int64, of the patches that worlds show, the kind among the configured ones; once bound. Of a
+            plane they are 0.
     """
 
     scene_arrays: ClassVar[tuple[str, ...]] = ()
     start: ClassVar[float] = 0.0
     shape: int
+    kind: torch.Tensor
     level: torch.Tensor
 
     def __init__(self, scan: ScanConfig, stand: float) -> None:
@@ -174,16 +154,9 @@ class FlatGround:
     def bind(self, task: Task[Any]) -> None:
         """Make tables of a task's worlds; its simulation exists."""
         device = task.device
-        self.level = torch.zeros(task.num_worlds, dtype=torch.int64, device=device)
+        self.kind, self.level = torch.zeros(2, task.num_worlds, dtype=torch.int64, device=device)
         self._outside = torch.zeros(task.num_worlds, dtype=torch.bool, device=device)
-        numbers = [self.grid(device), self.stand, self.scanned.limit]
-        self._scan = TensorFunction(
-            scan_plane, numbers, [(torch.float32, ())], device, dimensions=2
-        )  # fmt: skip
-
-    def grid(self, device: torch.device) -> torch.Tensor:
-        """(N, 2) points of the scan ahead and to the left [m]."""
-        return torch.from_numpy(self.scanned.points()).to(device)
+        self._scan = GridScan(scan_plane, self.scanned, self.stand, task.num_worlds, device)
 
     def choose(self, world_mask: torch.Tensor) -> None:
         """Give the worlds of a mask (W,) bool the ground of their next episode."""
@@ -203,8 +176,7 @@ class FlatGround:
             position: (W, 3) of the bases, world [m].
             yaw: (W,) headings [rad].
         """
-        worlds = (len(position), len(self.scanned.points()))
-        return self._scan(position.float().contiguous(), shape=worlds)[0]
+        return self._scan(position, yaw)
 
     def outside(self, position: torch.Tensor) -> torch.Tensor:
         """Return (W,) bool: the base, at (W, 2 or 3) [m], is on the level rim, beyond which there is no ground."""
@@ -259,10 +231,10 @@ class RoughGround(FlatGround):
 
     **Levels.** A world that climbs keeps its kind of ground. After an episode it goes up where its robot walked more
     than ``up`` times the way that a patch has room for, from the middle to the rim, or that it was commanded to walk,
-    whichever is the smaller; it goes down where it covered less than ``down`` times the commanded way; who masters the
-    last level goes to a random one (Rudin et al. 2021, sec. IV). The way counts along the command and no faster than
-    it: a robot that slides, or runs ahead, gains nothing. An episode that ends by a fall is held to the way that was
-    still to come.
+    whichever is the smaller, and was off the platform with all feet: circles on level ground gain nothing. It goes
+    down where it covered less than ``down`` times the commanded way; who masters the last level goes to a random one
+    (Rudin et al. 2021, sec. IV). The way counts along the command and no faster than it: a robot that slides, or runs
+    ahead, gains nothing. An episode that ends by a fall is held to the way that was still to come.
 
     The framework's :class:`~simwarp.tasks.Curriculum` does not fit: its level is a share of difficulty that every
     success raises and every failure lowers. Here a level is one of ten patches, most episodes end neither in success
@@ -280,7 +252,6 @@ class RoughGround(FlatGround):
     Attributes:
         model_arrays: model parameters that it writes, for ``per_world``.
         reach: distance from the middle, along x or y, at which a base is outside [m].
-        kind: (W,) int64, index among the configured kinds, once bound.
     """
 
     model_arrays: ClassVar[tuple[str, ...]] = ("shape_asset",)
@@ -336,12 +307,17 @@ class RoughGround(FlatGround):
             first=config.first,
             fixed=config.level,
             reach=self.reach,
+            beyond=0.5 * self.patch.platform + BEYOND,
             up=config.up,
             down=config.down,
             least=config.least,
             **{name: task.random.stream(purpose) for name, purpose in streams.items()},
         )
-        flags, whole, lengths = ("climbing", "judged"), ("kind", "level", "variant"), ("walked", "asked", "expected")
+        flags, whole, lengths = (
+            ("climbing", "judged"),
+            ("kind", "level", "variant"),
+            ("walked", "asked", "expected", "farthest"),
+        )
         dtypes = {torch.int32: flags, torch.int64: whole, torch.float32: lengths}
         self._state = {
             name: torch.zeros(worlds, dtype=dtype, device=device) for dtype, names in dtypes.items() for name in names
@@ -349,12 +325,20 @@ class RoughGround(FlatGround):
         self.level, self.kind = self._state["level"], self._state["kind"]
         self._climb = filled(Climb, **self._state)
         self._draws = task.random.draws
-        height, numbers = [(torch.float32, ())], [self.grid(device), self.stand, self.scanned.limit]
-        tables = [self._patches, model.assets]
-        self._height = TensorFunction(tell_heights, tables, height, device, dimensions=2)
-        self._scan = TensorFunction(scan_field, [*numbers, *tables], height, device, dimensions=2)
+        heights = filled(
+            Heights,
+            shape=self.shape,
+            nodes=2 * self.patch.half + 1,
+            scale=1.0 / self.patch.spacing,
+            shape_asset=model.shape_asset,
+            start=model.assets.field_start,
+            height=model.assets.field_height,
+        )
+        self._height = TensorFunction(tell_heights, [heights], [(torch.float32, ())], device, dimensions=2)
+        self._scan = GridScan(scan_field, self.scanned, self.stand, worlds, device, [heights])
         timed = [task.episode_clock, task.config.max_episode_steps, task.config.control_dt]
         self._walk = TensorFunction(record_walk, [*timed, self._climb], [], device)
+        self._place = task.map_position
         self._record_launches()
         self._climbs = False
         if config.climbing is Climbing.ALWAYS:
@@ -379,27 +363,28 @@ class RoughGround(FlatGround):
     def scan(self, position: torch.Tensor, yaw: torch.Tensor) -> torch.Tensor:
         """Return heights (W, N) [m] below the grid; see :class:`FlatGround`.
 
-        They are looked up in the height field. Rays give the same (:class:`RayScan`) and cost more.
+        They are looked up in the height field. Rays (``height_scan.RayScan``) tell the same and cost more.
 
         Args:
             position: (W, 3) of the bases, world [m].
             yaw: (W,) headings [rad].
         """
-        shape = (len(position), len(self.scanned.points()))
-        return self._scan(position.float().contiguous(), yaw.float().contiguous(), shape=shape)[0]
+        return self._scan(position, yaw)
 
     def outside(self, position: torch.Tensor) -> torch.Tensor:
         """Return (W,) bool: the base, at (W, 2 or 3) [m], is on the level rim, beyond which there is no ground."""
         return position[:, :2].abs().amax(dim=1) > self.reach
 
     def record(self, velocity: torch.Tensor, command: torch.Tensor) -> None:
-        """Count a control step for the curriculum; see :class:`FlatGround`.
+        """Count a control step for the curriculum; see :class:`FlatGround`. Bases are at ``Task.map_position``.
 
         Args:
             velocity: (W, 2) of the bases [m/s].
             command: (W, 2) velocities that they should have, in the same axes [m/s].
         """
-        self._walk(velocity.float().contiguous(), command.float().contiguous())
+        place = self._place()
+        assert place is not None
+        self._walk(*(part.float().contiguous() for part in (velocity, command, place)))
 
     def climb(self, climbing: bool = True) -> None:
         """Let levels follow what robots achieve, from their next episodes on; or no more. Twice is as once."""

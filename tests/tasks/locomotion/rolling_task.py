@@ -11,7 +11,8 @@ import torch
 import simwarp as sw
 from simwarp.scenery import GroundKind
 from simwarp.tasks import Task, TaskConfig
-from simwarp.tasks.locomotion.velocity.ground import FlatGround, Ground, RoughConfig, RoughGround, ScanConfig, ground_of
+from simwarp.tasks.locomotion.velocity.ground import FlatGround, Ground, RoughConfig, RoughGround, ground_of
+from simwarp.tasks.locomotion.velocity.height_scan import ScanConfig
 
 RADIUS = 0.1
 DROP = 0.005

@@ -10,12 +10,14 @@ import torch
 
 import simwarp as sw
 from simwarp.core.interop import to_torch
+from simwarp.core.types import ShapeType
 from simwarp.scenery import LEVELS, GroundKind, GroundPatch, ground_patch, height_at, level_colors
 from simwarp.sensors import Visuals
 from simwarp.tasks import InputError
 from simwarp.tasks.framework.plain import config_from_plain, config_to_plain
-from simwarp.tasks.locomotion.velocity.ground import Climbing, Ground, RoughConfig, RoughGround, ScanConfig, ground_of
-from simwarp.tasks.locomotion.velocity.ray_scan import RayScan
+from simwarp.tasks.locomotion.velocity.ground import Climbing, Ground, RoughConfig, RoughGround, ground_of
+from simwarp.tasks.locomotion.velocity.height_scan import RayScan, ScanConfig
+from simwarp.viewer.live.batches import Batches
 from tests.reference.levels import Climber
 from tests.tasks.locomotion.rolling_task import RADIUS, Rolling, rolling
 
@@ -43,12 +45,12 @@ def put(task: Rolling, x: torch.Tensor, y: torch.Tensor, z: torch.Tensor | float
     to_torch(task.simulation.state.body_omega).zero_()
 
 
-def finish(task: Rolling, walked: torch.Tensor, asked: torch.Tensor, mask: torch.Tensor | None = None) -> None:
-    """End an episode in which so much was walked, and so much commanded [m]."""
+def finish(task: Rolling, walked: float, asked: float) -> None:
+    """End an episode in which so much was walked, up to the rim, and so much commanded [m]."""
     state = task.ground.extra_state()
-    for name, values in (("walked", walked), ("asked", asked), ("expected", asked)):
-        state[f"ground_{name}"].copy_(values)
-    task.ground.choose(torch.ones(task.num_worlds, dtype=torch.bool) if mask is None else mask)
+    for name, value in (("walked", walked), ("asked", asked), ("expected", asked), ("farthest", 3.4)):
+        state[f"ground_{name}"].fill_(value)
+    task.ground.choose(torch.ones(task.num_worlds, dtype=torch.bool))
 
 
 # ---- heights -----------------------------------------------------------------------------------------------------
@@ -60,8 +62,8 @@ def test_heights_are_those_of_the_patch_that_a_world_shows():
     found = task.ground.height(points).numpy()
     for world in range(40):
         wanted = height_at(patch_of(task, world), (SIDE, SIDE), points[world].double().numpy())
-        # heights of up to 1.2 m in float32
-        np.testing.assert_allclose(found[world], wanted, atol=2e-7)
+        # places are rounded to 1e-5 cells; a cell may rise by 0.6 m
+        np.testing.assert_allclose(found[world], wanted, atol=1e-5)
     assert len({(int(kind), int(level)) for kind, level in zip(task.ground.kind, task.ground.level, strict=True)}) > 25
 
 
@@ -119,14 +121,15 @@ def test_a_scan_is_the_ground_below_the_grid_over_the_feet(kind):
                 if kind is Ground.ROUGH:
                     below = float(height_at(patch_of(task, world), (SIDE, SIDE), [(float(x), float(y))])[0])
                 wanted.append(np.clip(below - (float(position[world, 2]) - RADIUS), -0.3, 0.3))
-        # places are rounded to float32, 4e-7 m at most; facets rise by up to 12 times that
-        np.testing.assert_allclose(found[world], wanted, atol=1e-5)
+        # the same, and the grid is turned in float32
+        np.testing.assert_allclose(found[world], wanted, atol=2e-5)
     assert len(scan.names()) == 77
     assert scan.names()[0] == "ground -0.60 ahead -0.36 left"
 
 
 def test_rays_see_what_is_looked_up():
     task = rolling(30, rough=EVERY)
+    assert task.builder is not None
     visuals = Visuals(task.builder)
     visuals.hide(*(index for index, shape in enumerate(task.builder.shapes) if shape.name == "ball"))
     rays = RayScan(visuals.finalize(task.simulation.model), task.simulation, task.config.scan, RADIUS)
@@ -176,7 +179,7 @@ def test_without_training_levels_and_kinds_are_drawn():
     counts = torch.bincount(task.ground.level, minlength=LEVELS)
     assert counts.min() > 10
     before = task.ground.level.clone()
-    finish(task, torch.full((300,), 100.0), torch.full((300,), 10.0))
+    finish(task, 100.0, 10.0)
     task.restart()  # the next episodes
     assert not torch.equal(before, task.ground.level)
     assert task.metrics()["level"].tolist() == task.ground.level.tolist()
@@ -192,12 +195,12 @@ def test_a_climb_begins_on_the_first_levels_and_keeps_the_kind():
     # running episodes go on as they were
     assert torch.equal(task.ground.level, shown[0])
     assert torch.equal(task.ground.kind, shown[1])
-    finish(task, torch.full((30,), 100.0), torch.full((30,), 10.0))
+    finish(task, 100.0, 10.0)
     assert set(task.ground.level.tolist()) == {0, 1, 2}
     first = task.ground.level.clone()
     assert task.ground.kind.tolist() == [0, 1] * 15
     task.on_iteration(1)  # again is as once
-    finish(task, torch.full((30,), 100.0), torch.full((30,), 10.0))
+    finish(task, 100.0, 10.0)
     assert torch.equal(task.ground.level, first + 1)
     assert task.ground.kind.tolist() == [0, 1] * 15
     never = rolling(30, rough=RoughConfig(climbing=Climbing.NEVER))
@@ -213,8 +216,8 @@ def test_levels_follow_the_way_that_was_walked():
     ground, dt = task.ground, task.config.control_dt
     assert isinstance(ground, RoughGround)
     judged = {"up": 0, "down": 0, "stay": 0, "mastered": 0}
-    for _ in range(4):
-        climbers = [Climber(int(level), reach=3.5, up=0.75, down=0.5, least=1.0) for level in ground.level]
+    for _ in range(6):
+        climbers = [Climber(int(level), reach=3.5, beyond=1.5, up=0.75, down=0.5, least=1.0) for level in ground.level]
         # long episodes, of steps of a second: from none to twice the command, which is none in every tenth world
         command = torch.randn(worlds, 2, generator=draws) * (torch.rand(worlds, 1, generator=draws) > 0.1)
         share, aside = torch.rand(2, worlds, 1, generator=draws) * 2.0 - 0.2
@@ -224,6 +227,8 @@ def test_levels_follow_the_way_that_was_walked():
             task.episode_clock.copy_(torch.where(going, step + 1, task.episode_clock))
             velocity = share * command + aside * command.flip(1) * torch.tensor([-1.0, 1.0])
             left = (task.config.max_episode_steps - task.episode_clock) * dt
+            place = torch.randn(worlds, 3, generator=draws)
+            task.views.body_q[:, task.ball, :3] = place
             before = {name: values.clone() for name, values in ground.extra_state().items()}
             for _ in range(40):  # of 0.02 s
                 ground.record(velocity, command)
@@ -231,7 +236,7 @@ def test_levels_follow_the_way_that_was_walked():
                 values.copy_(torch.where(going, values, before[name]))
             for world, climber in enumerate(climbers):
                 for _ in range(40 if going[world] else 0):
-                    climber.walk(velocity[world].numpy(), command[world].numpy(), dt, float(left[world]))
+                    climber.walk(velocity[world].numpy(), command[world].numpy(), place[world], dt, float(left[world]))
         ground.choose(torch.ones(worlds, dtype=torch.bool))
         for world, climber in enumerate(climbers):
             verdict, level = climber.judge(), int(ground.level[world])
@@ -249,7 +254,7 @@ def test_who_masters_the_last_level_goes_to_any():
     task = rolling(200, rough=RoughConfig(climbing=Climbing.ALWAYS))
     for level in range(LEVELS):
         assert task.ground.level.tolist() == [level] * 200
-        finish(task, torch.full((200,), 10.0), torch.full((200,), 10.0))
+        finish(task, 10.0, 10.0)
     counts = torch.bincount(task.ground.level, minlength=LEVELS)
     # 20 worlds on each of ten levels, five standard deviations of 4.2
     assert counts.min() > 0
@@ -260,7 +265,7 @@ def test_an_episode_that_was_not_to_walk_decides_nothing():
     task = rolling(3, rough=RoughConfig(climbing=Climbing.ALWAYS, first=LEVELS - 1))
     before = task.ground.level.clone()
     for walked in (0.0, 0.9, 5.0):
-        finish(task, torch.full((3,), walked), torch.full((3,), 0.9))
+        finish(task, walked, 0.9)
         assert torch.equal(task.ground.level, before)
 
 
@@ -300,14 +305,14 @@ def test_only_worlds_of_the_mask_get_another_patch():
 
 
 def test_a_resumed_run_goes_on_bit_by_bit():
-    config = {"rough": RoughConfig(climbing=Climbing.TRAINING, first=4)}
-    task = rolling(5, seed=2, **config)
+    config = RoughConfig(climbing=Climbing.TRAINING, first=4)
+    task = rolling(5, seed=2, rough=config)
     task.on_iteration(0)
     action = torch.tensor([0.6, 0.1]) * torch.ones(5, 2)
     for _ in range(55):
         task.step(action)
     saved = task.state_dict()
-    other = rolling(5, seed=9, **config)
+    other = rolling(5, seed=9, rough=config)
     other.load_state_dict(saved)
     shown = [to_torch(each.simulation.model.shape_asset)[:, each.ground.shape] for each in (task, other)]
     assert torch.equal(*shown)
@@ -347,6 +352,20 @@ def test_patches_have_the_color_of_their_level():
     ball = to_torch(scene.color)[:, scene.instance("ball")]
     assert (ball == ball[0]).all()
     assert len(rolling(2, ground=Ground.FLAT).scene().names) == 2
+
+
+def test_the_live_viewer_shows_each_patch_in_the_color_of_its_level():
+    task = rolling(9)
+    shown = Batches(task.scene(), list(range(9)))
+    for _ in range(2):
+        patches = [batch for batch in shown.batches if batch.key[0] == ShapeType.HEIGHT_FIELD]
+        seen = {int(row): color for batch in patches for row, color in zip(batch.rows, batch.colors, strict=True)}
+        assert sorted(seen) == list(range(9))
+        for world, level in enumerate(task.ground.level.tolist()):
+            # times the mean of the checker's squares; in bytes
+            np.testing.assert_allclose(seen[world], 255.0 * 0.925 * level_colors()[level], atol=1.0)
+        task.restart()
+        assert shown.read_scenery()
 
 
 def test_configurations_are_held_to_their_rules():

@@ -3,7 +3,6 @@
 import warp as wp
 
 from simwarp.kernels.collision.shape import Assets
-from simwarp.kernels.collision.surfaces import height_field_height
 from simwarp.kernels.core.spatial import to_double
 from simwarp.kernels.rays.cast import closest_hit
 from simwarp.kernels.rays.instances import RayScene, start_of_ray
@@ -31,12 +30,25 @@ class Patches:
 
 
 @wp.struct
+class Heights:
+    """What a height below a point is made of: little, as every thread of a CPU copies it."""
+
+    shape: int  # the ground's in the model
+    nodes: int  # along each side
+    scale: float  # cells per metre
+    shape_asset: wp.array2d[int]  # (W, S) the model's
+    start: wp.array[int]  # of the model's height fields in
+    height: wp.array[float]  # all of their nodes [m]
+
+
+@wp.struct
 class Rules:
     """How levels are chosen."""
 
     first: int  # worlds begin to climb on levels 0 to this
     fixed: int  # level of worlds that do not climb; -1: any
     reach: float  # distance from the middle to where a patch is left [m]
+    beyond: float  # distance from the middle that is to be exceeded to go up [m]
     up: float  # share of the way that is enough to go up
     down: float  # share of the commanded way below which a world goes down
     least: float  # commanded way below which nothing is decided [m]
@@ -58,6 +70,7 @@ class Climb:
     walked: wp.array[float]  # way along the command in this episode [m]
     asked: wp.array[float]  # way that was commanded so far [m]
     expected: wp.array[float]  # and up to the end of the episode, if it goes on as now [m]
+    farthest: wp.array[float]  # from the middle, along x or y, in this episode [m]
 
 
 @wp.func
@@ -87,7 +100,7 @@ def level_after(world: int, levels: int, rules: Rules, draws: Draws, climb: Clim
         return whole_at(rules.begin, world, draws, rules.first + 1)
     if expected < rules.least:
         return level
-    if walked > rules.up * wp.min(rules.reach, expected):
+    if walked > rules.up * wp.min(rules.reach, expected) and climb.farthest[world] > rules.beyond:
         if level + wp.int64(1) < wp.int64(levels):
             return level + wp.int64(1)
         return whole_at(rules.level, world, draws, levels)
@@ -122,6 +135,7 @@ def choose_patch(
     climb.walked[world] = 0.0
     climb.asked[world] = 0.0
     climb.expected[world] = 0.0
+    climb.farthest[world] = 0.0
     show_patch(world, patches, climb)
 
 
@@ -134,7 +148,8 @@ def show_patches(patches: Patches, climb: Climb):
 @wp.kernel
 def record_walk(
     # inputs
-    velocity: wp.array[wp.vec2], command: wp.array[wp.vec2], clock: wp.array[wp.int64], limit: int, dt: float,
+    velocity: wp.array[wp.vec2], command: wp.array[wp.vec2], position: wp.array[wp.vec3], clock: wp.array[wp.int64],
+    limit: int, dt: float,
     # outputs
     climb: Climb,
 ):  # fmt: skip
@@ -145,82 +160,106 @@ def record_walk(
         along = wp.dot(velocity[world], command[world]) / speed
         climb.walked[world] = climb.walked[world] + dt * wp.min(along, speed)
         climb.asked[world] = climb.asked[world] + dt * speed
+    away = wp.max(wp.abs(position[world][0]), wp.abs(position[world][1]))
+    climb.farthest[world] = wp.max(climb.farthest[world], away)
     left = wp.max(wp.int64(limit) - clock[world], wp.int64(0))
     climb.expected[world] = climb.asked[world] + speed * dt * float(left)
 
 
 @wp.func
-def ground_height(world: int, x: wp.float64, y: wp.float64, patches: Patches, assets: Assets) -> wp.float64:
-    """Height of the ground in a world [m], of the triangles that feet stand on."""
-    asset = patches.shape_asset[world, patches.shape]
-    return height_field_height(asset, wp.vec3(1.0, 1.0, 1.0), x, y, assets).height
+def ground_height(world: int, x: float, y: float, ground: Heights) -> float:
+    """Height of the ground in a world [m], of the triangles that feet stand on; beyond the border that of its nearest
+    point. What `height_field_height` tells in float64, with a normal: in float32 places are off by a micrometre.
+    """
+    if not wp.isfinite(x + y):
+        return 0.0  # a world that broke down
+    last = float(ground.nodes - 1)
+    u = wp.clamp(x * ground.scale + 0.5 * last, 0.0, last)
+    v = wp.clamp(y * ground.scale + 0.5 * last, 0.0, last)
+    i = wp.min(int(u), ground.nodes - 2)
+    j = wp.min(int(v), ground.nodes - 2)
+    s = u - float(i)
+    t = v - float(j)
+    node = ground.start[ground.shape_asset[world, ground.shape]] + j * ground.nodes + i
+    low = ground.height[node]
+    high = ground.height[node + ground.nodes + 1]
+    # cells are cut from node (i, j) to node (i + 1, j + 1)
+    if t > s:
+        other = ground.height[node + ground.nodes]
+        return low + t * (other - low) + s * (high - other)
+    beside = ground.height[node + 1]
+    return low + s * (beside - low) + t * (high - beside)
 
 
 @wp.func
-def grid_point(position: wp.vec3, yaw: float, offset: wp.vec2) -> wp.vec2:
+def grid_point(position: wp.vec3, heading: wp.vec2, offset: wp.vec2) -> wp.vec2:
     """World place of a point that is given ahead and to the left of a robot [m]."""
-    c = wp.cos(yaw)
-    s = wp.sin(yaw)
-    return wp.vec2(position[0] + c * offset[0] - s * offset[1], position[1] + s * offset[0] + c * offset[1])
+    x = heading[0] * offset[0] - heading[1] * offset[1]
+    y = heading[1] * offset[0] + heading[0] * offset[1]
+    return wp.vec2(position[0] + x, position[1] + y)
 
 
 @wp.kernel
 def tell_heights(
     # inputs
-    point: wp.array2d[wp.vec2], patches: Patches, assets: Assets,
+    point: wp.array2d[wp.vec2], ground: Heights,
     # outputs
     height: wp.array2d[float],
 ):  # fmt: skip
     """Heights at points of each world."""
     world, i = wp.tid()
     p = point[world, i]
-    height[world, i] = float(ground_height(world, wp.float64(p[0]), wp.float64(p[1]), patches, assets))
+    height[world, i] = ground_height(world, p[0], p[1], ground)
 
 
 @wp.kernel
 def scan_field(
     # inputs
-    position: wp.array[wp.vec3], yaw: wp.array[float], grid: wp.array[wp.vec2], stand: float, limit: float,
-    patches: Patches, assets: Assets,
+    position: wp.array[wp.vec3], heading: wp.array[wp.vec2], threads: int, grid: wp.array[wp.vec2], stand: float,
+    limit: float, ground: Heights,
     # outputs
     scan: wp.array2d[float],
 ):  # fmt: skip
-    """Heights of the patch below the grid, over that of the feet of a robot that stands."""
-    world, i = wp.tid()
-    p = grid_point(position[world], yaw[world], grid[i])
-    height = float(ground_height(world, wp.float64(p[0]), wp.float64(p[1]), patches, assets))
-    scan[world, i] = wp.clamp(height - (position[world][2] - stand), -limit, limit)
+    """Heights of the patch below the grid, over that of the feet of a robot that stands.
+
+    The threads of a world share its points: one on a CPU, as many as there are points on a GPU.
+    """
+    world, first = wp.tid()
+    base = position[world]
+    for i in range(first, grid.shape[0], threads):
+        p = grid_point(base, heading[world], grid[i])
+        height = ground_height(world, p[0], p[1], ground)
+        scan[world, i] = wp.clamp(height - (base[2] - stand), -limit, limit)
 
 
 @wp.kernel
 def scan_plane(
     # inputs
-    position: wp.array[wp.vec3], grid: wp.array[wp.vec2], stand: float, limit: float,
+    position: wp.array[wp.vec3], heading: wp.array[wp.vec2], threads: int, grid: wp.array[wp.vec2], stand: float,
+    limit: float,
     # outputs
     scan: wp.array2d[float],
 ):  # fmt: skip
     """The same over the plane z = 0."""
-    world, i = wp.tid()
-    scan[world, i] = wp.clamp(stand - position[world][2], -limit, limit)
+    world, first = wp.tid()
+    for i in range(first, grid.shape[0], threads):
+        scan[world, i] = wp.clamp(stand - position[world][2], -limit, limit)
 
 
 @wp.kernel
 def scan_rays(
     # inputs
-    position: wp.array[wp.vec3], yaw: wp.array[float], grid: wp.array[wp.vec2], stand: float, limit: float,
-    lift: float, scene: RayScene, assets: Assets,
+    position: wp.array[wp.vec3], heading: wp.array[wp.vec2], threads: int, grid: wp.array[wp.vec2], stand: float,
+    limit: float, lift: float, scene: RayScene, assets: Assets,
     # outputs
     scan: wp.array2d[float],
 ):  # fmt: skip
     """The same by rays straight down, from `lift` above the base: what they meet first is the ground."""
-    world, i = wp.tid()
+    world, first = wp.tid()
     base = position[world]
-    p = grid_point(base, yaw[world], grid[i])
-    start = start_of_ray(world, to_double(wp.vec3(p[0], p[1], base[2] + lift)), scene)
-    # a ray that meets nothing within this length is clipped all the same
-    reach = lift + stand + limit
-    hit = closest_hit(world, start, wp.vec3(0.0, 0.0, -1.0), reach, scene, assets)
-    height = float(-limit)
-    if hit.t >= 0.0:
-        height = wp.clamp(lift + stand - hit.t, -limit, limit)
-    scan[world, i] = height
+    for i in range(first, grid.shape[0], threads):
+        p = grid_point(base, heading[world], grid[i])
+        start = start_of_ray(world, to_double(wp.vec3(p[0], p[1], base[2] + lift)), scene)
+        # a ray that meets nothing within this length is clipped all the same
+        hit = closest_hit(world, start, wp.vec3(0.0, 0.0, -1.0), lift + stand + limit, scene, assets)
+        scan[world, i] = wp.where(hit.t < 0.0, -limit, wp.clamp(lift + stand - hit.t, -limit, limit))
