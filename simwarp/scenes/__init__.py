@@ -32,7 +32,19 @@ from simwarp.scenes.mechanisms import (
     pendulum,
     slider_crank,
 )
-from simwarp.scenes.phantomx import HEXAPOD_LIMIT, hexapod
+from simwarp.scenes.phantomx import HEXAPOD_LIMIT, HEXAPOD_STANCE, hexapod
+from simwarp.scenes.quadruped import (
+    QUADRUPED_FEET,
+    QUADRUPED_FOOT_RADIUS,
+    QUADRUPED_LEGS,
+    QUADRUPED_LINK,
+    QUADRUPED_SPEEDS,
+    QUADRUPED_STANCE,
+    QUADRUPED_STANCE_HEIGHT,
+    QUADRUPED_TORQUES,
+    quadruped,
+    show_quadruped,
+)
 
 __all__ = [
     "ANDREWS_INITIAL",
@@ -40,8 +52,17 @@ __all__ = [
     "ANT_LIMB_RADIUS",
     "FLIP_INTERVAL",
     "HEXAPOD_LIMIT",
+    "HEXAPOD_STANCE",
     "IRB120",
     "PENDULUM_PERIOD",
+    "QUADRUPED_FEET",
+    "QUADRUPED_FOOT_RADIUS",
+    "QUADRUPED_LEGS",
+    "QUADRUPED_LINK",
+    "QUADRUPED_SPEEDS",
+    "QUADRUPED_STANCE",
+    "QUADRUPED_STANCE_HEIGHT",
+    "QUADRUPED_TORQUES",
     "RACER3",
     "Arm",
     "ArmJoint",
@@ -66,8 +87,10 @@ __all__ = [
     "linkage",
     "pendulum",
     "pile",
+    "quadruped",
     "robot_arm",
     "rolling_box",
+    "show_quadruped",
     "slider_crank",
     "stack",
     "wall",

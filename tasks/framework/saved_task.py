@@ -13,11 +13,12 @@ from ..randomisation.sensing import Sensors
 from .action_path import ActionPath
 from .agents import Agents
 from .errors import InputError
+from .named_contacts import Touching
 from .simulation_access import pack_snapshot, unpack_snapshot
 from .statistics import EpisodeStatistics
 
 
-class SavedTask:
+class SavedTask(Touching):
     """Saving and loading of a task; see :class:`~simwarp.tasks.Task` for the attributes."""
 
     num_worlds: int
@@ -62,7 +63,7 @@ class SavedTask:
             "running_terms": self._statistics.running.clone(),
             "level": self.level.clone(),
             "climbing": self._climbing,
-            "sensing": self._sensors.state() | self._path.state(),
+            "sensing": self._sensors.state() | self._path.state() | self._contacts_state(),
             "extra": {key: value.clone() for key, value in self.extra_state().items()},
             **self._agents.state(),
         }
@@ -98,4 +99,5 @@ class SavedTask:
                 self._randomiser.begin_episodes(self.random, self._every_world, self.level)
             if self.simulation is not None:
                 self.simulation.restore(unpack_snapshot(state["simulation"], self.simulation.snapshot()))
+            self._load_contacts(state["sensing"])
             self.load_extra_state(state["extra"])

@@ -528,6 +528,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         else:
             self._step_by_methods(decimation)
         self._finish_physics()
+        self._follow_contacts()
         self._count.launch()
 
     def _physics_launches(self) -> Sequence[WorldLaunch] | None:
@@ -585,6 +586,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self._begin.on(mask)
         self._agents.begin(mask)
         self._path.begin(mask, self.random)
+        self._begin_contacts(mask)
         if self._randomiser is not None:
             self._randomiser.begin_episodes(self.random, mask, self.level)
         if self.simulation is None:

@@ -1,0 +1,184 @@
+"""Contacts of parts of a robot by their names: forces, touches, and times in air and in contact.
+
+``feet = task.contacts("FL_foot", "FR_foot")`` in ``setup``; the task brings it up to date in every control step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+
+from simwarp import to_torch
+from simwarp.core.readable import Names, Readable, Row, plural
+from simwarp.core.types import shown
+
+from .errors import InputError, near_names
+from .rotations import in_world_axes
+
+
+class NamedContacts(Readable):
+    """Contacts of N shapes or bodies in W worlds, as of the last physics step of a control step.
+
+    Args:
+        names: of shapes, or of bodies: then the sum over their shapes. Each is looked for among shapes first.
+        simulation: of the worlds.
+        views: of its state.
+        period: time of a control step [s].
+        threshold: of the force from which on a part touches [N].
+        owner: name of the task: the errors name it.
+
+    Attributes:
+        names: in the order of the columns.
+        force: (W, N, 3) float32, the sum of contact forces on each part, axes of the world [N].
+        touching: (W, N) bool.
+        time_in_air: (W, N) float32, since the part touched last or the episode began; 0 while it touches [s].
+        time_in_contact: (W, N) float32, since it began to touch; 0 while it does not [s].
+        landed: (W, N) float32, where the part began to touch in this control step, the time it was in air before; else
+            0 [s].
+
+    Raises:
+        InputError: there are no names, one of them is unknown, or the threshold is negative.
+    """
+
+    def __init__(
+        self, names: tuple[str, ...], simulation: Any, views: Any, period: float, threshold: float, owner: str
+    ) -> None:
+        if not names or not all(isinstance(name, str) for name in names):
+            raise InputError(f"task '{owner}': contacts need names of shapes or bodies, got {shown(names)}")
+        if not threshold >= 0.0:
+            raise InputError(f"task '{owner}': threshold of contacts must be 0 N or more, got {shown(threshold)}")
+        self.names = names
+        self._period, self._threshold = period, threshold
+        model, device, worlds = simulation.model, views.body_v.device, len(views.body_v)
+        known = [*model.shape_names, *model.body_names]
+        for name in names:
+            if name not in known:
+                raise InputError(
+                    f"task '{owner}': there is no shape or body {shown(name)} whose contacts could be felt"
+                    f"{near_names(name, known)}"
+                )
+        shapes = [name in model.shape_names for name in names]
+        if any(shapes) != all(shapes):
+            odd = names[shapes.index(False)]
+            raise InputError(
+                f"task '{owner}': contacts of shapes and of bodies must be asked for apart, got the body {shown(odd)} "
+                "among shapes; call contacts twice"
+            )
+        contacts = simulation.contacts
+        if all(shapes):
+            self._source = to_torch(contacts.shape_contact_force)
+            columns = [model.shape_names.index(name) for name in names]
+            bodies = [int(model.topology.shape_body.numpy()[column]) for column in columns]
+            offsets = model.shape_x.numpy()[0, columns]
+            if min(bodies) < 0:
+                fixed = names[bodies.index(min(bodies))]
+                raise InputError(
+                    f"task '{owner}': contacts must be of shapes that move, got {shown(fixed)}, which is fixed to the "
+                    "world; ask for those of what touches it"
+                )
+        else:
+            self._source = to_torch(contacts.body_contact_force)
+            columns = bodies = [model.body(name) for name in names]
+            offsets = [(0.0, 0.0, 0.0)] * len(names)
+        self._columns = torch.tensor(columns, device=device)
+        self._bodies = torch.tensor(bodies, device=device)
+        self._offsets = torch.tensor(offsets, dtype=torch.float32, device=device).expand(worlds, -1, -1)
+        self._views = views
+        size = (worlds, len(names))
+        self.force = torch.zeros(*size, 3, device=device)
+        self.touching = torch.zeros(size, dtype=torch.bool, device=device)
+        self.time_in_air, self.time_in_contact, self.landed = (torch.zeros(size, device=device) for _ in range(3))
+
+    def _printed_title(self) -> str:
+        return f": {plural(len(self.names), 'part')}, {plural(len(self.force), 'world')}"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        return {"names": Names(len(self.names), self.names)}
+
+    @property
+    def phases(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """``time_in_air`` and ``time_in_contact``."""
+        return self.time_in_air, self.time_in_contact
+
+    def _turned_offsets(self) -> torch.Tensor:
+        """Return (W, N, 3) from centres of mass to the parts, axes of the world [m]."""
+        return in_world_axes(self._views.body_q[:, self._bodies, 3:], self._offsets)
+
+    def position(self) -> torch.Tensor:
+        """Return (W, N, 3) where the middles of shapes, or the centres of mass of bodies, are in the world [m]."""
+        return self._views.body_q[:, self._bodies, :3] + self._turned_offsets()
+
+    def velocity(self) -> torch.Tensor:
+        """Return (W, N, 3) the velocities of these points, axes of the world: v + omega x r [m/s]."""
+        turning = torch.linalg.cross(self._views.body_omega[:, self._bodies], self._turned_offsets())
+        return self._views.body_v[:, self._bodies] + turning
+
+    def follow(self) -> None:
+        """Take in the physics of a control step."""
+        torch.index_select(self._source, 1, self._columns, out=self.force)
+        torch.ge(self.force.norm(dim=2), max(self._threshold, 1e-30), out=self.touching)
+        self.landed.copy_(self.time_in_air * self.touching)
+        self.time_in_air.add_(self._period).masked_fill_(self.touching, 0.0)
+        self.time_in_contact.add_(self._period).mul_(self.touching)
+
+    def begin(self, world_mask: torch.Tensor) -> None:
+        """Begin an episode in the worlds of a mask (W,) bool: no forces, no touches, no times."""
+        for tensor in self.state().values():
+            tensor.masked_fill_(world_mask.view(-1, *(1,) * (tensor.dim() - 1)), 0)
+
+    def state(self) -> dict[str, torch.Tensor]:
+        """Return the state that a checkpoint keeps: the tensors themselves."""
+        kept = ("force", "touching", "time_in_air", "time_in_contact", "landed")
+        return {name: getattr(self, name) for name in kept}
+
+
+class Touching:
+    """The part of a task that keeps its contacts by name; see :class:`~simwarp.tasks.Task` for the attributes."""
+
+    simulation: Any
+    _views: Any
+    _named_contacts: tuple[NamedContacts, ...] = ()
+
+    def contacts(self, *names: str, threshold: float = 1.0) -> NamedContacts:
+        """Return the contacts of shapes or bodies, kept up to date from now on: for ``setup``.
+
+        Args:
+            names: of shapes, or of bodies.
+            threshold: of the force from which on a part touches [N].
+
+        Raises:
+            InputError: a name is unknown, or the task has no physics.
+        """
+        task: Any = self
+        if self.simulation is None:
+            raise InputError(f"task '{task.name}': contacts need physics")
+        period = task.config.control_dt
+        made = NamedContacts(names, self.simulation, self._views, period, threshold, task.name)
+        self._named_contacts = (*self._named_contacts, made)
+        return made
+
+    def _follow_contacts(self) -> None:
+        """Take in the physics of a control step."""
+        for contacts in self._named_contacts:
+            contacts.follow()
+
+    def _begin_contacts(self, world_mask: torch.Tensor) -> None:
+        """Begin an episode in the worlds of a mask."""
+        for contacts in self._named_contacts:
+            contacts.begin(world_mask)
+
+    def _contacts_state(self) -> dict[str, torch.Tensor]:
+        """Return copies of the state of all contacts, for a checkpoint."""
+        return {
+            f"contacts {index} {name}": tensor.clone()
+            for index, contacts in enumerate(self._named_contacts)
+            for name, tensor in contacts.state().items()
+        }
+
+    def _load_contacts(self, saved: Mapping[str, torch.Tensor]) -> None:
+        """Take it back."""
+        for index, contacts in enumerate(self._named_contacts):
+            for name, tensor in contacts.state().items():
+                tensor.copy_(saved[f"contacts {index} {name}"])

@@ -1,0 +1,71 @@
+"""Configuration of tasks in which a robot on legs follows commanded velocities."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import Annotated
+
+from simwarp.tasks import Fraction, Ge, Le, NotNegative, Positive
+
+from ...framework.config import TaskConfig
+from .ground import Ground, RoughConfig, ScanConfig
+
+
+class Seen(enum.Enum):
+    """Observations of a policy.
+
+    ``state``: the trunk's velocity, what the robot feels, and the command. ``scan``: also heights of the ground around.
+    ``history``: what the robot feels, and the command, of the last control steps: no more than a real robot has.
+    """
+
+    STATE = "state"
+    SCAN = "scan"
+    HISTORY = "history"
+
+
+@dataclasses.dataclass(frozen=True)
+class VelocityConfig(TaskConfig):
+    """Fields of velocity tasks; each is an option of the command line, as ``--task.max-speed``."""
+
+    dt: float = 0.005
+    """Physics step [s]."""
+    decimation: int = 4
+    """Physics steps per control step; one action lasts decimation * dt seconds."""
+    max_episode_steps: int = 1000
+    """Control steps after which an episode is truncated: 20 s."""
+    obs: Seen = Seen.STATE
+    """state: the trunk's velocity, what the robot feels, and the command. scan: also heights of the ground around.
+    history: what the robot feels, and the command, of the last control steps: no more than a real robot has."""
+    history: Annotated[int, Ge(1), Le(50)] = 6
+    """Control steps that observations with a history tell of."""
+    ground: Ground = Ground.FLAT
+    """flat: a plane. rough: patches of seven kinds, from easy to hard."""
+    rough: RoughConfig = dataclasses.field(default_factory=RoughConfig)
+    """Rough ground and its levels."""
+    scan: ScanConfig = dataclasses.field(default_factory=ScanConfig)
+    """Grid of the heights that are observed."""
+    max_speed: Positive = 1.0
+    """Bound of the commanded speed ahead and back [m/s]."""
+    max_sideways: Positive = 0.5
+    """Bound of the commanded speed to either side [m/s]."""
+    max_turn: Positive = 1.0
+    """Bound of the commanded turn about the vertical [rad/s]."""
+    command_time: Positive = 5.0
+    """Time between two commands [s]."""
+    standing: Fraction = 0.0
+    """Share of commands that are to stand."""
+    heading: bool = False
+    """Command headings, drawn over the whole circle, in place of turns."""
+    action_scale: Positive = 0.5
+    """How far a full action moves the target of a joint away from the stance [rad]."""
+    start_angle: NotNegative = 0.1
+    """Largest deviation of a joint from the stance at the start [rad]."""
+    push_speed: NotNegative = 0.0
+    """Largest change of speed that a push gives the robot [m/s]; 0: nothing pushes it."""
+    push_time: Positive = 4.0
+    """Time between two pushes [s]."""
+
+    def steps_in(self, time: float) -> int:
+        """Return the control steps in a time [s], at least 1."""
+        return max(1, round(time / self.control_dt))

@@ -1,0 +1,62 @@
+"""The PhantomX hexapod follows commanded velocities by eighteen servos: the quadruped's task with another robot."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from simwarp.core.types import PositionDrive
+from simwarp.scenes import HEXAPOD_STANCE, hexapod
+
+from ...framework.config import TaskConfig
+from ...framework.registry import register
+from ..walking import BASE
+from .config import VelocityConfig
+from .quadruped import QuadrupedVelocity
+
+if TYPE_CHECKING:
+    from simwarp import ModelBuilder
+    from simwarp.sensors import Visuals
+
+_LEGS = range(1, 7)
+_SERVO = PositionDrive(stiffness=10.0, damping=0.2, effort_limit=1.5)
+"""An AX-12A: 1.5 N·m stall torque; gains of our own, with which the robot's weight bends a joint by a degree or two."""
+
+
+@dataclasses.dataclass(frozen=True)
+class HexapodVelocityConfig(VelocityConfig):
+    """Configuration of :class:`HexapodVelocity`: slower commands for shorter legs."""
+
+    max_speed: float = 0.3
+    """Bound of the commanded speed ahead and back [m/s]."""
+    max_sideways: float = 0.2
+    """Bound of the commanded speed to either side [m/s]."""
+    max_turn: float = 0.6
+    """Bound of the commanded turn about the vertical [rad/s]."""
+
+
+@register("hexapod-velocity")
+class HexapodVelocity(QuadrupedVelocity):
+    """As :class:`QuadrupedVelocity`, with 18 joints: hips, femurs, tibias, each of legs 1 to 6."""
+
+    summary: ClassVar[str] = "hexapod: six legs follow commanded velocities and turns, 18 position drives"
+    config_type: ClassVar[type[TaskConfig]] = HexapodVelocityConfig
+    action_size: int = 18
+    training: ClassVar[Mapping[str, Any]] = {**QuadrupedVelocity.training, "network.init_std": 0.4}
+    trunk: ClassVar[str] = "base"
+    feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)
+    stance: ClassVar[Mapping[str, float]] = {f"{k}_{leg}": 0.0 for k in ("hip", "femur", "tibia") for leg in _LEGS}
+    height: ClassVar[float] = HEXAPOD_STANCE
+
+    def robot(self) -> ModelBuilder:
+        """The PhantomX of :mod:`simwarp.scenes`, with servos."""
+        robot = hexapod(ground=False, drive=_SERVO)
+        robot.add_joint_free("base", BASE, anchor=(0.0, 0.0, HEXAPOD_STANCE))
+        return robot
+
+    def visuals(self, visuals: Visuals) -> None:
+        """Show the links as rods between the hinges; the collision boxes are the servos."""
+        from simwarp.viewer import add_skeleton
+
+        add_skeleton(visuals, 0.008)

@@ -1,0 +1,171 @@
+"""Base of tasks of robots on legs with position drives: parts by name, stance, actions, ground, starts, pushes."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import torch
+
+from simwarp import to_torch
+
+from ...framework.rotations import heading_of
+from ...framework.task import Task
+from . import pieces
+from .config import Seen, VelocityConfig
+from .ground import RoughGround, ground_of
+
+if TYPE_CHECKING:
+    from simwarp import ModelBuilder, SolverOptions
+    from simwarp.sensors import Scene
+
+LeggedT = TypeVar("LeggedT", bound=VelocityConfig)
+
+
+class LeggedTask(Task[LeggedT]):
+    """A robot on legs. A subclass names its parts and writes `robot`, observations, rewards and ends."""
+
+    trunk: ClassVar[str]
+    """Body that carries the legs, x forward; the shape of this name must not touch anything."""
+    feet: ClassVar[Sequence[str]]
+    """Shapes, or bodies, that stand on the ground."""
+    stance: ClassVar[Mapping[str, float]]
+    """Joint -> angle that actions are deviations from, in the order of the actions [rad]."""
+    height: ClassVar[float]
+    """Of the frame of `base` over the ground in the stance [m]."""
+    base: ClassVar[str] = "base"
+    """Free joint of the trunk, which places the robot."""
+    friction: ClassVar[float] = 1.0
+    """Of the ground; where it meets a foot, the smaller one counts."""
+    per_world: ClassVar[tuple[str, ...]] = RoughGround.model_arrays
+
+    @abstractmethod
+    def robot(self) -> ModelBuilder:
+        """Return the robot without a ground, with position drives at the joints of `stance`.
+
+        Its shapes meet those of group 2.
+        """
+
+    def build(self, builder: ModelBuilder) -> ModelBuilder:
+        """The robot on its ground."""
+        from simwarp import Material
+
+        config, robot = self.config, self.robot()
+        self.ground = ground_of(config.ground, self.height, rough=config.rough, scan=config.scan)
+        self.ground.build(robot, material=Material(friction=self.friction), group=2)
+        return robot
+
+    def solver_options(self) -> SolverOptions:
+        """Contacts to 1 mm/s, which no gait notices."""
+        from simwarp import SolverOptions
+
+        return SolverOptions(tolerance=1e-3)
+
+    @property
+    def action_joints(self) -> Sequence[str]:
+        """The joints of the stance."""
+        return tuple(self.stance)
+
+    @property
+    def action_scale(self) -> Sequence[float]:
+        """Deviations of full actions [rad]."""
+        return (self.config.action_scale,) * self.action_size
+
+    @property
+    def default_positions(self) -> Sequence[float]:
+        """The stance [rad]."""
+        return tuple(self.stance.values())
+
+    def setup(self) -> None:
+        """Allocate buffers, and find the robot's parts.
+
+        Afterwards there are ``body``, index of the trunk; ``on_feet`` and ``on_trunk``, contacts by name; ``before``
+        and ``rates_before``, (W, J) action and rates [rad/s] of the step before.
+        """
+        model, device = self.simulation.model, self.device
+        self.ground.bind(self)
+        self.body = model.body(self.trunk)
+        self._mass = float(model.body_mass.numpy()[0].sum())
+        self._weight = 9.81 * self._mass
+        light = 0.01 * self._weight  # no touch by mistake, and none missed
+        self.on_feet = self.contacts(*self.feet, threshold=light)
+        self.on_trunk = self.contacts(self.trunk, threshold=light)
+        self._columns = torch.tensor([model.dof(joint) for joint in self.stance], device=device)
+        self._stance = torch.tensor(self.default_positions, device=device)
+        self._targets = to_torch(self.simulation.control.joint_target_q)
+        self._place = model.dof(self.base)
+        self._start = torch.zeros(self.num_worlds, model.dof_count, device=device)
+        self._start[:, self._place + 2] = self.height + 0.02  # legs that are less bent are longer
+        self._at_rest = torch.zeros_like(self._start)
+        self.before, self.rates_before = torch.zeros_like(self.action), torch.zeros_like(self.action)
+
+    @property
+    def angles(self) -> torch.Tensor:
+        """(W, J) of the joints, from the stance [rad]."""
+        return self.views.joint_q[:, self._columns] - self._stance
+
+    @property
+    def rates(self) -> torch.Tensor:
+        """(W, J) of the joints [rad/s]."""
+        return self.views.joint_qd[:, self._columns]
+
+    def heights(self) -> torch.Tensor:
+        """Return (W, N) heights of the ground around, over that of a standing robot's feet [m]."""
+        place = self.views.body_q[:, self.body]
+        return self.ground.scan(place[:, :3], heading_of(place[:, 3:]))
+
+    def privileged(self) -> torch.Tensor | None:
+        """Return the observations with a scan, and forces on the feet as shares of the weight, for a critic alone."""
+        groups = self.observations_of(Seen.SCAN.value)
+        assert groups is not None  # all tasks on legs have them
+        return torch.cat([groups["policy"], self.on_feet.force.flatten(1) / self._weight], dim=1)
+
+    def begin_step(self) -> None:
+        """Store what a difference needs; push, where there are pushes."""
+        config = self.config
+        self.before.copy_(self.action)
+        self.rates_before.copy_(self.rates)
+        if config.push_speed > 0.0:
+            self.views.body_force[:, self.body] = pieces.push_force(
+                self.random, self.episode_steps, every=config.steps_in(config.push_time), speed=config.push_speed,
+                mass=self._mass, period=config.control_dt,
+            )  # fmt: skip
+
+    def apply(self, action: torch.Tensor) -> None:
+        """Set the targets of the drives, from the stance."""
+        self._targets[:, self._columns] = self._stance + self.config.action_scale * action
+
+    def truncations(self) -> dict[str, torch.Tensor]:
+        """Return ``edge``: the robot has come to the rim of rough ground."""
+        return {"edge": self.ground.outside(self.views.body_q[:, self.body, :3])}
+
+    def reset(self, world_mask: torch.Tensor) -> None:
+        """Start near the stance in the middle of the ground, with any heading."""
+        self.ground.choose(world_mask)
+        self._start[:, self._place + 5] = self.random.uniform("heading", -math.pi, math.pi)[:, 0]
+        angles = pieces.start_around(self.random, "angles", self._stance, self.config.start_angle)
+        self._start[:, self._columns] = angles
+        self.simulation.set_joint_state(world_mask, self._start, self._at_rest)
+        for buffer in (self.before, self.rates_before):
+            buffer.masked_fill_(world_mask.unsqueeze(1), 0.0)
+
+    def on_iteration(self, iteration: int) -> None:
+        """In training, levels of rough ground follow what robots achieve."""
+        super().on_iteration(iteration)
+        self.ground.climb()
+
+    def scene(self) -> Scene:
+        """The ground with the colours of its levels, and the robot."""
+        return self.ground.scene(self)
+
+    def extra_state(self) -> dict[str, torch.Tensor]:
+        """Return what differences need, and the levels of the ground."""
+        return {"before": self.before, "rates_before": self.rates_before, **self.ground.extra_state()}
+
+    def load_extra_state(self, state: Mapping[str, Any]) -> None:
+        """Take it back."""
+        self.ground.load_extra_state(state)
+        for name, values in self.extra_state().items():
+            values.copy_(state[name])
