@@ -3,9 +3,10 @@
     python benchmarks/walk_in_mujoco.py hexapod
     python benchmarks/walk_in_mujoco.py quadruped-velocity --checkpoint runs/quadruped-velocity/NAME --film walk.mp4
 
-The robot and the ground are written as MJCF from the task's own model; MuJoCo's state is read by the task's own code, so
-that observations, commands, resets and the reasons to end are the same. The same episodes are run in both simulators, by
-the same ONNX file. Writes benchmarks/results/mujoco/TASK.json, and prints both. Exit code 1 where MuJoCo misses a bound.
+The robot and the ground are written as MJCF from the task's own model; MuJoCo's state is read by the task's own code,
+so that observations, commands, resets and the reasons to end are the same. The same episodes are run in both
+simulators, by the same ONNX file. Writes benchmarks/results/mujoco/TASK.json, and prints both. Exit code 1 where MuJoCo
+misses a bound.
 """
 
 from __future__ import annotations
@@ -62,6 +63,7 @@ class OnnxPolicy:
             raise SystemExit("a recurrent policy keeps a memory, which this script does not; take a feed-forward one")
 
     def __call__(self, observations: Mapping[str, torch.Tensor]) -> torch.Tensor:
+        """Return (W, A) actions."""
         return self._run(*(observations[name].contiguous() for name in self._groups))[0]
 
 
