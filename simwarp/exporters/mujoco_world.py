@@ -128,7 +128,7 @@ class MujocoWorld:
             parent = self._index.get(int(self.model.body_parentid[self._bodies[joint.body]]), -1)
             carrier = Rotation.identity() if parent < 0 else Rotation(state.rotation[parent])
             built = Rotation(np.roll(self.model.body_quat[self._bodies[joint.body]], -1))
-            data.qpos[at : at + 4] = np.roll(((carrier * built).inv() * turned).as_quat(), 1)
+            data.qpos[at : at + 4] = np.roll(((carrier * built).inv() * turned).as_quat(canonical=True), 1)
             spin = state.omega[joint.body] - (0.0 if parent < 0 else state.omega[parent])
             data.qvel[rate : rate + 3] = turned.apply(spin, inverse=True)
         self.publish()

@@ -66,7 +66,7 @@ def test_a_push_is_taken_over(hexapod):
 
 
 def test_contact_forces_carry_the_robot(hexapod):
-    task, inside = hexapod
+    task, _ = hexapod
     stepped(task, 40)
     weight = float(task.simulation.model.body_mass.numpy().sum()) * 9.81
     forces = task.simulation.contacts.body_contact_force.numpy()[:, :, 2].sum(axis=1)

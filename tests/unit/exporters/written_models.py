@@ -131,7 +131,7 @@ class Both:
             else:  # a rotation vector in the axes that the world had as built: there it is seen from the child
                 built = Rotation(self.model.builder.bodies[joint.body].pose.rotation)
                 vector = Rotation.from_rotvec(q[joint.dof : joint.dof + 3])
-                self.data.qpos[at : at + 4] = np.roll((built.inv() * vector * built).as_quat(), 1)
+                self.data.qpos[at : at + 4] = np.roll((built.inv() * vector * built).as_quat(canonical=True), 1)
                 carrier = self.model.builder.joints[self.model.joint_names.index(joint.name)].parent
                 self.data.qvel[speed : speed + 3] = turned.inv().apply(omega[joint.body] - omega[carrier])
         mujoco.mj_forward(self.theirs, self.data)
