@@ -113,7 +113,7 @@ class MujocoSimulation:
         """Hand MuJoCo the state of worlds that somebody has set since the last step, and the parameters drawn there."""
         changed = _differing(self._state, self._kept, _WATCHED, len(self.worlds))
         drawn = _differing(self._parameters, self._written, tuple(self._parameters), len(self.worlds))
-        for world in np.flatnonzero(changed | drawn):
+        for world in np.flatnonzero(changed | drawn).tolist():
             if drawn[world]:
                 self.worlds[world] = self._made(world)
             values = [self._state[name][world] for name in ("body_x", "body_rot", "body_v", "body_omega", "joint_x")]
