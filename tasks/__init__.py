@@ -10,6 +10,8 @@ if __name__ != "simwarp.tasks":
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, Lt, NotNegative, Positive, Whole
 from simwarp.core.renames import renamed_fields, renamed_names
 
+from .actuation.actuator_network import ActuatorNetwork
+from .actuation.attached_actuators import actuators_of
 from .adapters.gym_env import TaskEnv, TaskVectorEnv, register_envs
 from .framework.command import Command
 from .framework.config import TaskConfig, replace_fields, require
@@ -31,6 +33,7 @@ __all__ = [
     "ENTRY_POINT_GROUP",
     "NON_FINITE",
     "TIME_LIMIT",
+    "ActuatorNetwork",
     "Attachments",
     "Command",
     "Count",
@@ -61,6 +64,7 @@ __all__ = [
     "When",
     "Whole",
     "WorldRandom",
+    "actuators_of",
     "available_devices",
     "check_step",
     "config_from_plain",
