@@ -44,7 +44,7 @@ EPISODES: Final = 64
 SIMULATORS: Final = ("simwarp", "mujoco")
 STANDING: Final = 0.8
 """Share of episodes without a fall that a transfer has to reach."""
-BOUNDS: Final = {"velocity_error": 1.5 * 0.25, "turn_error": 1.5 * 0.2}
+BOUNDS: Final = {"speed_error": 1.5 * 0.25, "turn_error": 1.5 * 0.2}
 """Largest mean errors of a transfer, of tasks that have such metrics [m/s, rad/s]."""
 
 

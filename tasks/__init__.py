@@ -18,6 +18,7 @@ from .framework.config import TaskConfig, replace_fields, require
 from .framework.devices import available_devices, resolve_device
 from .framework.drawing import Drawing, Line
 from .framework.errors import InputError, TaskError
+from .framework.mirror import Mirror, Reflection, reflection
 from .framework.plain import config_from_plain, config_to_plain
 from .framework.registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
 from .framework.replay import ReplayReport
@@ -48,10 +49,12 @@ __all__ = [
     "Le",
     "Line",
     "Lt",
+    "Mirror",
     "Mode",
     "NotNegative",
     "Positive",
     "Range",
+    "Reflection",
     "ReplayReport",
     "Sensing",
     "StepReport",
@@ -70,6 +73,7 @@ __all__ = [
     "config_from_plain",
     "config_to_plain",
     "make",
+    "reflection",
     "register",
     "register_envs",
     "renamed_fields",
