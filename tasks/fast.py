@@ -9,10 +9,11 @@ from typing import Any, ClassVar
 
 import torch
 
-from simwarp.tasks import Mirror, NotNegative, Positive, Reflection
+from simwarp.tasks import NotNegative, Positive
 
 from .framework.config import TaskConfig, require
 from .framework.drawing import Drawing, Line
+from .framework.mirror import Mirror, Reflection
 from .framework.registry import register
 from .framework.task import Task
 

@@ -103,17 +103,13 @@ def check_mirror(task: Any, groups: Mapping[str, tuple[int, ...]], option: str) 
     """
     mirror = task.mirror()
     if mirror is None:
-        raise InputError(
-            f"{option}: task '{task.name}' has no mirror(), which the symmetry needs; leave the option away"
-        )
+        raise InputError(f"{option}: task '{task.name}' has no mirror(), which it needs; leave the option away")
     if not isinstance(mirror, Mirror):
         raise InputError(f"{option}: mirror() of task '{task.name}' must be a Mirror, got {shown(mirror)}; return one")
     for name, shape in groups.items():
         thing = f"{option}: mirror() of task '{task.name}'"
         if len(shape) != 1:
-            raise InputError(
-                f"{thing}: group '{name}' must be rows of numbers, got shape {shape}; leave the option away"
-            )
+            raise InputError(f"{thing}: group '{name}' must be rows of numbers, got {shape}; leave the option away")
         if name not in mirror.observations:
             raise InputError(f"{thing} must have all groups, got none for '{name}'; add its reflection")
         problem = mirror.observations[name].problem(shape[0])

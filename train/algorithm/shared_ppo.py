@@ -155,8 +155,8 @@ class SharedPPO(PPO):
     def terms(self, batch: RolloutStorage.Batch) -> torch.Tensor:
         """Return the means over a share of (4,): value loss, surrogate, divergence of the old policy, entropy.
 
-        (5,) where a symmetry is used: the mirror loss, too. Divergence and entropy are those of the samples as they were
-        drawn, without their mirror images, as in rsl-rl.
+        (5,) where a symmetry is used: the mirror loss, too. Divergence and entropy are those of the samples as drawn,
+        without their mirror images, as in rsl-rl.
         """
         count = batch.observations.batch_size[0]
         if self.symmetry is not None:

@@ -35,7 +35,8 @@ class MirrorImages:
         """Return observations (2 N, ...) and actions (2 N, A): the given ones, then their mirror images."""
         seen = None
         if obs is not None:
-            groups = {name: torch.cat([group, self.group(name, group)]) for name, group in obs.items()}
+            columns: dict[str, Any] = dict(obs.items())
+            groups = {name: torch.cat([group, self.group(name, group)]) for name, group in columns.items()}
             seen = TensorDict(groups, batch_size=[2 * obs.batch_size[0]], device=obs.device)
         return seen, None if actions is None else torch.cat([actions, self.actions(actions)])
 
