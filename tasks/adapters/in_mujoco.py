@@ -21,6 +21,8 @@ from simwarp.exporters.mujoco_world import BodyState, Inputs, MujocoWorld
 from ..framework.errors import InputError
 from ..framework.task import Task
 
+__all__ = ["STEPS", "MujocoSimulation", "put_in_mujoco"]
+
 STEPS: Final = 2
 """Steps of MuJoCo in one sub-step of the task."""
 _WATCHED: Final = ("body_x", "body_rot", "body_v", "body_omega", "joint_qd")
