@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
+from simwarp.core.readable import ReadableFields
 from simwarp.core.types import ModelError, PositionDrive
 from simwarp.exporters.mjcf_tree import Node, PlacedMotion, row_of
 from simwarp.model.checks import INFINITE
@@ -27,7 +28,7 @@ LAWS: Final = {
 
 
 @dataclasses.dataclass(frozen=True)
-class FileJoint:
+class FileJoint(ReadableFields):
     """A joint of the file.
 
     Attributes:

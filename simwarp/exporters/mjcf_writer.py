@@ -16,10 +16,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from simwarp.core.files import check_output, write_file
+from simwarp.core.readable import ReadableFields
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import WORLD, ModelError, shown
+from simwarp.exporters.mjcf_geoms import ShapeWriter
 from simwarp.exporters.mjcf_joints import FileJoint, JointWriter, text_of
-from simwarp.exporters.mjcf_shapes import ShapeWriter
 from simwarp.exporters.mjcf_tree import Node, nodes_of, row_of
 from simwarp.model.checks import checked_name, positive_number, whole_number
 from simwarp.model.model import Model
@@ -29,7 +30,7 @@ FRICTION_IMPEDANCE: Final = 100.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Mjcf:
+class Mjcf(ReadableFields):
     """A model as MJCF.
 
     Attributes:

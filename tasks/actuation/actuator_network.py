@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import torch
 
+from simwarp.core.readable import Names, Readable, Row
 from simwarp.core.types import shown
 
 from ..framework.errors import InputError, near_names
@@ -25,7 +26,7 @@ MOST_HISTORY: Final = 1000
 """Physics steps that are looked back, at most."""
 
 
-class ActuatorNetwork:
+class ActuatorNetwork(Readable):
     """The motors of some hinges or slides, one network for all of them.
 
     Its input is a row for each joint of each world: errors target - q of the steps in ``history``, then rates of the
@@ -54,6 +55,7 @@ class ActuatorNetwork:
         rates_first: rates come before errors.
 
     Attributes:
+        joints: names, in the order of the columns.
         torque: (W, J) float32, what acts in the next physics step [N·m or N].
         target: (W, J) float32 [rad or m].
         strength: (W, J) float32 factor of the torque, 1 as made: a task may write it.
@@ -68,6 +70,7 @@ class ActuatorNetwork:
         effort_limit: float = float("inf"), rates_first: bool = False,
     ) -> None:  # fmt: skip
         self._columns = _columns_of(task, joints)
+        self.joints = tuple(joints)
         self._steps = _checked_history(history)
         if not effort_limit > 0.0:
             raise InputError(f"actuator network: effort_limit must be > 0, got {shown(effort_limit)}; leave it out")
@@ -88,6 +91,13 @@ class ActuatorNetwork:
         self.target, self.torque = torch.zeros(size, device=device), torch.zeros(size, device=device)
         self.strength = torch.ones(size, device=device)
 
+    def _printed_title(self) -> str:
+        return f": {len(self.joints)} joints, {len(self.target)} worlds"
+
+    def _printed_rows(self) -> dict[str, Row]:
+        steps = ", ".join(map(str, self._steps))
+        return {"joints": Names(len(self.joints), self.joints), "looks back": f"{steps} physics steps"}
+
     def follow(self, target: torch.Tensor) -> None:
         """Take a target ((W, J) [rad or m]), and set the torques of the next physics step: for ``apply``."""
         self.target.copy_(target)
@@ -106,7 +116,7 @@ class ActuatorNetwork:
             tensor.masked_fill_(world_mask.view(-1, *(1,) * (tensor.dim() - 1)), 0.0)
 
     def state(self, prefix: str = "actuator network") -> dict[str, torch.Tensor]:
-        """Return what a checkpoint keeps, by name: for ``extra_state``.
+        """Return what a checkpoint keeps, tensors (W, ...) by name: for ``extra_state``.
 
         Args:
             prefix: of the names, where a task has several.
@@ -115,7 +125,7 @@ class ActuatorNetwork:
         return {f"{prefix} {name}": tensor for name, tensor in parts.items()}
 
     def load_state(self, state: Mapping[str, torch.Tensor], prefix: str = "actuator network") -> None:
-        """Take back what :meth:`state` returned: for ``load_extra_state``."""
+        """Take back what :meth:`state` returned, tensors (W, ...): for ``load_extra_state``."""
         for name, tensor in self.state(prefix).items():
             tensor.copy_(state[name])
 

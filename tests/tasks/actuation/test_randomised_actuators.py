@@ -51,6 +51,7 @@ def test_they_are_drawn_anew_where_an_episode_begins_and_come_back_with_the_seed
     before = rows(task, "gain")
     task.step(torch.zeros(3, 2))
     assert (rows(task, "force_range") != first).any(axis=(1, 2)).tolist() == [False, True, False]
+    task.step(torch.zeros(3, 2))  # the first step of an episode has the numbers that it began with
     assert (rows(task, "gain") != before).any(axis=(1, 2)).all()
     task.restart(seed=4)
     assert np.array_equal(rows(task, "force_range"), first)
