@@ -1,8 +1,8 @@
 """Imports go one way, and never in a circle:
 
 warp <- kernels <- core, geometry <- model <- simulation <- actuators, kinematics, vehicle, sensors, soil, scenery,
-scenes <- importers, exporters, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share five leaves, `SHARED`:
-types, arrays, their declarations, near names, and how objects print. Measurement and commands may import each other's
+scenes <- importers, exporters, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share five leaves,
+`SHARED`: types, arrays, their declarations, near names, and how objects print. Measurement and commands may import each other's
 modules, but not in a circle. Torch and trimesh have one file each. A name used only in annotations
 (`if TYPE_CHECKING:`) counts for directions and circles too.
 """
