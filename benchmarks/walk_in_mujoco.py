@@ -29,7 +29,7 @@ from simwarp.core.files import write_file  # noqa: E402
 from simwarp.core.warp_start import start_warp  # noqa: E402
 from simwarp.exporters import mjcf_of  # noqa: E402
 from simwarp.tasks import NON_FINITE, Task, make, task_class  # noqa: E402
-from simwarp.tasks.adapters.in_mujoco import STEPS, put_in_mujoco  # noqa: E402
+from simwarp.tasks.adapters.in_mujoco import SOFTNESS, STEPS, put_in_mujoco  # noqa: E402
 from simwarp.train.config import task_config_from_plain  # noqa: E402
 from simwarp.train.evaluation.evaluation import Evaluation, evaluate, wilson_interval  # noqa: E402
 from simwarp.train.evaluation.filming import Film, FilmOptions  # noqa: E402
@@ -75,17 +75,19 @@ def standing_share(task: Task[Any], result: Evaluation) -> tuple[int, tuple[floa
     return standing, wilson_interval(standing, result.episodes)
 
 
-def made_task(name: str, config: Any, simulator: str, worlds: int, steps: int) -> Task[Any]:
+def made_task(name: str, config: Any, simulator: str, worlds: int, there: Mapping[str, Any]) -> Task[Any]:
     """The task, in one of both simulators."""
     task = make(name, worlds, device="cpu", seed=SEED, config=config)
     if simulator == "mujoco":
-        put_in_mujoco(task, steps)
+        put_in_mujoco(task, **there)
     return task
 
 
-def film_of(name: str, config: Any, policy: OnnxPolicy, path: Path, seconds: float, steps: int) -> None:
+def film_of(
+    name: str, config: Any, policy: OnnxPolicy, path: Path, seconds: float, there: Mapping[str, Any]
+) -> None:  # fmt: skip
     """Film the first four worlds in MuJoCo."""
-    task = made_task(name, config, "mujoco", 4, steps)
+    task = made_task(name, config, "mujoco", 4, there)
     film = Film(task, True, FilmOptions())
     frames: list[Frame] = []
     record(task, policy, seconds, SEED, film, None, frames)
@@ -108,9 +110,11 @@ def verdict(row: Mapping[str, Any]) -> dict[str, bool]:
     return held | {name: row[name] <= most for name, most in BOUNDS.items() if name in row}
 
 
-def measured(simulator: str, name: str, config: Any, policy: OnnxPolicy, episodes: int, steps: int) -> dict[str, Any]:
+def measured(
+    simulator: str, name: str, config: Any, policy: OnnxPolicy, episodes: int, there: Mapping[str, Any]
+) -> dict[str, Any]:  # fmt: skip
     """The row of a simulator."""
-    task = made_task(name, config, simulator, episodes, steps)
+    task = made_task(name, config, simulator, episodes, there)
     began = time.perf_counter()
     result = evaluate(task, policy, episodes, SEED)
     standing, interval = standing_share(task, result)
@@ -127,6 +131,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--checkpoint", type=Path, help="run folder or checkpoint; by default as `simwarp eval`")
     parser.add_argument("--episodes", type=int, default=EPISODES)
     parser.add_argument("--mujoco-steps", type=int, default=STEPS, help="of MuJoCo in one sub-step of the task")
+    parser.add_argument("--softness", type=float, default=SOFTNESS, help="time constant of MuJoCo's contacts [s]")
     parser.add_argument("--mjcf", type=Path, help="file for the robot and the ground of world 0")
     parser.add_argument("--film", type=Path, help="film of four worlds in MuJoCo")
     parser.add_argument("--seconds", type=float, default=10.0, help="length of the film")
@@ -143,22 +148,24 @@ def main() -> int:
     source = find_policy(options.task, options.checkpoint)
     config = task_config_from_plain(task_class(options.task), source.content["task_config"])
     task = make(options.task, 1, device="cpu", seed=SEED, config=config)
-    written = mjcf_of(task.simulation.model, timestep=config.dt / config.substeps / options.mujoco_steps)
+    there = {"steps": options.mujoco_steps, "softness": options.softness}
+    timestep = config.dt / config.substeps / options.mujoco_steps
+    written = mjcf_of(task.simulation.model, timestep=timestep, softness=options.softness)
     if options.mjcf is not None:
         write_file(options.mjcf, written.text)
     with tempfile.TemporaryDirectory() as folder:
         onnx = Path(folder) / "policy.onnx"
         policy = OnnxPolicy(onnx, export_policy(source.path, ExportFormat.ONNX, onnx))
-        work = (options.task, config, policy, options.episodes, options.mujoco_steps)
+        work = (options.task, config, policy, options.episodes, there)
         rows = {simulator: measured(simulator, *work) for simulator in SIMULATORS}
         if options.film is not None:
-            film_of(options.task, config, policy, options.film, options.seconds, options.mujoco_steps)
+            film_of(options.task, config, policy, options.film, options.seconds, there)
     report(rows)
     held = verdict(rows["mujoco"])
     print("bounds: " + ", ".join(f"{name} {'held' if good else 'missed'}" for name, good in held.items()))
     options.out.mkdir(parents=True, exist_ok=True)
     write_json(options.out / f"{options.task}.json", {
-        "task": options.task, "policy": source.origin, "seed": SEED, "mujoco_steps": options.mujoco_steps,
+        "task": options.task, "policy": source.origin, "seed": SEED, "in_mujoco": there,
         "left_out": list(written.notes), "held": held, **rows, "machine": describe(task.simulation.model.device),
     })  # fmt: skip
     return 0 if all(held.values()) else 1

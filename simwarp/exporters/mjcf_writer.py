@@ -27,6 +27,8 @@ from simwarp.model.model import Model
 
 FRICTION_IMPEDANCE: Final = 100.0
 """`impratio`: feet hardly creep under friction. Published models of legged robots have it."""
+SOFTNESS: Final = 0.02
+"""Time constant of contacts and stops, MuJoCo's own [s]."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,13 +46,17 @@ class Mjcf(ReadableFields):
     notes: tuple[str, ...]
 
 
-def mjcf_of(model: Model, *, world: int = 0, timestep: float = 0.002, name: str = "simwarp") -> Mjcf:
+def mjcf_of(
+    model: Model, *, world: int = 0, timestep: float = 0.002, softness: float = SOFTNESS, name: str = "simwarp"
+) -> Mjcf:  # fmt: skip
     """A model as MJCF.
 
     Args:
         model: a tree of bodies: no loops, couplings, shafts or springs between bodies.
         world: whose parameters are written.
         timestep: of MuJoCo [s].
+        softness: time constant of contacts, stops and dry friction, MuJoCo's `solref` [s]; it makes at least two of its
+            steps of it.
         name: of the model.
 
     Raises:
@@ -60,6 +66,7 @@ def mjcf_of(model: Model, *, world: int = 0, timestep: float = 0.002, name: str 
         raise ModelError(f"mjcf_of: model must be a Model, got {shown(model)}; pass what finalize returned")
     world = whole_number("mjcf_of", "world", world, 0, model.world_count - 1, "count from 0")
     step = positive_number("mjcf_of", "timestep", timestep, "s", "0.002 is usual")
+    soft = text_of([positive_number("mjcf_of", "softness", softness, "s", f"{SOFTNESS:g} is MuJoCo's own"), 1.0])
     checked_name("MJCF model", name)
     root = ElementTree.Element("mujoco", model=name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
@@ -67,6 +74,9 @@ def mjcf_of(model: Model, *, world: int = 0, timestep: float = 0.002, name: str 
         root, "option", timestep=text_of(step), gravity=text_of(row_of(model, "gravity", world)),
         integrator="implicitfast", cone="elliptic", impratio=text_of(FRICTION_IMPEDANCE),
     )  # fmt: skip
+    defaults = ElementTree.SubElement(root, "default")
+    ElementTree.SubElement(defaults, "joint", solreflimit=soft, solreffriction=soft)
+    ElementTree.SubElement(defaults, "pair", solref=soft)
     assets, bodies, pairs, actuators = (
         ElementTree.SubElement(root, part) for part in ("asset", "worldbody", "contact", "actuator")
     )
@@ -95,7 +105,9 @@ def mjcf_of(model: Model, *, world: int = 0, timestep: float = 0.002, name: str 
     return Mjcf(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(joints.joints), tuple(notes))
 
 
-def save_mjcf(model: Model, path: str | os.PathLike[str], *, world: int = 0, timestep: float = 0.002) -> Mjcf:
+def save_mjcf(
+    model: Model, path: str | os.PathLike[str], *, world: int = 0, timestep: float = 0.002, softness: float = SOFTNESS
+) -> Mjcf:  # fmt: skip
     """Write a model as a file of MuJoCo; returns what is in it.
 
     Args:
@@ -103,6 +115,7 @@ def save_mjcf(model: Model, path: str | os.PathLike[str], *, world: int = 0, tim
         path: of the file.
         world: whose parameters are written.
         timestep: of MuJoCo [s].
+        softness: time constant of contacts, stops and dry friction there [s].
 
     Raises:
         ModelError: as `mjcf_of`.
@@ -110,7 +123,7 @@ def save_mjcf(model: Model, path: str | os.PathLike[str], *, world: int = 0, tim
         OutputError: the disk did not take it.
     """
     target = check_output(Path(path), "save_mjcf")
-    made = mjcf_of(model, world=world, timestep=timestep)
+    made = mjcf_of(model, world=world, timestep=timestep, softness=softness)
     write_file(target, made.text)
     return made
 

@@ -15,13 +15,13 @@ import numpy.typing as npt
 
 from simwarp.actuators import Actuators
 from simwarp.core.types import WorldStatus
-from simwarp.exporters.mjcf_writer import mjcf_of
+from simwarp.exporters.mjcf_writer import SOFTNESS, mjcf_of
 from simwarp.exporters.mujoco_world import BodyState, Inputs, MujocoWorld
 
 from ..framework.errors import InputError
 from ..framework.task import Task
 
-__all__ = ["STEPS", "MujocoSimulation", "put_in_mujoco"]
+__all__ = ["SOFTNESS", "STEPS", "MujocoSimulation", "put_in_mujoco"]
 
 STEPS: Final = 2
 """Steps of MuJoCo in one sub-step of the task."""
@@ -46,13 +46,14 @@ class MujocoSimulation:
     Args:
         simulation: of the task, on the CPU.
         steps: of MuJoCo in one sub-step.
+        softness: time constant of MuJoCo's contacts, stops and dry friction [s].
 
     Raises:
         InputError: the simulation is on a GPU, or has force elements other than actuators.
         ModelError: the model is no tree that MJCF can hold.
     """
 
-    def __init__(self, simulation: Any, steps: int = STEPS) -> None:
+    def __init__(self, simulation: Any, steps: int = STEPS, softness: float = SOFTNESS) -> None:
         self._inner = simulation
         if not simulation.model.device.is_cpu:
             raise InputError(f"physics of MuJoCo: the task must be on the CPU, got {simulation.model.device}")
@@ -60,7 +61,7 @@ class MujocoSimulation:
             if not isinstance(element, Actuators):
                 kind = type(element).__name__
                 raise InputError(f"physics of MuJoCo: force elements must be Actuators, got {kind}; take another task")
-        self._steps = steps
+        self._steps, self._softness = steps, softness
         self._part = simulation.dt / simulation.substeps
         self._actuating = [command for part in simulation.elements for command in part.record(simulation, self._part)]
         contacts, model = simulation.contacts, simulation.model
@@ -82,7 +83,7 @@ class MujocoSimulation:
     def _made(self, world: int) -> MujocoWorld:
         """A world as its parameters are now; those of equal parameters share MuJoCo's model."""
         model = self._inner.model
-        mjcf = mjcf_of(model, world=world, timestep=self._part / self._steps)
+        mjcf = mjcf_of(model, world=world, timestep=self._part / self._steps, softness=self._softness)
         made = MujocoWorld(model, mjcf, self._compiled.get(mjcf.text))
         if not self._parameters:
             self._compiled[mjcf.text] = made.model
@@ -152,12 +153,13 @@ def _differing(
     return found
 
 
-def put_in_mujoco(task: Task[Any], steps: int = STEPS) -> MujocoSimulation:
+def put_in_mujoco(task: Task[Any], steps: int = STEPS, softness: float = SOFTNESS) -> MujocoSimulation:
     """Replace the physics of a task by MuJoCo's, for good; the task begins anew with its next restart.
 
     Args:
         task: on the CPU, whose model is a tree.
         steps: of MuJoCo in one sub-step of the task.
+        softness: time constant of MuJoCo's contacts, stops and dry friction [s]; smaller ones need shorter steps.
 
     Raises:
         InputError: the task has no physics, is on a GPU, or has force elements other than actuators.
@@ -165,7 +167,7 @@ def put_in_mujoco(task: Task[Any], steps: int = STEPS) -> MujocoSimulation:
     """
     if task.simulation is None:
         raise InputError(f"task '{task.name}' has no physics that MuJoCo could take the place of")
-    made = MujocoSimulation(task.simulation, steps)
+    made = MujocoSimulation(task.simulation, steps, softness)
     task.simulation = made
     task.capture = False
     task.guard = None

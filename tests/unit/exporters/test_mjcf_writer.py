@@ -142,7 +142,7 @@ def pairs_of(mjcf):
     """Name pairs of the file with their attributes."""
     return {
         frozenset((pair.get("geom1"), pair.get("geom2"))): pair
-        for pair in ElementTree.fromstring(mjcf.text).iter("pair")
+        for pair in ElementTree.fromstring(mjcf.text).find("contact")
     }
 
 
@@ -330,3 +330,12 @@ def test_options_are_checked(tmp_path):
     made = save_mjcf(model, tmp_path / "ant.xml")
     assert (tmp_path / "ant.xml").read_text(encoding="utf-8") == made.text
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "ant.xml")).nbody == model.body_count + 1
+
+
+def test_contacts_and_stops_are_as_soft_as_asked_for():
+    model = servo_hexapod().finalize(1, "cpu")
+    for softness in (0.02, 0.006):
+        theirs = mujoco.MjModel.from_xml_string(mjcf_of(model, softness=softness).text)
+        assert set(theirs.pair_solref[:, 0]) == set(theirs.jnt_solref[1:, 0]) == {softness}
+    with pytest.raises(sw.ModelError, match="softness must be finite and > 0 s"):
+        mjcf_of(model, softness=-1.0)
