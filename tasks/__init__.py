@@ -10,12 +10,15 @@ if __name__ != "simwarp.tasks":
 from simwarp.core.constraints import Count, Fraction, Ge, Gt, Le, Lt, NotNegative, Positive, Whole
 from simwarp.core.renames import renamed_fields, renamed_names
 
+from .actuation.actuator_network import ActuatorNetwork
+from .actuation.attached_actuators import actuators_of
 from .adapters.gym_env import TaskEnv, TaskVectorEnv, register_envs
 from .framework.command import Command
 from .framework.config import TaskConfig, replace_fields, require
 from .framework.devices import available_devices, resolve_device
 from .framework.drawing import Drawing, Line
 from .framework.errors import InputError, TaskError
+from .framework.mirror import Mirror, Reflection, reflection
 from .framework.plain import config_from_plain, config_to_plain
 from .framework.registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
 from .framework.replay import ReplayReport
@@ -31,6 +34,7 @@ __all__ = [
     "ENTRY_POINT_GROUP",
     "NON_FINITE",
     "TIME_LIMIT",
+    "ActuatorNetwork",
     "Attachments",
     "Command",
     "Count",
@@ -45,10 +49,12 @@ __all__ = [
     "Le",
     "Line",
     "Lt",
+    "Mirror",
     "Mode",
     "NotNegative",
     "Positive",
     "Range",
+    "Reflection",
     "ReplayReport",
     "Sensing",
     "StepReport",
@@ -61,11 +67,13 @@ __all__ = [
     "When",
     "Whole",
     "WorldRandom",
+    "actuators_of",
     "available_devices",
     "check_step",
     "config_from_plain",
     "config_to_plain",
     "make",
+    "reflection",
     "register",
     "register_envs",
     "renamed_fields",

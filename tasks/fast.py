@@ -13,6 +13,7 @@ from simwarp.tasks import NotNegative, Positive
 
 from .framework.config import TaskConfig, require
 from .framework.drawing import Drawing, Line
+from .framework.mirror import Mirror, Reflection
 from .framework.registry import register
 from .framework.task import Task
 
@@ -55,6 +56,11 @@ class FastTask(Task[FastConfig]):
     def apply(self, action: torch.Tensor) -> None:
         """Move the point."""
         self.position.add_(action, alpha=self.config.gain)
+
+    def mirror(self) -> Mirror:
+        """Return the reflection that turns y."""
+        turned = Reflection((0, 1), (1.0, -1.0))
+        return Mirror({"policy": turned}, turned)
 
     def observations(self) -> dict[str, torch.Tensor]:
         """Return ``policy``: (W, 2) position, the buffer itself."""

@@ -46,6 +46,14 @@ class Objective(enum.Enum):
     KL_PENALTY = "kl-penalty"
 
 
+class Symmetry(enum.Enum):
+    """Use of a task's mirror image: learn from mirrored samples too, or punish acting otherwise on what is mirrored."""
+
+    NONE = "none"
+    AUGMENT = "augment"
+    LOSS = "loss"
+
+
 class NetworkKind(enum.Enum):
     """Networks by name; see ``simwarp.train.networks.networks``."""
 
@@ -166,6 +174,11 @@ class PPOConfig(Settings):
     """Weight of the entropy bonus."""
     max_grad_norm: Positive = 1.0
     """Bound of the gradient's norm."""
+    symmetry: Symmetry = Symmetry.NONE
+    """augment: learn from the mirror image of each sample as well; loss: punish a policy that does not act mirrored on
+    what is mirrored. For tasks that have a `mirror()`."""
+    mirror_loss: NotNegative = 1.0
+    """Weight of the loss of `symmetry loss`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,6 +229,10 @@ class TrainConfig(Settings):
             least = 2 * self.ppo.mini_batches
             require(self.num_envs >= least, self, "num_envs", f"at least {least}: two worlds per mini-batch")
             require(self.steps_per_iteration >= 2, self, "steps_per_iteration", "at least 2 for a recurrent network")
+        if self.ppo.symmetry is not Symmetry.NONE:
+            clipped, feed_forward = self.ppo.objective is Objective.CLIP, self.network.kind is not NetworkKind.RECURRENT
+            require(clipped, self.ppo, "symmetry", "none under the KL penalty")
+            require(feed_forward, self.ppo, "symmetry", "none for a recurrent network")
         batch = self.num_envs * self.steps_per_iteration
         if batch < self.ppo.mini_batches:
             require(False, self, "num_envs", f"large enough for {self.ppo.mini_batches} mini-batches")

@@ -4,5 +4,18 @@ from __future__ import annotations
 
 from simwarp.actuators.actuator_spec import Activation, ActuatorSpec, Law, SitePull, Target
 from simwarp.actuators.actuators import PER_WORLD, Actuators
+from simwarp.actuators.motors import dc_motor, pd_actuator, servo_actuator, torque_actuator
 
-__all__ = ["PER_WORLD", "Activation", "ActuatorSpec", "Actuators", "Law", "SitePull", "Target"]
+__all__ = [
+    "PER_WORLD",
+    "Activation",
+    "ActuatorSpec",
+    "Actuators",
+    "Law",
+    "SitePull",
+    "Target",
+    "dc_motor",
+    "pd_actuator",
+    "servo_actuator",
+    "torque_actuator",
+]

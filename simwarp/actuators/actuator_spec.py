@@ -116,5 +116,5 @@ class ActuatorSpec(ReadableFields):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Bounds of the control, infinite where there are none."""
+        """Bounds of the control, in the unit of the control, infinite where there are none."""
         return self.ctrl_range or (-math.inf, math.inf)

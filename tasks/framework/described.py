@@ -9,6 +9,7 @@ from simwarp.core.types import shown
 
 from .command import Command
 from .errors import TaskError
+from .mirror import Mirror
 
 
 class Described:
@@ -48,6 +49,13 @@ class Described:
     def default_positions(self) -> Sequence[float]:
         """Coordinates of ``action_joints`` at rest, from which actions count [rad or m]; empty: as they are built."""
         return ()
+
+    def mirror(self) -> Mirror | None:
+        """Return what left-right reflection makes of observations and actions; None where there is no such symmetry.
+
+        Asked for by ``--ppo.symmetry``. Optional.
+        """
+        return None
 
 
 def check_described(task: Any) -> None:

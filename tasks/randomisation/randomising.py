@@ -10,6 +10,7 @@ import torch
 from simwarp.core.types import shown
 
 from ..framework.errors import InputError, near_names
+from .actuator_ranges import ARRAYS, ActuatorNumbers, of_actuators
 from .randomness import WorldRandom
 from .uncertainty import Mode, Range, When
 
@@ -20,14 +21,12 @@ if TYPE_CHECKING:
 class _Parameter:
     """One parameter: the view of it, its built value, and which of its entries are drawn."""
 
-    def __init__(self, name: str, spec: Range, model: Any) -> None:
-        from simwarp import to_torch
-
+    def __init__(self, name: str, spec: Range, view: torch.Tensor, chosen: torch.Tensor) -> None:
         self.name = name
         self.spec = spec
-        self.view = to_torch(getattr(model, name))
+        self.view = view
         self.built = self.view.clone()
-        self.chosen = _spread(_chosen(name, spec, model, self.view), self.view)
+        self.chosen = _spread(chosen, self.view)
         trailing = self.view.dim() - (1 if name == "gravity" else 2)
         if not self.view.is_floating_point():
             raise InputError(f"randomise '{name}': it holds whole numbers, which no range describes")
@@ -54,6 +53,14 @@ class _Parameter:
             value = self.built + share * (value - self.built)
         where = mask.view(-1, *(1,) * (self.view.dim() - 1)) & self.chosen
         self.view.copy_(torch.where(where, value, self.view))
+
+
+def _of_model(name: str, spec: Range, model: Any) -> _Parameter:
+    """Return a parameter of the model."""
+    from simwarp import to_torch
+
+    view = to_torch(getattr(model, name))
+    return _Parameter(name, spec, view, _chosen(name, spec, model, view))
 
 
 class _Inertia:
@@ -158,10 +165,18 @@ class Randomiser:
         from simwarp.model.active_entries import active_entries
 
         model = simulation.model
-        self._parameters = [_Parameter(name, spec, model) for name, spec in ranges.items()]
+        moving = of_actuators(ranges)
+        of_model = {name: spec for name, spec in ranges.items() if name not in moving}
+        self._parameters = [_of_model(name, spec, model) for name, spec in of_model.items()]
+        self._numbers = ActuatorNumbers(moving, simulation, owner) if moving else None
+        if self._numbers is not None:
+            self._parameters += [
+                _Parameter(name, spec, self._numbers.views[name], self._numbers.chosen(name, spec))
+                for name, spec in moving.items()
+            ]
         self._by_step = [item for item in self._parameters if item.spec.when is When.STEP]
         self._inertias = [_Inertia(item, model) for item in self._parameters if _takes_inertia(item.name, ranges)]
-        for item in self._parameters:
+        for item in (one for one in self._parameters if one.name in of_model):
             contact_model = simulation.solver.contact_model
             effect = active_entries(model, item.name, contact_model=contact_model, also=ranges.keys())
             _check_acts(item, effect, model, owner)
@@ -172,6 +187,8 @@ class Randomiser:
             item.draw(random, mask, level)
         for inertia in self._inertias:
             inertia.follow(mask)
+        if self._numbers is not None:
+            self._numbers.compose(mask)
 
     def begin_step(self, random: WorldRandom, every: torch.Tensor, level: torch.Tensor) -> None:
         """Draw what changes in every control step."""
@@ -180,6 +197,8 @@ class Randomiser:
         for inertia in self._inertias:
             if inertia.mass in self._by_step:
                 inertia.follow(every)
+        if self._numbers is not None and any(item.name in self._numbers.views for item in self._by_step):
+            self._numbers.compose(every)
 
 
 def _takes_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
@@ -191,7 +210,7 @@ def _takes_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
 def drawn_parameters(ranges: Mapping[str, Range]) -> set[str]:
     """Return the model parameters that ranges change: those that they name, and the inertia of scaled masses."""
     following = {"body_inertia_b" for name in ranges if _takes_inertia(name, ranges)}
-    return {*ranges, *following}
+    return {*ranges, *following} - set(of_actuators(ranges))
 
 
 def randomiser_of(ranges: Mapping[str, Range], simulation: Any, owner: str) -> Randomiser | None:
@@ -203,6 +222,7 @@ def check_ranges(ranges: Mapping[str, Range]) -> None:
     """Refuse the name of a parameter that does not exist."""
     from simwarp.model.model import PARAMETERS
 
+    known = (*PARAMETERS, *ARRAYS)
     for name in ranges:
-        if name not in PARAMETERS:
-            raise InputError(f"randomise: there is no model parameter {shown(name)}{near_names(name, PARAMETERS)}")
+        if name not in known:
+            raise InputError(f"randomise: there is no model parameter {shown(name)}{near_names(name, known)}")

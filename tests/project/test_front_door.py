@@ -16,10 +16,10 @@ from simwarp.sensors.scene import AppearanceOptions
 ROOT = Path(__file__).parents[2]
 PACKAGES = {
     "simwarp", "simwarp.actuators", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers",
-    "simwarp.soil", "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics", "simwarp.tasks", "simwarp.tasks.driving",
-    "simwarp.train",
+    "simwarp.exporters", "simwarp.soil", "simwarp.viewer", "simwarp.scenes", "simwarp.kinematics", "simwarp.tasks",
+    "simwarp.tasks.driving", "simwarp.train",
     # these import libraries that are optional
-    "simwarp.tasks.adapters.sb3_adapter", "simwarp.tasks.adapters.skrl_adapter",
+    "simwarp.tasks.adapters.in_mujoco", "simwarp.tasks.adapters.sb3_adapter", "simwarp.tasks.adapters.skrl_adapter",
 }  # fmt: skip
 """The front door: their names do not move."""
 

@@ -1,9 +1,9 @@
 """Imports go one way, and never in a circle:
 
 warp <- kernels <- core, geometry <- model <- simulation <- actuators, kinematics, vehicle, sensors, soil, scenery,
-scenes <- importers, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share five leaves, `SHARED`:
-types, arrays, their declarations, near names, and how objects print. Measurement and commands may import each other's
-modules, but not in a circle. Torch and trimesh have one file each. A name used only in annotations
+scenes <- importers, exporters, viewer <- tasks <- train <- bench, verify <- cli. Kernels and host share five leaves,
+`SHARED`: types, arrays, their declarations, near names, and how objects print. Measurement and commands may import each
+other's modules, but not in a circle. Torch and trimesh have one file each. A name used only in annotations
 (`if TYPE_CHECKING:`) counts for directions and circles too.
 """
 
@@ -20,8 +20,8 @@ FOLDERS = {"simwarp": "simwarp", "tasks": "simwarp.tasks", "train": "simwarp.tra
 RANKS = {
     "kernels": 0, "core": 1, "geometry": 2, "model": 3, "simulation": 4, "api": 5, "actuators": 6, "kinematics": 6,
     "vehicle": 6, "sensors": 6, "soil": 6,
-    "scenery": 6, "scenes": 6, "importers": 7, "viewer": 7, "tasks": 8, "train": 9, "bench": 10, "verify": 10,
-    "cli": 10, "__main__": 11,
+    "scenery": 6, "scenes": 6, "importers": 7, "exporters": 7, "viewer": 7, "tasks": 8, "train": 9, "bench": 10,
+    "verify": 10, "cli": 10, "__main__": 11,
 }  # fmt: skip
 SHARED = {
     "simwarp.core.types", "simwarp.core.arrays", "simwarp.core.fields", "simwarp.core.wording",

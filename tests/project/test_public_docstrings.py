@@ -18,7 +18,8 @@ from rsl_rl.env import VecEnv
 import simwarp as sw
 
 PACKAGES = (
-    "simwarp", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers", "simwarp.viewer",
+    "simwarp", "simwarp.vehicle", "simwarp.sensors", "simwarp.scenery", "simwarp.importers", "simwarp.exporters",
+    "simwarp.actuators", "simwarp.viewer",
     "simwarp.tasks", "simwarp.tasks.driving", "simwarp.train",
 )  # fmt: skip
 

@@ -20,8 +20,8 @@ from torch import nn
 from .learner_threads import LearnerThreads
 from .mini_batch_shares import Share, mini_batches_in_shares, share_bounds, share_count
 
-VALUE, SURROGATE, DIVERGENCE, ENTROPY = range(4)
-"""Places in what :meth:`SharedPPO.terms` returns."""
+VALUE, SURROGATE, DIVERGENCE, ENTROPY, MIRROR = range(5)
+"""Places in what :meth:`SharedPPO.terms` returns; the last one only where a symmetry is used."""
 _SMALLEST_RATE: Final = 1e-5
 _LARGEST_RATE: Final = 1e-2
 _RATE_FACTOR: Final = 1.5
@@ -61,12 +61,13 @@ class SharedPPO(PPO):
         if self.threads is None:
             losses: dict[str, float] = super().update()
             return losses
-        sums = torch.zeros(4)
+        sums = torch.zeros(4 if self.symmetry is None else 5)
         for shares in self.shared_batches(self.num_learning_epochs):
             sums += self._learn_shared(shares)
         self.end_update()
-        value, surrogate, _, entropy = (sums / (self.num_learning_epochs * self.num_mini_batches)).tolist()
-        return {"value": value, "surrogate": surrogate, "entropy": entropy}
+        value, surrogate, _, entropy, *mirror = (sums / (self.num_learning_epochs * self.num_mini_batches)).tolist()
+        found = {"value": value, "surrogate": surrogate, "entropy": entropy}
+        return found | ({"symmetry": mirror[0]} if mirror else {})
 
     def end_update(self) -> None:
         """Let the normalisers see the rollout, and clear it."""
@@ -94,7 +95,7 @@ class SharedPPO(PPO):
 
         def learn(share: Share) -> tuple[torch.Tensor, Gradients]:
             terms = share.weight * self.terms(share.take())
-            weights = terms.new_tensor([self.value_loss_coef, 1.0, 0.0, -self.entropy_coef])
+            weights = terms.new_tensor([self.value_loss_coef, 1.0, 0.0, -self.entropy_coef, *self._mirror_weight()])
             return terms.detach(), torch.autograd.grad(terms, parameters, weights)
 
         assert self.threads is not None
@@ -103,6 +104,12 @@ class SharedPPO(PPO):
         self._follow_divergence(totals[DIVERGENCE])
         self.descend(parameters, [gradients for _, gradients in found])
         return totals
+
+    def _mirror_weight(self) -> list[float]:
+        """Return the weight of the mirror loss, where a symmetry is used."""
+        if self.symmetry is None:
+            return []
+        return [self.symmetry.mirror_loss_coeff if self.symmetry.use_mirror_loss else 0.0]
 
     def learn_values(
         self,
@@ -146,13 +153,27 @@ class SharedPPO(PPO):
         self.optimizer.step()
 
     def terms(self, batch: RolloutStorage.Batch) -> torch.Tensor:
-        """Return the means over a share of (4,): value loss, surrogate, divergence of the old policy, entropy."""
+        """Return the means over a share of (4,): value loss, surrogate, divergence of the old policy, entropy.
+
+        (5,) where a symmetry is used: the mirror loss, too. Divergence and entropy are those of the samples as drawn,
+        without their mirror images, as in rsl-rl.
+        """
+        count = batch.observations.batch_size[0]
+        if self.symmetry is not None:
+            self.symmetry.augment_batch(batch, count)
         value_loss = self.value_loss(batch, self._values(batch))
         policy = self.policy(batch)
         log_ratio = policy.log_prob(batch.actions) - batch.old_actions_log_prob.squeeze(-1)
         surrogate = self.surrogate(torch.exp(log_ratio), batch.advantages.squeeze(-1))
+        drawn = batch.old_distribution_params[0].shape[0]
         divergence = self.divergence(policy, batch)
-        return torch.stack([value_loss, surrogate, divergence, policy.entropy.mean()])
+        mirror = [] if self.symmetry is None else [self._mirror_loss(batch, count)]
+        return torch.stack([value_loss, surrogate, divergence, policy.entropy[:drawn].mean(), *mirror])
+
+    def _mirror_loss(self, batch: RolloutStorage.Batch, count: int) -> torch.Tensor:
+        """Return rsl-rl's mirror loss of a share with ``count`` samples as drawn."""
+        loss: torch.Tensor = self.symmetry.compute_loss(self.actor, batch, count)
+        return loss
 
     def policy(self, batch: RolloutStorage.Batch) -> Any:
         """Return the distribution of actions on a share, one of its own: the actor's remembers what it saw last."""
@@ -173,7 +194,9 @@ class SharedPPO(PPO):
     def divergence(self, policy: Any, batch: RolloutStorage.Batch) -> torch.Tensor:
         """Return the mean KL divergence of the old policy; only the learning rate follows it."""
         with torch.no_grad():
-            mean: torch.Tensor = policy.kl_divergence(batch.old_distribution_params, policy.params).mean()
+            old = batch.old_distribution_params
+            new = tuple(parameter[: len(old[0])] for parameter in policy.params)
+            mean: torch.Tensor = policy.kl_divergence(old, new).mean()
         return mean
 
     def value_loss(self, batch: RolloutStorage.Batch, values: torch.Tensor) -> torch.Tensor:

@@ -22,6 +22,7 @@ from .distributed import Processes
 from .kl_penalty import KLPenaltyPPO
 from .learner import Learner
 from .shared_ppo import SharedPPO
+from .symmetry import symmetry_settings
 from .vec_env import TaskVecEnv
 
 
@@ -53,6 +54,7 @@ class Trainer(Learner):
     def _make_algorithm(self, observations: TensorDict) -> SharedPPO:
         settings = rsl_rl_config(self.config, list(self.task.observation_shapes), self.task.action_size)
         settings["multi_gpu"] = self.group.rsl_rl()
+        settings["algorithm"]["symmetry_cfg"] = symmetry_settings(self.task, self.config)
         kind: Any = resolve_callable(settings["algorithm"]["class_name"])
         made: SharedPPO = kind.construct_algorithm(observations, self.env, settings, self.device)
         return made

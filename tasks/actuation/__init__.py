@@ -1,0 +1,1 @@
+"""Motors of tasks: actuators that `randomise` can name, and learned ones."""
