@@ -18,18 +18,22 @@ class ExportOptions(CommonOptions):
     """Kind of file."""
     output: Path | None = None
     """File to write; by default TASK.onnx or TASK.ts in the working folder."""
+    mjcf: Path | None = None
+    """Also write the robot and the ground that the policy acts on, as a file of MuJoCo; the model must be a tree."""
 
 
 def run(arguments: list[str]) -> int:
     """Export as the arguments say."""
     source, arguments = take_path(arguments, "export", "RUN_OR_CHECKPOINT")
     options = parse_options(ExportOptions, arguments, "simwarp export RUN_OR_CHECKPOINT")
-    options.check(source, output=options.output)
+    options.check(source, output=options.output, mjcf=options.mjcf)
     import torch
 
-    from simwarp.train.networks.export import ExportFormat, export_policy
+    from simwarp.train.networks.export import ExportFormat, export_model, export_policy
 
     torch.set_num_threads(1)
+    told = {} if options.mjcf is None else {"mjcf": str(options.mjcf)}
+    left_out = export_model(source, options.mjcf) if options.mjcf is not None else ()
     result = export_policy(source, ExportFormat(options.format), options.output)
     console = options.console()
     console.print(
@@ -38,5 +42,9 @@ def run(arguments: list[str]) -> int:
         soft_wrap=True,
     )
     console.print(f"wrote {result.output}", highlight=False, soft_wrap=True)
-    options.emit(dataclasses.asdict(result))
+    if options.mjcf is not None:
+        console.print(f"wrote {options.mjcf}", highlight=False, soft_wrap=True)
+    for line in left_out:
+        console.print(f"left out of it: {line}", highlight=False, soft_wrap=True)
+    options.emit({**dataclasses.asdict(result), **told})
     return DONE

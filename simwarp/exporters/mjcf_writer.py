@@ -15,12 +15,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from simwarp.actuators import Actuators
 from simwarp.core.files import check_output, write_file
 from simwarp.core.readable import ReadableFields
 from simwarp.core.rotation import quat_from_matrix
 from simwarp.core.types import WORLD, ModelError, shown
 from simwarp.exporters.mjcf_geoms import ShapeWriter
 from simwarp.exporters.mjcf_joints import FileJoint, JointWriter, text_of
+from simwarp.exporters.mjcf_motors import write_motors
 from simwarp.exporters.mjcf_tree import Node, nodes_of, row_of
 from simwarp.model.checks import checked_name, positive_number, whole_number
 from simwarp.model.model import Model
@@ -47,12 +49,14 @@ class Mjcf(ReadableFields):
 
 
 def mjcf_of(
-    model: Model, *, world: int = 0, timestep: float = 0.002, softness: float = SOFTNESS, name: str = "simwarp"
+    model: Model, *, actuators: Actuators | None = None, world: int = 0, timestep: float = 0.002,
+    softness: float = SOFTNESS, name: str = "simwarp",
 ) -> Mjcf:  # fmt: skip
     """A model as MJCF.
 
     Args:
         model: a tree of bodies: no loops, couplings, shafts or springs between bodies.
+        actuators: of the model, written as MuJoCo's own; their delays and torque-speed curves are left out.
         world: whose parameters are written.
         timestep: of MuJoCo [s].
         softness: time constant of contacts, stops and dry friction, MuJoCo's `solref` [s]; it makes at least two of its
@@ -64,6 +68,8 @@ def mjcf_of(
     """
     if not isinstance(model, Model):
         raise ModelError(f"mjcf_of: model must be a Model, got {shown(model)}; pass what finalize returned")
+    if actuators is not None and (not isinstance(actuators, Actuators) or actuators.model is not model):
+        raise ModelError(f"mjcf_of: actuators must be Actuators of the same model, got {shown(actuators)}; make them")
     world = whole_number("mjcf_of", "world", world, 0, model.world_count - 1, "count from 0")
     step = positive_number("mjcf_of", "timestep", timestep, "s", "0.002 is usual")
     soft = text_of([positive_number("mjcf_of", "softness", softness, "s", f"{SOFTNESS:g} is MuJoCo's own"), 1.0])
@@ -77,11 +83,11 @@ def mjcf_of(
     defaults = ElementTree.SubElement(root, "default")
     ElementTree.SubElement(defaults, "joint", solreflimit=soft, solreffriction=soft)
     ElementTree.SubElement(defaults, "pair", solref=soft)
-    assets, bodies, pairs, actuators = (
+    assets, bodies, pairs, driving = (
         ElementTree.SubElement(root, part) for part in ("asset", "worldbody", "contact", "actuator")
     )
     notes: list[str] = []
-    joints, shapes = JointWriter(model, world, actuators), ShapeWriter(model, world, assets, notes)
+    joints, shapes = JointWriter(model, world, driving), ShapeWriter(model, world, assets, notes)
     shapes.write(None, bodies)
     masses, inertias = row_of(model, "body_mass", world), row_of(model, "body_inertia_b", world)
     elements = {WORLD: bodies}
@@ -101,18 +107,22 @@ def mjcf_of(
         _write_inertia(node, float(masses[node.body]), np.array(inertias[node.body], np.float64), element)
         shapes.write(node, element)
     shapes.write_pairs(pairs)
+    if actuators is not None:
+        write_motors(actuators, world, joints.joints, root, notes)
     ElementTree.indent(root)
     return Mjcf(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(joints.joints), tuple(notes))
 
 
 def save_mjcf(
-    model: Model, path: str | os.PathLike[str], *, world: int = 0, timestep: float = 0.002, softness: float = SOFTNESS
+    model: Model, path: str | os.PathLike[str], *, actuators: Actuators | None = None, world: int = 0,
+    timestep: float = 0.002, softness: float = SOFTNESS,
 ) -> Mjcf:  # fmt: skip
     """Write a model as a file of MuJoCo; returns what is in it.
 
     Args:
         model: see `mjcf_of`.
         path: of the file.
+        actuators: of the model, see `mjcf_of`.
         world: whose parameters are written.
         timestep: of MuJoCo [s].
         softness: time constant of contacts, stops and dry friction there [s].
@@ -123,7 +133,7 @@ def save_mjcf(
         OutputError: the disk did not take it.
     """
     target = check_output(Path(path), "save_mjcf")
-    made = mjcf_of(model, world=world, timestep=timestep, softness=softness)
+    made = mjcf_of(model, actuators=actuators, world=world, timestep=timestep, softness=softness)
     write_file(target, made.text)
     return made
 

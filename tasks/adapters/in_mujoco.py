@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from simwarp.actuators import Actuators
 from simwarp.core.types import WorldStatus
@@ -31,8 +32,8 @@ _STATE: Final = (
     *_WATCHED, "joint_x", "body_omega_last", "body_v_low", "body_omega_low", "world_time", "world_status",
 )  # fmt: skip
 _CONTROL: Final = (
-    "joint_force", "joint_target_q", "joint_target_qd", "body_force", "body_torque", "element_force", "element_torque",
-    "element_joint_force",
+    "joint_force", "joint_target_q", "joint_target_qd", "body_force", "body_torque", "body_force_b", "body_torque_b",
+    "element_force", "element_torque", "element_joint_force",
 )  # fmt: skip
 
 
@@ -40,7 +41,8 @@ class MujocoSimulation:
     """The simulation of a task with MuJoCo's steps in the place of its own.
 
     Other attributes and methods are those of the simulation. Bodies, coordinates, contact forces of bodies and shapes,
-    and the time are written into it; single contacts and diagnostics are not. What anybody sets in it between two steps
+    and the time are written into it; single contacts and diagnostics are not. Efforts along the coordinates of floating
+    bodies and balls have no effect. What anybody sets in it between two steps
     (resets, joint states, pushes) is taken over by the next one.
 
     Args:
@@ -110,6 +112,10 @@ class MujocoSimulation:
         if self._inner.elements:
             effort = effort + values["element_joint_force"]
             force, torque = force + values["element_force"], torque + values["element_torque"]
+        own = [values["body_force_b"], values["body_torque_b"]]
+        if any(part.any() for part in own):
+            turned = Rotation(self._state["body_rot"][world])
+            force, torque = force + turned.apply(own[0]), torque + turned.apply(own[1])
         return Inputs(values["joint_target_q"], values["joint_target_qd"], effort, force, torque)
 
     def _take_over(self) -> None:

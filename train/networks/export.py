@@ -242,6 +242,28 @@ def _difference(run: Runner, exported: ExportedPolicy, steps: list[Any]) -> floa
     return worst
 
 
+def export_model(checkpoint: Path, output: Path) -> tuple[str, ...]:
+    """Write the robot and the ground that the policy of a checkpoint or run acts on as MJCF; return what is left out.
+
+    Raises:
+        InputError: the checkpoint cannot be read or does not fit its task, or the task has no physics.
+        ModelError: the model has a part that MJCF has not.
+        FileError: ``output`` cannot be written to.
+        OutputError: the disk did not take the file.
+    """
+    from simwarp.exporters import save_mjcf
+
+    target = check_output(output, "--mjcf")
+    path, content = read_policy(checkpoint)
+    cls = task_class_of(content, f"checkpoint {path}")
+    config = task_config_from_plain(cls, content["task_config"], f"checkpoint {path}: task_config")
+    task = make(content["task"], 1, seed=0, config=config)
+    if task.simulation is None:
+        raise InputError(f"--mjcf: task '{task.name}' has no physics that a model could tell of; leave it away")
+    written: tuple[str, ...] = save_mjcf(task.simulation.model, target, timestep=config.dt / config.substeps).notes
+    return written
+
+
 def export_policy(checkpoint: Path, form: ExportFormat, output: Path | None = None) -> Export:
     """Write the policy of a checkpoint or run, and hold the file to the trained policy on raw observations.
 

@@ -8,6 +8,8 @@ import torch
 
 from simwarp.tasks import InputError, Range, make
 from simwarp.tasks.adapters.in_mujoco import put_in_mujoco
+from tests.tasks.actuation.hinge_task import hinges
+from tests.tasks.actuation.test_actuator_network import saved
 
 
 def stepped(task, steps, action=0.0):
@@ -109,3 +111,35 @@ def test_what_mujoco_cannot_hold_is_refused():
         put_in_mujoco(make("fast", 2))
     with pytest.raises(InputError, match="force elements must be Actuators"):
         put_in_mujoco(make("hallway", 1, obs="state"))
+
+
+@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # TorchScript is old, and what such files are
+def test_motors_act_there_as_here(tmp_path, learned):
+    """Two hinges without weight and contacts: both simulators have the same equations."""
+    options = {"network": saved(tmp_path / "law.pt", (7.0, 2.0, -0.3, -0.1))} if learned else {}
+    found = []
+    for there in (False, True):
+        task = hinges(3, seed=2, **options)
+        if there:
+            put_in_mujoco(task, steps=1)
+        task.restart(seed=2)
+        actions = torch.rand(12, 3, 2, generator=torch.Generator().manual_seed(1)) * 2 - 1
+        found.append(torch.stack([task.step(action).observations["policy"].clone() for action in actions]))
+    # the same steps of an explicit law, in float32 and in float64
+    torch.testing.assert_close(found[0], found[1], rtol=1e-3, atol=1e-3)
+    assert float((found[0][-1] - found[0][0]).abs().max()) > 0.2
+
+
+def test_forces_in_axes_of_the_bodies_turn_with_them():
+    moved = []
+    for field in ("body_force", "body_force_b"):
+        task = make("ant", 1, seed=2)
+        inside = put_in_mujoco(task)
+        task.restart(seed=2)
+        getattr(task.simulation.control, field)[0, 0] = (0.0, 0.0, 60.0)
+        stepped(task, 5)
+        moved.append(inside.worlds[0].data.body("torso").xipos.copy())
+        world_up = task.views.body_q[0, 0, 3:]
+    assert abs(float(world_up[2])) > 0.001, "the torso is turned about more than the vertical"
+    assert 1e-6 < np.abs(moved[0] - moved[1]).max() < 0.1

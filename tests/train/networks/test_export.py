@@ -101,6 +101,23 @@ def test_the_files_say_what_they_are(tmp_path):
     assert json.loads(stored["simwarp"]) == json.loads(extra["simwarp.json"]) == expected
 
 
+def test_the_model_beside_the_policy(tmp_path, monkeypatch, capfd):
+    mujoco = pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    trained(tmp_path / "a.pt", "pendulum", NetworkKind.MLP)
+    arguments = ["export", "a.pt", "--format", "torchscript", "--mjcf", "a.xml", "--json", "out.json"]
+    assert cli.main(arguments) == 0
+    assert json.loads(Path("out.json").read_text())["mjcf"] == "a.xml"
+    assert "wrote a.xml" in capfd.readouterr().out
+    theirs = mujoco.MjModel.from_xml_path("a.xml")
+    task = make("pendulum", 1)
+    assert theirs.nv == task.simulation.model.dof_count
+    assert theirs.opt.timestep == pytest.approx(task.config.dt / task.config.substeps)
+    trained(tmp_path / "b.pt", "fast", NetworkKind.MLP)
+    assert cli.main(["export", "b.pt", "--mjcf", "b.xml"]) == 2
+    assert "task 'fast' has no physics" in capfd.readouterr().err
+
+
 def test_the_command(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     trained(tmp_path / "a.pt", "fast", NetworkKind.MLP)

@@ -10,10 +10,12 @@ import pytest
 
 import simwarp as sw
 from simwarp import scenes
+from simwarp.actuators import Activation, Actuators, ActuatorSpec, SitePull, dc_motor, pd_actuator
 from simwarp.core.files import FileError
 from simwarp.exporters import mjcf_of, save_mjcf
 from simwarp.exporters.mujoco_world import BodyState, Inputs, MujocoWorld
 from simwarp.model.model import meeting_pairs
+from tests.unit.actuators.cart_and_wheel import bodies, start
 from tests.unit.exporters.written_models import BUILDERS, Both, servo_hexapod, zoo
 
 SEEDS = (0, 1, 2)
@@ -339,3 +341,43 @@ def test_contacts_and_stops_are_as_soft_as_asked_for():
         assert set(theirs.pair_solref[:, 0]) == set(theirs.jnt_solref[1:, 0]) == {softness}
     with pytest.raises(sw.ModelError, match="softness must be finite and > 0 s"):
         mjcf_of(model, softness=-1.0)
+
+
+def test_actuators_push_as_ours_do():
+    specs = [
+        ActuatorSpec(name="push", terms=((0, 2.0),), gain=(1.0, 0.2, -0.1), bias=(0.3, -1.0, -0.2), length_offset=0.4),
+        ActuatorSpec(name="both", terms=((0, -0.5), (1, 1.5)), ctrl_range=(-0.5, 0.8), force_range=(-0.6, 0.7)),
+        ActuatorSpec(name="slow", terms=((1, 1.0),), activation=Activation.FILTER, time_constant=0.02),
+        pd_actuator("pd", 1, stiffness=4.0, damping=0.3, effort_limit=0.5, delay=0.001),
+        dc_motor("motor", 1, stall_torque=2.0, free_speed=5.0),
+    ]
+    model = bodies().finalize(2, "cpu")
+    motors = Actuators(model, specs, dt=1e-3, per_world=["gain"])
+    motors.gain[1, 0] = (3.0, 0.0, 0.0)
+    sim = sw.Simulation(model, 1e-3, elements=[motors])
+    start(sim, (0.3, -0.2), (0.5, -1.0))
+    controls = [0.7, 1.5, -0.4, 0.1, 0.2]
+    for world in range(2):
+        made = mjcf_of(model, actuators=motors, world=world)
+        assert made.notes == ("delay of actuator 'pd'", "torque-speed curve of actuator 'motor'")
+        theirs = mujoco.MjModel.from_xml_string(made.text)
+        data = mujoco.MjData(theirs)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = (0.3, -0.2), (0.5, -1.0), controls
+        mujoco.mj_forward(theirs, data)
+        if world == 0:
+            motors.ctrl[...] = controls
+            sim.step()
+        ours = motors.force.numpy()[world]
+        # without the delayed one, whose control has not come through, and the curve, which does not act here
+        kept = [0, 1, 2, 4]
+        np.testing.assert_allclose(data.actuator_force[kept], ours[kept], rtol=1e-5, atol=1e-6)
+        assert data.actuator_force[3] == pytest.approx(0.5)
+
+
+def test_actuators_that_the_file_cannot_have():
+    model = scenes.ant().finalize(1, "cpu")
+    pull = Actuators(model, [ActuatorSpec(name="pull", site=SitePull(body=0))])
+    with pytest.raises(sw.ModelError, match="actuator 'pull': pulls on frames are not written"):
+        mjcf_of(model, actuators=pull)
+    with pytest.raises(sw.ModelError, match="actuators must be Actuators of the same model"):
+        mjcf_of(scenes.ant().finalize(1, "cpu"), actuators=pull)
