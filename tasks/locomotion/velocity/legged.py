@@ -11,11 +11,13 @@ import torch
 
 from simwarp import to_torch
 
+from ...framework.mirror import Mirror
 from ...framework.rotations import heading_of
 from ...framework.task import Task
 from . import pieces
 from .config import Seen, VelocityConfig
 from .ground import RoughGround, ground_of
+from .mirroring import mirror_of
 
 if TYPE_CHECKING:
     from simwarp import ModelBuilder, SolverOptions
@@ -37,6 +39,10 @@ class LeggedTask(Task[LeggedT]):
     """Of the frame of `base` over the ground in the stance [m]."""
     base: ClassVar[str] = "base"
     """Free joint of the trunk, which places the robot."""
+    sides: ClassVar[tuple[tuple[str, str], ...]] = ()
+    """Words in the names of joints that change places in the robot's mirror image; empty: it is not its own."""
+    turned: ClassVar[tuple[str, ...]] = ()
+    """Joints whose angles change their sign there; * stands for letters."""
     friction: ClassVar[float] = 1.0
     """Of the ground; where it meets a foot, the smaller one counts."""
     per_world: ClassVar[tuple[str, ...]] = RoughGround.model_arrays
@@ -77,6 +83,12 @@ class LeggedTask(Task[LeggedT]):
     def default_positions(self) -> Sequence[float]:
         """The stance [rad]."""
         return tuple(self.stance.values())
+
+    def mirror(self) -> Mirror | None:
+        """Return the mirror image of what is seen and done, of a robot that is its own."""
+        if not self.sides:
+            return None
+        return mirror_of(self.observation_names, self.action_joints, sides=self.sides, turned=self.turned)
 
     def setup(self) -> None:
         """Allocate buffers, and find the robot's parts.

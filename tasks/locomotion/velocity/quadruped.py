@@ -37,6 +37,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
         "iterations": 300, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
         "network.init_std": 0.5, "ppo.gamma": 0.985, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
     }  # fmt: skip
+    sides: ClassVar[tuple[tuple[str, str], ...]] = (("FL", "FR"), ("RL", "RR"))
+    turned: ClassVar[tuple[str, ...]] = ("*_hip_joint",)
     trunk, feet, stance, height = "trunk", QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT
 
     def robot(self) -> ModelBuilder:
@@ -92,10 +94,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
 
     def rewards(self) -> dict[str, torch.Tensor]:
         """Return the terms; weights are per second, but for that of a fall."""
-        velocity, turning = (
-            pieces.velocity_in_body(self.views, self.body),
-            pieces.turning_in_body(self.views, self.body),
-        )
+        tellers = (pieces.velocity_in_body, pieces.turning_in_body)
+        velocity, turning = (tell(self.views, self.body) for tell in tellers)
         speed_error, turn_error = pieces.speed_error(velocity, self.command), pieces.turn_error(turning, self.command)
         self.errors.copy_(torch.stack((speed_error, turn_error), dim=1))
         self.ground.record(velocity[:, :2], self.command[:, :2])
