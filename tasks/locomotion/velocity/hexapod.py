@@ -43,7 +43,7 @@ class HexapodVelocity(QuadrupedVelocity):
     summary: ClassVar[str] = "hexapod: six legs follow commanded velocities and turns, 18 position drives"
     config_type: ClassVar[type[TaskConfig]] = HexapodVelocityConfig
     action_size: int = 18
-    training: ClassVar[Mapping[str, Any]] = {**QuadrupedVelocity.training, "network.init_std": 0.4}
+    training: ClassVar[Mapping[str, Any]] = {**QuadrupedVelocity.training, "iterations": 300, "network.init_std": 0.4}
     trunk: ClassVar[str] = "base"
     feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)
     stance: ClassVar[Mapping[str, float]] = {f"{k}_{leg}": 0.0 for k in ("hip", "femur", "tibia") for leg in _LEGS}
