@@ -2,6 +2,7 @@
 
 from .config import Seen, VelocityConfig
 from .ground import Climbing, FlatGround, Ground, RoughConfig, RoughGround, ScanConfig, ground_of
+from .height_scan import RayScan
 from .hexapod import HexapodVelocity, HexapodVelocityConfig
 from .legged import LeggedTask
 from .quadruped import QuadrupedVelocity
@@ -14,6 +15,7 @@ __all__ = [
     "HexapodVelocityConfig",
     "LeggedTask",
     "QuadrupedVelocity",
+    "RayScan",
     "RoughConfig",
     "RoughGround",
     "ScanConfig",
