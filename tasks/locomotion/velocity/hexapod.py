@@ -34,6 +34,8 @@ class HexapodVelocityConfig(VelocityConfig):
     """Bound of the commanded speed to either side [m/s]."""
     max_turn: float = 0.6
     """Bound of the commanded turn about the vertical [rad/s]."""
+    push_speed: float = 0.15
+    """Largest change of speed that a push gives the robot [m/s]; 0: nothing pushes it."""
 
 
 @register("hexapod-velocity")

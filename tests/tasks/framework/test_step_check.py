@@ -25,15 +25,15 @@ BUDGETS = {
     ("off-road", "camera"): (2134, 400),
     ("convoy", "state"): (3206, 800),
     ("convoy", "camera"): (4134, 800),
-    ("quadruped-velocity", "state"): (346, 360),
-    ("quadruped-velocity", "scan"): (378, 392),
-    ("quadruped-velocity", "history"): (334, 348),
-    ("hexapod-velocity", "state"): (346, 360),
+    ("quadruped-velocity", "state"): (365, 380),
+    ("quadruped-velocity", "scan"): (397, 412),
+    ("quadruped-velocity", "history"): (353, 368),
+    ("hexapod-velocity", "state"): (365, 380),
 }
 """Torch operations and Warp launches of a control step: when they were first counted, and the most that is allowed."""
 OWN = 40
 """Those of a task and the loop that all tasks share, beside one launch before each physics step."""
-COMPOSED = {"quadruped-velocity": 380, "hexapod-velocity": 380}
+COMPOSED = {"quadruped-velocity": 400, "hexapod-velocity": 400}
 """The same of tasks that are composed of plain torch functions rather than written as kernels: what authors pay."""
 
 
