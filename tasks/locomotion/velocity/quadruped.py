@@ -34,7 +34,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     config_type: ClassVar[type[TaskConfig]] = VelocityConfig
     action_size: int = 12
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 450, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
+        "iterations": 400, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
         "network.init_std": 0.5, "ppo.gamma": 0.985, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
     }  # fmt: skip
     trunk, feet, stance, height = "trunk", QUADRUPED_FEET, QUADRUPED_STANCE, QUADRUPED_STANCE_HEIGHT
@@ -109,7 +109,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             "posture": -0.1 * pieces.squares(self.angles),
             "acceleration": -1e-7 * pieces.squares((self.rates - self.rates_before) / period),
             "smooth": -0.01 * pieces.squares(self.action - self.before),
-            "steps": 0.15 * pieces.stepping(*self.on_feet.phases, moving, least=0.1, longest=0.3),
+            "steps": 0.25 * pieces.stepping(*self.on_feet.phases, moving, least=0.1, longest=0.3),
             "slip": -0.05 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
         }
         return {**{name: period * term for name, term in terms.items()}, "fall": -5.0 * self.terminations()["fell"]}
