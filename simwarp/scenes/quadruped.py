@@ -27,6 +27,7 @@ QUADRUPED_FEET: Final = tuple(f"{leg}_foot" for leg in QUADRUPED_LEGS)
 QUADRUPED_LINK: Final = 0.213
 """Length of a thigh, and of a calf down to the middle of its foot [m]."""
 QUADRUPED_FOOT_RADIUS: Final = 0.022
+"""Of the balls that are its feet [m]."""
 QUADRUPED_TORQUES: Final = {"hip": 23.7, "thigh": 23.7, "calf": 45.43}
 """Largest torque of a motor [N·m]."""
 QUADRUPED_SPEEDS: Final = {"hip": 30.1, "thigh": 30.1, "calf": 15.7}

@@ -1,1 +1,25 @@
 """Robots on legs that follow commanded velocities, on flat and on rough ground."""
+
+from .config import Seen, VelocityConfig
+from .ground import Climbing, FlatGround, Ground, RoughConfig, RoughGround, ScanConfig, ground_of
+from .height_scan import RayScan
+from .hexapod import HexapodVelocity, HexapodVelocityConfig
+from .legged import LeggedTask
+from .quadruped import QuadrupedVelocity
+
+__all__ = [
+    "Climbing",
+    "FlatGround",
+    "Ground",
+    "HexapodVelocity",
+    "HexapodVelocityConfig",
+    "LeggedTask",
+    "QuadrupedVelocity",
+    "RayScan",
+    "RoughConfig",
+    "RoughGround",
+    "ScanConfig",
+    "Seen",
+    "VelocityConfig",
+    "ground_of",
+]

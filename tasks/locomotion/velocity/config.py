@@ -61,7 +61,8 @@ class VelocityConfig(TaskConfig):
     """How far a full action moves the target of a joint away from the stance [rad]."""
     start_angle: NotNegative = 0.1
     """Largest deviation of a joint from the stance at the start [rad]."""
-    push_speed: NotNegative = 0.0
+    # Without pushes a policy knows no tilts but its own, and falls over what it has not seen
+    push_speed: NotNegative = 0.5
     """Largest change of speed that a push gives the robot [m/s]; 0: nothing pushes it."""
     push_time: Positive = 4.0
     """Time between two pushes [s]."""

@@ -34,6 +34,8 @@ class HexapodVelocityConfig(VelocityConfig):
     """Bound of the commanded speed to either side [m/s]."""
     max_turn: float = 0.6
     """Bound of the commanded turn about the vertical [rad/s]."""
+    push_speed: float = 0.15
+    """Largest change of speed that a push gives the robot [m/s]; 0: nothing pushes it."""
 
 
 @register("hexapod-velocity")
@@ -43,7 +45,7 @@ class HexapodVelocity(QuadrupedVelocity):
     summary: ClassVar[str] = "hexapod: six legs follow commanded velocities and turns, 18 position drives"
     config_type: ClassVar[type[TaskConfig]] = HexapodVelocityConfig
     action_size: int = 18
-    training: ClassVar[Mapping[str, Any]] = {**QuadrupedVelocity.training, "network.init_std": 0.4}
+    training: ClassVar[Mapping[str, Any]] = {**QuadrupedVelocity.training, "iterations": 300, "network.init_std": 0.4}
     sides = ()  # turned by half a turn it is itself again, mirrored it is not
     trunk: ClassVar[str] = "base"
     feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)

@@ -20,6 +20,37 @@ from ...framework.rotations import heading_of, in_body_axes
 from ...randomisation.randomness import WorldRandom
 from ...randomisation.uncertainty import Mode, Range
 
+__all__ = [
+    "beyond",
+    "bouncing",
+    "clearance",
+    "draw_command",
+    "draw_heading",
+    "drive_torque",
+    "height_error",
+    "is_moving",
+    "names_of",
+    "power",
+    "projected_gravity",
+    "push_force",
+    "robot_ranges",
+    "rocking",
+    "slip",
+    "speed_error",
+    "squares",
+    "standing_still",
+    "start_around",
+    "stepping",
+    "stumbling",
+    "tilt",
+    "touches",
+    "tracking",
+    "turn_error",
+    "turn_towards",
+    "turning_in_body",
+    "velocity_in_body",
+]
+
 # ---- observations ---------------------------------------------------------------------------------------------------
 
 
@@ -122,7 +153,7 @@ def turn_towards(rotation: torch.Tensor, heading: torch.Tensor, *, gain: float, 
 
 
 def is_moving(command: torch.Tensor, least: float = 0.1) -> torch.Tensor:
-    """Return (W,) float32, 1 where |c| > least, and 0 where the robot is to stand.
+    """Return (W,) float32, 1 where norm(c) > least, and 0 where the robot is to stand.
 
     Args:
         command: (W, 3) velocities and turn [m/s, rad/s].
@@ -135,7 +166,7 @@ def is_moving(command: torch.Tensor, least: float = 0.1) -> torch.Tensor:
 
 
 def speed_error(velocity: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
-    """Return (W,) e = |v_xy - c_xy|, how far the horizontal velocity is from the commanded one [m/s].
+    """Return (W,) e = norm(v_xy - c_xy), how far the horizontal velocity is from the commanded one [m/s].
 
     Args:
         velocity: (W, 3) of the body [m/s].
@@ -145,7 +176,7 @@ def speed_error(velocity: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
 
 
 def turn_error(turning: torch.Tensor, command: torch.Tensor) -> torch.Tensor:
-    """Return (W,) e = |omega_z - c_z|, how far the turn is from the commanded one [rad/s].
+    """Return (W,) e = abs(omega_z - c_z), how far the turn is from the commanded one [rad/s].
 
     Args:
         turning: (W, 3) angular velocity of the body [rad/s].
@@ -182,7 +213,7 @@ def stepping(
 
 
 def standing_still(joint_error: torch.Tensor, moving: torch.Tensor) -> torch.Tensor:
-    """Return (W,) sum |q - q_0| where the robot is to stand, else 0 [rad].
+    """Return (W,) sum abs(q - q_0) where the robot is to stand, else 0 [rad].
 
     Args:
         joint_error: (W, J) from the stance [rad].
@@ -258,7 +289,7 @@ def squares(values: torch.Tensor) -> torch.Tensor:
 
 
 def power(torque: torch.Tensor, qd: torch.Tensor) -> torch.Tensor:
-    """Return (W,) sum |tau qd|, without recuperation [W].
+    """Return (W,) sum abs(tau qd), without recuperation [W].
 
     Args:
         torque: (W, J) [N·m].
@@ -288,7 +319,7 @@ def slip(velocity: torch.Tensor, touching: torch.Tensor) -> torch.Tensor:
 
 
 def clearance(height: torch.Tensor, velocity: torch.Tensor, wanted: float) -> torch.Tensor:
-    """Return (W,) sum over feet of |h - h_0| |v_xy|: a foot that moves fast should be at its height [m²/s].
+    """Return (W,) sum over feet of abs(h - h_0) norm(v_xy): a foot that moves fast should be at its height [m²/s].
 
     Args:
         height: (W, N) of the soles over the ground [m].
@@ -299,7 +330,7 @@ def clearance(height: torch.Tensor, velocity: torch.Tensor, wanted: float) -> to
 
 
 def stumbling(force: torch.Tensor, ratio: float = 4.0) -> torch.Tensor:
-    """Return (W,) number of parts with |F_xy| > ratio |F_z|: they hit something steep, as the front of a step.
+    """Return (W,) number of parts with norm(F_xy) > ratio abs(F_z): they hit something steep, as the front of a step.
 
     Args:
         force: (W, N, 3) contact forces, axes of the world [N].
@@ -325,8 +356,8 @@ def push_force(
 ) -> torch.Tensor:  # fmt: skip
     """Return (W, 3) F = m dv / T, horizontal forces that kick the robot for one control step [N].
 
-    Its momentum changes by m dv. The direction is uniform over the circle, |dv| uniform up to ``speed``. Zero in all
-    but one of ``every`` steps; that one is another in each world and episode. For ``body_force`` of the trunk, in
+    Its momentum changes by m dv. The direction is uniform over the circle, the speed up to ``speed``. Zero in all but
+    one of ``every`` steps; that one is another in each world and episode. For ``body_force`` of the trunk, in
     ``begin_step``.
 
     Args:

@@ -34,7 +34,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     config_type: ClassVar[type[TaskConfig]] = VelocityConfig
     action_size: int = 12
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 300, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
+        "iterations": 400, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
         "network.init_std": 0.5, "ppo.gamma": 0.985, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
     }  # fmt: skip
     sides: ClassVar[tuple[tuple[str, str], ...]] = (("FL", "FR"), ("RL", "RR"))
@@ -104,7 +104,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             "speed": 2.0 * pieces.tracking(speed_error, 0.5 * self.config.max_speed),
             "turn": 1.0 * pieces.tracking(turn_error, 0.5 * self.config.max_turn),
             "bounce": -2.0 * pieces.bouncing(velocity),
-            "rock": -0.02 * pieces.rocking(turning),
+            "rock": -0.03 * pieces.rocking(turning),
             "tilt": -2.5 * pieces.tilt(pieces.projected_gravity(self.views, self.body)),
             "posture": -0.1 * pieces.squares(self.angles),
             "acceleration": -1e-7 * pieces.squares((self.rates - self.rates_before) / period),
@@ -112,7 +112,7 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
             "steps": 0.25 * pieces.stepping(*self.on_feet.phases, moving, least=0.1, longest=0.3),
             "slip": -0.05 * pieces.slip(self.on_feet.velocity(), self.on_feet.touching),
         }
-        return {**{name: period * term for name, term in terms.items()}, "fall": -2.0 * self.terminations()["fell"]}
+        return {**{name: period * term for name, term in terms.items()}, "fall": -5.0 * self.terminations()["fell"]}
 
     def terminations(self) -> dict[str, torch.Tensor]:
         """Return ``fell``: the trunk touches something, or is tilted by more than 60 degrees."""
