@@ -24,8 +24,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 PACKAGES = (
-    "actuators", "exporters", "importers", "scenery", "scenes", "sensors", "soil", "tasks", "tasks.driving", "train", "vehicle",
-    "viewer",
+    "actuators", "exporters", "importers", "scenery", "scenes", "sensors", "soil", "tasks", "tasks.driving",
+    "train", "vehicle", "viewer",
 )  # fmt: skip
 
 project = "simwarp"

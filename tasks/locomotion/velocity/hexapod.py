@@ -46,7 +46,7 @@ class HexapodVelocity(QuadrupedVelocity):
     config_type: ClassVar[type[TaskConfig]] = HexapodVelocityConfig
     action_size: int = 18
     training: ClassVar[Mapping[str, Any]] = {**QuadrupedVelocity.training, "iterations": 300, "network.init_std": 0.4}
-    sides = ()  # turned by half a turn it is itself again, mirrored it is not
+    sides: ClassVar[tuple[tuple[str, str], ...]] = ()  # turned by half a turn it is itself again, mirrored it is not
     trunk: ClassVar[str] = "base"
     feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)
     stance: ClassVar[Mapping[str, float]] = {f"{k}_{leg}": 0.0 for k in ("hip", "femur", "tibia") for leg in _LEGS}
