@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -59,7 +60,13 @@ def test_a_dc_motor_in_four_quadrants(corner, speed, torque):
 
 
 def test_a_dc_motor_behind_a_controller():
-    gains = {"stiffness": 30.0, "damping": 0.5, "stall_torque": STALL, "free_speed": FREE, "effort_limit": LIMIT}
+    gains: dict[str, Any] = {
+        "stiffness": 30.0,
+        "damping": 0.5,
+        "stall_torque": STALL,
+        "free_speed": FREE,
+        "effort_limit": LIMIT,
+    }
     for u, q, qd in ((0.8, 0.0, 5.0), (-0.8, 0.0, 5.0), (0.1, 0.0, -2.0)):
         force, _, _ = force_of([dc_motor("motor", HINGE, **gains)], u, q, qd)
         assert force == pytest.approx(dc_law(30.0 * (u - q) - 0.5 * qd, qd), rel=2e-6)
@@ -125,7 +132,10 @@ def test_worlds_with_motors_of_their_own_do_not_meet():
         (lambda: pd_actuator("m", 0, stiffness=-1.0, damping=0.0), "actuator 'm': stiffness"),
         (lambda: pd_actuator("m", 0, stiffness=1.0, damping=math.nan), "actuator 'm': damping"),
         (lambda: pd_actuator("m", 0, stiffness=1.0, damping=0.0, effort_limit=0.0), "effort_limit must be > 0, got 0"),
-        (lambda: pd_actuator("m", 0, stiffness=1.0, damping=0.0, effort_limit="big"), "effort_limit must be > 0"),
+        (
+            lambda: pd_actuator("m", 0, stiffness=1.0, damping=0.0, effort_limit=cast(Any, "big")),
+            "effort_limit must be > 0",
+        ),
         (lambda: pd_actuator("", 0, stiffness=1.0, damping=0.0), "name must be a non-empty string"),
         (lambda: dc_motor("m", 0, stall_torque=0.0, free_speed=1.0), "stall_torque must be"),
         (lambda: dc_motor("m", 0, stall_torque=1.0, free_speed=-1.0), "free_speed must be"),

@@ -31,9 +31,9 @@ def test_masses_and_inertias(both):
     assert both.theirs.nbody == len(both.bodies) + 1
     for own, other in both.bodies:
         assert both.theirs.body_mass[other] == pytest.approx(float(masses[own]), rel=1e-12)
-        turn = np.zeros(9)
-        mujoco.mju_quat2Mat(turn, both.theirs.body_iquat[other])
-        turn = turn.reshape(3, 3)
+        numbers = np.zeros(9)
+        mujoco.mju_quat2Mat(numbers, both.theirs.body_iquat[other])
+        turn = numbers.reshape(3, 3)
         inertia = turn @ np.diag(both.theirs.body_inertia[other]) @ turn.T
         # eigenvalues of float32 entries, of which the text holds all digits
         np.testing.assert_allclose(inertia, inertias[own], rtol=0.0, atol=1e-6 * np.abs(inertias[own]).max())
@@ -144,7 +144,7 @@ def pairs_of(mjcf):
     """Name pairs of the file with their attributes."""
     return {
         frozenset((pair.get("geom1"), pair.get("geom2"))): pair
-        for pair in ElementTree.fromstring(mjcf.text).find("contact")
+        for pair in ElementTree.fromstring(mjcf.text).iterfind("contact/*")
     }
 
 
@@ -326,7 +326,7 @@ def test_options_are_checked(tmp_path):
     with pytest.raises(sw.ModelError, match="timestep must be finite and > 0 s"):
         mjcf_of(model, timestep=0.0)
     with pytest.raises(sw.ModelError, match="pass what finalize returned"):
-        mjcf_of(scenes.ant())
+        mjcf_of(scenes.ant())  # type: ignore[arg-type]
     with pytest.raises(FileError, match="save_mjcf"):
         save_mjcf(model, tmp_path / "none" / "ant.xml")
     made = save_mjcf(model, tmp_path / "ant.xml")

@@ -29,7 +29,14 @@ def zoo() -> sw.ModelBuilder:
 
     trunk = body((0.1, -0.2, 1.0))
     builder.add_joint_free("base", trunk, anchor=(0.15, -0.1, 1.1))
-    law = {"armature": 0.02, "stiffness": 3.0, "rest": 0.2, "damping": 0.1, "friction": 0.05, "limit": (-2.5, 2.0)}
+    law: dict[str, Any] = {
+        "armature": 0.02,
+        "stiffness": 3.0,
+        "rest": 0.2,
+        "damping": 0.1,
+        "friction": 0.05,
+        "limit": (-2.5, 2.0),
+    }
     drive = sw.PositionDrive(stiffness=20.0, damping=0.5, effort_limit=4.0)
     hinged = body((0.5, -0.2, 1.0))
     builder.add_joint_revolute("hinge", trunk, hinged, axis=(1, 2, 3), anchor=(0.3, -0.2, 1.05), drive=drive, **law)
@@ -62,7 +69,7 @@ def gimbal() -> sw.ModelBuilder:
     ring = builder.add_massless_body("ring", pose=sw.pose((0, 0, 1), (0, 0, 1, 1)))
     fork = builder.add_massless_body("fork", pose=sw.pose((0, 0, 1)))
     top = builder.add_body("top", mass=2.0, inertia=(0.02, 0.03, 0.04), pose=sw.pose((0.1, 0.05, 0.8), (1, 0, 0, 2)))
-    options = {"armature": 0.01, "damping": 0.02}
+    options: dict[str, Any] = {"armature": 0.01, "damping": 0.02}
     builder.add_joint_revolute("yaw", sw.WORLD, ring, axis=(0, 0, 1), anchor=(0, 0, 1), **options)
     builder.add_joint_revolute("pitch", fork, ring, axis=(0, 1, 0), anchor=(0, 0.1, 1), **options)
     builder.add_joint_revolute("roll", fork, top, axis=(1, 0, 0), anchor=(0.05, 0, 1), **options)

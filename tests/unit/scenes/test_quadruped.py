@@ -173,5 +173,7 @@ def test_it_is_the_robot_of_the_file():
         np.testing.assert_allclose(np.diag(body.inertia), np.diag(twin.inertia), rtol=0.02, atol=5e-6)
     hinges = [joint for joint in theirs.joints if joint.name.endswith("_joint")]
     assert [joint.name for joint in hinges] == JOINTS
-    for mine, twin in zip(ours.joints[1:], hinges, strict=True):
-        np.testing.assert_allclose(mine.dofs[0].limit, twin.dofs[0].limit, atol=1e-4)
+    for mine, hinge in zip(ours.joints[1:], hinges, strict=True):
+        limit = hinge.dofs[0].limit
+        assert limit is not None
+        np.testing.assert_allclose(np.array(mine.dofs[0].limit), np.array(limit), atol=1e-4)

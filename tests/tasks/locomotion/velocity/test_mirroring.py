@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 import torch
 
@@ -24,7 +26,7 @@ def mirrored_rows(task, images, rows):
 
 @pytest.mark.parametrize("obs", ["state", "scan", "history"])
 def test_mirrored_worlds_stay_mirrored(obs):
-    task = make("quadruped-velocity", 4, seed=3, obs=obs, history=3)
+    task: Any = make("quadruped-velocity", 4, seed=3, obs=obs, history=3)
     mirror = check_mirror(task, task.observation_shapes, "test")
     images = MirrorImages(mirror, "cpu")
     generator = torch.Generator().manual_seed(1)

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,11 @@ both = pytest.mark.parametrize("name", list(JOINTS))
 grounds = pytest.mark.parametrize("ground", list(Ground))
 
 
+def made(name: str, worlds: int, **options: Any) -> Any:
+    """A task, with the attributes that its own class has."""
+    return make(name, worlds, **options)
+
+
 def random_actions(task, steps, seed=0, size=0.6):
     """(steps, W, A) within some share of the range."""
     generator = torch.Generator().manual_seed(seed)
@@ -47,7 +53,7 @@ def rolled(task, actions):
 
 @both
 def test_observations_are_what_their_names_say(name):
-    task = make(name, 3, seed=4)
+    task = made(name, 3, seed=4)
     for action in random_actions(task, 12):
         seen = task.step(action).observations["policy"].numpy()
     names = task.observation_names["policy"]
@@ -71,7 +77,7 @@ def test_observations_are_what_their_names_say(name):
 
 
 def test_actions_are_targets_around_the_stance():
-    task = make("quadruped-velocity", 1)
+    task = made("quadruped-velocity", 1)
     action = torch.linspace(-1.0, 1.0, 12).view(1, 12)
     task.step(action)
     targets = task.simulation.control.joint_target_q.numpy()[0]
@@ -81,7 +87,7 @@ def test_actions_are_targets_around_the_stance():
 
 
 def test_a_history_is_what_was_felt_before():
-    task = make("quadruped-velocity", 2, seed=1, obs=Seen.HISTORY, history=4, max_episode_steps=9)
+    task = made("quadruped-velocity", 2, seed=1, obs=Seen.HISTORY, history=4, max_episode_steps=9)
     size = 9 + 3 * 12
     assert task.observation_shapes == {"policy": (4 * size,)}
     felt = [task.restart(seed=1)["policy"].view(2, 4, size).clone()]
@@ -97,8 +103,8 @@ def test_a_history_is_what_was_felt_before():
 
 @grounds
 def test_teachers_see_more_of_the_same_worlds(ground):
-    task = make("quadruped-velocity", 3, seed=2, obs=Seen.HISTORY, ground=ground)
-    exact = make("quadruped-velocity", 3, seed=2, obs=Seen.SCAN, ground=ground)
+    task = made("quadruped-velocity", 3, seed=2, obs=Seen.HISTORY, ground=ground)
+    exact = made("quadruped-velocity", 3, seed=2, obs=Seen.SCAN, ground=ground)
     for action in random_actions(task, 5):
         task.step(action)
         seen = exact.step(action).observations["policy"]
@@ -112,7 +118,7 @@ def test_teachers_see_more_of_the_same_worlds(ground):
 
 
 def test_a_critic_may_see_the_ground_and_the_feet():
-    task = make("quadruped-velocity", 2, obs=Seen.HISTORY, push_speed=0.0)
+    task = made("quadruped-velocity", 2, obs=Seen.HISTORY, push_speed=0.0)
     for _ in range(50):
         task.step(idle(task))
     seen = task.observe_privileged()
@@ -125,7 +131,7 @@ def test_a_critic_may_see_the_ground_and_the_feet():
 
 
 def test_errors_are_means_over_the_episode():
-    task = make("quadruped-velocity", 2, seed=3, max_episode_steps=30, command_time=0.2)
+    task = made("quadruped-velocity", 2, seed=3, max_episode_steps=30, command_time=0.2)
     sums, commands = np.zeros((2, 2)), set()
     for step, action in enumerate(random_actions(task, 30, size=0.3), 1):
         command = task.command.double().numpy().copy()
@@ -144,7 +150,7 @@ def test_errors_are_means_over_the_episode():
 
 
 def test_who_follows_is_paid_more_than_who_stands():
-    task = make("quadruped-velocity", 2, seed=1)
+    task = made("quadruped-velocity", 2, seed=1)
     task.command[:] = torch.tensor([0.0, 0.0, 0.0])
     standing = task.rewards()["speed"].clone()
     assert standing.tolist() == pytest.approx([2.0 * 0.02] * 2, rel=1e-3)
@@ -154,7 +160,7 @@ def test_who_follows_is_paid_more_than_who_stands():
 
 def test_the_reward_is_that_of_the_mirror_image():
     """Left for right: actions change legs, hips and the commands to the side and turn their sign."""
-    one, other = (make("quadruped-velocity", 1, seed=1, start_angle=0.0, push_speed=0.0) for _ in range(2))
+    one, other = (made("quadruped-velocity", 1, seed=1, start_angle=0.0, push_speed=0.0) for _ in range(2))
     sign, swap = torch.tensor([-1.0, 1.0, 1.0]), [1, 0, 3, 2]
     start = torch.zeros(1, 18)
     start[:, 2], start[:, 6:] = 0.35, torch.tensor(list(one.stance.values()))
@@ -176,7 +182,7 @@ def test_the_reward_is_that_of_the_mirror_image():
 
 @both
 def test_it_stands_on_its_feet_and_they_carry_its_weight(name):
-    task = make(name, 2, seed=1, start_angle=0.0, push_speed=0.0)
+    task = made(name, 2, seed=1, start_angle=0.0, push_speed=0.0)
     for _ in range(300):
         result = task.step(idle(task))
     assert not result.terminated.any()
@@ -190,7 +196,7 @@ def test_it_stands_on_its_feet_and_they_carry_its_weight(name):
 
 @both
 def test_a_robot_on_its_back_fell(name):
-    task = make(name, 2)
+    task = made(name, 2)
     start = task._start.clone()
     start[1, task._place + 3 : task._place + 6] = torch.tensor([math.pi, 0.0, 0.0])
     task.simulation.set_joint_state(None, start, torch.zeros_like(start))
@@ -202,7 +208,7 @@ def test_a_robot_on_its_back_fell(name):
 
 
 def test_the_trunk_must_not_touch_the_ground():
-    task = make("quadruped-velocity", 1)
+    task = made("quadruped-velocity", 1)
     start = task._start.clone()
     start[:, 2] = 0.056  # half of the trunk's height is 0.057 m; legs point up
     start[:, 6:] = torch.tensor([0.0, 3.0, -0.9] * 4)
@@ -211,7 +217,7 @@ def test_the_trunk_must_not_touch_the_ground():
 
 
 def test_commands_have_their_bounds_and_their_time():
-    task = make("quadruped-velocity", 300, seed=2, command_time=0.1, max_speed=0.9, max_sideways=0.2, max_turn=0.4)
+    task = made("quadruped-velocity", 300, seed=2, command_time=0.1, max_speed=0.9, max_sideways=0.2, max_turn=0.4)
     before, most = task.command.clone(), torch.tensor([0.9, 0.2, 0.4])
     assert (before.abs() <= most).all()
     assert (before.abs().amax(dim=0) > 0.95 * most).all()
@@ -222,7 +228,7 @@ def test_commands_have_their_bounds_and_their_time():
 
 
 def test_headings_lead_the_turn():
-    task = make("quadruped-velocity", 50, seed=2, heading=True)
+    task = made("quadruped-velocity", 50, seed=2, heading=True)
     task.step(idle(task))
     ahead = Rotation.from_quat(task.views.body_q[:, task.body, 3:].double().numpy()).apply([1.0, 0.0, 0.0])
     away = task.heading.numpy() - np.arctan2(ahead[:, 1], ahead[:, 0])
@@ -231,8 +237,8 @@ def test_headings_lead_the_turn():
 
 
 def test_pushes_change_the_momentum():
-    pushed = make("quadruped-velocity", 4, seed=1, push_speed=1.0, push_time=0.1)
-    calm = make("quadruped-velocity", 4, seed=1, push_speed=0.0)
+    pushed = made("quadruped-velocity", 4, seed=1, push_speed=1.0, push_time=0.1)
+    calm = made("quadruped-velocity", 4, seed=1, push_speed=0.0)
     masses = to_torch(calm.simulation.model.body_mass)[0].unsqueeze(1)
 
     def momentum(task):
@@ -253,7 +259,7 @@ def test_pushes_change_the_momentum():
 
 
 def test_rough_ground_ends_at_its_edge_and_tells_its_level():
-    task = make("quadruped-velocity", 2, ground=Ground.ROUGH)
+    task = made("quadruped-velocity", 2, ground=Ground.ROUGH)
     start = task._start.clone()
     start[1, 0], start[:, 2] = 3.9, 0.5
     task.simulation.set_joint_state(None, start, torch.zeros_like(start))
@@ -280,7 +286,7 @@ def test_an_imported_robot_is_another_subclass():
             """As in the file."""
 
     task = Imported(VelocityConfig(start_angle=0.0, push_speed=0.0), 2)
-    own = make("quadruped-velocity", 2)
+    own = made("quadruped-velocity", 2)
     assert task.observation_names == own.observation_names
     for _ in range(150):
         result = task.step(idle(task))
@@ -297,7 +303,7 @@ def test_an_imported_robot_is_another_subclass():
 @grounds
 def test_worlds_do_not_depend_on_how_many_there_are_nor_on_each_other(name, ground):
     options = {"seed": 1, "max_episode_steps": 12, "ground": ground, "push_speed": 0.5, "push_time": 0.1}
-    many, few = make(name, 5, **options), make(name, 2, **options)
+    many, few = made(name, 5, **options), made(name, 2, **options)
     actions = random_actions(many, 20)
     actions[:, 4] = 1.0
     alone = rolled(few, actions[:, :2])
@@ -309,7 +315,7 @@ def test_worlds_do_not_depend_on_how_many_there_are_nor_on_each_other(name, grou
 @grounds
 def test_a_resumed_run_repeats_bit_by_bit(name, ground):
     options = {"max_episode_steps": 20, "ground": ground, "command_time": 0.12, "heading": True, "obs": Seen.HISTORY}
-    task, other = make(name, 3, seed=2, **options), make(name, 3, seed=9, **options)
+    task, other = made(name, 3, seed=2, **options), made(name, 3, seed=9, **options)
     actions = random_actions(task, 40)
     rolled(task, actions[:17])
     state = task.state_dict()
@@ -322,7 +328,7 @@ def test_a_resumed_run_repeats_bit_by_bit(name, ground):
 
 
 def test_a_masked_reset_changes_nothing_in_other_worlds():
-    task = make("quadruped-velocity", 3, seed=1)
+    task = made("quadruped-velocity", 3, seed=1)
     rolled(task, random_actions(task, 10))
     before = task.observe()["policy"].clone()
     task.begin_episodes(torch.tensor([False, True, False]))
@@ -333,7 +339,7 @@ def test_a_masked_reset_changes_nothing_in_other_worlds():
 
 @both
 def test_a_step_reads_nothing_on_the_host(name):
-    assert check_step(make(name, 4)).problems() == []
+    assert check_step(made(name, 4)).problems() == []
 
 
 def test_the_task_file_is_short():
@@ -344,7 +350,7 @@ def test_the_task_file_is_short():
 def test_it_learns_to_follow_commands_in_minutes(tmp_path):
     config = replace_fields(default_config(QuadrupedVelocity), {"device": "cpu"})
     run = train("quadruped-velocity", config, VelocityConfig(), root=tmp_path)
-    task = make("quadruped-velocity", 256, seed=11)
+    task = made("quadruped-velocity", 256, seed=11)
     source = find_policy("quadruped-velocity", Path(run.checkpoint))
     result = evaluate(task, network_policy(source.content, task), 256, seed=11)
     still = evaluate(task, zero_policy(task), 256, seed=11)
