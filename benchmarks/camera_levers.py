@@ -60,12 +60,12 @@ class Lever:
 
 
 BFLOAT16 = ("--network.precision", "bfloat16")
-SMALL = ("--task.camera-width", "48", "--task.camera-height", "27")
+SMALL = ("--task.camera-width", "64", "--task.camera-height", "36")
 LEVERS: Mapping[str, Lever] = {
     "ppo": Lever("PPO"),
     "ppo-bfloat16": Lever("PPO, convolutions in bfloat16", BFLOAT16),
     "ppo-batch": Lever("PPO, twice the worlds, 2 epochs", ("--num-envs", "512", "--ppo.epochs", "2")),
-    "ppo-small": Lever("PPO, images of 48 x 27", SMALL),
+    "ppo-small": Lever("PPO, images of 64 x 36", SMALL),
     "ppo-rate": Lever("PPO, half the frame rate", ("--task.camera-rate", "HALF")),
     "ppo-repeat": Lever("PPO, every action twice as long", ("--task.decimation", "TWICE")),
     "distill": Lever("a teacher's student", taught=True),
@@ -73,7 +73,7 @@ LEVERS: Mapping[str, Lever] = {
     "distill-shift": Lever(
         "student, images shifted by up to 4 pixels", ("--distillation.augmentation.shift", "4"), taught=True
     ),
-    "distill-small": Lever("student, images of 48 x 27", SMALL, taught=True),
+    "distill-small": Lever("student, images of 64 x 36", SMALL, taught=True),
 }  # fmt: skip
 
 
@@ -244,6 +244,7 @@ def main() -> None:
     unknown = [word for word in wanted if word not in LEVERS]
     if unknown:
         parser.error(f"--levers must be of {', '.join(LEVERS)}, got {unknown[0]}")
+    options.out.mkdir(parents=True, exist_ok=True)  # before hours of training, not after
     for seed in map(int, options.seeds.split(",")):
         for name in wanted:
             path = options.out / f"{options.task}.{name}-{seed}.json"

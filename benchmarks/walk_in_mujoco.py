@@ -165,7 +165,7 @@ def main() -> int:
     print("bounds: " + ", ".join(f"{name} {'held' if good else 'missed'}" for name, good in held.items()))
     options.out.mkdir(parents=True, exist_ok=True)
     write_json(options.out / f"{options.task}.json", {
-        "task": options.task, "policy": source.origin, "seed": SEED, "in_mujoco": there,
+        "task": options.task, "policy": options.checkpoint or source.origin, "seed": SEED, "in_mujoco": there,
         "left_out": list(written.notes), "held": held, **rows, "machine": describe(task.simulation.model.device),
     })  # fmt: skip
     return 0 if all(held.values()) else 1

@@ -20,7 +20,7 @@ from .framework.drawing import Drawing, Line
 from .framework.errors import InputError, TaskError
 from .framework.mirror import Mirror, Reflection, reflection
 from .framework.plain import config_from_plain, config_to_plain
-from .framework.registry import ENTRY_POINT_GROUP, make, register, task_class, task_names
+from .framework.registry import ENTRY_POINT_GROUP, config_to_train_in, make, register, task_class, task_names
 from .framework.replay import ReplayReport
 from .framework.simulation_access import Attachments
 from .framework.statistics import EpisodeSummary
@@ -72,6 +72,7 @@ __all__ = [
     "check_step",
     "config_from_plain",
     "config_to_plain",
+    "config_to_train_in",
     "make",
     "reflection",
     "register",

@@ -22,7 +22,7 @@ from simwarp.cli.options import (
     task_options,
     with_chosen_obs,
 )
-from simwarp.tasks import task_class, task_names
+from simwarp.tasks import config_to_train_in, task_class, task_names
 
 if TYPE_CHECKING:
     from simwarp.train.config import TrainConfig
@@ -68,12 +68,13 @@ def read_options(word: str, arguments: list[str], command: str, base: type[Start
     """
     cls = task_class(word)
     name = cls.name
-    arguments = expand_shorthands(arguments, name, cls.config_type())
+    usual = config_to_train_in(cls)
+    arguments = expand_shorthands(arguments, name, usual)
     # Only now what takes seconds to import: an unknown task is known at once
     from simwarp.train.config import default_config, task_config_from_plain, train_config_from_plain
     from simwarp.train.runs.run_folder import CONFIG, open_run
 
-    task_config = with_chosen_obs(arguments, cls.config_type())
+    task_config = with_chosen_obs(arguments, usual)
     config = default_config(cls, task_config)
     resume = option_value(arguments, "--resume")
     if resume is not None:

@@ -244,6 +244,8 @@ class Simulation(Readable, Readings, FixedAttributes):
         mask = self._mask(world_mask)
         position = self.state.joint_q if q is None else self._values("q", q, shape, mask)
         rate = self._no_rates if qd is None else self._values("qd", qd, shape, mask)
+        if rate.ptr == self.state.joint_qd.ptr and rate.size:  # written while it is read
+            rate = wp.clone(rate)
         for command, first in self._setting:
             command.use(first, position)
             command.use(first + 1, rate)

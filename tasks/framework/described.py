@@ -64,6 +64,8 @@ def check_described(task: Any) -> None:
     Raises:
         TaskError: names are not lists of words, as many as there are components, or commands are not `Command`.
     """
+    if task.action_size < 1:
+        raise _wrong(task, "action_size", "at least 1; one that nothing reads, where nothing is done", task.action_size)
     groups: Mapping[str, tuple[int, ...]] = task.observation_shapes
     told = _mapping(task, "observation_names", task.observation_names, "of groups to lists of names")
     for group, names in told.items():

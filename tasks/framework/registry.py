@@ -181,6 +181,17 @@ def task_class_of(saved: Mapping[str, Any], where: str) -> type[Task[Any]]:
     return cls
 
 
+def config_to_train_in(task: type[Task[Any]], *, student: bool = False) -> TaskConfig:
+    """Return the configuration that a training begins with: the defaults, but for what the task is ``trained_in``.
+
+    Args:
+        task: that is learnt.
+        student: of a distillation, what it is ``distilled_in``.
+    """
+    config: TaskConfig = replace_fields(task.config_type(), task.distilled_in if student else task.trained_in)
+    return config
+
+
 @told_compiling()
 def make(
     name: str,

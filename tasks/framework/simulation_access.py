@@ -139,7 +139,8 @@ def physics_of(task: Any, device: str) -> tuple[Any, PhysicsViews | None, ModelB
     drawn = drawn_parameters(ranges)
     own = sorted({*task.per_world} & drawn)
     if own:
-        hint = "leave it away" if own[0] in ranges else "give body_mass inertia=False"
+        follows = "give body_mass inertia=False" if own[0] == "body_inertia_b" else "it follows body_com_x, y and z"
+        hint = "leave it away" if own[0] in ranges else follows
         raise InputError(f"randomise '{own[0]}': task '{task.name}' writes it itself; {hint}")
     return build_physics(
         task.build, config, task.num_worlds, device, per_world=drawn | {*task.per_world},

@@ -99,6 +99,10 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
     """Further defaults by the value of the configuration's field ``obs``, if there is one (``simwarp train --obs``)."""
     distilling: ClassVar[Mapping[str, Any]] = {}
     """Further defaults of ``simwarp distill``, such as ``{"iterations": 40}``."""
+    trained_in: ClassVar[Mapping[str, Any]] = {}
+    """Fields of the configuration with which ``simwarp train`` begins in place of their defaults."""
+    distilled_in: ClassVar[Mapping[str, Any]] = {}
+    """Those with which ``simwarp distill`` begins, such as ``{"tracks": 16}``."""
 
     further_elements: Callable[[Model], Sequence[Any]] | None = None
     """Returns force elements that come after those of ``attach``; given to :func:`~simwarp.tasks.make`."""
@@ -266,8 +270,8 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         """
         return torch.full((self.num_worlds,), self.config.max_episode_steps, device=self.device)
 
-    def on_iteration(self, iteration: int) -> None:
-        """Called at the start of training iteration ``iteration``; the hook of a curriculum. Call ``super()`` first."""
+    def on_iteration(self, iteration: int) -> Mapping[str, torch.Tensor] | None:
+        """Hook of a curriculum, at the start of a training iteration: call ``super()``, return (W,) to log means of."""
         self.iteration = iteration
         curriculum = self.config.curriculum
         if curriculum.driver is Driver.ITERATION:
@@ -275,6 +279,7 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         elif curriculum.driver is Driver.PROGRESS and not self._climbing:
             self._climb(True)
             self.level.zero_()
+        return None if curriculum.driver is Driver.NONE else {"level": self.level}
 
     # ---- what runners and adapters call ------------------------------------------------------------------------
 
@@ -412,11 +417,9 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         Callers roll out under inference_mode; tensors made there could never be written in place afterwards.
         """
         with torch.inference_mode(False), torch.no_grad():
-            if self.device.type == "cpu" or not self.physics:
+            apart = self.device.type != "cpu" and self.physics
+            with shared_stream(str(self.device)) if apart else contextlib.nullcontext():
                 yield
-            else:
-                with shared_stream(str(self.device)):
-                    yield
 
     def _allocate(self, seed: int, first_world: int) -> None:
         worlds, device = self.num_worlds, self.device
@@ -587,11 +590,10 @@ class Task(SavedTask, PrintedTask, Described, ABC, Generic[ConfigT]):
         self._agents.begin(mask)
         self._path.begin(mask, self.random)
         self._begin_contacts(mask)
+        if self.simulation is not None:
+            self.simulation.reset(mask, sensors=False)
         if self._randomiser is not None:
             self._randomiser.begin_episodes(self.random, mask, self.level)
-        if self.simulation is None:
-            self.reset(mask)
-            return
-        self.simulation.reset(mask, sensors=False)
         self.reset(mask)
-        self.simulation.begin_sensors(None if every else mask)
+        if self.simulation is not None:
+            self.simulation.begin_sensors(None if every else mask)

@@ -11,6 +11,7 @@ from simwarp.core.types import shown
 
 from ..framework.errors import InputError, near_names
 from .actuator_ranges import ARRAYS, ActuatorNumbers, of_actuators
+from .mass_centres import ARRAYS_OF_CENTRES, CENTRES, MassCentres, of_centres
 from .randomness import WorldRandom
 from .uncertainty import Mode, Range, When
 
@@ -165,8 +166,8 @@ class Randomiser:
         from simwarp.model.active_entries import active_entries
 
         model = simulation.model
-        moving = of_actuators(ranges)
-        of_model = {name: spec for name, spec in ranges.items() if name not in moving}
+        moving, shifting = of_actuators(ranges), of_centres(ranges)
+        of_model = {name: spec for name, spec in ranges.items() if name not in {*moving, *shifting}}
         self._parameters = [_of_model(name, spec, model) for name, spec in of_model.items()]
         self._numbers = ActuatorNumbers(moving, simulation, owner) if moving else None
         if self._numbers is not None:
@@ -174,6 +175,12 @@ class Randomiser:
                 _Parameter(name, spec, self._numbers.views[name], self._numbers.chosen(name, spec))
                 for name, spec in moving.items()
             ]
+        self._centres = MassCentres(shifting, simulation, owner) if shifting else None
+        if self._centres is not None:
+            for name, spec in shifting.items():
+                view = self._centres.views[name]
+                chosen = self._centres.chosen(spec, _chosen(name, spec, model, view))
+                self._parameters.append(_Parameter(name, spec, view, chosen))
         self._by_step = [item for item in self._parameters if item.spec.when is When.STEP]
         self._inertias = [_Inertia(item, model) for item in self._parameters if _takes_inertia(item.name, ranges)]
         for item in (one for one in self._parameters if one.name in of_model):
@@ -189,6 +196,8 @@ class Randomiser:
             inertia.follow(mask)
         if self._numbers is not None:
             self._numbers.compose(mask)
+        if self._centres is not None:
+            self._centres.compose(mask)
 
     def begin_step(self, random: WorldRandom, every: torch.Tensor, level: torch.Tensor) -> None:
         """Draw what changes in every control step."""
@@ -208,9 +217,10 @@ def _takes_inertia(name: str, ranges: Mapping[str, Range]) -> bool:
 
 
 def drawn_parameters(ranges: Mapping[str, Range]) -> set[str]:
-    """Return the model parameters that ranges change: those that they name, and the inertia of scaled masses."""
+    """Return the model parameters that ranges change: what they name, and what follows masses and centres."""
     following = {"body_inertia_b" for name in ranges if _takes_inertia(name, ranges)}
-    return {*ranges, *following} - set(of_actuators(ranges))
+    following |= set(ARRAYS_OF_CENTRES) if of_centres(ranges) else set()
+    return {*ranges, *following} - {*of_actuators(ranges), *CENTRES}
 
 
 def randomiser_of(ranges: Mapping[str, Range], simulation: Any, owner: str) -> Randomiser | None:
@@ -222,7 +232,9 @@ def check_ranges(ranges: Mapping[str, Range]) -> None:
     """Refuse the name of a parameter that does not exist."""
     from simwarp.model.model import PARAMETERS
 
-    known = (*PARAMETERS, *ARRAYS)
+    known = (*PARAMETERS, *ARRAYS, *CENTRES)
     for name in ranges:
+        if name in ARRAYS_OF_CENTRES and of_centres(ranges):
+            raise InputError(f"randomise '{name}': it follows {next(iter(of_centres(ranges)))}; leave one of them out")
         if name not in known:
             raise InputError(f"randomise: there is no model parameter {shown(name)}{near_names(name, known)}")

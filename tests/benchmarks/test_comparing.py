@@ -60,6 +60,7 @@ def test_arms_train_with_their_own_settings_and_are_evaluated_with_the_same(tmp_
     assert "| many | " in comparing.table(summary["differences"], "paired", QUANTITIES)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_from_its_last_checkpoint(tmp_path, monkeypatch):
     asked = study(tmp_path, seeds=1, arms={"few": Arm("few")})
 
@@ -118,6 +119,7 @@ def test_a_field_may_follow_from_the_budget(tmp_path):
     assert dataclasses.replace(asked, budget=Budget(4, 8, 6)).asked(options).budget == Budget(6, 8, 6)
 
 
+@pytest.mark.slow
 def test_results_of_another_budget_are_refused(tmp_path):
     asked = study(tmp_path, seeds=1, arms={"few": Arm("few")}, budget=Budget(1, 8, 2))
     comparing.run_missing(asked, QUIET)

@@ -7,6 +7,10 @@ import pytest
 import torch
 
 from simwarp import cli
+from simwarp.tasks import config_to_train_in, task_class
+from simwarp.tasks.driving.conditions import Conditions
+from simwarp.tasks.driving.convoy import ConvoyConfig
+from simwarp.tasks.driving.hallway import HallwayConfig
 from simwarp.train.runs.checkpoint import load_checkpoint
 
 TASK = f"{Path(__file__).parents[1] / 'train' / 'algorithm' / 'two_sights.py'}:TwoSights"
@@ -51,6 +55,24 @@ def test_a_student_is_taught_by_the_newest_run_goes_on_and_is_evaluated(simwarp)
     assert code == 0
     code, out, err = simwarp("export", result["run"])
     assert code == 0, err
+
+
+def test_both_begin_with_what_a_task_is_trained_in(simwarp, monkeypatch):
+    monkeypatch.setattr(task_class(TASK), "trained_in", {"max_episode_steps": 7})
+    monkeypatch.setattr(task_class(TASK), "distilled_in", {"max_episode_steps": 8})
+    for usual, words in ((7, ["train", TASK, "--obs", "place"]), (8, ["distill", TASK, "--teacher", "place"])):
+        for said, steps in (([], usual), (["--task.max-episode-steps", "9"], 9)):
+            code, out, err = simwarp(*words, *SMALL, *said, "--json", "-", "--runs", "others")
+            assert code == 0, err
+            config = json.loads((Path(json.loads(out)["run"]) / "config.json").read_text(encoding="utf-8"))
+            assert config["task_config"]["max_episode_steps"] == steps
+    convoy = config_to_train_in(task_class("convoy"))
+    assert isinstance(convoy, ConvoyConfig)
+    assert convoy.conditions is Conditions.RANDOM
+    hallway = config_to_train_in(task_class("hallway"), student=True)
+    assert isinstance(hallway, HallwayConfig)
+    assert hallway.tracks == 16
+    assert ConvoyConfig().conditions is Conditions.NOMINAL
 
 
 def test_a_student_may_be_told_the_same_as_its_teacher(simwarp):

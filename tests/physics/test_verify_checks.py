@@ -23,8 +23,8 @@ def require(rows: list[CheckResult]) -> bool:
     return True
 
 
-# A minute of many bricks or balls each: laws of the same contacts are held by quicker tests
-LONG = {"vehicles", "wall", "arch", "stack", "pile", "card-house"}
+# A minute of many bricks, balls or wheels each: laws of the same contacts and soils are held by quicker tests
+LONG = {"vehicles", "wall", "arch", "stack", "pile", "card-house", "soil"}
 CHECKS = [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SCENES]
 
 

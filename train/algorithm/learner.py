@@ -28,6 +28,7 @@ from simwarp.tasks.framework.saved_state import check_like
 
 from ..config import TrainConfig
 from ..runs.checkpoint import check_members
+from ..runs.progress_table import LOGGED
 from ..runs.saved_state import check_memories, check_optimizer
 from .distributed import Processes
 from .learner_threads import LearnerThreads
@@ -175,7 +176,9 @@ class Learner(ABC):
             TrainingError: a loss is no longer finite.
         """
         started = time.perf_counter()
-        self.task.on_iteration(self.iteration)
+        logged = self.task.on_iteration(self.iteration) or {}
+        means = {LOGGED + name: float(each.float().mean()) for name, each in logged.items()}
+        means = self.group.sums(means, self.device)
         with self._watched():
             self.collect()
             collected = time.perf_counter()
@@ -196,6 +199,7 @@ class Learner(ABC):
         everywhere = worlds == self.env.num_envs * self.group.count
         values |= {f"reward/{name}": value / ended for name, value in summary.terms.items()}
         values |= {f"end/{name}": count for name, count in summary.end_reasons.items()}
+        values |= {name: value / self.group.count for name, value in means.items()}
         return IterationReport(
             iteration=self.iteration,
             env_steps=self.env_steps,

@@ -6,10 +6,12 @@ import csv
 import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from .run_files import append_whole, write_run_file
 
+LOGGED: Final = "task/"
+"""Beginning of the names of what a task tells at each iteration (``Task.on_iteration``)."""
 _ITERATION = "iteration"
 
 

@@ -20,7 +20,7 @@ from simwarp.cli.options import (
     with_chosen_obs,
 )
 from simwarp.cli.training import StartOptions, tell_result, with_network_of_start
-from simwarp.tasks import task_class, task_names
+from simwarp.tasks import config_to_train_in, task_class, task_names
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +52,7 @@ def read_options(word: str, arguments: list[str]) -> Any:
     """
     cls = task_class(word)
     student = option_value(arguments, "--student")
-    base = cls.config_type()
+    base = config_to_train_in(cls, student=True)
     if student is not None:
         check_obs(cls.name, base, student, "--student")
         arguments = [*arguments, "--task.obs", student]

@@ -87,6 +87,8 @@ class RoughConfig(Settings):
         up: share of the way that is enough to go up.
         down: share of the commanded way below which a world goes down.
         least: commanded way below which an episode decides nothing [m].
+        again: who masters the last level goes to a random one, as training wants it: the mean level of those who
+            master all is 6 then. Else it stays, as where a policy's level is measured.
     """
 
     NAMED: ClassVar[bool] = True
@@ -107,6 +109,7 @@ class RoughConfig(Settings):
     up: Annotated[float, Ge(0.0), Le(1.0)] = 0.75
     down: Annotated[float, Ge(0.0), Le(1.0)] = 0.5
     least: NotNegative = 1.0
+    again: bool = True
 
     def validate(self) -> None:
         """Check that there is a kind, and that who goes up would not go down."""
@@ -311,6 +314,7 @@ class RoughGround(FlatGround):
             up=config.up,
             down=config.down,
             least=config.least,
+            again=int(config.again),
             **{name: task.random.stream(purpose) for name, purpose in streams.items()},
         )
         flags, whole, lengths = (

@@ -45,7 +45,9 @@ class HexapodVelocity(QuadrupedVelocity):
     summary: ClassVar[str] = "hexapod: six legs follow commanded velocities and turns, 18 position drives"
     config_type: ClassVar[type[TaskConfig]] = HexapodVelocityConfig
     action_size: int = 18
-    training: ClassVar[Mapping[str, Any]] = {**QuadrupedVelocity.training, "iterations": 300, "network.init_std": 0.4}
+    training: ClassVar[Mapping[str, Any]] = {
+        **QuadrupedVelocity.training, "iterations": 300, "network.init_std": 0.4, "ppo.symmetry": "none",
+    }  # fmt: skip
     sides: ClassVar[tuple[tuple[str, str], ...]] = ()  # turned by half a turn it is itself again, mirrored it is not
     trunk: ClassVar[str] = "base"
     feet: ClassVar[tuple[str, ...]] = tuple(f"foot_{leg}" for leg in _LEGS)

@@ -163,10 +163,11 @@ class LeggedTask(Task[LeggedT]):
         for buffer in (self.before, self.rates_before):
             buffer.masked_fill_(world_mask.unsqueeze(1), 0.0)
 
-    def on_iteration(self, iteration: int) -> None:
-        """In training, levels of rough ground follow what robots achieve."""
-        super().on_iteration(iteration)
+    def on_iteration(self, iteration: int) -> Mapping[str, torch.Tensor]:
+        """In training, levels of rough ground follow what robots achieve; the log tells where they are."""
+        told = super().on_iteration(iteration) or {}
         self.ground.climb()
+        return {**told, **self.ground.metrics()}
 
     def scene(self) -> Scene:
         """The ground with the colours of its levels, and the robot."""

@@ -6,6 +6,7 @@ import fnmatch
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from ...framework.errors import InputError
 from ...framework.mirror import Mirror, reflection
 
 SEEN_FLIPS: Final = ("velocity y", "turning [xz]", "down y", "command left", "command turn")
@@ -23,7 +24,16 @@ def mirror_of(
         joints: that the actions move.
         sides: words of names of joints that change places.
         turned: joints whose angles change their sign; * stands for letters.
+
+    Raises:
+        InputError: no joint has a word of a pair of sides.
     """
+    for one, other in sides:
+        if not any(one in joint or other in joint for joint in joints):
+            raise InputError(
+                f"sides: no joint has '{one}' or '{other}' in its name, such as '{joints[0]}'; "
+                "name the sides of this robot, or set `sides = ()` and train with `--ppo.symmetry none`"
+            )
     groups = {}
     for group, names in observation_names.items():
         heights = sorted({_across(name) for name in names if name.startswith("ground ")})

@@ -389,9 +389,9 @@ def start_around(random: WorldRandom, purpose: str, around: torch.Tensor, most: 
 
 def robot_ranges(
     trunk: str, feet: Sequence[str], *, friction: tuple[float, float] = (0.5, 1.0), payload: float = 1.0,
-    gains: float = 0.1,
+    gains: float = 0.1, centre: float = 0.02,
 ) -> Mapping[str, Range]:  # fmt: skip
-    """Return what differs between worlds and episodes, for ``randomise``: friction, load and gains of drives.
+    """Return what differs between worlds and episodes, for ``randomise``: friction, load, its place, gains of drives.
 
     Args:
         trunk: body that carries a load in its centre of mass.
@@ -400,8 +400,10 @@ def robot_ranges(
         friction: range of their coefficients.
         payload: mass that the trunk is at most lighter or heavier by [kg].
         gains: largest deviation of stiffness and damping, as a share.
+        centre: largest shift of the trunk's centre of mass along each of its axes [m].
     """
-    return {
+    shifts = {f"body_com_{axis}": Range(-centre, centre, mode=Mode.ADD, only=(trunk,)) for axis in "xyz"}
+    return shifts | {
         "shape_friction": Range(*friction, mode=Mode.SET, only=tuple(feet), shared=True),
         "body_mass": Range(-payload, payload, mode=Mode.ADD, only=(trunk,)),
         "drive_stiffness": Range(1.0 - gains, 1.0 + gains),

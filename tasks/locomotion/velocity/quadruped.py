@@ -34,8 +34,8 @@ class QuadrupedVelocity(LeggedTask[VelocityConfig]):
     config_type: ClassVar[type[TaskConfig]] = VelocityConfig
     action_size: int = 12
     training: ClassVar[Mapping[str, Any]] = {
-        "iterations": 400, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128),
-        "network.init_std": 0.5, "ppo.gamma": 0.985, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003,
+        "iterations": 400, "num_envs": 512, "steps_per_iteration": 24, "network.hidden": (128, 128), "ppo.gamma": 0.985,
+        "network.init_std": 0.5, "ppo.desired_kl": 0.02, "ppo.entropy": 0.003, "ppo.symmetry": "augment",
     }  # fmt: skip
     sides: ClassVar[tuple[tuple[str, str], ...]] = (("FL", "FR"), ("RL", "RR"))
     turned: ClassVar[tuple[str, ...]] = ("*_hip_joint",)

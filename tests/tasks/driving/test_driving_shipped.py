@@ -11,7 +11,7 @@ from simwarp.train.networks.policies import SHIPPED, find_policy, network_policy
 from simwarp.train.runs.checkpoint import load_checkpoint
 from tests.tasks.driving.driving_checks import NAMES
 
-POLICIES = sorted(path.stem for path in SHIPPED.glob("*.*.pt"))
+POLICIES = sorted(path.stem for path in SHIPPED.glob("*.*.pt") if path.stem.split(".")[0] in NAMES)
 # what each was trained to reach, in percent of episodes
 TARGETS = {
     "obstacle-avoidance.state": 95, "obstacle-avoidance.camera": 98, "off-road.state": 90, "off-road.camera": 95,
@@ -44,7 +44,11 @@ def test_provenance_says_how_to_make_it_again_and_what_it_reached(title):
     saved = load_checkpoint(SHIPPED / f"{title}.pt")["task_config"]
     assert saved["obs"] == obs
     config = config_to_plain(task_config_from_plain(task_class(name), saved))  # fields that came later have defaults
-    today = config_to_plain(replace_fields(task_class(name).config_type(), {"obs": obs} | soil))
+    cls = task_class(name)
+    named = cls.distilled_in if "teacher" in record else cls.trained_in
+    # In the defaults, or in what the task names to be trained in
+    learnt_in = {key: value for key, value in named.items() if config[key] == value}
+    today = config_to_plain(replace_fields(cls.config_type(), {"obs": obs} | soil | learnt_in))
     free = {"camera_rate", "progress_weight", "failure_weight"}  # how often it looked, and what it was paid
     if obs == "state":
         free |= {"camera_width", "camera_height"}  # there is no camera

@@ -27,6 +27,7 @@ from tests.tasks.framework.samples import Counter, SampleConfig
         ("action_joints", [1, 2], "action_joints must be a list of names, got"),
         ("action_scale", (1.0,), "action_scale must be 2 numbers, one per component of an action, got"),
         ("default_positions", (0.0, 0.0, 0.0), "default_positions must be 2 numbers"),
+        ("action_size", 0, "action_size must be at least 1; one that nothing reads, where nothing is done, got 0"),
         ("commands", lambda task: {"speed": (0, 1)}, r"commands\(\) of 'speed' must be a Command\(values, low, high\)"),
         ("commands", lambda task: [], r"commands\(\) must be a dict of names to Command, got"),
     ],

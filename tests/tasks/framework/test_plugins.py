@@ -60,6 +60,7 @@ def test_a_broken_package_takes_no_built_in_task_away(tmp_path, source):
     assert "throwaway" in done.stderr
 
 
+@pytest.mark.slow
 def test_the_list_of_built_in_tasks_is_what_their_modules_register():
     code = """
         import importlib, json, pkgutil

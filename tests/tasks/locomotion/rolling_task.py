@@ -76,9 +76,10 @@ class Rolling(Task[RollingConfig]):
     def metrics(self) -> dict[str, torch.Tensor]:
         return self.ground.metrics()
 
-    def on_iteration(self, iteration: int) -> None:
+    def on_iteration(self, iteration: int) -> Mapping[str, torch.Tensor]:
         super().on_iteration(iteration)
         self.ground.climb()
+        return self.ground.metrics()
 
     def extra_state(self) -> dict[str, torch.Tensor]:
         return self.ground.extra_state()

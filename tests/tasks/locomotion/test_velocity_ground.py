@@ -261,6 +261,13 @@ def test_who_masters_the_last_level_goes_to_any():
     assert counts.max() < 42
 
 
+def test_who_masters_the_last_level_may_stay_there():
+    task = rolling(3, rough=RoughConfig(climbing=Climbing.ALWAYS, first=0, again=False))
+    for level in [*range(LEVELS), LEVELS - 1, LEVELS - 1]:
+        assert task.ground.level.tolist() == [level] * 3
+        finish(task, 10.0, 10.0)
+
+
 def test_an_episode_that_was_not_to_walk_decides_nothing():
     task = rolling(3, rough=RoughConfig(climbing=Climbing.ALWAYS, first=LEVELS - 1))
     before = task.ground.level.clone()

@@ -5,10 +5,11 @@ import types
 from pathlib import Path
 
 import pytest
+import torch
 from rich.console import Console
 
 from simwarp import cli
-from simwarp.tasks import InputError, replace_fields, task_class
+from simwarp.tasks import Curriculum, Driver, InputError, Task, replace_fields, task_class
 from simwarp.train.config import LoggerKind, default_config
 from simwarp.train.runs.progress_table import read_progress
 from simwarp.train.runs.run_folder import RunFolder
@@ -62,3 +63,20 @@ def test_a_logger_that_is_not_installed_is_one_line_that_names_the_extra(tmp_pat
     assert cli.main(["train", "fast", "--logger", "wandb"]) == 2
     assert capfd.readouterr().err == ("simwarp: --logger wandb needs the package wandb: pip install 'simwarp[wandb]'\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_curriculum_tells_its_level_and_a_task_what_it_likes(tmp_path, monkeypatch):
+    task = task_class("fast")
+    curriculum = Curriculum(driver=Driver.ITERATION, last=4)
+    settings = {"num_envs": 8, "iterations": 3, "steps_per_iteration": 8, "device": "cpu"}
+    config = replace_fields(default_config(task), settings)
+
+    def on_iteration(self, iteration):
+        return {**(Task.on_iteration(self, iteration) or {}), "worlds": torch.arange(8)}
+
+    monkeypatch.setattr(task, "on_iteration", on_iteration)
+    result = train("fast", config, task.config_type(curriculum=curriculum), root=tmp_path, console=QUIET)
+    rows = read_progress(Path(result.run) / "progress.csv")
+    assert [float(row["task/level"]) for row in rows] == [0.0, 0.25, 0.5]
+    assert {float(row["task/worlds"]) for row in rows} == {3.5}
+    assert (Path(result.run) / "learning_curve.png").stat().st_size > 0

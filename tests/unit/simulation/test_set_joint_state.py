@@ -401,3 +401,15 @@ def test_rates_of_a_floating_root_are_those_that_its_couplings_leave() -> None:
     anchor = sim.state.body_v.numpy()[0, trunk] + np.cross(omega, (0.1, 0.0, 0.0))
     np.testing.assert_allclose(rates[:3], anchor, atol=FINE)
     np.testing.assert_allclose(rates[6], 2.0 * rates[7], atol=FINE)
+
+
+def test_rates_may_be_those_of_the_state_itself():
+    """They are read before they are written: the call changes nothing."""
+    simulation = sw.Simulation(chain_of(JointType.REVOLUTE).finalize(world_count=2, device="cpu"), dt=1e-3)
+    rates = np.random.default_rng(1).normal(size=(2, simulation.model.dof_count))
+    simulation.set_joint_state(None, None, rates)
+    given = simulation.state.joint_qd.numpy().copy()
+    assert np.abs(given - rates).max() < FINE
+    for own in (simulation.state.joint_qd, sw.to_torch(simulation.state.joint_qd)):
+        simulation.set_joint_state(None, simulation.state.joint_q, own)
+        assert np.abs(simulation.state.joint_qd.numpy() - given).max() < FINE

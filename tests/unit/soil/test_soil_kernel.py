@@ -99,6 +99,7 @@ def tumbling(seed, steps, low, lean):
         q /= np.linalg.norm(q)
 
 
+@pytest.mark.long("capsule-mid-1-tumbling", "capsule-soft-2-tumbling", "capsule-mid-1-flat")
 @pytest.mark.parametrize("lean", [0.02, 1.0], ids=["flat", "tumbling"])
 @pytest.mark.parametrize(("soil", "seed"), [("mid", 1), ("soft", 2), ("clay", 3)])
 @pytest.mark.parametrize("kind", ["box", "sphere", "capsule"])

@@ -38,7 +38,8 @@ def test_driven_wheels_on_fine_nodes_agree_with_quadrature(memory):
         assert found.torque[index] == pytest.approx(known.torque, rel=0.02)
 
 
-@pytest.mark.parametrize("memory", [ShearMemory.DIRECTION, pytest.param(ShearMemory.SCALAR, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("memory", ShearMemory)
 def test_pull_over_slip_of_three_soils_under_three_loads(memory):
     cases = [(soil, load, slip) for soil in QUIET for load in LOADS for slip in SLIPS]
     wheels = [DrivenWheel(slip=slip, soil=QUIET[soil], load=load) for soil, load, slip in cases]

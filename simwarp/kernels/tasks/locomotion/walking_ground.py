@@ -52,6 +52,7 @@ class Rules:
     up: float  # share of the way that is enough to go up
     down: float  # share of the commanded way below which a world goes down
     least: float  # commanded way below which nothing is decided [m]
+    again: int  # 1: who masters the last level goes to a random one; 0: it stays
     begin: wp.array[wp.uint64]  # streams: first level of a climb,
     kind: wp.array[wp.uint64]  # kind of a world that does not climb,
     level: wp.array[wp.uint64]  # its level, or that of a world that mastered the last one,
@@ -103,6 +104,8 @@ def level_after(world: int, levels: int, rules: Rules, draws: Draws, climb: Clim
     if walked > rules.up * wp.min(rules.reach, expected) and climb.farthest[world] > rules.beyond:
         if level + wp.int64(1) < wp.int64(levels):
             return level + wp.int64(1)
+        if rules.again == 0:
+            return level
         return whole_at(rules.level, world, draws, levels)
     if walked < rules.down * expected:
         return wp.max(level - wp.int64(1), wp.int64(0))

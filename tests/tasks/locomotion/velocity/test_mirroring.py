@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 import torch
 
-from simwarp.tasks import make
+from simwarp.tasks import InputError, make
 from simwarp.tasks.framework.mirror import check_mirror
+from simwarp.tasks.locomotion.velocity.mirroring import mirror_of
 from simwarp.train.algorithm.symmetry import MirrorImages
 
 POLAR, AXIAL = torch.tensor([1.0, -1.0, 1.0]), torch.tensor([-1.0, 1.0, -1.0])
@@ -46,3 +47,9 @@ def test_mirrored_worlds_stay_mirrored(obs):
         torch.testing.assert_close(seen[2:], images.group("policy", seen[:2]), rtol=2e-3, atol=2e-2)
         torch.testing.assert_close(result.rewards[2:], result.rewards[:2], rtol=2e-3, atol=2e-3)
     assert float((seen[2:] - seen[:2]).abs().max()) > 0.5
+
+
+def test_sides_that_no_joint_is_named_by_are_told():
+    names = {"policy": ["angle left_hip", "angle right_hip"]}
+    with pytest.raises(InputError, match="no joint has 'FL' or 'FR' in its name, such as 'left_hip'"):
+        mirror_of(names, ["left_hip", "right_hip"], sides=[("FL", "FR")], turned=[])

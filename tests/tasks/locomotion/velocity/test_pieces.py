@@ -8,6 +8,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from simwarp.tasks import make
 from simwarp.tasks.framework.rotations import heading_of, in_body_axes, in_world_axes
 from simwarp.tasks.locomotion.velocity import pieces
 from simwarp.tasks.randomisation.randomness import WorldRandom
@@ -248,3 +249,6 @@ def test_ranges_of_a_robot_are_those_of_randomise():
     assert ranges["shape_friction"].mode is Mode.SET
     assert (ranges["body_mass"].low, ranges["body_mass"].high) == (-2.0, 2.0)
     assert ranges["drive_damping"].high == pytest.approx(1.2)
+    assert {name for name in ranges if name.startswith("body_com")} == {"body_com_x", "body_com_y", "body_com_z"}
+    assert (ranges["body_com_y"].low, ranges["body_com_y"].high) == (-0.02, 0.02)
+    make("quadruped-velocity", 2, randomise=pieces.robot_ranges("trunk", ["FL_foot", "FR_foot"]))

@@ -16,9 +16,9 @@ from simwarp.tasks.locomotion.velocity import quadruped
 from simwarp.tasks.locomotion.velocity.config import Seen, VelocityConfig
 from simwarp.tasks.locomotion.velocity.ground import Ground
 from simwarp.tasks.locomotion.velocity.quadruped import QuadrupedVelocity
-from simwarp.train.config import default_config
+from simwarp.train.config import default_config, task_config_from_plain
 from simwarp.train.evaluation.evaluation import evaluate
-from simwarp.train.networks.policies import find_policy, network_policy, zero_policy
+from simwarp.train.networks.policies import SHIPPED, find_policy, network_policy, zero_policy
 from simwarp.train.runs.training import train
 
 GO2 = Path(__file__).parents[4] / "../shared/reference/robots/mjcf/go2/go2.xml"
@@ -344,6 +344,19 @@ def test_a_step_reads_nothing_on_the_host(name):
 
 def test_the_task_file_is_short():
     assert len(Path(quadruped.__file__).read_text(encoding="utf-8").splitlines()) <= 150
+
+
+@pytest.mark.parametrize("obs", ["state", "scan"])
+def test_shipped_policies_follow_commands(obs):
+    """On a plane by what is felt, on rough ground of level 3 with a scan; bounds are those of the training below."""
+    source = find_policy("quadruped-velocity", SHIPPED / f"quadruped-velocity.{obs}.pt")
+    config = task_config_from_plain(QuadrupedVelocity, source.content["task_config"])
+    changes = {"max_episode_steps": 250, "rough.level": 3}
+    task = make("quadruped-velocity", 16, seed=21, config=replace_fields(config, changes))
+    result = evaluate(task, network_policy(source.content, task), 16, seed=21)
+    assert result.success_rate >= 0.9
+    assert result.metrics["speed_error"] <= 0.25
+    assert result.metrics["turn_error"] <= 0.2
 
 
 @pytest.mark.slow

@@ -42,6 +42,7 @@ def assert_same(alone: sw.Simulation, together: sw.Simulation, part: str) -> Non
         assert values.tobytes() == among[name].tobytes(), (part, name)
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("options", SOLVES.values(), ids=SOLVES)
 def test_what_stands_apart_equals_itself_alone(options: dict[str, Any]) -> None:
     """A box that slides, boxes that topple and crash, a linkage, drives: among all the others, and alone."""
