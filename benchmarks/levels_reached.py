@@ -105,8 +105,9 @@ def draw(rows: dict[str, Any], training: dict[str, Any], seconds: float, picture
     figure = new_figure(9.6 if training else 6.4, 3.6)
     axes, *beside = figure.subplots(1, 2 if training else 1, squeeze=False, sharey=True)[0]
     for other in beside:
-        for label, run in training.items():
-            other.plot(run["env_steps"], run["level"], label=label)
+        for label, run in sorted(training.items()):
+            same = next((index for index, name in enumerate(rows) if name.endswith(label)), len(rows))
+            other.plot(run["env_steps"], run["level"], label=label, color=f"C{same % 10}")  # as on the left
         other.set_xlabel("environment steps of training")
         other.set_title("who masters all levels begins on a random one", fontsize="medium")
         other.xaxis.set_major_formatter(EngFormatter())
