@@ -9,6 +9,7 @@
     start         hallway: episodes begin on a turn, or on a straight; both evaluated from anywhere
     start-camera  the same by camera (only if asked for)
     minibatch     off-road: 2, 4, 16 or 64 mini-batches per pass
+    minibatch-camera  obstacle-avoidance by camera: 2, 4 or 16 (only if asked for)
 
 Each run leaves one JSON file in --out/FINDING. Runs whose file exists are skipped; Ctrl-C saves the running one, and
 the same command goes on from there. Tables go to standard output and to summary.json: means over seeds with 95 %
@@ -52,6 +53,7 @@ def reported(key: str, heading: str, digits: int) -> dict[str, Quantity]:
 
 
 TO_GOAL = reported("distance", "distance to the goal [m]", 1)
+ALONG = reported("distance", "distance along the road [m]", 1)
 LAPS = reported("laps", "laps", 2)
 STATE, CAMERA = {"obs": Observing.STATE}, {"obs": Observing.CAMERA, **SMALL}
 RISING = {
@@ -63,6 +65,12 @@ RISING = {
 STARTS = {
     "turn": Arm("start on a turn", task={"start": Start.TURN}),
     "straight": Arm("start on a straight", "turn", task={"start": Start.STRAIGHT}, colour=COLOURS[1]),
+}
+PARTS = {
+    f"parts-{count}": Arm(
+        f"{count} mini-batches", "" if count == 4 else "parts-4", train={"ppo.mini_batches": count}, colour=colour
+    )
+    for count, colour in zip((2, 4, 16, 64), COLOURS, strict=True)
 }
 ABLATIONS = {
     "fusion": Study(
@@ -102,16 +110,11 @@ ABLATIONS = {
         "hallway", STARTS, Budget(150, 32, 32, 5), LAPS, "start on a turn or a straight, by camera",
         config=CAMERA, evaluation={"start": Start.ANYWHERE},
     ),
-    "minibatch": Study(
-        "off-road",
-        {
-            f"parts-{count}": Arm(
-                f"{count} mini-batches", "" if count == 4 else "parts-4",
-                train={"ppo.mini_batches": count}, colour=colour,
-            )
-            for count, colour in zip((2, 4, 16, 64), COLOURS, strict=True)
-        },
-        Budget(80, 64, 100), TO_GOAL, "number of mini-batches", config=STATE,
+    "minibatch": Study("off-road", PARTS, Budget(80, 64, 100), TO_GOAL, "number of mini-batches", config=STATE),
+    "minibatch-camera": Study(
+        "obstacle-avoidance",
+        {name: arm for name, arm in PARTS.items() if name != "parts-64"}, Budget(20, 256, 128), ALONG,
+        "number of mini-batches, by camera", config={"obs": Observing.CAMERA, "camera_width": 64, "camera_height": 36},
     ),
 }  # fmt: skip
 USUAL = ("fusion", "frame", "curriculum", "start", "minibatch")
@@ -122,6 +125,7 @@ SPEEDS = {
     "start": (830.0, 930),
     "start-camera": (340.0, 930),
     "minibatch": (1450.0, 200),
+    "minibatch-camera": (900.0, 140),
 }
 """Of the estimate: environment steps per CPU-second, learning included, as measured; longest episode [steps]."""
 
