@@ -52,14 +52,14 @@ class Mirror:
 def reflection(
     names: Sequence[str], *, swap: Iterable[tuple[str, str]] = (), flip: Iterable[str] = ()
 ) -> Reflection:  # fmt: skip
-    """Return the reflection of a row whose components have names.
+    """Return the reflection of a row whose components have names::
 
         reflection(names, swap=[("FL", "FR"), ("RL", "RR")], flip=["velocity y", "turning [xz]", "*_hip_joint"])
 
     Args:
         names: of the components, in their order, all different.
         swap: words that change places in names: a component comes from that of the name with the other word.
-        flip: names that point the other way; * stands for letters, [xz] for one of them.
+        flip: names that point the other way; ``*`` stands for letters, ``[xz]`` for one of them.
 
     Raises:
         InputError: names are not different, a partner is missing, or an entry of ``flip`` matches nothing.

@@ -95,7 +95,7 @@ class GridScan:
 
 
 class RayScan:
-    """Heights of the ground below a grid, as :meth:`~simwarp.tasks.locomotion.velocity.ground.FlatGround.scan` tells
+    """Heights of the ground below a grid, as :meth:`~simwarp.tasks.locomotion.velocity.FlatGround.scan` tells
     them, by rays straight down from half a metre above the base: of ground that is more than one height field, such as
     boxes, meshes and bridges.
 
