@@ -52,7 +52,9 @@ class Mirror:
 def reflection(
     names: Sequence[str], *, swap: Iterable[tuple[str, str]] = (), flip: Iterable[str] = ()
 ) -> Reflection:  # fmt: skip
-    """Return the reflection of a row whose components have names::
+    """Return the reflection of a row whose components have names.
+
+    That of a quadruped's, for example::
 
         reflection(names, swap=[("FL", "FR"), ("RL", "RR")], flip=["velocity y", "turning [xz]", "*_hip_joint"])
 
