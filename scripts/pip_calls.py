@@ -16,11 +16,13 @@ class PipError(Exception):
 def pip_environment() -> dict[str, str]:
     """The user's environment without what would send packages elsewhere, or let pip see those of elsewhere.
 
-    Clusters set PYTHONPATH to packages of their own, containers PIP_CONSTRAINT to their own versions.
+    Clusters set PYTHONPATH to packages of their own, containers PIP_CONSTRAINT, or `constraint` in pip's configuration,
+    to their own versions. An empty value would leave that of the configuration; an empty file replaces it.
     """
-    elsewhere = {"PYTHONPATH", "PYTHONHOME", "PIP_TARGET", "PIP_PREFIX", "PIP_ROOT", "PIP_CONSTRAINT", "PIP_QUIET"}
+    elsewhere = {"PYTHONPATH", "PYTHONHOME", "PIP_TARGET", "PIP_PREFIX", "PIP_ROOT", "PIP_QUIET"}
     kept = {name: value for name, value in os.environ.items() if name not in elsewhere}
-    return kept | {"PIP_USER": "0", "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_INPUT": "1"}
+    ours = {"PIP_CONSTRAINT": os.devnull, "PIP_USER": "0", "PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_INPUT": "1"}
+    return kept | ours
 
 
 def pip_reason(output: str) -> str:

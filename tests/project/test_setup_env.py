@@ -185,6 +185,15 @@ def test_a_changed_pin_is_installed_and_a_missing_one_is_one_line(python, monkey
     assert "\n" not in str(caught.value)
 
 
+def test_constraints_of_pips_own_configuration_do_not_hide_what_there_is(python, monkeypatch, tmp_path):
+    write_wheel(tmp_path / "wheels", "torch", f"{TORCH}+cpu")
+    (tmp_path / "site.txt").write_text("torch<=99\n")
+    (tmp_path / "pip.conf").write_text(f"[global]\nconstraint = {tmp_path / 'site.txt'}\n")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "wheels"))
+    monkeypatch.setenv("PIP_CONFIG_FILE", str(tmp_path / "pip.conf"))
+    assert setup_env.install_torch(python, cuda=False) == f"{TORCH}+cpu"
+
+
 def test_settings_that_would_install_elsewhere_are_put_aside(monkeypatch):
     for name in ("PIP_TARGET", "PIP_PREFIX", "PIP_CONSTRAINT", "PYTHONPATH"):
         monkeypatch.setenv(name, "/elsewhere")
