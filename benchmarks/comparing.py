@@ -128,6 +128,7 @@ class Study:
         quantities: reported quantities of a run, by the key in its result.
         title: of the tables, and of its panel in a picture.
         config: fields of the task's configuration that all arms share.
+        train: fields of the training configuration that all arms share, where they are not the task's defaults.
         evaluation: fields of the task's configuration that all arms are evaluated with, whatever they train with.
         out: folder of the results.
         runs: folder of the run folders.
@@ -142,6 +143,7 @@ class Study:
     quantities: Mapping[str, Quantity]
     title: str
     config: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    train: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     evaluation: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     out: Path = Path()
     runs: Path = Path("runs")
@@ -180,7 +182,7 @@ class Study:
         }
         if budget.evaluations:
             common |= {"save_interval": max(1, budget.iterations // budget.evaluations), "keep_checkpoints": 0}
-        return replace_fields(default_config(kind, config), {**common, **arm.train}), config
+        return replace_fields(default_config(kind, config), {**common, **self.train, **arm.train}), config
 
     def result_path(self, name: str, seed: int) -> Path:
         """Return the path of a run's result."""

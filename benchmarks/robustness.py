@@ -3,6 +3,7 @@
     python benchmarks/robustness.py obstacle-avoidance off-road                    # the shipped policies by camera
     python benchmarks/robustness.py obstacle-avoidance --policies shipped drawn=runs/obstacle-avoidance/NAME
     python benchmarks/robustness.py off-road --obs state --axes friction mass --maps
+    python benchmarks/robustness.py hallway --values 3 --maps                      # coarse: long episodes are dear
     python benchmarks/robustness.py off-road --report-only                         # tables and picture, from the rows
 
 A policy is LABEL=WHERE, WHERE being what `simwarp eval --checkpoint` takes; {task} in it is the task's name. All axes
@@ -159,6 +160,15 @@ MAPS: Final = {
 }
 
 
+def thinned(axis: Axis, count: int) -> Axis:
+    """Return an axis with `count` of its numbers, both ends among them; models of tires and vehicles are all kept."""
+    values = axis.values
+    if len(values) <= count or not all(isinstance(value, int | float) for value in values):
+        return axis
+    places = [round(at * (len(values) - 1) / (count - 1)) for at in range(count)]
+    return dataclasses.replace(axis, values=tuple(values[place] for place in places))
+
+
 def axes_of_task(task: str, obs: str, wanted: Sequence[str]) -> dict[str, Axis]:
     """Return the axes that say something about a task: none of the camera by state, tires that there are."""
     found = {}
@@ -184,13 +194,16 @@ def other_tires(cls: Any) -> list[str]:
 
 
 def nominal_config(source: PolicySource, task: str) -> Any:
-    """Return the configuration that a policy was trained with, at the nominal point of all conditions."""
+    """Return the configuration that a policy was trained with, at the nominal point of all conditions.
+
+    Worlds that `simwarp train` begins with in place of those of an evaluation, such as harder ones, are set aside.
+    """
     cls = task_class(task)
     config: Any = task_config_from_plain(cls, source.content["task_config"], f"checkpoint {source.path}: task_config")
-    plain = cls.config_type()
+    plain, worlds = cls.config_type(), cls.trained_in.keys() - {"conditions"}
     usual = {
         name: getattr(plain, name)
-        for name in (*NEUTRAL, "friction", "tires", "full", "soil", "randomise", "sensing", "curriculum")
+        for name in (*NEUTRAL, "friction", "tires", "full", "soil", "randomise", "sensing", "curriculum", *worlds)
     }
     return dataclasses.replace(config, conditions=Conditions.NOMINAL, **usual)
 
@@ -302,6 +315,8 @@ def evaluate_policy(task: str, label: str, where: str, options: argparse.Namespa
     config, digest, path = nominal_config(source, task), digest_of(source), path_of(task, options.obs, label)
     episodes = options.episodes or EPISODES.get(task, USUAL_EPISODES)
     axes = axes_of_task(task, options.obs, options.axes)
+    if options.values:
+        axes = {name: thinned(axis, options.values) for name, axis in axes.items()}
     there = read_rows(path, digest)
     missing = {
         point: changes
@@ -524,6 +539,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--policies", nargs="+", type=policy_word, default=[("shipped", "shipped")])
     parser.add_argument("--obs", choices=("camera", "state"), default="camera")
     parser.add_argument("--axes", nargs="*", choices=tuple(AXES), default=tuple(AXES))
+    parser.add_argument("--values", type=int, choices=range(2, 10), metavar="N", help="at most, of each axis: 2 or more")
     parser.add_argument("--maps", nargs="*", choices=tuple(MAPS), default=tuple(MAPS))
     parser.add_argument("--episodes", type=int, help="of each point; by default 128, fewer where they are long")
     parser.add_argument("--num-envs", type=int, help="worlds stepped together; by default one per episode")

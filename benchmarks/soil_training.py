@@ -48,7 +48,7 @@ GROUNDS = tuple(kind.value for kind in (
 ))  # fmt: skip
 STUDY = Study(
     "off-road", ARMS, Budget(120, 256, 200), {}, "off-road on soil",
-    config={"obs": Observing.STATE}, out=RESULTS, runs=Path("runs") / "soil",
+    config={"obs": Observing.STATE}, train={"ppo.gamma": 0.99}, out=RESULTS, runs=Path("runs") / "soil",
 )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import comparing
 from benchmarks.comparing import Budget
-from simwarp.tasks import replace_fields
+from simwarp.tasks import config_to_plain, replace_fields
 from simwarp.tasks.driving.base import Frame, Observing
 from simwarp.tasks.driving.lapping import Start
 from simwarp.tasks.randomisation.uncertainty import Curriculum, Driver
@@ -61,6 +61,30 @@ def test_arms_differ_in_what_they_are_compared_by(usual):
             if known.against:
                 assert made[arm] != made[known.against]
                 assert same[name](*made[arm]) == same[name](*made[known.against]), (name, arm)
+
+
+def differing(found, wanted, path=""):
+    """Names of the values that differ, where both have them."""
+    for key in found.keys() & wanted.keys():
+        if isinstance(found[key], dict) and isinstance(wanted[key], dict):
+            yield from differing(found[key], wanted[key], f"{path}{key}.")
+        elif found[key] != wanted[key]:
+            yield path + key
+
+
+def test_committed_runs_were_trained_as_the_studies_say_whatever_defaults_have_become(script):
+    images = {"camera_rate", "camera_width", "camera_height"}  # of runs by state, which have no camera
+    checked = 0
+    for name, study in script.ABLATIONS.items():
+        for path in (comparing.ROOT / "benchmarks" / "results" / "driving" / name).glob("*-*.json"):
+            result = json.loads(path.read_text(encoding="utf-8"))
+            arm, seed = path.stem.rsplit("-", 1)
+            train, task = map(config_to_plain, study.settings(arm, int(seed)))
+            assert not set(differing(result["train_config"], train)), path
+            free = images if task["obs"] == "state" else {"camera_rate"}
+            assert set(differing(result["task_config"], task)) <= free, path
+            checked += 1
+    assert checked >= 42
 
 
 def test_the_findings_are_those_of_the_thesis(usual):

@@ -26,6 +26,7 @@ from benchmarks.robustness import (
     path_of,
     read_rows,
     tables,
+    thinned,
     wanted_points,
 )
 from simwarp.tasks import task_class
@@ -96,6 +97,23 @@ def test_the_nominal_point_is_that_of_the_task_whatever_was_trained_in():
     config = nominal_config(source, ROAD)
     assert (config.conditions, config.fog, config.friction) == (Conditions.NOMINAL, 0.0, 0.9)
     assert (config.obs.value, config.camera_width) == ("camera", 80)
+
+
+def test_harder_worlds_of_a_training_are_no_part_of_the_nominal_point():
+    source = find_policy("off-road", Path("shipped"), obs="camera")
+    trained = {**source.content["task_config"], **task_class("off-road").trained_in}
+    object.__setattr__(source, "content", {**source.content, "task_config": trained})
+    config = nominal_config(source, "off-road")
+    assert (config.obstacles, config.hills, config.varied) == (30, 0.0, False)
+    assert nominal_config(find_policy("hallway", Path("shipped"), obs="camera"), "hallway").tracks == 16
+
+
+def test_a_coarse_axis_has_both_ends():
+    assert thinned(AXES["friction"], 3).values == (0.3, 0.6, 1.1)
+    assert thinned(AXES["image_delay"], 2).values == (0, 3)
+    assert thinned(AXES["full"], 2).values == (False, True)
+    tires = axes_of_task(ROAD, "camera", ("tires",))["tires"]
+    assert thinned(tires, 2) == tires
 
 
 def test_rows_count_for_the_policy_that_was_evaluated_last(folder):
