@@ -66,6 +66,7 @@ LEVERS: Mapping[str, Lever] = {
     "ppo-bfloat16": Lever("PPO, convolutions in bfloat16", BFLOAT16),
     "ppo-batch": Lever("PPO, twice the worlds, 2 epochs", ("--num-envs", "512", "--ppo.epochs", "2")),
     "ppo-small": Lever("PPO, images of 64 x 36", SMALL),
+    "ppo-both": Lever("PPO, images of 64 x 36, in bfloat16", SMALL + BFLOAT16),
     "ppo-rate": Lever("PPO, half the frame rate", ("--task.camera-rate", "HALF")),
     "ppo-repeat": Lever("PPO, every action twice as long", ("--task.decimation", "TWICE")),
     "distill": Lever("a teacher's student", taught=True),
@@ -74,6 +75,7 @@ LEVERS: Mapping[str, Lever] = {
         "student, images shifted by up to 4 pixels", ("--distillation.augmentation.shift", "4"), taught=True
     ),
     "distill-small": Lever("student, images of 64 x 36", SMALL, taught=True),
+    "distill-both": Lever("student, images of 64 x 36, in bfloat16", SMALL + BFLOAT16, taught=True),
 }  # fmt: skip
 
 
