@@ -539,7 +539,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--policies", nargs="+", type=policy_word, default=[("shipped", "shipped")])
     parser.add_argument("--obs", choices=("camera", "state"), default="camera")
     parser.add_argument("--axes", nargs="*", choices=tuple(AXES), default=tuple(AXES))
-    parser.add_argument("--values", type=int, choices=range(2, 10), metavar="N", help="at most, of each axis: 2 or more")
+    parser.add_argument(
+        "--values", type=int, choices=range(2, 10), metavar="N", help="at most, of each axis: 2 or more"
+    )
     parser.add_argument("--maps", nargs="*", choices=tuple(MAPS), default=tuple(MAPS))
     parser.add_argument("--episodes", type=int, help="of each point; by default 128, fewer where they are long")
     parser.add_argument("--num-envs", type=int, help="worlds stepped together; by default one per episode")

@@ -223,7 +223,11 @@ def test_mirrors_that_do_not_fit(monkeypatch, mirror, words):
 
 
 def test_a_task_without_a_mirror_trains_without_the_option(monkeypatch):
-    trainer(task=fast_with(monkeypatch, None)).iterate()
+    made = trainer(task=fast_with(monkeypatch, None))
+    before = state_of(made)
+    made.iterate()
+    after = state_of(made)
+    assert any(not torch.equal(before[name], after[name]) for name in before if "weight" in name)
 
 
 @pytest.mark.parametrize(
