@@ -16,7 +16,7 @@ REGISTERS = 168
 """A thread's share of a multiprocessor on which twelve warps work."""
 OVER_BUDGET = {"newton_worlds", "newton_islands", "solve_islands", "proximal_islands", "refine_islands"}
 """Newton steps of the interior point, in double precision: compiled only where it may run (docs/decisions.md); and what
-only worlds of several units run, whose problems are views (docs/results.md, CUDA without a GPU).
+only worlds of several units run, whose problems are views (docs/accuracy.md, CUDA without a GPU).
 """
 COMPILE_CPU_S = 20.0
 CODE = 300_000
